@@ -6,11 +6,11 @@ import numpy as np
 
 from bench.figures import Figure, Options, Section, steps
 from bench.truth import COLUMNS, SAMPLES, SENSOR, model, paper_truth, relative_errors
-from vibrident.discretize import method
-from vibrident.errors import VibridentError
-from vibrident.estimators import Ipnn
-from vibrident.models.state_space import realise
-from vibrident.problem import Evidence
+from vibrident.base.errors import VibridentError
+from vibrident.fit.estimators import Ipnn
+from vibrident.fit.problem import Evidence
+from vibrident.physics.discretisation import method
+from vibrident.physics.models.state_space import realise
 
 DISCRETISATIONS = ("bandlimited", "foh", "tustin", "zoh", "euler")
 LONG = 100_000

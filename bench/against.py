@@ -18,11 +18,11 @@ from bench.pairs import Ratio, seconds
 from bench.speed import noisy
 from bench.truth import COLUMNS, PARAMETERS, RATE_HZ, model, relative_errors
 from vibrident import Calibration, ResponseTable, identify
-from vibrident.estimators import Ipnn, MaximumLikelihood
-from vibrident.estimators.base import Estimate
-from vibrident.measure.response import ComplexArray
-from vibrident.problem import Evidence
-from vibrident.records import FloatArray
+from vibrident.data.records import FloatArray
+from vibrident.fit.estimators import Ipnn, MaximumLikelihood
+from vibrident.fit.estimators.base import Estimate
+from vibrident.fit.measure.response import ComplexArray
+from vibrident.fit.problem import Evidence
 
 HERE = Path(__file__).parent / "peers"
 #: Folder of the environments; BENCH_PEERS names another.

@@ -15,7 +15,7 @@ import vibrident
 from bench.figures import Figure, Options, Section, steps
 from bench.pairs import Ratio
 from bench.speed import noisy
-from vibrident.io.writer import write_calibration
+from vibrident.data.io.writer import write_calibration
 
 START_TARGET = 4.0  # targets over the time of ``import jax``: with pictures, without, and of the help
 PLAIN_TARGET = 2.2

@@ -16,7 +16,7 @@ from bench.damaged_bombs import GROUPS
 from bench.damaged_files import DAMAGES
 from bench.damaged_runs import CELLS, FILES, MEMORY_BYTES, block
 from bench.study import Study
-from vibrident.present import markdown
+from vibrident.show.media import markdown
 
 HEAD = """# A thousand damaged files
 

@@ -170,7 +170,7 @@ def whole_files(folder: Path) -> dict[str, bytes]:
 def whole_result(folder: Path) -> bytes:
     """The result of the text file."""
     from vibrident import identify
-    from vibrident.io import read
+    from vibrident.data.io import read
 
     _text(folder / "x.csv")
     (folder / "c.toml").write_text(calibration_text("x.csv"))

@@ -25,7 +25,7 @@ SECONDS = 20  # time limit of a case in the long-lived process
 COMMAND_SECONDS = 150  # time limit of a command
 MEMORY_BYTES = 1_000_000_000
 _ROOM_BYTES = 2_500_000_000
-_COMMAND = "from vibrident.cli import main; main()"
+_COMMAND = "from vibrident.app.cli import main; main()"
 _SERVE = "from bench.damaged_runs import serve; serve()"
 
 
@@ -141,10 +141,10 @@ class _OutOfTime(BaseException):
 
 def serve() -> None:
     """Main of the worker: a case a line, an answer a line."""
-    import vibrident.io
-    from vibrident.process import Limits, set_limits
+    import vibrident.data.io
+    from vibrident.base.process import Limits, set_limits
 
-    vibrident.io.read_guarded = vibrident.io.read  # without the separate process, which would hide failures
+    vibrident.data.io.read_guarded = vibrident.data.io.read  # without the separate process, which would hide failures
     stream = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)
     set_limits(Limits(memory_bytes=_ROOM_BYTES))
@@ -162,7 +162,7 @@ def _ring(*_: Any) -> None:
 
 
 def _in_here(target: Path) -> dict[str, Any]:
-    from vibrident.cli import app
+    from vibrident.app.cli import app
 
     said = io.StringIO()
     _forget_peak()

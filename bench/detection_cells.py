@@ -14,9 +14,9 @@ from scipy.optimize import brentq
 from scipy.stats import chi2, ncx2
 
 from vibrident import identify
-from vibrident.measure.verdict import REJECTION
-from vibrident.records import Calibration
-from vibrident.simulation import SENSORS, simulate, with_noise
+from vibrident.data.records import Calibration
+from vibrident.fit.measure.verdict import REJECTION
+from vibrident.physics.simulation import SENSORS, simulate, with_noise
 
 FITTED = "accelerometer"
 SAMPLES = 4000

@@ -30,16 +30,16 @@ from tests.support.fleets import BROKEN, DEADLY, broken
 
 import vibrident
 from bench.fleet_page import keep
-from vibrident import parcel
-from vibrident.fleet import Asked, Local, Orders, run, worker
-from vibrident.fleet.batch import Done, fingerprints
-from vibrident.fleet.key import Fingerprint, fingerprint
-from vibrident.fleet.parts import load_arrow, write_part
-from vibrident.fleet.row import IDENTIFIED, Row, _row
-from vibrident.fleet.schedulers import Reply
-from vibrident.io import write_calibration
-from vibrident.process import Process
-from vibrident.simulation import simulate, with_noise
+from vibrident.base import parcel
+from vibrident.base.process import Process
+from vibrident.data.io import write_calibration
+from vibrident.lab.fleet import Asked, Local, Orders, run, worker
+from vibrident.lab.fleet.batch import Done, fingerprints
+from vibrident.lab.fleet.key import Fingerprint, fingerprint
+from vibrident.lab.fleet.parts import load_arrow, write_part
+from vibrident.lab.fleet.row import IDENTIFIED, Row, _row
+from vibrident.lab.fleet.schedulers import Reply
+from vibrident.physics.simulation import simulate, with_noise
 
 _ROUNDS = 2  # repetitions of each timing, in turn
 RECORDS = 21
@@ -272,7 +272,7 @@ def study(count: int) -> dict[str, Any]:
         (folder / "site").mkdir()
         (folder / "site/sitecustomize.py").write_text(DEADLY)
         paths = os.pathsep.join([str(folder / "site"), os.environ.get("PYTHONPATH", "")])
-        command = [sys.executable, "-c", "from vibrident.cli import main; main()", "fleet", str(folder / "data")]
+        command = [sys.executable, "-c", "from vibrident.app.cli import main; main()", "fleet", str(folder / "data")]
         command += ["--out", str(folder / "out"), "--workers", "2", "-q"]
         environment = {**os.environ, "PYTHONPATH": paths}
         there = []

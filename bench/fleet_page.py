@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.publish import put_between
-from vibrident.present import markdown
+from vibrident.show.media import markdown
 
 ROOT = Path(__file__).parents[1]
 KEPT = ROOT / "bench" / "results" / "fleet.json"

@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 
 from bench.publish import put_between
-from vibrident.history import control
-from vibrident.history.life import DAYS_A_YEAR, Entry, Event, Life, life, years_between
-from vibrident.present import markdown
+from vibrident.lab.history import control
+from vibrident.lab.history.life import DAYS_A_YEAR, Entry, Event, Life, life, years_between
+from vibrident.show.media import markdown
 
 DOCUMENT = Path(__file__).parents[1] / "docs" / "history.md"
 LIVES = 2000

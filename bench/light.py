@@ -29,13 +29,13 @@ import numpy as np
 from bench.light_signals import codes_of, write_long
 from bench.truth import PARAMETERS
 from vibrident import identify, read
-from vibrident.errors import InputError
-from vibrident.interferometer import ellipse, moments
-from vibrident.interferometer.setting import Interferometer
-from vibrident.models import parse
-from vibrident.records import FloatArray
-from vibrident.simulation import sensor_named
-from vibrident.simulation.optics import CARRIER, Optics, drawn, write_optical_calibration
+from vibrident.base.errors import InputError
+from vibrident.data.interferometer import ellipse, moments
+from vibrident.data.interferometer.setting import Interferometer
+from vibrident.data.records import FloatArray
+from vibrident.physics.models import parse
+from vibrident.physics.simulation import sensor_named
+from vibrident.physics.simulation.optics import CARRIER, Optics, drawn, write_optical_calibration
 
 FREQUENCIES = (150.0, 250.0, 400.0, 630.0, 1000.0)
 AMPLITUDE = 10.0

@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 
 from vibrident import simulate
-from vibrident.records import Record
+from vibrident.data.records import Record
 
 RATE_HZ = 20e6
 RESPONSE_HZ = 51_200.0

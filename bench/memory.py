@@ -13,8 +13,8 @@ from bench.figures import Figure, Options, Section, steps
 from bench.speed import broad, noisy
 from bench.truth import RATE_HZ, RESPONSE_NOISE, SENSOR
 from vibrident import Calibration, identify
-from vibrident.memory import give_back
-from vibrident.simulation import simulate, with_noise
+from vibrident.base.memory import give_back
+from vibrident.physics.simulation import simulate, with_noise
 
 TARGET = 120.0
 LONG = 1_600_000

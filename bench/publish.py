@@ -17,7 +17,7 @@ from rich.table import Table
 from rich.text import Text
 
 from bench.figures import Figure, Section
-from vibrident.present import markdown
+from vibrident.show.media import markdown
 
 ROOT = Path(__file__).parents[1]
 RESULTS = Path(__file__).parent / "results"

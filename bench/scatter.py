@@ -13,7 +13,7 @@ from bench.figures import Figure, Options, Section, steps
 from bench.truth import COLUMNS, PARAMETERS, RESPONSE_NOISE, SEED, SENSOR, paper_truth
 from vibrident import identify
 from vibrident.paper.bound import cramer_rao
-from vibrident.simulation import with_noise
+from vibrident.physics.simulation import with_noise
 
 ESTIMATORS = ("ipnn", "ml")
 QUICK_RUNS = 16

@@ -15,9 +15,9 @@ import numpy as np
 from scipy.linalg import solve_toeplitz
 
 from bench.scenario_cells import NOISES, truth
-from vibrident.models import parse
-from vibrident.records import Record
-from vibrident.simulation import ChannelNoise, sensor_named
+from vibrident.data.records import Record
+from vibrident.physics.models import parse
+from vibrident.physics.simulation import ChannelNoise, sensor_named
 
 STEP = 1e-5
 

@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vibrident import identify
-from vibrident.errors import VibridentError
-from vibrident.models import parse
-from vibrident.records import Calibration
-from vibrident.simulation import ChannelNoise, HalfSineShock, Sensor, sensor_named, simulate, with_noise
+from vibrident.base.errors import VibridentError
+from vibrident.data.records import Calibration
+from vibrident.physics.models import parse
+from vibrident.physics.simulation import ChannelNoise, HalfSineShock, Sensor, sensor_named, simulate, with_noise
 
 SENSORS = ("paper", "piezo", "seismometer", "inverted")
 EXCITATIONS = ("sine", "multisine", "sweep", "random", "shock", "mixed")

@@ -17,7 +17,7 @@ import numpy as np
 from bench.scenario_bound import bound
 from bench.scenario_cells import CELLS, NOISES, Cell, block
 from bench.study import Study
-from vibrident.present import markdown
+from vibrident.show.media import markdown
 
 BIAS = 0.15  # largest |bias| of a cell, in σ
 SCATTER = 1.10  # largest scatter over the bound

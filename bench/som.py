@@ -13,8 +13,8 @@ from bench.pairs import Ratio, seconds
 from bench.speed import noisy
 from bench.truth import COLUMNS, PARAMETERS, SENSOR, model
 from vibrident import Calibration, identify
-from vibrident.estimators import MaximumLikelihood
-from vibrident.problem import Evidence
+from vibrident.fit.estimators import MaximumLikelihood
+from vibrident.fit.problem import Evidence
 
 MOST_DRAWS = 60  # most draws: fit_som takes a second or more for each
 QUICK_DRAWS = 3  # draws of a quick run

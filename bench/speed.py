@@ -13,13 +13,13 @@ from bench.figures import Figure, Options, Section, steps
 from bench.pairs import pairwise
 from bench.truth import RATE_HZ, RESPONSE_NOISE, SAMPLES, SENSOR, model, paper_truth
 from vibrident import Calibration, identify, identify_many
-from vibrident.discretize import method
-from vibrident.estimators import Ipnn, MaximumLikelihood
-from vibrident.estimators.adam import adam
-from vibrident.estimators.start import start_values
-from vibrident.problem import Coordinates, Evidence, network_objective
-from vibrident.problem.time_domain import TimeProblem
-from vibrident.simulation import simulate, with_noise
+from vibrident.fit.estimators import Ipnn, MaximumLikelihood
+from vibrident.fit.estimators.adam import adam
+from vibrident.fit.estimators.start import start_values
+from vibrident.fit.problem import Coordinates, Evidence, network_objective
+from vibrident.fit.problem.time_domain import TimeProblem
+from vibrident.physics.discretisation import method
+from vibrident.physics.simulation import simulate, with_noise
 
 #: Passes of a filter, at most: sines, and motion of other kinds.
 FILTER_TARGETS = {"ipnn fit": 20.0, "ml fit": 15.0, "ipnn identify": 40.0, "ml identify": 40.0}

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import functools
 
-from vibrident.models import SensorModel, parse
-from vibrident.records import Calibration
-from vibrident.simulation import SENSORS, Motion, simulate
-from vibrident.simulation.scheme import Take
+from vibrident.data.records import Calibration
+from vibrident.physics.models import SensorModel, parse
+from vibrident.physics.simulation import SENSORS, Motion, simulate
+from vibrident.physics.simulation.scheme import Take
 
 SENSOR = SENSORS["paper"]
 #: The parameters that are identified, in the order of the table's columns.

@@ -8,9 +8,9 @@ import vibrident
 
 _OPTIONS = "    options:\n      heading_level: 3\n"
 _FURTHER = {
-    "Reports": "vibrident.report",
+    "Reports": "vibrident.show.report",
     "Exports": "vibrident.export",
-    "Comparison": "vibrident.comparison",
+    "Comparison": "vibrident.use.comparison",
 }
 
 

@@ -9,7 +9,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
 from docsite.tables import page, table
-from vibrident.io.calibration_file import CalibrationFile
+from vibrident.data.io.calibration_file import CalibrationFile
 
 _LISTS_AS_TABLES = "[[{}]]"
 

@@ -10,7 +10,7 @@ import typer.main
 from rich.text import Text
 
 from docsite.tables import table
-from vibrident.cli.application import app
+from vibrident.app.cli.application import app
 
 _HEADS = {"argument": ("argument", "meaning"), "option": ("option", "meaning")}
 

@@ -9,7 +9,7 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
-_RUN = "from vibrident.cli import main; main()"
+_RUN = "from vibrident.app.cli import main; main()"
 
 
 @dataclass(frozen=True)

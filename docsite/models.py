@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from docsite.tables import page, table
-from vibrident.models import ADD_ONS, CORES
+from vibrident.physics.models import ADD_ONS, CORES
 
 _UNITS = {
     "{response}/({reference})": "response unit per reference unit",

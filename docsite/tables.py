@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from vibrident.present import markdown
+from vibrident.show.media import markdown
 
 _PAGES = Path(__file__).parent / "pages"
 _PLACE = "<!-- table -->"

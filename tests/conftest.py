@@ -8,8 +8,8 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from vibrident.cli import SELDOM
-from vibrident.memory import keep_freed, use_one_thread
+from vibrident.app.cli import SELDOM
+from vibrident.base.memory import keep_freed, use_one_thread
 
 # The threads of two test processes would wait for each other. NumPy reads it when it is loaded.
 assert "numpy" not in sys.modules or "OPENBLAS_NUM_THREADS" in os.environ, "a plug-in of pytest has loaded NumPy"

@@ -12,7 +12,7 @@ from bench.adversary.noise import Noise
 from bench.adversary.physics import Sensor
 from bench.adversary.recording import records, setting, twin
 from bench.adversary.trial import Cases, Trial, calibration, truth
-from vibrident.records import SystematicEffect
+from vibrident.data.records import SystematicEffect
 
 SCALES = (1e-150, 1e-30, 1e-15, 1e-12, 1e-9, 1e-6, 1e6, 1e9, 1e12, 1e15, 1e30, 1e150)
 SHAPES = {

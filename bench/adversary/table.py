@@ -10,7 +10,7 @@ import numpy as np
 from scipy.stats import beta
 
 from bench.adversary.judge import ALARM, BAD, LIMIT, REFUSED, RIGHT, ROUNDING, SILENT, TRACEBACK, WARNED
-from vibrident.present import markdown
+from vibrident.show.media import markdown
 
 CLASSES = (RIGHT, WARNED, REFUSED, SILENT, ALARM, TRACEBACK)
 Row = tuple[str, ...]

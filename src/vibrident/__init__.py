@@ -11,31 +11,39 @@ from __future__ import annotations
 
 from typing import Any
 
-__version__ = "0.1.0"
+from vibrident.base.binding import bind
+from vibrident.base.version import __version__
 
 _WHERE = {
-    "Calibration": "vibrident.records",
-    "Record": "vibrident.records",
-    "ResponseTable": "vibrident.records",
-    "Provenance": "vibrident.records",
+    "Calibration": "vibrident.data.records",
+    "Record": "vibrident.data.records",
+    "ResponseTable": "vibrident.data.records",
+    "Provenance": "vibrident.data.records",
     "Result": "vibrident.result",
-    "IdentifiedSensor": "vibrident.sensor",
-    "InputError": "vibrident.errors",
-    "ModelError": "vibrident.errors",
-    "NotConverged": "vibrident.errors",
-    "VibridentError": "vibrident.errors",
-    "read": "vibrident.io",
-    "identify": "vibrident.identification",
-    "identify_many": "vibrident.many",
-    "identify_together": "vibrident.joint",
-    "simulate": "vibrident.simulation",
-    "predict": "vibrident.prediction",
-    "correct": "vibrident.correction",
-    "plan": "vibrident.planning",
-    "Ipnn": "vibrident.estimators",
-    "LeastSquares": "vibrident.estimators",
-    "MaximumLikelihood": "vibrident.estimators",
+    "IdentifiedSensor": "vibrident.result.sensor",
+    "InputError": "vibrident.base.errors",
+    "ModelError": "vibrident.base.errors",
+    "NotConverged": "vibrident.base.errors",
+    "VibridentError": "vibrident.base.errors",
+    "read": "vibrident.data.io",
+    "identify": "vibrident.fit.identification",
+    "identify_many": "vibrident.lab.many",
+    "identify_together": "vibrident.fit.joint",
+    "simulate": "vibrident.physics.simulation",
+    "predict": "vibrident.use.prediction",
+    "correct": "vibrident.use.correction",
+    "plan": "vibrident.use.planning",
+    "Ipnn": "vibrident.fit.estimators",
+    "LeastSquares": "vibrident.fit.estimators",
+    "MaximumLikelihood": "vibrident.fit.estimators",
 }
+
+#: What methods of a result and a sensor call.
+bind(
+    summary="vibrident.show.terminal:text",
+    plot="vibrident.show.plots:draw",
+    zeros_and_poles="vibrident.export.python_source:system",
+)
 
 __all__ = [*_WHERE, "__version__"]
 

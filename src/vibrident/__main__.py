@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from vibrident import cli
+from vibrident.app import cli
 
 
 def main() -> None:
@@ -13,7 +13,7 @@ def main() -> None:
 
 
 def _serve(**options: Any) -> None:
-    from vibrident.web.server import serve
+    from vibrident.app.web.server import serve
 
     serve(**options)
 

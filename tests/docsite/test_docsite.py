@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 import yaml
@@ -13,12 +12,11 @@ from docsite.first_steps import first_steps
 from docsite.gallery import SHOTS
 from docsite.made import MADE, MADE_PAGES
 from docsite.models import models
+from tests.support.sources import ROOT
 
 import vibrident
-from vibrident.io.calibration_file import CalibrationFile
-from vibrident.models import ADD_ONS, CORES
-
-ROOT = Path(__file__).resolve().parents[2]
+from vibrident.data.io.calibration_file import CalibrationFile
+from vibrident.physics.models import ADD_ONS, CORES
 
 
 def pages(nav) -> Iterator[str]:
@@ -51,7 +49,7 @@ def test_made_pages_are_not_in_git():
 def test_the_page_of_commands_lists_every_command_with_every_option():
     import typer.main
 
-    from vibrident.cli.application import app
+    from vibrident.app.cli.application import app
 
     page = commands()
     sections = dict(re.findall(r"^## (\S+)\n(.*?)(?=^## |\Z)", page, flags=re.MULTILINE | re.DOTALL))
@@ -102,6 +100,6 @@ def test_first_steps_end_where_the_work_on_the_code_begins():
 def test_every_command_of_the_gallery_exists():
     import typer.main
 
-    from vibrident.cli.application import app
+    from vibrident.app.cli.application import app
 
     assert {shot.command.split()[0] for shot in SHOTS} <= typer.main.get_command(app).commands.keys()

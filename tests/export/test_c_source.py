@@ -13,9 +13,10 @@ import numpy as np
 import pytest
 from tests.support.exported import CASES, PAPER, case, paper, result
 
-from vibrident.errors import InputError
-from vibrident.export import export, sensor_of
+from vibrident.base.errors import InputError
+from vibrident.export import export
 from vibrident.export.formats.c import firmware
+from vibrident.export.sensor import sensor_of
 
 needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="there is no gcc")
 RATES = {"coil": 1000.0, "coil inverted": 1000.0, "coil two modes": 1000.0, "piezo": 102400.0}
@@ -143,8 +144,8 @@ def test_compiled_model_is_the_model_over_the_band(name, compiled):
 @needs_gcc
 @pytest.mark.parametrize("name", ["paper", "two modes", "coil inverted", "overdamped"])
 def test_compiled_cell_is_the_network_by_first_order_hold(name, compiled):
-    from vibrident.discretize import method
-    from vibrident.models.state_space import realise
+    from vibrident.physics.discretisation import method
+    from vibrident.physics.models.state_space import realise
 
     code, made, sensor = compiled(name)
     rate = made.rate_hz

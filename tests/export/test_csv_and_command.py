@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import csv
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 from tests.support.exported import CASES, case, paper
 from tests.support.shell import run
+from tests.support.sources import ROOT
 
-from vibrident.errors import InputError
-from vibrident.export import FORMATS, export
+from vibrident.base.errors import InputError
+from vibrident.export import export
 from vibrident.export.form import OPTIONS, library
+from vibrident.export.registry import EXPORTS
 from vibrident.result import Result
 
 pytestmark = pytest.mark.filterwarnings("ignore:SelectableGroups:DeprecationWarning")
@@ -57,8 +58,8 @@ def test_blanks_stand_for_what_is_not_known(tmp_path):
 
 def test_command_and_documentation_offer_every_format_and_option():
     done = run("export", "--help")
-    page = (Path(__file__).parents[2] / "docs" / "exports.md").read_text(encoding="utf-8")
-    for name, form in FORMATS.all().items():
+    page = (ROOT / "docs" / "exports.md").read_text(encoding="utf-8")
+    for name, form in EXPORTS.all().items():
         assert name in done.output
         assert f"`{name}`" in page
         assert form.holds in page

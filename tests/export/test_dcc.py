@@ -13,7 +13,7 @@ from lxml import etree
 from tests.support.certified import CERTIFICATE, certified, written
 from tests.support.exported import CASES, PAPER, case, paper, result
 
-from vibrident.errors import InputError
+from vibrident.base.errors import InputError
 from vibrident.export import export
 from vibrident.export.dcc_units import d_si
 from vibrident.result import Result, ResultWarning

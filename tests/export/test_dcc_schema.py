@@ -17,7 +17,7 @@ from tests.support.certified import CERTIFICATE, certified, written
 from tests.support.exported import CASES, case, paper
 from tests.support.shell import run
 
-from vibrident.errors import InputError
+from vibrident.base.errors import InputError
 from vibrident.export.dcc_schema import validate
 from vibrident.export.formats.dcc import VERSION
 from vibrident.result import ResultWarning

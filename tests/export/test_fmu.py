@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from tests.support.exported import case, paper
 
-from vibrident.errors import InputError
-from vibrident.export import export, sensor_of
+from vibrident.base.errors import InputError
+from vibrident.export import export
+from vibrident.export.sensor import sensor_of
 
 RATES = {"paper": 51200.0, "mems": 51200.0, "coil": 1000.0}
 

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 from tests.support.exported import CASES, PAPER, case, paper, result
 
-from vibrident.errors import InputError
-from vibrident.export import export, sensor_of
+from vibrident.base.errors import InputError
+from vibrident.export import export
 from vibrident.export.approximation import held
 from vibrident.export.poles_zeros import poles_zeros, roots, uncertainties
-from vibrident.models import parse
+from vibrident.export.sensor import sensor_of
+from vibrident.physics.models import parse
 
 # ObsPy 1.5 looks its plug-ins up in a way that Python 3.11 warns of.
 pytestmark = pytest.mark.filterwarnings("ignore:SelectableGroups:DeprecationWarning")

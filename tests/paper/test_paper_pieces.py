@@ -10,12 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vibrident.backend import jax
-from vibrident.discretize import method
-from vibrident.errors import InputError, NotConverged
-from vibrident.models import parse
-from vibrident.models.state_space import realise
-from vibrident.network.cell import Cell, run
+from vibrident.base.backend import jax
+from vibrident.base.errors import InputError, NotConverged
 from vibrident.paper import published
 from vibrident.paper.black_box import Recurrent
 from vibrident.paper.bound import cramer_rao
@@ -26,7 +22,11 @@ from vibrident.paper.metrics import Metrics, curve_deviation
 from vibrident.paper.studies import optimum
 from vibrident.paper.training import Schedule, train
 from vibrident.paper.unrolled import START, unrolled
-from vibrident.simulation import simulate
+from vibrident.physics.discretisation import method
+from vibrident.physics.models import parse
+from vibrident.physics.models.state_space import realise
+from vibrident.physics.network.cell import Cell, run
+from vibrident.physics.simulation import simulate
 
 TRUTH = dict(SENSOR.parameters)
 

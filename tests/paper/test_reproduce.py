@@ -11,12 +11,12 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from vibrident.cli.application import app
+from vibrident.app.cli.application import app
 from vibrident.paper import methods, page, settings
 from vibrident.paper.sections import simulated
 from vibrident.paper.settings import Settings
 from vibrident.paper.training import Schedule
-from vibrident.present.views import Table
+from vibrident.show.views import Table
 
 SMALL = Settings(
     seed=7,

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from vibrident.models import parse
+from vibrident.physics.models import parse
 from vibrident.result import Correlation, Curve, Fit, MeasuredCurve, Parameter, Result
 
 #: Relative standard uncertainties of a decent calibration.

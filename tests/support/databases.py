@@ -16,9 +16,9 @@ import pytest
 import sqlalchemy as sa
 from tests.support.lives import calibrated
 
-from vibrident.history import schema
-from vibrident.history.entry import rows_of
-from vibrident.history.store import Store
+from vibrident.lab.history import schema
+from vibrident.lab.history.entry import rows_of
+from vibrident.lab.history.store import Store
 
 
 def _programs() -> Path | None:
@@ -60,7 +60,7 @@ WRITER = """
 import sys
 sys.path.insert(0, sys.argv[1])
 from tests.support.lives import calibrated
-from vibrident import history
+from vibrident.lab import history
 numbers = range(*map(int, sys.argv[3:5]))
 lives = (calibrated(0.1 + i / 1e5, f"20{10 + i % 10}-01-01", serial=f"{i // 10}") for i in numbers)
 print(history.add(sys.argv[2], lives))

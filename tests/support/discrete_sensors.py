@@ -4,10 +4,10 @@ import functools
 
 import numpy as np
 
-from vibrident.backend import jax
-from vibrident.discretize import Weights, method
-from vibrident.models import parse
-from vibrident.models.state_space import realise
+from vibrident.base.backend import jax
+from vibrident.physics.discretisation import Weights, method
+from vibrident.physics.models import parse
+from vibrident.physics.models.state_space import realise
 
 PAPER = {"sensitivity": 0.104, "natural_frequency": 652.0, "damping_ratio": 0.182}
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vibrident.models import parse
+from vibrident.physics.models import parse
 from vibrident.result import Correlation, Curve, Fit, MeasuredCurve, Parameter, Result
 
 GRAVITY = 9.80665

@@ -47,7 +47,7 @@ class Missing:
             raise ImportError(name)
 if "WITHOUT_EXTRAS" in os.environ:
     sys.meta_path.insert(0, Missing())
-if any("vibrident.process" in argument for argument in sys.orig_argv):
+if any("vibrident.base.process" in argument for argument in sys.orig_argv):
     def hook(event, arguments):
         if event != "open" or not isinstance(arguments[0], str) or not arguments[0].endswith(".csv"):
             return

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 import vibrident
-from vibrident.models import parse
-from vibrident.records import Calibration, ResponseTable
+from vibrident.data.records import Calibration, ResponseTable
+from vibrident.physics.models import parse
 
 MECHANICS = {"natural_frequency": 630.0, "damping_ratio": 0.2}
 SENSITIVITY = {"sensitivity": 0.1}

@@ -6,9 +6,9 @@ import hashlib
 
 import numpy as np
 
-from vibrident.nominal import Nominal
-from vibrident.present.points import sensitivity_at
+from vibrident.base.nominal import Nominal
 from vibrident.result import Correlation, Curve, Fit, MeasuredCurve, Parameter, Result
+from vibrident.show.points import sensitivity_at
 
 FREQUENCIES_HZ = tuple(10 ** (n / 10) for n in (13, 16, 19, 22, 25))
 REFERENCE = "calibration of the reference"

@@ -3,7 +3,7 @@
 import json
 from html.parser import HTMLParser
 
-from vibrident import report
+from vibrident.show import report
 
 
 class Reader(HTMLParser):

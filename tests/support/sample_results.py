@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from vibrident.records import STANDARD_GRAVITY, Calibration, Record, ResponseTable
+from vibrident.data.records import STANDARD_GRAVITY, Calibration, Record, ResponseTable
 from vibrident.result import (
     WARNING_CODES,
     Correlation,

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from typer.testing import CliRunner, Result
 
-from vibrident.cli import app
+from vibrident.app.cli import app
 
 
 def run(*arguments: object, folder: Path | None = None) -> Result:

@@ -6,7 +6,7 @@ import os
 import signal
 import sys
 
-from vibrident.errors import InputError, NotConverged
+from vibrident.base.errors import InputError, NotConverged
 
 
 def refused() -> None:

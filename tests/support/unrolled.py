@@ -2,9 +2,10 @@
 
 import numpy as np
 
-from vibrident.backend import jnp, lax
-from vibrident.discretize import Weights
-from vibrident.network.unroll import (
+from vibrident.base.backend import jnp, lax
+from vibrident.fit.problem.time_domain import _weights
+from vibrident.physics.discretisation import Weights
+from vibrident.physics.network.unroll import (
     Lanes,
     Nuisance,
     fit_nuisance,
@@ -15,7 +16,6 @@ from vibrident.network.unroll import (
     projection,
     start_states,
 )
-from vibrident.problem.time_domain import _weights
 
 
 def random_weights(rng, states=2, terms=3, damping=0.03):

@@ -2,7 +2,7 @@
 
     files = export(result, "stationxml", "out")
 
-``FORMATS`` lists the formats; docs/exports.md states what each holds.
+``vibrident.export.registry.EXPORTS`` lists the formats; docs/exports.md states what each holds.
 """
 
 from __future__ import annotations
@@ -10,16 +10,12 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from vibrident.export.form import Format, Options
-from vibrident.export.sensor import ExportedSensor, check_band, sensor_of
-from vibrident.registry import EXPORTS, Registry
-from vibrident.result import Result
+if TYPE_CHECKING:
+    from vibrident.result import Result
 
-__all__ = ["FORMATS", "ExportedSensor", "Format", "Options", "check_band", "export", "sensor_of"]
-
-#: Name → format, of the built-in ones and those of plug-ins.
-FORMATS: Registry[Format] = EXPORTS
+__all__ = ["export"]
 
 
 def export(
@@ -39,7 +35,7 @@ def export(
 
     Args:
         result: from :func:`vibrident.identify` or :meth:`vibrident.Result.load`.
-        form: name of the format, one of ``FORMATS``.
+        form: name of the format, one of ``EXPORTS``.
         folder: of the files; created if missing.
         rate_hz: sampling rate of discrete forms; None takes that of the result's network, if it has one.
         band_hz: band over which errors are stated and the correction filter holds; None takes that of the data.
@@ -55,7 +51,11 @@ def export(
     Raises:
         InputError: the format is unknown, cannot hold this sensor, or lacks a library or an option.
     """
-    chosen = FORMATS[form]
+    from vibrident.export.form import Options
+    from vibrident.export.registry import EXPORTS
+    from vibrident.export.sensor import check_band, sensor_of
+
+    chosen = EXPORTS[form]
     band = None if band_hz is None else check_band(*band_hz)
     xsd = None if schema is None else Path(schema)
     options = Options(rate_hz, band, tuple(without), name, xsd, country, channel)

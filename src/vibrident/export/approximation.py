@@ -13,10 +13,10 @@ from functools import partial
 
 import numpy as np
 
-from vibrident.errors import InputError
+from vibrident.base.errors import InputError
 from vibrident.export.poles_zeros import PolesZeros, poles_zeros
 from vibrident.export.sensor import Exported, require_linear
-from vibrident.models import AddOn
+from vibrident.physics.models import AddOn
 
 #: A negative delay within so many standard uncertainties is zero.
 COVERAGE = 2.0

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from vibrident.data.records import FloatArray
 from vibrident.export.dcc_tree import Tree, cleaned, numeral
 from vibrident.export.dcc_units import d_si
-from vibrident.present.coverage import coverage
-from vibrident.records import FloatArray
 from vibrident.result import Curve, Parameter, Result
+from vibrident.show.coverage import coverage
 
 
 def measurement(tree: Tree, result: Result) -> Any:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
-from vibrident.errors import InputError
+from vibrident.base.errors import InputError
 from vibrident.export.form import library
 
 _XSD = "{http://www.w3.org/2001/XMLSchema}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from vibrident.escaping import xml_text
+from vibrident.base.escaping import xml_text
 from vibrident.export.form import library
 
 #: Language of the texts written here, ISO 639-1.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import warnings
 
-from vibrident.errors import InputError
+from vibrident.base.errors import InputError
 from vibrident.export.form import library
 
 _NAMES = {

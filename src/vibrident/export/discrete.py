@@ -17,10 +17,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vibrident.data.records import FloatArray
 from vibrident.export.poles_zeros import PolesZeros
 from vibrident.export.sensor import ExportedSensor
-from vibrident.models.state_space import realise
-from vibrident.records import FloatArray
+from vibrident.physics.models.state_space import realise
 
 
 @dataclass(frozen=True, eq=False)

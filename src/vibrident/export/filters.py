@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from vibrident.errors import InputError
+from vibrident.base.errors import InputError
+from vibrident.data.records import FloatArray
 from vibrident.export.discrete import HoldCell, SecondOrderSections, cell_of, sections_of
 from vibrident.export.fir import Taps, fitted, response_of
 from vibrident.export.poles_zeros import PolesZeros, poles_zeros
 from vibrident.export.sensor import ExportedSensor, require_linear
-from vibrident.records import FloatArray
 
 #: Highest usable frequency over the sampling rate.
 USABLE = 0.45

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vibrident.records import FloatArray
+from vibrident.data.records import FloatArray
 
 Response = Callable[[FloatArray], np.ndarray]
 TAPS = (1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 14, 16, 20, 24, 32, 48, 64, 96)

@@ -9,8 +9,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from vibrident import extras
-from vibrident.errors import InputError
+from vibrident.base import extras
+from vibrident.base.errors import InputError
 from vibrident.export.sensor import ExportedSensor
 
 _NAME = re.compile(r"(?!(?:con|prn|aux|nul|com\d|lpt\d)\Z)[a-z][a-z0-9_]{0,40}", re.IGNORECASE | re.ASCII)

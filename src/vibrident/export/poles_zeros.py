@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from vibrident.data.records import FloatArray
 from vibrident.export.sensor import Exported
-from vibrident.models import Rational
-from vibrident.records import FloatArray
+from vibrident.physics.models import Rational
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from vibrident.escaping import python_docstring
+from vibrident.base.escaping import python_docstring
 from vibrident.export.approximation import held
 from vibrident.export.form import Options
 from vibrident.export.poles_zeros import PolesZeros
 from vibrident.export.sensor import Exported, ExportedSensor, identity
-from vibrident.sensor import IdentifiedSensor
+from vibrident.result.sensor import IdentifiedSensor
 
 _MODULE = '''"""{title}
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from vibrident.errors import InputError
+from vibrident.base.errors import InputError
 from vibrident.export.approximation import held
 from vibrident.export.form import Options
 from vibrident.export.poles_zeros import PolesZeros

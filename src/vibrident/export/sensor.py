@@ -9,13 +9,13 @@ from typing import Self
 
 import numpy as np
 
-from vibrident import __version__
-from vibrident.errors import InputError, unknown
-from vibrident.escaping import one_line
-from vibrident.models import ADD_ONS, SensorModel, parse
-from vibrident.records import FloatArray, Quantity
+from vibrident.base.errors import InputError, unknown
+from vibrident.base.escaping import one_line
+from vibrident.base.version import __version__
+from vibrident.data.records import FloatArray, Quantity
+from vibrident.physics.models import ADD_ONS, SensorModel, parse
 from vibrident.result import Result
-from vibrident.sensor import IdentifiedSensor
+from vibrident.result.sensor import IdentifiedSensor
 
 #: Points at which errors over the band are computed.
 POINTS = 400
@@ -131,7 +131,7 @@ def sensor_of(result: Result, band_hz: tuple[float, float] | None = None) -> Exp
     Raises:
         InputError: the result lacks a parameter of its model or a band, or the band cannot be used.
     """
-    known = IdentifiedSensor.of(result, "an export")
+    known = result.to_sensor("an export")
     band = band_hz or known.band_hz
     if band is None:
         raise InputError(

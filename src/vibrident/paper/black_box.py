@@ -14,11 +14,11 @@ from typing import Any, Literal
 import equinox as eqx
 import numpy as np
 
-from vibrident.backend import jax, jnp, lax
+from vibrident.base.backend import jax, jnp, lax
+from vibrident.data.records import FloatArray
 from vibrident.paper.dataset import Dataset, Windows, cut, scored, whole_records
 from vibrident.paper.training import Schedule, Trained, train
 from vibrident.paper.unrolled import weighted_mse
-from vibrident.records import FloatArray
 
 Kind = Literal["gru", "lstm"]
 _UNROLL = {"gru": 4, "lstm": 1}  # unrolled steps in a body of the scan: more takes longer to compile and runs no faster

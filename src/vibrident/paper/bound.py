@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vibrident.models import SensorModel, parse
+from vibrident.data.records import FloatArray, Record
 from vibrident.paper.metrics import CURVE_POINTS
-from vibrident.records import FloatArray, Record
-from vibrident.simulation import Motion, Sensor, exact_response
+from vibrident.physics.models import SensorModel, parse
+from vibrident.physics.simulation import Motion, Sensor, exact_response
 
 _STEP = 1e-5  # relative step of the differences
 

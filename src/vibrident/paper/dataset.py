@@ -14,11 +14,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import ndimage
 
-from vibrident.discretize import Method, method
-from vibrident.errors import InputError
-from vibrident.models import parse
-from vibrident.records import STANDARD_GRAVITY, BoolArray, Calibration, FloatArray, Provenance, Record
-from vibrident.simulation import (
+from vibrident.base.errors import InputError
+from vibrident.data.records import STANDARD_GRAVITY, BoolArray, Calibration, FloatArray, Provenance, Record
+from vibrident.physics.discretisation import Method, method
+from vibrident.physics.models import parse
+from vibrident.physics.simulation import (
     SENSORS,
     Motion,
     Sine,

@@ -14,11 +14,11 @@ from pathlib import Path
 
 import numpy as np
 
-from vibrident.io import read
-from vibrident.measure.quality import screen
+from vibrident.data.io import read
+from vibrident.data.records import Calibration, FloatArray, Record
+from vibrident.fit.measure.quality import screen
 from vibrident.paper.dataset import SENSOR, Dataset, prepared
-from vibrident.records import Calibration, FloatArray, Record
-from vibrident.simulation import ChannelNoise, Sensor, simulate
+from vibrident.physics.simulation import ChannelNoise, Sensor, simulate
 
 VIBROMETER = 0.050  # scale of the vibrometer (OFV-552 with its controller), (m/s)/V, as the paper states it
 FULL_SCALE_V = 10.0  # full scale of the converter, V

@@ -9,19 +9,20 @@ from typing import Any
 
 import numpy as np
 
-from vibrident.discretize import Weights, method
-from vibrident.models import parse
-from vibrident.models.state_space import realise
-from vibrident.network.readback import network_response
+from vibrident.data.records import FloatArray
 from vibrident.paper import methods
 from vibrident.paper.dataset import SENSOR
 from vibrident.paper.reproduction import Reproduction
 from vibrident.paper.sections import BAND_HZ, PaperSection
 from vibrident.paper.studies import NOISE_METHODS, PARAMETERS
 from vibrident.paper.unrolled import plain_model
-from vibrident.present import axes, drawing
-from vibrident.present.views import BLACK, BLUE, LINES, Axis, Figure, Look, Panel, Series, Stack
-from vibrident.records import FloatArray
+from vibrident.physics.discretisation import Weights, method
+from vibrident.physics.models import parse
+from vibrident.physics.models.state_space import realise
+from vibrident.physics.network.readback import network_response
+from vibrident.show import axes
+from vibrident.show.media import drawing
+from vibrident.show.views import BLACK, BLUE, LINES, Axis, Figure, Look, Panel, Series, Stack
 
 Stacks = tuple[Stack, ...]
 

@@ -13,9 +13,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from vibrident.errors import NotConverged
-from vibrident.measure import find_tones
-from vibrident.records import Calibration, FloatArray
+from vibrident.base.errors import NotConverged
+from vibrident.data.records import Calibration, FloatArray
+from vibrident.fit.measure import find_tones
 
 
 def from_sine_fits(calibration: Calibration) -> dict[str, float]:

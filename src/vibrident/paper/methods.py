@@ -8,10 +8,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from vibrident.errors import NotConverged
-from vibrident.estimators import Estimator, Ipnn, LeastSquares, MaximumLikelihood
-from vibrident.estimators.optimise import Progress, silent
-from vibrident.identification import identify
+from vibrident.base.errors import NotConverged
+from vibrident.data.records import FloatArray
+from vibrident.fit.estimators import Estimator, Ipnn, LeastSquares, MaximumLikelihood
+from vibrident.fit.estimators.optimise import Progress, silent
+from vibrident.fit.identification import identify
 from vibrident.paper.black_box import Kind, fit_recurrent, predict_recurrent
 from vibrident.paper.dataset import Dataset, scored
 from vibrident.paper.least_squares import from_extremes, from_sine_fits
@@ -19,7 +20,6 @@ from vibrident.paper.metrics import Metrics
 from vibrident.paper.pinn import fit_pinn
 from vibrident.paper.training import Schedule, Trained
 from vibrident.paper.unrolled import Activation, Network, fit, network_for, plain_model
-from vibrident.records import FloatArray
 
 # Names of the methods in the tables.
 PUBLISHED = "IPNN as published (Euler, Adam)"

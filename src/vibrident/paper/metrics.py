@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vibrident.models import SensorModel
-from vibrident.records import FloatArray
+from vibrident.data.records import FloatArray
+from vibrident.physics.models import SensorModel
 
 CURVE_POINTS = 401  # points of a curve over a band, equally spaced in log f
 

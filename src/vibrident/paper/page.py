@@ -8,12 +8,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from vibrident.errors import InputError
+from vibrident.base.errors import InputError
 from vibrident.paper.figures import draw_all
 from vibrident.paper.reproduction import Reproduction
 from vibrident.paper.tables import all_tables
-from vibrident.present import html, markdown
-from vibrident.present.views import Document, Figure, Sentence, Table, document, section
+from vibrident.show.media import html, markdown
+from vibrident.show.views import Document, Figure, Sentence, Table, document, section
 
 TITLE = "An IPNN-Based Parameter Identification Method for a Vibration Sensor Sensitivity Model, reproduced"
 _SOURCE = (

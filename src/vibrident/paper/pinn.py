@@ -19,12 +19,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vibrident.backend import jax, jnp
-from vibrident.estimators.optimise import Progress, silent
-from vibrident.models import SensorModel
+from vibrident.base.backend import jax, jnp
+from vibrident.fit.estimators.optimise import Progress, silent
 from vibrident.paper.dataset import Dataset
 from vibrident.paper.training import Schedule, Trained, train
 from vibrident.paper.unrolled import start_of_training
+from vibrident.physics.models import SensorModel
 
 SPAN = 1024  # steps of a record for training, from the middle: the longest that it learns in a minute or two
 HARMONICS = 64  # the network sees sine and cosine of so many multiples of half the span's fundamental

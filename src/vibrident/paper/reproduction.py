@@ -9,20 +9,14 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from vibrident import __version__
+from vibrident.base.process import Process
+from vibrident.base.version import __version__
 from vibrident.paper.black_box import Kind
 from vibrident.paper.experiment import interferometer, seismometer
 from vibrident.paper.methods import Judge, MethodResult, recurrent
-from vibrident.paper.sections import (
-    PaperSection,
-    experiment,
-    full_range,
-    simulated,
-    simulation,
-)
+from vibrident.paper.sections import PaperSection, experiment, full_range, simulated, simulation
 from vibrident.paper.settings import Settings, Stages, silently
 from vibrident.paper.studies import NoiseStudy, RatePoint, Residual, error_by_noise, error_by_rate, learned_residuals
-from vibrident.process import Process
 
 KINDS: tuple[Kind, ...] = ("gru", "lstm")
 

@@ -10,22 +10,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vibrident.discretize import method
-from vibrident.errors import NotConverged
-from vibrident.estimators import Estimator, Ipnn, LeastSquares, MaximumLikelihood
-from vibrident.estimators.optimise import Progress, levenberg_marquardt, silent
-from vibrident.estimators.residual_network import ResidualIpnn
-from vibrident.identification import identify
-from vibrident.models import parse
+from vibrident.base.errors import NotConverged
+from vibrident.data.records import Calibration
+from vibrident.fit.estimators import Estimator, Ipnn, LeastSquares, MaximumLikelihood
+from vibrident.fit.estimators.optimise import Progress, levenberg_marquardt, silent
+from vibrident.fit.estimators.residual_network import ResidualIpnn
+from vibrident.fit.identification import identify
+from vibrident.fit.problem import Coordinates, network_objective, network_of
 from vibrident.paper.bound import Bound, cramer_rao
 from vibrident.paper.dataset import SENSOR, Dataset
 from vibrident.paper.least_squares import from_sine_fits
 from vibrident.paper.metrics import curve_deviation
 from vibrident.paper.unrolled import START
-from vibrident.prediction import predict
-from vibrident.problem import Coordinates, network_objective, network_of
-from vibrident.records import Calibration
-from vibrident.simulation import SENSORS, simulate, with_noise
+from vibrident.physics.discretisation import method
+from vibrident.physics.models import parse
+from vibrident.physics.simulation import SENSORS, simulate, with_noise
+from vibrident.use.prediction import predict
 
 BAND_HZ = (10.0, 1000.0)
 #: Motions of the study of rates: the same at every rate, so the excitation's noise ends below half the lowest rate.

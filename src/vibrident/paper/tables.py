@@ -8,10 +8,7 @@ from dataclasses import astuple, replace
 
 import numpy as np
 
-from vibrident.discretize import method
-from vibrident.discretize.weights import weight_table
-from vibrident.models import parse
-from vibrident.models.state_space import realise, state_scaling
+from vibrident.data.records import STANDARD_GRAVITY
 from vibrident.paper import claims, methods, published
 from vibrident.paper.black_box import HIDDEN
 from vibrident.paper.dataset import SENSOR
@@ -19,8 +16,11 @@ from vibrident.paper.metrics import CurveDeviation, Metrics
 from vibrident.paper.reproduction import Reproduction
 from vibrident.paper.sections import PaperSection
 from vibrident.paper.studies import PARAMETERS, Residual
-from vibrident.present.views import Column, Table
-from vibrident.records import STANDARD_GRAVITY
+from vibrident.physics.discretisation import method
+from vibrident.physics.discretisation.weights import weight_table
+from vibrident.physics.models import parse
+from vibrident.physics.models.state_space import realise, state_scaling
+from vibrident.show.views import Column, Table
 
 #: What a number looks like, alone or in percent, in a cell of its own.
 _NUMBER = re.compile(r"[-+−]?[\d.]+(?:e[+-]?\d+)?(?: %| \(limit\))?|–|no stable sensor")

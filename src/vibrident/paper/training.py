@@ -14,8 +14,8 @@ import equinox as eqx
 import numpy as np
 import optax
 
-from vibrident.backend import jax, jnp, lax
-from vibrident.estimators.optimise import Progress, silent
+from vibrident.base.backend import jax, jnp, lax
+from vibrident.fit.estimators.optimise import Progress, silent
 
 Loss = Callable[[Any, Any], Any]
 

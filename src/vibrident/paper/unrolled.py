@@ -4,7 +4,7 @@
 
 φ is the identity, which makes this the sensor's recursion, or tanh as in the paper's Table 3. W1…W4 follow from S0, ωn
 and δ through a discretisation: Euler's as published, or the exact band-limited step. The elements are those of
-``vibrident.network.cell``; the loop is elementwise over a batch.
+``vibrident.physics.network.cell``; the loop is elementwise over a batch.
 """
 
 from __future__ import annotations
@@ -15,15 +15,15 @@ from typing import Any, Literal
 
 import numpy as np
 
-from vibrident.backend import jax, jnp, lax
-from vibrident.discretize import method
-from vibrident.estimators.optimise import Progress, silent
-from vibrident.models import SensorModel, parse
-from vibrident.models.state_space import realise
+from vibrident.base.backend import jax, jnp, lax
+from vibrident.data.records import FloatArray
+from vibrident.fit.estimators.optimise import Progress, silent
+from vibrident.fit.problem import Coordinates
 from vibrident.paper.dataset import Dataset, Seen, Windows, cut, scored, whole_records
 from vibrident.paper.training import Schedule, Trained, train
-from vibrident.problem import Coordinates
-from vibrident.records import FloatArray
+from vibrident.physics.discretisation import method
+from vibrident.physics.models import SensorModel, parse
+from vibrident.physics.models.state_space import realise
 
 Activation = Literal["linear", "tanh"]
 #: Start of training: these multiples of a first estimate from the tones, as a data sheet may deviate.

@@ -3,18 +3,10 @@
 Reports, plots, exports and the page render from it alone, without the data and without JAX.
 """
 
-from vibrident.result.parts import (
-    Correlation,
-    Curve,
-    Fit,
-    MeasuredCurve,
-    Parameter,
-    ResultWarning,
-    Signal,
-    Training,
-)
-from vibrident.result.result import MOST_BYTES, SCHEMA, Result
-from vibrident.warning_kinds import WARNING_CODES, WarningCode
+from vibrident.base.warning_kinds import WARNING_CODES, WarningCode
+from vibrident.result.document import SCHEMA
+from vibrident.result.parts import Correlation, Curve, Fit, MeasuredCurve, Parameter, ResultWarning, Signal, Training
+from vibrident.result.result import MOST_BYTES, Result
 
 __all__ = [
     "MOST_BYTES",

@@ -8,10 +8,10 @@ from typing import Annotated, Any, Self
 
 import numpy as np
 
-from vibrident.brief import brief
-from vibrident.records import FloatArray
-from vibrident.records.basis import frozen
-from vibrident.warning_kinds import WARNING_CODES, WarningCode
+from vibrident.base.brief import brief
+from vibrident.base.warning_kinds import WARNING_CODES, WarningCode
+from vibrident.data.records import FloatArray
+from vibrident.data.records.basis import frozen
 
 
 def no_numbers() -> FloatArray:

@@ -2,94 +2,31 @@
 
 from __future__ import annotations
 
-import contextlib
-import datetime
 import json
-import math
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vibrident.errors import InputError
+from vibrident.base.binding import bound
+from vibrident.base.errors import InputError
+from vibrident.data.records import FloatArray
+from vibrident.result.document import SCHEMA, damaged, json_text, measured_part, plain, refuse_constant, with_numbers
 from vibrident.result.parts import Correlation, Curve, Fit, MeasuredCurve, Parameter, ResultWarning, Signal, Training
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
-    from vibrident.sensor import IdentifiedSensor
+    from vibrident.physics.models import SensorModel
+    from vibrident.result.sensor import IdentifiedSensor
 
-SCHEMA = "vibrident.result/1"
-#: Fields in which JSON's null means a number that is not finite; in other fields it means that there is no value.
-_NUMBERS = {"value", "matrix", "rmse", "mae", "mse", "r2", "rpd", "nrmse"}
 MOST_BYTES = 200_000_000  # most bytes of a result file; one with hundreds of records has a few millions
 _MAY_BE_ABSENT = ("deviation_percent", "deviation_phase_deg", "record", "magnitude_noise", "phase_deg_noise")
 _MAY_BE_ABSENT += ("deviation_uncertainty_percent", "deviation_phase_uncertainty_deg")
-
-
-def measured_part(document: Mapping[str, Any]) -> dict[str, Any]:
-    """The parts that hold numbers which may not be finite."""
-    return {key: document[key] for key in ("parameters", "correlation", "fit", "response", "measured")}
-
-
-def with_numbers(value: Any, key: str = "") -> Any:
-    """Plain values in which null is replaced by NaN in fields that require a number."""
-    if isinstance(value, Mapping):
-        return {name: with_numbers(item, str(name)) for name, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [with_numbers(item, key) for item in value]
-    return math.nan if value is None and key in _NUMBERS else value
-
-
-def plain(value: Any) -> Any:
-    """Plain types only; numbers that are not finite become None."""
-    if type(value) is float:  # by far the most
-        return value if math.isfinite(value) else None
-    if isinstance(value, np.ndarray):
-        return [plain(item) for item in value.tolist()]
-    if is_dataclass(value):
-        return {item.name: plain(getattr(value, item.name)) for item in fields(value)}
-    if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [plain(item) for item in value]
-    if isinstance(value, bool) or value is None or isinstance(value, (str, int)):
-        return value
-    if isinstance(value, datetime.date | datetime.time):  # a certificate's, in a calibration made in memory
-        return value.isoformat()
-    number = float(value)
-    return number if math.isfinite(number) else None
-
-
-def json_text(document: Any) -> str:
-    """A document as JSON, RFC 8259: no NaN, no Infinity; ``?`` for a byte of a file's name that is no UTF-8."""
-    from pydantic_core import PydanticSerializationError, to_json
-
-    with contextlib.suppress(PydanticSerializationError):  # in a twentieth of the time
-        text = to_json(document, indent=2).decode() + "\n"
-        if "NaN" not in text and "Infinity" not in text:
-            return text
-    text = json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-    return text.encode(errors="replace").decode()
-
-
-def refuse_constant(name: str) -> float:
-    """Refuse NaN and Infinity, which are no numbers of JSON."""
-    raise ValueError(f"{name}, which is no number of JSON")
-
-
-def damaged(found: str) -> InputError:
-    """The error of a result file that lacks something, or holds what it may not."""
-    return InputError(
-        "The result file is incomplete or damaged.",
-        expected=f"all fields of {SCHEMA}",
-        found=found[:500],
-        remedy="run `vibrident identify` again",
-    )
 
 
 @dataclass(frozen=True)
@@ -148,9 +85,7 @@ class Result:
 
     def summary(self) -> str:
         """What ``vibrident identify`` prints: parameters with uncertainties, fit, warnings; plain text."""
-        from vibrident.terminal import text
-
-        return text(self)
+        return bound("summary")(self)
 
     def to_dataframe(self) -> DataFrame:
         """The parameters, a row each, by name: value, unit, u, 95 % interval, whether identifiable, whether derived.
@@ -179,19 +114,37 @@ class Result:
         Raises:
             InputError: there is no such picture.
         """
-        from vibrident.plots import draw
+        return bound("plot")(picture, self)
 
-        return draw(picture, self)
-
-    def to_sensor(self) -> IdentifiedSensor:
+    def to_sensor(self, use: str = "a computation") -> IdentifiedSensor:
         """The sensor to compute with: response and uncertainty at any frequency.
+
+        Its covariance holds what the result's uncertainties cover.
+
+        Args:
+            use: purpose, in words, for the message of an error.
 
         Raises:
             InputError: the result has no gain, or lacks a parameter of its model.
         """
-        from vibrident.sensor import IdentifiedSensor
+        from vibrident.physics.models import parse
+        from vibrident.result.sensor import IdentifiedSensor
 
-        return IdentifiedSensor.of(self)
+        self.require_gain(use)
+        model = parse(self.model)
+        drive = self.reference.get("quantity") == "drive"
+        freedom = self.settings.get("effective_degrees_of_freedom")
+        return IdentifiedSensor(
+            model,
+            _values(self, model),
+            _covariance(self, model),
+            "drive" if drive else "acceleration",
+            _band(self),
+            self.response_unit,
+            (self.reference.get("unit") or "drive unit") if drive else "m/s^2",
+            float(freedom) if freedom is not None else np.inf,
+            _misfit(self),
+        )
 
     @property
     def warning_codes(self) -> tuple[str, ...]:
@@ -304,3 +257,55 @@ class Result:
                 remedy="check the path",
             ) from error
         return cls.from_dict(document)
+
+
+def _values(result: Result, model: SensorModel) -> dict[str, float]:
+    found = {name: result.parameters[name].value for name in model.parameter_names if name in result.parameters}
+    missing = [n for n in model.parameter_names if found.get(n) is None or not np.isfinite(found[n])]
+    if missing:
+        raise InputError(
+            "The result lacks parameters of its model.",
+            expected=f"numbers for {', '.join(model.parameter_names)}",
+            found="none for " + ", ".join(missing),
+            where="result.json, parameters",
+            remedy="run `vibrident identify` again",
+        )
+    return {name: float(found[name]) for name in model.parameter_names}
+
+
+def _covariance(result: Result, model: SensorModel) -> FloatArray:
+    names = model.parameter_names
+    stated = [result.parameters[name].standard_uncertainty for name in names]
+    deviation = np.array([np.nan if u is None else u for u in stated], dtype=float)
+    correlation = np.full((len(names), len(names)), np.nan)
+    place = {name: index for index, name in enumerate(result.correlation.names)}
+    for row, name in enumerate(names):
+        for column, other in enumerate(names):
+            if name in place and other in place:
+                correlation[row, column] = result.correlation.matrix[place[name]][place[other]]
+    return correlation * np.outer(deviation, deviation)
+
+
+def _band(result: Result) -> tuple[float, float] | None:
+    """Range of the data; the curve's range if the result holds no measured points."""
+    for curve in (result.measured, result.response):
+        known = curve.frequency_hz[np.isfinite(curve.frequency_hz) & (curve.frequency_hz > 0)]
+        if known.size:
+            return float(known.min()), float(known.max())
+    return None
+
+
+def _misfit(result: Result) -> float:
+    """Rms relative deviation of a rejected model from the measured points, beyond their uncertainty."""
+    measured = result.measured
+    if result.fit.adequate or not measured.frequency_hz.size:
+        return 0.0
+
+    def squares(column: FloatArray, scale: FloatArray | float) -> FloatArray:
+        return (np.nan_to_num(column) * scale) ** 2 if column.size else np.zeros(measured.frequency_hz.size)
+
+    degree = np.pi / 180.0
+    found = squares(measured.deviation_percent, 0.01) + squares(measured.deviation_phase_deg, degree)
+    known = squares(measured.magnitude_uncertainty, 1.0 / np.abs(measured.magnitude))
+    known += squares(measured.phase_deg_uncertainty, degree)
+    return float(np.sqrt(max(np.mean(found - known), 0.0)))

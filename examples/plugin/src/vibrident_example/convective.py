@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vibrident.models import Core, Derived, ParameterSpec, Rational
+from vibrident.physics.models import Core, Derived, ParameterSpec, Rational
 
 
 def _rational(values):

@@ -10,14 +10,14 @@ from typing import ClassVar
 
 import numpy as np
 
-from vibrident.errors import ModelError
-from vibrident.estimators import Estimate, Estimator
-from vibrident.estimators.base import Setting
-from vibrident.estimators.optimise import levenberg_marquardt, silent
-from vibrident.estimators.start import find_start
-from vibrident.information import inverse_normal
-from vibrident.problem import Coordinates, Local
-from vibrident.problem.frequency_domain import response_jacobian, response_residual
+from vibrident.base.errors import ModelError
+from vibrident.fit.estimators import Estimate, Estimator
+from vibrident.fit.estimators.base import Setting
+from vibrident.fit.estimators.optimise import levenberg_marquardt, silent
+from vibrident.fit.estimators.start import find_start
+from vibrident.fit.information import inverse_normal
+from vibrident.fit.problem import Coordinates, Local
+from vibrident.fit.problem.frequency_domain import response_jacobian, response_residual
 
 ROUNDS = 10
 

@@ -6,9 +6,9 @@ import json
 
 import numpy as np
 
-from vibrident.io.allowance import require_room
-from vibrident.io.columns import Channel, Clock, ColumnFile, unreadable
-from vibrident.io.reader import Reader
+from vibrident.data.io.allowance import require_room
+from vibrident.data.io.columns import Channel, Clock, ColumnFile, unreadable
+from vibrident.data.io.reader import Reader
 
 
 class JsonColumns(ColumnFile):

@@ -12,14 +12,14 @@ from pathlib import Path
 
 import numpy as np
 
-from vibrident.escaping import c_comment
+from vibrident.base.escaping import c_comment
+from vibrident.data.records import FloatArray
 from vibrident.export.c_template import DECLARATIONS, DEFINITIONS, HEADER, SOURCE
 from vibrident.export.discrete import HoldCell, SecondOrderSections
 from vibrident.export.filters import BELOW, Filter, checked_rate, correction_filter, model_filter
 from vibrident.export.form import Format, Options
 from vibrident.export.poles_zeros import poles_zeros
 from vibrident.export.sensor import ExportedSensor, identity
-from vibrident.records import FloatArray
 
 #: Gain that counts as stopped, relative to the largest gain in the band.
 PASSED = 0.1

@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from vibrident.escaping import csv_cell
+from vibrident.base.escaping import csv_cell
 from vibrident.export.form import Format, Options
 from vibrident.export.sensor import ExportedSensor
 

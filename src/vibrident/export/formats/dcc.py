@@ -12,17 +12,17 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from vibrident import __version__
-from vibrident.errors import InputError
+from vibrident.base.errors import InputError
+from vibrident.base.version import __version__
 from vibrident.export.dcc_results import measurement
 from vibrident.export.dcc_schema import validate
 from vibrident.export.dcc_tree import DCC as NAMESPACE
 from vibrident.export.dcc_tree import LANGUAGE, SI, Tree, cleaned
 from vibrident.export.form import Format, Options
 from vibrident.export.sensor import ExportedSensor
-from vibrident.present.coverage import coverage, interval_text
-from vibrident.present.tables import small_signals
 from vibrident.result import Result
+from vibrident.show.coverage import coverage, interval_text
+from vibrident.show.tables import small_signals
 
 VERSION = "3.2.1"
 _LOCATION = f"https://ptb.de/dcc https://ptb.de/dcc/v{VERSION}/dcc.xsd"

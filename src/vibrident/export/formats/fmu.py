@@ -20,12 +20,12 @@ from typing import Any
 
 import numpy as np
 
-from vibrident.escaping import python_docstring, xml_text
+from vibrident.base.escaping import python_docstring, xml_text
 from vibrident.export.filters import checked_rate, model_filter
 from vibrident.export.form import Format, Options, library
 from vibrident.export.poles_zeros import poles_zeros
 from vibrident.export.sensor import ExportedSensor, identity
-from vibrident.naming import described
+from vibrident.physics.naming import described
 
 _SLAVE = '''"""{about}
 """

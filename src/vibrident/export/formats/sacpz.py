@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from vibrident.escaping import sac_comment
+from vibrident.base.escaping import sac_comment
 from vibrident.export.form import Format, Options
 from vibrident.export.poles_zeros import PolesZeros
 from vibrident.export.seismic import caveats, codes, described, unit

@@ -13,13 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from vibrident.errors import InputError
-from vibrident.escaping import xml_text
+from vibrident.base.errors import InputError
+from vibrident.base.escaping import xml_text
 from vibrident.export.form import Format, Options, library
 from vibrident.export.poles_zeros import poles_zeros, uncertainties
 from vibrident.export.seismic import caveats, codes, described, normal_frequency_hz, unit
 from vibrident.export.sensor import ExportedSensor, identity
-from vibrident.present.history import date_of
+from vibrident.show.history import date_of
 
 
 def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:

@@ -1,0 +1,102 @@
+"""The commands in the order of the help, and the handling of their errors."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from vibrident.app.cli.commands.compare import compare
+from vibrident.app.cli.commands.correct import correct
+from vibrident.app.cli.commands.demo import demo
+from vibrident.app.cli.commands.doctor import doctor
+from vibrident.app.cli.commands.export import export
+from vibrident.app.cli.commands.fleet import fleet
+from vibrident.app.cli.commands.history import history
+from vibrident.app.cli.commands.identify import identify
+from vibrident.app.cli.commands.inspect import inspect
+from vibrident.app.cli.commands.plan import plan
+from vibrident.app.cli.commands.predict import predict
+from vibrident.app.cli.commands.report import report
+from vibrident.app.cli.commands.reproduce import reproduce
+from vibrident.app.cli.commands.serve import serve
+from vibrident.app.cli.commands.simulate import simulate
+from vibrident.app.cli.console import show_error
+from vibrident.app.cli.options import filled
+from vibrident.base.errors import VibridentError
+from vibrident.base.version import __version__
+
+#: Exit code of input that cannot be used.
+BAD_INPUT = 2
+#: Exit code after Ctrl-C.
+INTERRUPTED = 130
+
+
+class Commands(TyperGroup):
+    """Commands whose errors are one message on stderr. A bug keeps its traceback."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Find a command; names from plug-ins are looked up only for its help."""
+        name, command, rest = super().resolve_command(ctx, args)
+        if command is not None and {"-h", "--help"} & set(rest):
+            command.help = _flowing(command.help or "")
+            for parameter in command.params:
+                for text in ("metavar", "help"):
+                    if hasattr(parameter, text):
+                        setattr(parameter, text, filled(getattr(parameter, text)))
+        return name, command, rest
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run a command."""
+        try:
+            return super().invoke(ctx)
+        except VibridentError as error:
+            show_error(error)
+            raise typer.Exit(BAD_INPUT) from None
+        except KeyboardInterrupt:
+            raise typer.Exit(INTERRUPTED) from None
+
+
+def _flowing(text: str) -> str:
+    """A help text with its paragraphs on one line each: typer keeps other line ends."""
+    return "\n\n".join(" ".join(part.split()) for part in text.split("\n\n"))
+
+
+app = typer.Typer(
+    name="vibrident",
+    cls=Commands,
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+_PANELS = {
+    "Begin": (demo, serve, doctor),
+    "From files to a model": (inspect, identify, fleet, report),
+    "Use and judge a model": (predict, correct, plan, compare, simulate, export, reproduce),
+}
+app.add_typer(history, name="history", rich_help_panel="Use and judge a model")
+for _panel, _commands in _PANELS.items():
+    for _command in _commands:
+        app.command(rich_help_panel=_panel)(_command)
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"vibrident {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def vibrident(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version and exit.")
+    ] = False,
+) -> None:
+    """From calibration records of a vibration sensor to its dynamic model, with uncertainty.
+
+    Exit codes: 0 done; 2 bad input, with one message that says what to do; 3 with --strict, a result with a warning.
+    """

@@ -1,0 +1,176 @@
+"""``vibrident compare``: estimators, models and discretisations on the same data, or earlier results."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vibrident.app.cli import options
+from vibrident.app.cli.console import note, out, wrote
+from vibrident.app.cli.files import distinct
+from vibrident.app.cli.options import argument, flag, option
+from vibrident.app.workflow.estimators import estimator, estimators_with, misfit
+from vibrident.app.workflow.folder import load_result, write_json, written_whole
+from vibrident.base.errors import InputError, ModelError, NotConverged
+from vibrident.fit.registry import ESTIMATORS
+
+if TYPE_CHECKING:
+    from vibrident.data.records import Calibration
+    from vibrident.result import Result
+
+
+@dataclass(frozen=True)
+class Method:
+    """One way to identify the same data; None: the model of the calibration file, the usual discretisation."""
+
+    estimator: str
+    model: str | None = None
+    discretisation: str | None = None
+
+    @property
+    def name(self) -> str:
+        """What distinguishes it, in a line."""
+        return " ".join(part for part in (self.estimator, self.discretisation, self.model) if part)
+
+
+def compare(
+    files: list[Path] = argument("CAL.toml | RESULT...", "A calibration file, or results."),
+    estimators: str | None = option(
+        "--estimators", "A,B", "Of {estimators by name}.", default="all that suit the data"
+    ),
+    models: str | None = option("--models", "A,B", "Sensor models.", default="the file's"),
+    discretisations: str | None = option(
+        "--discretisations", "A,B", f"Network: of {', '.join(options.DISCRETISATIONS)}.", default=False
+    ),
+    truth: Path | None = option("--truth", "FILE", "truth.json of a simulation, as the reference."),
+    validate: bool = flag("--cross-validate", help="Fit again without each fifth of the records, and predict it."),
+    folder: Path = option("--out", "DIR", "Folder for comparison.json, and each result.", Path("vibrident-comparison")),
+) -> None:
+    """Compare methods side by side: parameters, fit, and time; deviations are from the first one.
+
+    Of several models it recommends one, with the reason.
+    """
+    named = options.listed("--estimators", ESTIMATORS.names)(estimators)
+    steps = options.listed("--discretisations", options.DISCRETISATIONS)(discretisations)
+    names = options.listed("--models")(models)
+    if steps and named and not set(estimators_with("discretisation")) & set(named):
+        wanted = f"--estimators with {' or '.join(estimators_with('discretisation'))}"
+        raise misfit("--discretisations", wanted, f"--estimators {','.join(named)}")
+    from vibrident.physics.models import parse
+    from vibrident.use.comparison import document, read_truth
+
+    known = read_truth(truth) if truth else {}
+    for name in names or ():
+        parse(name)  # checked before anything is identified
+    with written_whole(folder) as output:
+        if files[0].suffix.lower() == ".toml":
+            if len(files) > 1:
+                raise _mixed(files)
+            from vibrident.data.io import read_guarded
+            from vibrident.fit.estimators import ranked
+
+            calibration = read_guarded(files[0])
+            methods = _methods(named or [one.name for one in ranked()], names or (None,), steps or (None,))
+            results = _identified(calibration, methods, must=bool(named))
+            scores = _cross_validated(calibration, methods, results) if validate and len(results) > 1 else {}
+            for name, result in results.items():
+                result.save(output.path / f"{name.replace(' ', '-').replace('+', '-')}.json")
+        else:
+            for option_name, value in {"--estimators": named, "--models": names, "--discretisations": steps}.items():
+                if value:
+                    raise misfit(option_name, "a calibration file (.toml)", "results, which exist already")
+            results, scores = _loaded(files), {}
+        write_json(output.path / "comparison.json", document(results, known, scores))
+    from vibrident.show import methods
+    from vibrident.show.media.console import shown
+    from vibrident.show.views import Sentence
+
+    console = out()
+    console.print(shown(*methods.compared(list(results.values()), list(results), known)))
+    if len({result.model for result in results.values()}) > 1:
+        console.print(shown(*methods.models(results, scores), Sentence("")))
+    wrote(output.files)
+
+
+def _methods(estimators: list, models: tuple | list, steps: tuple | list) -> list[Method]:
+    """Every valid combination: not every estimator has a discretisation."""
+    stepping = estimators_with("discretisation")
+    return [
+        Method(name, model, step)
+        for model, name in itertools.product(models, estimators)
+        for step in (steps if name in stepping else (None,))
+    ]
+
+
+def _identified(calibration: Calibration, methods: list[Method], *, must: bool) -> dict[str, Result]:
+    """Results by name. Methods that do not suit the data are left out, except those named: ``must`` for estimators."""
+    results: dict[str, Result] = {}
+    failures: dict[str | None, ModelError | NotConverged] = {}
+    for method, outcome in _outcomes(calibration, methods):
+        if not isinstance(outcome, (ModelError, NotConverged)):
+            results[method.name] = outcome
+        elif must or method.discretisation:
+            raise outcome
+        else:
+            failures.setdefault(method.model, outcome)
+            problem = outcome.problem if isinstance(outcome, ModelError) else str(outcome)
+            note(f"Left out: {method.name}. {problem}")
+    for model, failure in failures.items():
+        if not any(method.model == model and method.name in results for method in methods):
+            raise failure
+    return results
+
+
+def _cross_validated(
+    calibration: Calibration, methods: list[Method], results: dict[str, Result]
+) -> dict[str, dict[str, Any]]:
+    from vibrident.app.cli.progress import Busy
+    from vibrident.use.validation import cross_validate
+
+    scores = {}
+    for method in methods:
+        if method.name not in results:
+            continue
+        with Busy(f"Cross-validating {method.name}") as progress:
+            chosen = estimator(method.estimator, {"discretisation": method.discretisation})
+            score = cross_validate(calibration, results[method.name], chosen, progress=progress)
+        if score is not None:
+            scores[method.name] = asdict(score)
+    return scores
+
+
+def _outcomes(
+    calibration: Calibration, methods: list[Method]
+) -> Iterator[tuple[Method, Result | ModelError | NotConverged]]:
+    from vibrident.app.cli.progress import Busy
+
+    for method in methods:
+        with Busy(f"Identifying by {method.name}") as progress:
+            from vibrident.fit.identification import identify
+
+            settings = {"discretisation": method.discretisation}
+            try:
+                chosen = estimator(method.estimator, settings)
+                outcome = identify(calibration, method.model, chosen, progress=progress)
+            except (ModelError, NotConverged) as error:
+                outcome = error
+        yield method, outcome
+
+
+def _loaded(files: list[Path]) -> dict[str, Result]:
+    if any(file.suffix.lower() == ".toml" for file in files):
+        raise _mixed(files)
+    return {name: load_result(file) for name, file in zip(distinct(files), files, strict=True)}
+
+
+def _mixed(files: list[Path]) -> InputError:
+    return InputError(
+        "These files cannot be compared with each other.",
+        expected="one calibration file (.toml), or results (.json)",
+        found=", ".join(str(file) for file in files),
+        where="command line",
+        remedy="compare one calibration file at a time, or the results of several",
+    )

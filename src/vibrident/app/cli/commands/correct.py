@@ -1,0 +1,96 @@
+"""``vibrident correct``: the acceleration behind a measured response, with an uncertainty for every sample."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from vibrident.app.cli import options
+from vibrident.app.cli.console import out, warn, wrote
+from vibrident.app.cli.files import write_samples
+from vibrident.app.cli.options import flag, option
+from vibrident.app.workflow.folder import load_result, write_json, written_whole
+
+_CHOSEN = "chosen from noise, motion, sensor and sampling rate"
+
+
+def correct(
+    result: Path = options.RESULT_FILE,
+    calibration: Path = options.CALIBRATION_FILE,
+    folder: Path = option(
+        "--out", "DIR", "Folder for the CSV files, correction.json and the picture.", Path("vibrident-correction")
+    ),
+    band: str | None = option("--band", "LOW:HIGH", "Hz: the band to restore.", default=_CHOSEN),
+    noise: float | None = option(
+        "--noise", "RMS", "White noise of the response, in its unit.", default="estimated from each record"
+    ),
+    no_plots: bool = flag("--no-pictures", "--no-plots", help="Draw no picture."),
+) -> None:
+    """Restore the acceleration from the measured response, with an uncertainty for every sample.
+
+    Writes a CSV file a record, and band, noise, peak with interval, and warnings in correction.json.
+    A reference is used for comparison only. Write excitation = "decay" for records without one.
+    """
+    limits = options.band(band)
+    from vibrident.data.io import read_guarded
+    from vibrident.data.io.writer import record_files
+
+    known = load_result(result)
+    data = read_guarded(calibration)
+    with written_whole(folder) as output:
+        from vibrident.app.cli.progress import Busy
+
+        with Busy("Correcting"):
+            from vibrident.use.correction import correct as run
+            from vibrident.use.correction import correction_document
+
+            corrections = run(known, data, band_hz=limits, noise=noise)
+            files = record_files([c.record.name for c in corrections.corrections])
+            for file, correction in zip(files, corrections.corrections, strict=True):
+                a, u = correction.acceleration, correction.standard_uncertainty
+                write_samples(output.path / file, correction.record, acceleration=a, standard_uncertainty=u)
+            document = correction_document(corrections, files)
+            write_json(output.path / "correction.json", document)
+            if not no_plots:
+                from vibrident.show import plots
+
+                plots.save(plots.correction(corrections, dict(known.sensor)), output.path / "correction.png")
+    warn(corrections.findings)
+    _show(document, folder, corrections.motion, drawn=not no_plots)
+
+
+def _show(document: dict[str, Any], folder: Path, motion: str, *, drawn: bool) -> None:
+    from vibrident.base.amounts import pretty
+    from vibrident.show import terminal
+
+    unit = pretty(document["unit"])
+    rows = []
+    for row in document["records"]:
+        peak, band, reference = row["peak"], row["band"], row["reference"]
+        rows.append(
+            {
+                "record": row["name"],
+                "band / Hz": f"{band['low_hz']:.4g} to {band['high_hz']:.4g}",
+                f"peak / {unit}": None if peak is None else peak["value"],
+                "95 % interval": None if peak is None else _interval(peak),
+                "u / peak": None if peak is None else _share(peak),
+                f"rmse / {unit}": None if reference is None else reference["rmse"],
+            }
+        )
+    console = out()
+    console.print(terminal.inspection_table(rows, f"Restored {motion}"))
+    wrote([folder / "correction.json", folder / "*.csv", *([folder / "correction.png"] if drawn else [])])
+
+
+def _interval(peak: dict[str, Any]) -> str:
+    """Both ends to the second digit of u."""
+    from vibrident.show.numbers import pair
+
+    return " … ".join(pair(end, peak["standard_uncertainty"])[0] for end in peak["interval_95"])
+
+
+def _share(peak: dict[str, Any]) -> str:
+    from vibrident.show.numbers import NONE, uncertainty
+
+    value = peak["value"]
+    return f"{uncertainty(100 * abs(peak['standard_uncertainty'] / value))} %" if value else NONE

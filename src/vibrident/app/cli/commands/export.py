@@ -1,0 +1,54 @@
+"""``vibrident export``: a result in another program's format."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from vibrident.app.cli import options
+from vibrident.app.cli.console import wrote
+from vibrident.app.cli.options import choice, option
+from vibrident.app.workflow.folder import load_result, written_whole
+from vibrident.export.registry import EXPORTS
+
+
+def export(
+    result: Path = options.RESULT_FILE,
+    form: str = choice("--format", EXPORTS.names, "Format to write.", ..., "{exports}", False),
+    folder: Path | None = option("--out", "DIR", "Folder for the files.", default="beside the result"),
+    rate: float | None = option(
+        "--rate", "HZ", "Sampling rate of {exports: rate_hz}.", default="the network's, where there is one"
+    ),
+    band: str | None = option("--band", "LOW:HIGH", "Band of use in Hz.", default="that of the data"),
+    without: str | None = option(
+        "--without",
+        "NAMES",
+        "Leave out {add-ons apart}, if a format cannot hold them; the file states the error.",
+        callback=options.listed("--without", options.not_rational),
+    ),
+    name: str = option("--name", "NAME", "Name of files and functions.", "sensor"),
+    schema: Path | None = option("--schema", "XSD", "{exports: schema}: validate against this schema."),
+    country: str | None = option("--country", "XX", "{exports: country}: ISO 3166-1 code of the laboratory's country."),
+    channel: str | None = option("--channel", "NET.STA.LOC.CHA", "{exports: channel}: codes of the channel."),
+) -> None:
+    """Write a result in another program's format, from the result alone.
+
+    What a format cannot hold is stated in the file, or refused with the reason.
+    """
+    known = load_result(result)
+    limits = options.band(band)
+    from vibrident.export import export as run
+
+    with written_whole(result.parent if folder is None else folder) as output:
+        run(
+            known,
+            form,
+            output.path,
+            rate_hz=rate,
+            band_hz=limits,
+            without=list(without or ()),
+            name=name,
+            schema=schema,
+            country=country,
+            channel=channel,
+        )
+    wrote(output.files)

@@ -1,0 +1,208 @@
+"""``vibrident fleet``: many calibrations, one table."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from vibrident.app.cli.console import note, out
+from vibrident.app.cli.options import argument, between, choice, flag, option
+from vibrident.app.workflow.estimators import AUTO, estimator_names
+from vibrident.base.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from vibrident.lab.fleet import Outcome, Scheduler
+    from vibrident.lab.fleet.coordinator import RunProgress
+    from vibrident.result import Result
+
+DOUBTFUL = 3
+#: Seconds between progress lines if stderr is not a terminal.
+_LINE_S = 30.0
+
+
+def fleet(
+    patterns: list[str] = argument(
+        "PATTERN...", "Calibration files; folders, for all .toml files in and below them; globs in quotes."
+    ),
+    folder: Path = option("--out", "DIR", "Folder for the table, the page and the parts needed to resume.", ...),
+    workers: int | None = option("--workers", "N", "Processes on this machine.", default="all cores", min=1),
+    scheduler: str | None = option(
+        "--scheduler",
+        "ADDRESS|FILE.json",
+        "A running Dask scheduler, in place of this machine's processes; extra cluster.",
+    ),
+    model: str | None = option("--model", "NAME", "Sensor model for all, in place of each file's."),
+    estimator: str = choice(
+        "--estimator", estimator_names, f"How to fit; {AUTO} chooses by the data of each.", AUTO, "{estimators}"
+    ),
+    resume: bool = flag("--resume/--fresh", help="Resume with what is in DIR, or start afresh.", value=True),
+    time_limit_s: float = between("--time-limit", "S", "Most seconds of one calibration.", 1e-3, 1e9, 300.0),
+    memory_limit_mb: float | None = between(
+        "--memory-limit",
+        "MB",
+        "Most memory of one process.",
+        1.0,
+        1e9,
+        default="its share of the machine's, 4 GB or more",
+    ),
+    limits: Path | None = option("--limits", "FILE", "Nominal values and tolerances by type (TOML), for the page."),
+    results: bool = flag("--results/--no-results", help="Keep whole results in DIR/results.", value=True),
+    store: str | None = option("--store", "URL", "Add the results to this history too; see `vibrident history`."),
+    strict: bool = flag("--strict", help="Exit with 3 if a calibration is refused, failed or doubtful."),
+    quiet: bool = flag("--quiet", "-q", help="Print nothing but errors."),
+) -> None:
+    """Identify many sensors: DIR/fleet.parquet, a row each, and DIR/fleet.html.
+
+    The same command resumes after a stop or a crash. Existing rows are kept, unless the calibration's files have
+    changed.
+
+    Exit codes: 0 every calibration has a row; 2 bad input; 3 with --strict, a row that is refused, failed or doubtful.
+    """
+    from vibrident.lab.fleet import Asked, Orders
+    from vibrident.lab.fleet.limits import Specification, read_limits
+    from vibrident.physics.models import parse
+
+    if model is not None:
+        parse(model)  # a wrong name is refused once, not in every row
+    orders = Orders(
+        str(folder),
+        model,
+        estimator,
+        time_limit_s,
+        None if memory_limit_mb is None else int(memory_limit_mb * 1e6),
+        results,
+    )
+    asked = Asked(patterns, orders, Specification() if limits is None else read_limits(limits), fresh=not resume)
+    if store is not None:
+        _require_store(store, results=results)
+    outcome = _run(asked, workers, scheduler, quiet=quiet)
+    if not quiet:
+        _show(outcome)
+    if store is not None:
+        _add(store, outcome, quiet=quiet)
+    if strict and outcome.tally.doubts:
+        note(f"Strict: {outcome.tally.doubts} of {outcome.tally.rows} calibrations are refused, failed or doubtful.")
+        raise typer.Exit(DOUBTFUL)
+
+
+def _run(asked: Any, workers: int | None, scheduler: str | None, *, quiet: bool) -> Outcome:
+    from vibrident.app.cli.progress import Busy
+    from vibrident.lab.fleet import run
+    from vibrident.lab.fleet.parts import load_arrow
+
+    load_arrow()
+    chosen = _scheduler(workers, scheduler)
+    with Busy("Identifying") as progress:
+        told = _Told(progress, quiet=quiet)
+        return run(asked, chosen, told)
+
+
+def _require_store(store: str, *, results: bool) -> None:
+    """Refuse an unusable store before the work begins."""
+    if not results:
+        raise InputError(
+            "A history keeps whole results.",
+            expected="--store with whole results in DIR/results",
+            found="--store with --no-results",
+            where="command line",
+            remedy="leave one of the two out",
+        )
+    from vibrident.lab.history.store import Store
+
+    with Store(store) as opened:
+        opened.begin()
+        with opened.reading():
+            pass
+
+
+def _add(store: str, outcome: Outcome, *, quiet: bool) -> None:
+    """Add each result with a serial number; existing ones stay unchanged."""
+    from vibrident.app.cli.progress import Busy
+    from vibrident.app.workflow.folder import load_result
+    from vibrident.lab import history
+    from vibrident.show.views import count
+
+    nameless = 0
+
+    def named() -> Iterator[Result]:
+        nonlocal nameless
+        for path in outcome.results():
+            result = load_result(path)
+            if result.sensor.get("serial_number", "").strip():
+                yield result
+            else:
+                nameless += 1
+
+    with Busy("Adding to the history"):
+        new = history.add(store, named())
+    if not quiet:
+        out().print(f"Added to the history: {count(new, 'new result')}.", soft_wrap=True)
+    if nameless:
+        said = "result states no serial number and was" if nameless == 1 else "results state no serial number and were"
+        note(f"{nameless} {said} not added.")
+
+
+def _scheduler(workers: int | None, scheduler: str | None) -> Scheduler:
+    from vibrident.base.process import processors
+    from vibrident.lab.fleet import Dask, Local
+
+    if scheduler is None:
+        return Local(workers or processors())
+    if workers is not None:
+        raise InputError(
+            "Workers are requested in two ways.",
+            expected="--workers, for this machine, or --scheduler, with its own workers",
+            found="both",
+            where="command line",
+            remedy="leave one of the two out",
+        )
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what is lost is said once, in words of our own
+    return Dask(scheduler)
+
+
+class _Told:
+    """Progress as a bar, or as occasional lines if stderr is not a terminal."""
+
+    def __init__(self, bar: Any, *, quiet: bool) -> None:
+        import time
+
+        self._bar, self._quiet, self._clock = bar, quiet, time.monotonic
+        self._said = self._clock()
+
+    def __call__(self, progress: RunProgress) -> None:
+        text = _progress_text(progress)
+        self._bar.tell(f"Identifying: {text}", progress.done, progress.total)
+        if not self._quiet and not self._bar.shown and self._clock() - self._said >= _LINE_S:
+            self._said = self._clock()
+            note(text)
+
+
+def _progress_text(progress: RunProgress) -> str:
+    words = f"{progress.done} of {progress.total}"
+    if not progress.workers:
+        return f"{words}, waiting for workers"
+    if progress.rate > 0:
+        words += f", {progress.rate:.3g} a second"
+    return words if progress.left_s is None else f"{words}, {_duration(progress.left_s)} left"
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
+
+
+def _show(outcome: Outcome) -> None:
+    from vibrident.lab.fleet.summary import summary
+
+    out().print(summary(outcome), crop=False)
+    if outcome.left_out:
+        note(f"{outcome.left_out} .toml files in the folders hold no section of a calibration and were left out.")
+    for name, units in outcome.tally.units_of_parameters.items():
+        if len(units) > 1:
+            note(f"The unit of {name} is not the same in all rows: {', '.join(units)}.")

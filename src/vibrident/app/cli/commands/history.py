@@ -1,0 +1,361 @@
+"""``vibrident history``: the calibrations of every sensor in a store, with drift and due dates."""
+
+from __future__ import annotations
+
+import datetime
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from vibrident.app.cli.console import note, out, wrote
+from vibrident.app.cli.options import RESULT_FILES, argument, between, choice, not_read, one_of, option
+from vibrident.app.workflow.folder import load_result, write_json, written_whole
+from vibrident.base.errors import InputError
+from vibrident.base.escaping import terminal as printable
+
+if TYPE_CHECKING:
+    from vibrident.lab.history.document import Question
+    from vibrident.lab.history.due import Tolerance
+    from vibrident.lab.history.query import StoredSensor
+    from vibrident.lab.history.store import Store
+    from vibrident.show.views import Block
+
+history = typer.Typer(no_args_is_help=True, help="Keep every calibration of every sensor; drift, agreement, due dates.")
+
+FORMS = ("text", "json")
+KINDS = ("repaired", "recalled", "superseded")
+PICTURES = (".png", ".svg", ".pdf")
+
+_STORE = option(
+    "--store",
+    "URL",
+    "sqlite:///FILE, FILE.db or postgresql://USER@HOST/DATABASE.",
+    default="VIBRIDENT_STORE, else a file in the user's data folder",
+)
+_SERIAL = argument("SERIAL", "Serial number.")
+_CALIBRATION = argument("ID", "Number of the calibration.")
+_TYPE = option("--type", "TYPE", "Of sensors with one serial number.")
+_MAKER = option("--manufacturer", "NAME", "Of sensors with one serial number.")
+_AXIS = option("--axis", "AXIS", "Of sensors with several.")
+_FORM = choice("--format", FORMS, "Tables, or one JSON document.", "text")
+_BY = option("--by", "NAME", "Author of the entry.", default="the account")
+_NOTE = option("--note", "TEXT", "Why.", "")
+_QUANTITY = option(
+    "--quantity",
+    "NAME",
+    "A parameter of the results, such as natural_frequency.",
+    default="the sensitivity at the reference frequency",
+)
+_FREQUENCY = option("--frequency", "HZ", "The sensitivity at this nominal frequency.", default=False)
+_TOLERANCE = option("--tolerance", "REL", "Tolerance: 1% or 0.01.", default=False)
+_NOMINAL = option("--nominal", "VALUE", "Value it is used with.", default="the last calibration's")
+_LIMITS = option("--limits", "FILE", "Nominal values and tolerances by type, as for `vibrident fleet`.")
+_INTERVAL = between("--interval", "YEARS", "In force, years.", 1e-3, 1e3, default="between the last two calibrations")
+
+
+@history.command("add")
+def add(
+    results: list[Path] = RESULT_FILES,
+    store: str | None = _STORE,
+    serial: str | None = option("--serial", "SERIAL", "For results without one."),
+    date: str | None = option("--date", "DATE", "Of the calibration, for results without one."),
+) -> None:
+    """Add results. An existing result stays unchanged."""
+    day = _date(date, "--date")
+    from vibrident.lab.history.entry import add_all, rows_of
+    from vibrident.show.views import count
+
+    for path in results:  # check all before adding any
+        loaded = load_result(path)
+        try:
+            rows_of(loaded, serial, day)
+        except InputError as error:
+            raise error.at(f"{path}, {error.where}") from error
+    with _opened(store) as opened:
+        added = list(add_all(opened, map(load_result, results), serial_number=serial, date=day))
+        for path, (new, number) in zip(results, added, strict=True):
+            out().print(printable(f"{path}: calibration {number}{'' if new else ', already stored'}"), soft_wrap=True)
+        new_ones = sum(new for new, _ in added)
+        note(f"{new_ones} of {count(len(added), 'result')} new in {opened.shown}")
+
+
+@history.command("list")
+def list_sensors(store: str | None = _STORE, type_name: str | None = _TYPE, form: str = _FORM) -> None:
+    """List the sensors, with the number of their calibrations and the dates of the first and the last."""
+    from vibrident.lab.history import query, tables
+    from vibrident.lab.history.document import listed
+    from vibrident.show.views import count
+
+    with _opened(store) as opened:
+        rows = listed(query.overviews(opened, type_name))
+    _print(form, rows, lambda: [replace(tables.listed(rows), title=count(len(rows), "sensor"))])
+
+
+@history.command("show")
+def show(
+    serial: str = _SERIAL,
+    store: str | None = _STORE,
+    type_name: str | None = _TYPE,
+    axis: str | None = _AXIS,
+    maker: str | None = _MAKER,
+    quantity: str | None = _QUANTITY,
+    frequency: float | None = _FREQUENCY,
+    at: str | None = option("--at", "DATE", "Predict for it.", default="the end of the interval"),
+    tolerance: str | None = _TOLERANCE,
+    nominal: float | None = _NOMINAL,
+    limits: Path | None = _LIMITS,
+    interval: float | None = _INTERVAL,
+    form: str = _FORM,
+    target: Path | None = option("--out", "FILE", "Write it as .html, .png, .svg, .pdf or .json too."),
+) -> None:
+    """Show every calibration of a sensor, their agreement, drift, prediction, and control charts."""
+    from vibrident.lab.history import page, query
+    from vibrident.lab.history.document import of_sensor
+
+    if target is not None:
+        one_of("--out", target.suffix.lower(), (".html", *PICTURES, ".json"))
+    asked = _question(quantity, frequency, _tolerance(tolerance, nominal), limits, interval, _date(at, "--at"))
+    with _opened(store) as opened:
+        document = of_sensor(opened, query.find(opened, serial, type_name, axis, maker), asked)
+    _print(form, document, lambda: page.printed(document))
+    if target is not None:
+        _write(document, target)
+
+
+@history.command("due")
+def due(
+    serial: str | None = argument("[SERIAL]", "Serial number.", None, "all sensors"),
+    tolerance: str | None = _TOLERANCE,
+    store: str | None = _STORE,
+    type_name: str | None = _TYPE,
+    axis: str | None = _AXIS,
+    maker: str | None = _MAKER,
+    quantity: str | None = _QUANTITY,
+    frequency: float | None = _FREQUENCY,
+    nominal: float | None = _NOMINAL,
+    limits: Path | None = _LIMITS,
+    interval: float | None = _INTERVAL,
+    form: str = _FORM,
+) -> None:
+    """Say when each sensor is due: by the risk of being outside the tolerance, the interval, and the staircase."""
+    given = _tolerance(tolerance, nominal)
+    if (given is None) == (limits is None):
+        raise InputError(
+            "No tolerance is given." if limits is None else "Two tolerances are given.",
+            expected="a tolerance such as 1%, or a file of limits by type",
+            found="none" if limits is None else "both",
+            where="--tolerance, --limits",
+            remedy="give one of the two",
+        )
+    from vibrident.lab.history import query, tables
+    from vibrident.lab.history.document import all_due, of_sensor
+    from vibrident.show.views import count
+
+    asked = _question(quantity, frequency, given, limits, interval)
+    with _opened(store) as opened:
+        if serial is None:
+            rows = all_due(opened, asked, type_name)
+        else:
+            found = query.find(opened, serial, type_name, axis, maker)
+            document = of_sensor(opened, found, asked)
+            rows = all_due(opened, asked, type_name, found.id)
+    if serial is not None:
+        _print(form, rows, lambda: [tables.due(document) or tables.all_due(rows)])
+        return
+    within = f"tolerance ±{100 * given.relative:g} %" if given is not None else "tolerances by type"
+    title = f"{count(len(rows), 'sensor')}, the soonest first; {within}"
+    _print(form, rows, lambda: [replace(tables.all_due(rows), title=title)])
+
+
+@history.command("approve")
+def approve(
+    number: int = _CALIBRATION, store: str | None = _STORE, by: str | None = _BY, note_text: str = _NOTE
+) -> None:
+    """Approve a calibration. Other evaluations of the same data are superseded."""
+    from vibrident.lab.history import entry
+
+    with _opened(store) as opened:
+        superseded = entry.approve(opened, number, by=by, note=note_text)
+    out().print(f"Calibration {number} is approved.")
+    for other in superseded:
+        out().print(f"Calibration {other}, of the same data, is superseded.")
+
+
+@history.command("event")
+def event(
+    serial: str = _SERIAL,
+    kind: str = choice("--kind", KINDS, "What happened.", ..., default=False),
+    date: str | None = option("--date", "DATE", "When.", default="today"),
+    calibration: int | None = option("--calibration", "ID", "Of this calibration, not of the sensor."),
+    note_text: str = _NOTE,
+    by: str | None = _BY,
+    store: str | None = _STORE,
+    type_name: str | None = _TYPE,
+    axis: str | None = _AXIS,
+    maker: str | None = _MAKER,
+) -> None:
+    """Enter that a sensor was repaired or recalled, or one of its calibrations recalled or superseded."""
+    day = _date(date, "--date")
+    from vibrident.lab.history import entry, query
+
+    with _opened(store) as opened:
+        found = query.find(opened, serial, type_name, axis, maker)
+        entry.add_event(opened, found, kind, date=day, calibration_id=calibration, by=by, note=note_text)
+    subject = found.name if calibration is None else f"Calibration {calibration} of {found.name}"
+    out().print(printable(f"{subject}: {kind}, {day or datetime.date.today()}"), soft_wrap=True)
+
+
+@history.command("result")
+def result(
+    number: int = _CALIBRATION,
+    target: Path = option("--out", "FILE", "result.json to write.", ..., False),
+    store: str | None = _STORE,
+) -> None:
+    """Write a stored result to a file."""
+    from vibrident.lab.history import query
+
+    with _opened(store) as opened:
+        stored = query.result(opened, number)
+    with written_whole(target.parent) as output:
+        stored.save(output.path / target.name)
+    wrote(output.files)
+
+
+@history.command("export")
+def export(target: Path = argument("FILE.parquet|FILE.csv", "File to write."), store: str | None = _STORE) -> None:
+    """Write one row a calibration, with every parameter and its standard uncertainty."""
+    from vibrident.lab.history import query
+    from vibrident.lab.history.export import write as write_table
+
+    one_of("FILE", target.suffix.lower(), (".parquet", ".csv"))
+    with _opened(store) as opened:
+        rows = list(query.rows(opened))
+    with written_whole(target.parent) as output:
+        write_table(rows, output.path / target.name)
+    wrote(output.files)
+
+
+@history.command("upgrade")
+def upgrade(store: str | None = _STORE) -> None:
+    """Upgrade a store of an older version, with its data; or create a new one."""
+    with _opened(store) as opened:
+        before, after = opened.upgrade()
+        what = "is new" if before is None else "was up to date" if before == after else f"was at schema {before}"
+        out().print(printable(f"{opened.shown} {what}; schema {after}"), soft_wrap=True)
+
+
+def _date(text: str | None, option: str) -> datetime.date | None:
+    """A date of an option."""
+    if text is None:
+        return None
+    try:
+        return datetime.date.fromisoformat(text)
+    except ValueError:
+        raise not_read(option, text, "a date such as 2025-03-31", "write year, month and day") from None
+
+
+def _tolerance(text: str | None, nominal: float | None) -> Tolerance | None:
+    """A tolerance such as 1% or 0.01."""
+    if nominal is not None and (not math.isfinite(nominal) or nominal == 0):
+        raise InputError(
+            "A tolerance is relative to the nominal value, which cannot be 0.",
+            expected="a finite number other than 0, in the quantity's unit",
+            found=f"{nominal:g}",
+            where="--nominal",
+            remedy="give the value that the sensor is used with, or leave --nominal out",
+        )
+    if text is None:
+        return None
+    from vibrident.lab.history.due import Tolerance
+
+    try:
+        percent = text.strip().endswith("%")
+        value = float(text.strip().removesuffix("%")) * (0.01 if percent else 1.0)
+    except ValueError:
+        value = 0.0
+    if not 0 < value < 1:
+        remedy = "give a number between 0 and 100 with %, or between 0 and 1"
+        raise not_read("--tolerance", text, "a part of the value, such as 1% or 0.01", remedy)
+    return Tolerance(value, nominal)
+
+
+def _question(
+    quantity: str | None,
+    frequency: float | None,
+    tolerance: Tolerance | None,
+    limits: Path | None,
+    interval: float | None,
+    until: datetime.date | None = None,
+) -> Question:
+    """What is asked of a history."""
+    if quantity is not None and frequency is not None:
+        raise InputError(
+            "Two quantities are asked for.",
+            expected="a parameter, or the sensitivity at a frequency",
+            found="both",
+            where="--quantity, --frequency",
+            remedy="give one of the two",
+        )
+    from vibrident.lab.history.document import Question
+
+    asked = Question(frequency_hz=frequency, until=until, tolerance=tolerance, interval_years=interval)
+    asked = asked if quantity is None else replace(asked, quantity=quantity)
+    return asked if limits is None else replace(asked, tolerances=_by_type(limits, asked))
+
+
+def _by_type(limits: Path, asked: Question) -> Callable[[StoredSensor], Tolerance | None]:
+    """The tolerance of a sensor, from a limits file; of the reference sensitivity as of the sensitivity."""
+    from vibrident.lab.fleet.limits import read_limits
+    from vibrident.lab.history.due import Tolerance
+
+    known = read_limits(limits)
+    name = "sensitivity" if asked.quantity == "reference_sensitivity" else asked.quantity
+
+    def tolerance(sensor: StoredSensor) -> Tolerance | None:
+        limit = known.limit(sensor.type or None, name)
+        if limit is None or not limit.nominal or asked.frequency_hz is not None:
+            return None
+        return Tolerance(limit.half_width / abs(limit.nominal), limit.nominal)
+
+    return tolerance
+
+
+def _opened(url: str | None) -> Store:
+    from vibrident.lab.history.store import Store
+
+    return Store(url)
+
+
+def _print(form: str, content: Any, blocks: Callable[[], Iterable[Block | None]]) -> None:
+    """The content as one JSON document, or the blocks made of it."""
+    from vibrident.show.media.console import shown
+
+    if form == "json":
+        from vibrident.result.document import json_text
+
+        typer.echo(json_text(content), nl=False)
+    else:
+        out().print(shown(*blocks()))
+
+
+def _write(document: Mapping[str, Any], target: Path) -> None:
+    """Write the history of one sensor in the form that the file's ending names."""
+    with written_whole(target.parent) as output:
+        file = output.path / target.name
+        if target.suffix.lower() in PICTURES:
+            from vibrident.lab.history.page import picture
+            from vibrident.show import plots
+
+            plots.save(picture(document), file)
+        elif target.suffix.lower() == ".html":
+            from vibrident.lab.history import page
+            from vibrident.show.media import html
+
+            file.write_text(html.render(page.report(document)), encoding="utf-8")
+        else:
+            write_json(file, document)
+    wrote(output.files)

@@ -1,0 +1,204 @@
+"""``vibrident identify``: from a calibration file to ``result.json``."""
+
+from __future__ import annotations
+
+import contextlib
+from pathlib import Path
+from typing import Any
+
+import typer
+
+from vibrident.app.cli import options
+from vibrident.app.cli.console import note, out, warn
+from vibrident.app.cli.options import argument, choice, flag, option
+from vibrident.app.workflow.estimators import AUTO, estimator_names
+from vibrident.app.workflow.folder import written_whole
+from vibrident.app.workflow.identification import Request, run
+
+WARNED = 3
+_DETAILS = "Settings of an estimator"
+_DISCRETISATION = choice(
+    "--discretisation",
+    options.DISCRETISATIONS,
+    f"Network: how a step is taken: {', '.join(options.DISCRETISATIONS)}.",
+    metavar="NAME",
+    default="bandlimited",
+    panel=_DETAILS,
+)
+_OPTIMISER = choice(
+    "--optimiser",
+    options.OPTIMISERS,
+    "Network: Levenberg-Marquardt, or Adam as in the paper.",
+    default="lm",
+    panel=_DETAILS,
+)
+_WEIGHTING = choice(
+    "--weighting",
+    options.WEIGHTINGS,
+    "Least squares on the response: by uncertainty, or plain as in the paper.",
+    panel=_DETAILS,
+)
+
+
+def identify(
+    calibrations: list[Path] = argument("CAL.toml...", "Calibration file; several of one sensor are fitted together."),
+    model: str | None = option(
+        "--model",
+        "NAME",
+        "Sensor model, in place of the file's, of {models}; add-ons with +. For several files "
+        "one for all, or one each, joined by commas.",
+    ),
+    estimator_name: str = choice(
+        "--estimator", estimator_names, f"How to fit; {AUTO} chooses by the data and says why.", AUTO, "{estimators}"
+    ),
+    folder: Path = option(
+        "--out", "DIR", "Folder for result.json and pictures; other files in it stay.", Path("vibrident-out")
+    ),
+    uncertainty: str = choice(
+        "--uncertainty",
+        options.UNCERTAINTIES,
+        "What they cover: noise alone; inflated, the misfit too; auto, the misfit where the model is rejected.",
+        "auto",
+    ),
+    share: str | None = option(
+        "--share",
+        "A,B",
+        "Several files: the parameters they share, no others.",
+        default="the oscillator, and gains of equal outputs",
+    ),
+    strict: bool = flag("--strict", help="Exit with 3 if the result carries a warning."),
+    pictures: bool = flag("--pictures/--no-pictures", help="Draw pictures (PNG) into the folder.", value=True),
+    plots: bool | None = flag("--plots/--no-plots", help="", hidden=True, value=None),  # the older name
+    weights: bool = flag("--weights", help="Print the network's weights, the paper's Table 1."),
+    quiet: bool = flag("--quiet", "-q", help="Print nothing but errors and warnings."),
+    discretisation: str | None = _DISCRETISATION,
+    optimiser: str | None = _OPTIMISER,
+    steps: int | None = option(
+        "--steps", "N", "Network with adam: training steps.", default="1500", panel=_DETAILS, min=1
+    ),
+    learning_rate: float | None = option(
+        "--learning-rate", "X", "Network with adam: step size.", default="0.001", panel=_DETAILS
+    ),
+    weighting: str | None = _WEIGHTING,
+    residual: bool = flag(
+        "--residual",
+        help="Network: learn the residual by a small network beside the physics; kept only where it "
+        "predicts held-out data better.",
+        panel=_DETAILS,
+    ),
+    others: list[str] | None = option(
+        "--set", "NAME=VALUE", "A setting of another package's estimator; may be repeated.", panel=_DETAILS
+    ),
+    posterior: bool = flag(
+        "--posterior",
+        help="ml: also sample and print the parameters' posterior; for weakly determined ones. Needs the extra bayes.",
+    ),
+) -> None:
+    """Identify a sensor: DIR/result.json, pictures, and a short table.
+
+    Several files make one joint fit: the first one's result is DIR/result.json, each other one's DIR/NAME/result.json,
+    NAME being the file's without .toml.
+
+    Exit codes: 0 identified; 2 bad input; 3 with --strict, a result with a warning (it is written all the same).
+    """
+    values = (discretisation, optimiser, steps, learning_rate, weighting, residual or None)
+    settings: dict[str, Any] = dict(zip(options.SETTINGS, values, strict=True)) | options.settings(others or ())
+    shared = options.listed("--share")(share)
+    request = Request(estimator_name, settings, _models(model), uncertainty, shared, posterior, weights)
+    request.check(len(calibrations))
+    with written_whole(folder) as output:
+        results = _identified(request, calibrations, output.path, pictures if plots is None else plots)
+    _show(results, output.files, quiet=quiet, weights=weights)
+    codes = dict.fromkeys(code for result in results for code in result.warning_codes)
+    if strict and codes:
+        note(f"Strict: the result carries a warning ({', '.join(codes)}).")
+        raise typer.Exit(WARNED)
+
+
+def _models(text: str | None) -> list[str] | None:
+    """Names joined by commas; one may serve several files."""
+    return None if text is None else [part.strip() for part in text.split(",")]
+
+
+def _identified(request: Request, files: list[Path], place: Path, plots: bool) -> list[Any]:
+    from vibrident.data.io import read_guarded
+
+    calibrations = [read_guarded(file) for file in files]
+    # From here on it takes seconds; a bad file has been refused before the slow imports.
+    from vibrident.app.cli.drawing import painter
+    from vibrident.app.cli.progress import Busy
+
+    places = _places(files, place)
+    with contextlib.ExitStack() as open_:
+        artists = [open_.enter_context(painter(wanted=plots))]
+        with Busy("Identifying") as progress:
+            results = run(request, calibrations, progress)
+        for number, (result, folder) in enumerate(zip(results, places, strict=True)):
+            saved = result.save(folder / "result.json")
+            if plots:
+                artist = artists[0] if number == 0 else open_.enter_context(painter())
+                with Busy("Drawing"):
+                    artist.draw(result, saved)
+    return results
+
+
+def _places(files: list[Path], place: Path) -> list[Path]:
+    """Folder of each result: the first in ``place``, each other in a folder of its file's name."""
+    places = [place]
+    for file in files[1:]:
+        name, number = file.stem, 2
+        while place / name in places:
+            name, number = f"{file.stem}-{number}", number + 1
+        places.append(place / name)
+    return places
+
+
+def _show(results: list[Any], files: list[Path], *, quiet: bool, weights: bool) -> None:
+    from vibrident.show import terminal
+
+    if len(results) > 1 and not quiet:
+        from vibrident.show import methods
+        from vibrident.show.media.console import shown
+        from vibrident.show.views import Sentence
+
+        out().print(shown(*methods.joint(results[0]), Sentence("")))
+    from vibrident.fit.measure.copies import said_of_copies
+
+    for result in results:
+        for text in said_of_copies((file["file"], file["history"]) for file in result.provenance.get("files", ())):
+            note(text)
+        written = files if result is results[-1] else []
+        if quiet:
+            warn(result.warnings)
+        else:
+            if len(results) > 1:
+                joint = result.settings["joint"]
+                out().print(joint["calibrations"][joint["position"]]["file"], soft_wrap=True)
+            out().print(terminal.summary(result, written), crop=False)  # paths are not cropped
+            if residual := result.settings.get("residual_network"):
+                out().print(_residual_line(residual), soft_wrap=True)
+            if sampled := result.settings.get("posterior"):
+                out().print(terminal.posterior_table(result), crop=False)
+                out().print(_posterior_line(sampled), soft_wrap=True)
+        if weights and result.weights:
+            out().print(terminal.weights_table(result))
+        elif weights:
+            note(f"No weights: {result.estimator} trains no network.")
+
+
+def _residual_line(residual: dict[str, Any]) -> str:
+    if not residual["kept"]:
+        return f"Learned residual: none kept, share 0 ({residual['reason']})."
+    return (
+        f"Learned residual ({' and '.join(residual['structure'])}): {100 * residual['share']:.3g} % of the response; "
+        f"rmse {residual['rmse']:.3g}, of the physics alone {residual['rmse_of_physics_alone']:.3g}."
+    )
+
+
+def _posterior_line(posterior: dict[str, Any]) -> str:
+    words = f"Posterior: {posterior['chains']} chains of {posterior['draws']} draws, {posterior['sampler']}."
+    if names := posterior["ends_by_prior"]:
+        words += f" The range searched, not the data, limits {', '.join(names)} on at least one side."
+    if not posterior["converged"]:
+        words += " The chains do not agree, or steps diverged: do not use these numbers."
+    return words

@@ -1,0 +1,140 @@
+"""``vibrident inspect``: the content of the files, before any model."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vibrident.app.cli import options
+from vibrident.app.cli.console import note, out, wrote
+from vibrident.app.cli.options import option
+from vibrident.app.workflow.folder import written_whole
+from vibrident.base.escaping import terminal as printable
+
+if TYPE_CHECKING:
+    from vibrident.data.records import Calibration, Record
+    from vibrident.fit.measure import Finding
+
+
+def inspect(
+    calibration: Path = options.CALIBRATION_FILE,
+    folder: Path | None = option("--out", "DIR", "Folder for the picture.", default="./CAL.inspect.png"),
+) -> None:
+    """Show calibration data: their description, findings, and a picture."""
+    from vibrident.data.io import read_guarded
+    from vibrident.physics.models import model_of
+
+    data = read_guarded(calibration)
+    model_of(data)  # a name that `identify` would refuse
+    screened, findings = _screened(data)
+    name = f"{calibration.stem}.inspect.png" if folder is None else "inspect.png"
+    with written_whole(folder or Path()) as output:
+        from vibrident.show import plots
+
+        plots.save(plots.inspection(screened), output.path / name)
+        if any(record.optical is not None for record in screened.records):
+            plots.save(plots.light(screened), output.path / name.replace("inspect.png", "light.png"))
+    _show(screened, findings, output.files)
+
+
+def _screened(calibration: Calibration) -> tuple[Calibration, list[Finding]]:
+    """The calibration with clipped samples marked, and all findings; records without signal stay."""
+    from vibrident.base.errors import InputError
+    from vibrident.fit.measure import Finding, screen
+    from vibrident.fit.measure.copies import said_of_copies, without_copies
+
+    once = without_copies(calibration.records)
+    for text in said_of_copies((record.name, record.provenance.history) for record in once):
+        note(text)
+    optical = [found for record in once if record.optical is not None for found in record.optical.findings]
+    records, findings = [], [Finding(found.code, found.message) for found in optical]
+    for record in once:
+        try:
+            (record,), found = screen([record], calibration.units)
+            findings += found
+        except InputError as error:
+            findings.append(Finding("dead_channel", error.found))
+        records.append(record)
+    return replace(calibration, records=tuple(records)), findings
+
+
+def _show(calibration: Calibration, findings: list[Finding], files: list[Path]) -> None:
+    from rich.padding import Padding
+    from rich.text import Text
+
+    from vibrident.data import io
+    from vibrident.show import terminal, words
+
+    console = out()
+    for label, text in _understood(calibration).items():
+        console.print(Text.assemble((f"{label + ':':<11}", "bold"), printable(text)), soft_wrap=True)
+    console.print()
+    rows = _telling(io.describe(calibration))
+    console.print(terminal.inspection_table(rows, "Tabulated response" if calibration.table else "Records"))
+    if light := [_light_row(record) for record in calibration.records if record.optical is not None]:
+        console.print(terminal.inspection_table(light, "Interferometer"))
+    for code in dict.fromkeys(finding.code for finding in findings):
+        console.print(Text.assemble(("Finding: ", "bold yellow"), (words.explain(code).title, "bold"), f" ({code})"))
+        for finding in findings:
+            if finding.code == code:
+                console.print(Padding(Text(printable(finding.message)), (0, 0, 0, 2), expand=False))
+    if not findings and calibration.records:
+        console.print("No findings: no clipped samples, no channel without signal, no sign of aliasing.")
+    wrote(files)
+
+
+def _understood(calibration: Calibration) -> dict[str, str]:
+    """The description in the calibration file."""
+    from vibrident.base.amounts import pretty
+    from vibrident.show.numbers import sensor_name
+
+    u = calibration.reference_standard_uncertainty
+    reference = f"{calibration.quantity} in {pretty(calibration.reference_unit)}"
+    return {
+        "File": calibration.source,
+        "Sensor": sensor_name(calibration.sensor) or "not named",
+        "Model": calibration.model,
+        "Reference": f"{reference}, relative standard uncertainty {u:.3g}" if u else reference,
+        "Response": f"in {pretty(calibration.response_unit)}",
+    }
+
+
+def _light_row(record: Record) -> dict[str, Any]:
+    """Quality of an interferometer's signals."""
+    optical = record.optical
+    assert optical is not None
+    first, second = optical.ellipse.amplitudes
+    row: dict[str, Any] = {
+        "record": record.name,
+        "fringes": optical.fringes,
+        "half fringes counted": optical.counted or None,
+        "by phase": optical.by_phase or None,
+        "fastest / rad": optical.fastest_rad,
+        "gaps": optical.gaps,
+        "left out / %": 100.0 * optical.left_out,
+        "phase noise / rad": optical.phase_noise_rad,
+        "noise / (m/√Hz)": optical.noise_density_m,
+    }
+    if optical.carrier_hz is not None:
+        return {**row, "carrier / Hz": optical.carrier_hz}
+    offsets = [float(centre) / size for centre, size in zip(optical.ellipse.centre, (first, second), strict=True)]
+    row |= {"offsets": ", ".join(f"{offset:.4f}" for offset in offsets), "ratio": second / first}
+    row |= {"quadrature / rad": optical.ellipse.quadrature_error_rad, "ellipse": optical.origin}
+    if optical.cyclic:
+        row["cyclic error / rad"] = ", ".join(f"{size:.1g}" for _, size, _ in optical.cyclic)
+    return row
+
+
+def _telling(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Rows without empty columns; one or two rows become properties line by line."""
+    silent = [key for key in ("frequency / Hz", "left out") if not any(row.get(key) for row in rows)]
+    telling = [{key: value for key, value in row.items() if key not in silent} for row in rows]
+    if len(telling) > 2:
+        return telling
+    columns = ("value",) if len(telling) == 1 else ("first", "second")
+    properties = dict.fromkeys(key for row in telling for key in row)
+    cells = [[row.get(key) for row in telling] for key in properties]
+    return [
+        {"property": key, **dict(zip(columns, row, strict=True))} for key, row in zip(properties, cells, strict=True)
+    ]

@@ -1,0 +1,187 @@
+"""``vibrident plan``: the expected uncertainty of a planned calibration, and its best frequencies."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vibrident.app.cli import options
+from vibrident.app.cli.console import note, out, wrote
+from vibrident.app.cli.options import choice, flag, option
+from vibrident.app.workflow.folder import load_result, write_json, written_whole
+from vibrident.base.errors import InputError
+
+if TYPE_CHECKING:
+    from vibrident.result import Result
+    from vibrident.use.planning import Plan, Recording
+
+# Panels of the help.
+_SENSOR = "Sensor"
+_POINTS = "Points"
+_CHOICE = "Choice of frequencies"
+#: Options for one parameter each; --parameter NAME=VALUE sets any.
+_NAMED = ("natural_frequency", "damping_ratio", "sensitivity", "generator_constant")
+_QUANTITY = choice(
+    "--quantity",
+    options.QUANTITIES,
+    f"Of the reference: {', '.join(options.QUANTITIES)}.",
+    metavar="NAME",
+    panel=_SENSOR,
+    default="acceleration",
+)
+_FREQUENCIES = option(
+    "--frequencies",
+    "LOW:HIGH|A,B",
+    "Hz: one-third octaves in a range, or a list.",
+    panel=_POINTS,
+    default="those of the result",
+)
+_CRITERION = choice(
+    "--criterion",
+    ("D", "A"),
+    "D: smallest ellipsoid of all parameters; A: smallest sum of squared relative uncertainties.",
+    "D",
+    panel=_CHOICE,
+)
+
+
+def plan(
+    model: str | None = option("--model", "MODEL", "Such as accelerometer+delay.", panel=_SENSOR),
+    source: Path | None = option(
+        "--from", "RESULT", "result.json: sensor, frequencies and points as good as its calibration's.", panel=_SENSOR
+    ),
+    natural_frequency: float | None = option("--natural-frequency", "HZ", "In Hz.", panel=_SENSOR),
+    damping: float | None = option("--damping", "RATIO", "Damping ratio.", panel=_SENSOR),
+    sensitivity: float | None = option("--sensitivity", "S", "Accelerometer: V/(m/s²).", panel=_SENSOR),
+    constant: float | None = option("--generator-constant", "G", "Pickup: V/(m/s).", panel=_SENSOR),
+    parameter: list[str] | None = option("--parameter", "NAME=VALUE", "Any other; may be repeated.", panel=_SENSOR),
+    quantity: str | None = _QUANTITY,
+    frequencies: str | None = _FREQUENCIES,
+    amplitude: float | None = option("--amplitude", "A", "Peak acceleration, m/s².", panel=_POINTS, default="9.80665"),
+    rate: float | None = option("--rate", "HZ", "Sampling rate.", panel=_POINTS),
+    samples: int | None = option("--samples", "N", "Samples of every record.", panel=_POINTS),
+    response_noise: float = option(
+        "--response-noise", "REL", "White, relative to the response's rms.", 0.0, panel=_POINTS
+    ),
+    response_noise_rms: float = option(
+        "--response-noise-rms", "RMS", "White, in the response's unit.", 0.0, panel=_POINTS
+    ),
+    reference_noise: float = option(
+        "--reference-noise", "REL", "White, relative to the reference's rms.", 0.0, panel=_POINTS
+    ),
+    reference_noise_rms: float = option(
+        "--reference-noise-rms", "RMS", "White, in the reference's unit.", 0.0, panel=_POINTS
+    ),
+    magnitude_uncertainty: float | None = option(
+        "--magnitude-uncertainty", "REL", "Of a table's magnitudes, k = 1.", panel=_POINTS
+    ),
+    phase_uncertainty: float | None = option(
+        "--phase-uncertainty", "DEG", "Of a table's phases, k = 1.", panel=_POINTS
+    ),
+    longer: float = option("--times-as-long", "X", "With --from alone: records X times as long.", 1.0, panel=_POINTS),
+    reference_uncertainty: float | None = option(
+        "--reference-uncertainty", "REL", "Systematic, of the reference, k = 1.", default="the result's", panel=_POINTS
+    ),
+    best: int | None = option("--best", "N", "Choose N of the frequencies.", panel=_CHOICE, default="all"),
+    criterion: str = _CRITERION,
+    repeats: bool = flag("--repeats", help="A frequency may be chosen several times.", panel=_CHOICE),
+    folder: Path | None = option("--out", "DIR", "Folder for plan.json and a picture.", default="none"),
+) -> None:
+    """Predict the uncertainty of a calibration with sines, and choose its best frequencies."""
+    named = dict(zip(_NAMED, (natural_frequency, damping, sensitivity, constant), strict=True))
+    values = {name: value for name, value in named.items() if value is not None} | _parameters(parameter or [])
+    settings: dict[str, Any] = {
+        "frequencies_hz": options.frequencies(frequencies),
+        "recording": _recording(
+            rate, samples, response_noise, response_noise_rms, reference_noise, reference_noise_rms
+        ),
+        "magnitude_uncertainty": magnitude_uncertainty,
+        "phase_uncertainty_rad": None if phase_uncertainty is None else math.radians(phase_uncertainty),
+        "times_as_long": longer,
+        "quantity": quantity,
+        "reference_uncertainty": reference_uncertainty,
+        "best": best,
+        "criterion": criterion,
+        "repeats": repeats,
+        **({} if amplitude is None else {"amplitude": amplitude}),
+    }
+    sensor = _sensor(model, source, values)
+    from vibrident.app.cli.progress import Busy
+
+    with Busy("Planning"):
+        from vibrident.use.planning import plan as run
+
+        planned = run(sensor, values or None, **settings)
+    _show(planned)
+    if folder is not None:
+        _write(planned, folder)
+
+
+def _sensor(model: str | None, source: Path | None, values: dict[str, float]) -> str | Result:
+    if (source is None) == (model is None) or (source is not None and values):
+        raise InputError(
+            "No sensor, or more than one, is given to plan for.",
+            expected="--model with its parameters, or --from RESULT",
+            found="neither" if source is None else "both",
+            where="--model, --from",
+            remedy="give one of the two",
+        )
+    return load_result(source) if source is not None else str(model)
+
+
+def _parameters(given: list[str]) -> dict[str, float]:
+    values = {}
+    for name, number in options.pairs("--parameter", given, "delay=1e-5").items():
+        try:
+            values[name] = float(number)
+        except ValueError:
+            remedy = "write the value as a number in SI units, frequencies in Hz"
+            text = f"{name}={number}"
+            raise options.not_read("--parameter", text, "NAME=VALUE, such as delay=1e-5", remedy) from None
+    return values
+
+
+def _recording(rate: float | None, samples: int | None, *noise: float) -> Recording | None:
+    if rate is None and samples is None and not any(noise):
+        return None
+    if rate is None or samples is None:
+        raise InputError(
+            "The recording of the sines is incomplete.",
+            expected="--rate and --samples with the noise",
+            found="one without the other",
+            where="--rate, --samples",
+            remedy="give both",
+        )
+    from vibrident.use.planning import Recording
+
+    return Recording(rate, samples, *noise)
+
+
+def _show(planned: Plan) -> None:
+    from vibrident.show import methods
+    from vibrident.show.media.console import shown
+
+    console = out()
+    console.print(shown(methods.planned(planned)))
+    pairs = zip(planned.frequency_hz, planned.uses, strict=True)
+    listed = ", ".join(f"{f:.5g}" + (f" (×{n})" if n > 1 else "") for f, n in pairs)
+    console.print(f"Frequencies in Hz: {listed}", soft_wrap=True)
+    if planned.efficiency is not None:
+        console.print(
+            f"{planned.criterion}-optimal choice of {sum(planned.uses)} out of {planned.candidates_hz.size}; "
+            f"efficiency {100 * planned.efficiency:.0f} % of the best possible in the same measuring time.",
+            soft_wrap=True,
+        )
+    for warning in planned.warnings:
+        note(f"Warning: {warning}")
+
+
+def _write(planned: Plan, folder: Path) -> None:
+    from vibrident.show import plots
+    from vibrident.use.planning import plan_document
+
+    with written_whole(folder) as output:
+        write_json(output.path / "plan.json", plan_document(planned))
+        plots.save(plots.plan(planned), output.path / "plan.png")
+    wrote(output.files)

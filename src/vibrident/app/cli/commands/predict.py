@@ -1,0 +1,71 @@
+"""``vibrident predict``: the predicted response, beside the measured one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vibrident.app.cli import options
+from vibrident.app.cli.console import out, warn, wrote
+from vibrident.app.cli.files import write_samples
+from vibrident.app.cli.options import option
+from vibrident.app.workflow.folder import load_result, write_json, written_whole
+
+if TYPE_CHECKING:
+    from vibrident.use.prediction import Predictions
+
+
+def predict(
+    result: Path = options.RESULT_FILE,
+    calibration: Path = options.CALIBRATION_FILE,
+    folder: Path = option(
+        "--out", "DIR", "Folder for the CSV files and prediction.json.", Path("vibrident-prediction")
+    ),
+) -> None:
+    """Predict the response of other records: a CSV file each, and their rmse in prediction.json.
+
+    Each record's state at its first sample and its offset are fitted to its measured response.
+    About forty samples at each end, where the reference cannot be interpolated, are blank.
+    """
+    from vibrident.data.io import read_guarded
+    from vibrident.data.io.writer import record_files
+
+    known = load_result(result)
+    data = read_guarded(calibration)
+    with written_whole(folder) as output:
+        from vibrident.app.cli.progress import Busy
+
+        with Busy("Predicting"):
+            from vibrident.use.prediction import predict as run
+            from vibrident.use.prediction import prediction_document
+
+            predictions = run(known, data)
+        files = record_files([p.record.name for p in predictions.predictions])
+        for file, prediction in zip(files, predictions.predictions, strict=True):
+            record = prediction.record
+            write_samples(output.path / file, record, response=record.response, predicted=prediction.predicted)
+        document = {"model": known.model, **prediction_document(predictions, files, data.response_unit)}
+        write_json(output.path / "prediction.json", document)
+    warn(predictions.findings)
+    _show(document, predictions, folder)
+
+
+def _show(document: dict[str, Any], predictions: Predictions, folder: Path) -> None:
+    from vibrident.show import terminal
+
+    unit = document["unit"]
+    rows = [
+        {
+            "record": row["name"],
+            "samples": row["samples"],
+            "compared": row["samples_compared"],
+            f"rmse / {unit}": row["rmse"],
+            "rmse / sd": row["nrmse"],
+        }
+        for row in document["records"]
+    ]
+    console = out()
+    console.print(terminal.inspection_table(rows, "Predicted response"))
+    if predictions.rmse is not None:
+        console.print(f"rmse of all records: {predictions.rmse:.5g} {unit}", soft_wrap=True)
+    wrote([folder / "prediction.json", folder / "*.csv"])

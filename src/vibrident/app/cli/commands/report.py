@@ -1,0 +1,107 @@
+"""``vibrident report``: a report, a certificate or a comparison from results alone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from vibrident.app.cli import options
+from vibrident.app.cli.console import note, wrote
+from vibrident.app.cli.files import distinct
+from vibrident.app.cli.options import choice, option
+from vibrident.app.workflow.folder import load_result, written_whole
+from vibrident.base.errors import InputError
+
+if TYPE_CHECKING:
+    from vibrident.result import Result
+    from vibrident.show.views import Section
+
+#: Default folder of the comparison of several results.
+_COMPARISON = Path("vibrident-comparison")
+
+
+def report(
+    results: list[Path] = options.RESULT_FILES,
+    target: Path | None = option(
+        "--out",
+        "DIR|FILE",
+        "Folder, or a file with the format's ending. Several results: a subfolder each, and a comparison.",
+        default="beside each result",
+    ),
+    form: str | None = choice(
+        "--format",
+        options.FORMATS,
+        "html: interactive, one file; pdf: calibration certificate; md: Markdown with pictures.",
+        default="by the ending of --out, or md",
+    ),
+    store: str | None = option("--store", "URL", "Add what this history holds of the sensor; not in a certificate."),
+) -> None:
+    """Write a report; of several results also a comparison, with the drift of a sensor. It needs results alone."""
+    ending = "" if target is None else target.suffix.lower().removeprefix(".")
+    chosen = form or (ending if ending in options.FORMATS else "md")
+    loaded = [(path, load_result(path)) for path in results]
+    more = _histories(loaded, store, chosen)
+    names = distinct([path for path, _ in loaded])
+    everything, alone = [result for _, result in loaded], len(loaded) == 1
+    jobs: dict[Path, list[Job]] = {}  # by folder
+    if target is not None and ending in options.FORMATS and not target.is_dir():
+        if ending != chosen:
+            raise _contradiction(target, chosen)
+        jobs[target.parent] = [(everything, target.name, more[0] if alone else ())]
+    else:
+        for (path, result), name, sections in zip(loaded, names, more, strict=True):
+            place = "" if target is None or alone else name
+            jobs.setdefault(target or path.parent, []).append(([result], place, sections))
+        if not alone:
+            jobs.setdefault(target or _COMPARISON, []).append((everything, "", ()))
+    from vibrident.show.report import write
+
+    written: list[Path] = []
+    for folder, parts in jobs.items():
+        with written_whole(folder) as output:
+            for part, place, sections in parts:
+                write(part, chosen, output.path / place, names, sections)  # type: ignore[arg-type]
+        written += output.files
+    wrote([file for file in written if file.suffix == f".{chosen}"])
+
+
+Loaded = Sequence[tuple[Path, "Result"]]
+#: Further sections of each report.
+More = Sequence[Sequence["Section"]]
+#: Results of one report, its place in the folder, and its further sections.
+Job = tuple[list["Result"], str, Sequence["Section"]]
+
+
+def _histories(loaded: Loaded, store: str | None, form: str) -> More:
+    """What a store holds of each sensor, as sections; empty without a store."""
+    if store is None:
+        return [()] * len(loaded)
+    if form == "pdf":
+        raise InputError(
+            "A certificate states one calibration, and no history.",
+            expected="html or md",
+            found="pdf",
+            where="--format, --store",
+            remedy="leave --store out, or choose another form",
+        )
+    from vibrident.lab.history import page
+    from vibrident.lab.history.document import of_result
+    from vibrident.lab.history.store import Store
+
+    with Store(store) as opened:
+        lives = [of_result(opened, result) for _, result in loaded]
+    for (path, _), life in zip(loaded, lives, strict=True):
+        if life is None:
+            note(f"{path}: the history holds no calibration of this sensor")
+    return [() if life is None else page.sections(life) for life in lives]
+
+
+def _contradiction(target: Path, form: str) -> InputError:
+    return InputError(
+        "The file's ending is not that of the format.",
+        expected=f"a name that ends in .{form}, or a folder",
+        found=target.name,
+        where="--out, --format",
+        remedy="change one of the two",
+    )

@@ -1,0 +1,88 @@
+"""``vibrident reproduce``: the paper's tables and figures, its numbers beside ours."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from vibrident.app.cli.console import note, out
+from vibrident.app.cli.options import flag, option
+from vibrident.app.workflow.folder import written_whole
+
+if TYPE_CHECKING:
+    from vibrident.app.cli.progress import Busy
+    from vibrident.paper.settings import Settings
+
+
+def reproduce(
+    folder: Path = option("--out", "DIR", "Folder for the page; other files in it stay.", Path("reproduction")),
+    quick: bool = flag("--quick", help="A trial of two minutes; networks are not fully trained."),
+    full_range: bool = flag("--full-range", help="Also 41 records from 0.1 Hz on, beside the paper's 21 from 10 Hz."),
+    seed: int = option("--seed", "N", "Of everything random.", 20251111, min=0),
+    into: Path | None = option("--into", "FILE.md", "Also put the tables between the marks of FILE.md."),
+) -> None:
+    """Reproduce the paper: every table and figure, and further ones, on one page (Markdown and HTML).
+
+    Measured records are included if VIBRIDENT_DATA names their folder. Same seed, same numbers.
+    """
+    settings = _settings(quick=quick, full_range=full_range, seed=seed)
+    if into is not None:
+        _read(into)  # fails now, not after twenty minutes
+    with written_whole(folder) as output:
+        from vibrident.paper import page
+        from vibrident.paper.reproduction import reproduce as run
+
+        done = run(settings, _stage)
+        with _stage("Drawing"):
+            tables = page.write(done, output.path)
+        text = None if into is None else page.filled(_read(into), tables, str(into))
+    if into is not None and text is not None:
+        into.write_text(text, encoding="utf-8")
+    console = out()
+    for table in tables:
+        if table.name in ("claims", "own"):
+            console.print(f"\n{table.title}", style="bold")
+            for claim, found, verdict, _ in table.rows:
+                console.print(f"  {verdict:3}  {claim}: {found}", soft_wrap=True)
+    console.print(f"\nWritten in {done.seconds / 60:.1f} min: {folder / 'paper.html'}, paper.md, paper.json, pictures")
+
+
+def _settings(*, quick: bool, full_range: bool, seed: int) -> Settings:
+    from vibrident.base.process import processors
+    from vibrident.paper import settings
+
+    named = os.environ.get("VIBRIDENT_DATA")
+    data = Path(named) if named else None
+    if quick:
+        return settings.quick(seed, data, full_range=full_range)
+    return settings.Settings(seed=seed, full_range=full_range, data=data, jobs=min(2, processors()))
+
+
+def _read(document: Path) -> str:
+    from vibrident.base.errors import InputError
+
+    try:
+        return document.read_text(encoding="utf-8")
+    except OSError as error:
+        raise InputError(
+            "The document cannot be read.",
+            expected="a Markdown file with marks for the tables",
+            found=f"{type(error).__name__}: {error.strerror or error}",
+            where=str(document),
+            remedy="correct --into, or leave it out",
+        ) from error
+
+
+@contextlib.contextmanager
+def _stage(what: str) -> Iterator[Busy]:
+    """A progress bar while it lasts, and a line on stderr when it is done."""
+    from vibrident.app.cli.progress import Busy
+
+    begin = time.perf_counter()
+    with Busy(what) as progress:
+        yield progress
+    note(f"{what}: {time.perf_counter() - begin:.0f} s")

@@ -1,0 +1,180 @@
+"""``vibrident simulate``: a calibration with known truth, as files."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vibrident.app.cli import options
+from vibrident.app.cli.console import out, wrote
+from vibrident.app.cli.options import choice, flag, not_read, option
+from vibrident.app.workflow.folder import refuse_used, written_whole
+from vibrident.app.workflow.simulated import write
+from vibrident.base.errors import unknown
+
+if TYPE_CHECKING:
+    from vibrident.physics.simulation.optics import Optics
+
+INTERFEROMETERS = ("quadrature", "heterodyne")
+#: What may stand in --optics: key, what it takes, what it is.
+KEYS = {
+    "rate": ("HZ", "of the optical signals; without it a multiple of the response's that the motion needs"),
+    "carrier": ("HZ", "of a heterodyne signal; a quarter of the rate without it"),
+    "noise": ("REL", "of each signal, over its amplitude"),
+    "bits": ("N", "of the converter, 8 to 16; 0 for none"),
+    "dropouts": ("N", "a record"),
+    "dropout": ("S", "length of one"),
+    "drift": ("REL", "of offsets and amplitudes over a record"),
+    "fading": ("REL", "of the common amplitude"),
+    "cyclic1": ("RAD", "cyclic error, first harmonic"),
+    "cyclic2": ("RAD", "second"),
+    "cyclic4": ("RAD", "fourth"),
+    "table": ("M", "rms of the optical table's motion"),
+    "delay": ("S", "of the optical channel, stated in the file"),
+    "hidden-delay": ("S", "the same, not stated"),
+    "carrier-drift": ("HZ", "over a record"),
+    "passes": ("N", "of the beam"),
+    "ellipse": ("random", "offsets, amplitudes and quadrature drawn anew"),
+}
+#: Key → field of ``Optics``, where its name is another.
+_FIELDS = {
+    "rate": "rate_hz",
+    "dropout": "dropout_s",
+    "table": "table_m",
+    "delay": "delay_s",
+    "carrier-drift": "carrier_drift_hz",
+    "ellipse": "random",
+}
+
+# Panels of the help.
+_NOISE = "Noise"
+_LIGHT = "Raw light"
+
+
+def simulate(
+    folder: Path = option("--out", "DIR", "Folder for the files.", ..., False),
+    sensor: str = option("--sensor", "NAME", f"Of {', '.join(options.SENSORS)}.", "paper"),
+    excitation: str = choice(
+        "--excitation",
+        options.EXCITATIONS,
+        f"{', '.join(options.EXCITATIONS)}; sine makes a record for every frequency.",
+        "sine",
+        "NAME",
+    ),
+    rate: float | None = option("--rate", "HZ", "Sampling rate.", default="the sensor's usual"),
+    samples: int = option("--samples", "N", "Samples of every record.", 16000),
+    frequencies: str | None = option(
+        "--frequencies", "LOW:HIGH|A,B", "Hz: one-third octaves in a range, or a list.", default="the sensor's band"
+    ),
+    quantity: str = choice(
+        "--quantity", options.QUANTITIES, f"Of the reference: {', '.join(options.QUANTITIES)}.", "acceleration", "NAME"
+    ),
+    start: str = choice(
+        "--start", options.STARTS, "State at the first sample: rest as in the paper, steady as in a laboratory.", "rest"
+    ),
+    method: str = choice(
+        "--method", options.METHODS, "How the response is computed: exact, or the paper's Runge-Kutta.", "exact"
+    ),
+    excitation_snr: float | None = option(
+        "--excitation-snr", "DB", "Excitation over noise motion of the base.", panel=_NOISE
+    ),
+    reference_noise: float = option("--reference-noise", "REL", "White, relative to the rms.", 0.0, panel=_NOISE),
+    response_noise: float = option("--response-noise", "REL", "White, relative to the rms.", 0.0, panel=_NOISE),
+    interferometer: str | None = choice(
+        "--interferometer",
+        INTERFEROMETERS,
+        "Write an interferometer's raw signals in place of the reference.",
+        panel=_LIGHT,
+    ),
+    optics: str | None = option(
+        "--optics", "KEY=VALUE,…", f"Its faults: {', '.join(KEYS)}.", default=False, panel=_LIGHT
+    ),
+    seed: int = option("--seed", "N", "Of everything random.", 0, panel=_NOISE, min=0),
+    force: bool = flag("--force", help="Write into a folder that is not empty."),
+) -> None:
+    """Simulate a calibration: records, calibration.toml for identify, and truth.json."""
+    refuse_used(folder, force=force)
+    settings: dict[str, Any] = {
+        "sampling_rate_hz": rate,
+        "samples": samples,
+        "frequencies_hz": options.frequencies(frequencies),
+        "quantity": quantity,
+        "start": start,
+        "method": method,
+        "excitation_snr_db": excitation_snr,
+        "reference_noise": reference_noise,
+        "response_noise": response_noise,
+        "seed": seed,
+    }
+    from vibrident.app.cli.progress import Busy
+    from vibrident.show.views import count
+
+    with written_whole(folder) as output, Busy("Simulating"):
+        if interferometer is None:
+            write(output.path, sensor, excitation, **settings)
+        else:
+            _write_light(output.path, sensor, excitation, interferometer, optics, settings)
+    records = [file for file in output.files if file.suffix in (".csv", ".h5") and "_optical" not in file.name]
+    others = [file for file in output.files if file.suffix not in (".csv", ".h5")]
+    out().print(f"Simulated: sensor {sensor}, {excitation}, {count(len(records), 'record')}, seed {seed}.")
+    wrote([*others, folder / ("*.csv" if interferometer is None else "*.h5")])
+
+
+def _write_light(
+    folder: Path, sensor: str, excitation: str, kind: str, optics: str | None, settings: dict[str, Any]
+) -> None:
+    """Write a simulated calibration with an interferometer's raw signals, and its truth."""
+    from vibrident.app.workflow.simulated import write_truth
+    from vibrident.physics.simulation import sensor_named
+    from vibrident.physics.simulation.optics import write_optical_calibration
+
+    chosen, seed = sensor_named(sensor), settings["seed"]
+    light = _optics(kind, optics, settings["sampling_rate_hz"] or chosen.sampling_rate_hz, seed)
+    settings.pop("quantity")
+    calibration = write_optical_calibration(folder, chosen, excitation, light, **settings)
+    write_truth(folder / "truth.json", chosen, calibration, seed, interferometer=asdict(light))
+
+
+def _optics(kind: str, text: str | None, rate_hz: float, seed: int) -> Optics:
+    """The interferometer of --interferometer and --optics, KEY=VALUE joined by commas; ``rate_hz`` of the response.
+
+    Raises:
+        InputError: a key is unknown, or a value is not a number.
+    """
+    from vibrident.data.interferometer.setting import Interferometer
+    from vibrident.physics.simulation.optics import CARRIER, Optics, drawn
+
+    given = _given(text)
+    passes = int(given.pop("passes", 1))
+    setting = Interferometer("quadrature", 632.991e-9, passes=passes, direction=1)
+    if kind == "heterodyne":
+        carrier = given.pop("carrier", CARRIER * given.get("rate", rate_hz))
+        setting = replace(setting, kind="heterodyne", carrier_hz=carrier)
+    cyclic = tuple(given.pop(f"cyclic{order}", 0.0) for order in (1, 2, 4))
+    if (hidden := given.pop("hidden-delay", None)) is not None:
+        given |= {"delay": hidden, "hidden_delay": True}
+    values: dict[str, Any] = {_FIELDS.get(key, key): value for key, value in given.items()}
+    for key in {"bits", "dropouts"} & values.keys():
+        values[key] = int(values[key])
+    return drawn(replace(Optics(setting), cyclic_rad=cyclic, **values), seed)
+
+
+def _given(text: str | None) -> dict[str, Any]:
+    given: dict[str, Any] = {}
+    for part in (text or "").split(","):
+        if not part.strip():
+            continue
+        key, _, value = (piece.strip() for piece in part.partition("="))
+        if key not in KEYS:
+            raise unknown(f"{key!r} is not a key of --optics.", key, KEYS, "--optics")
+        given[key] = True if key == "ellipse" and value == "random" else _number(key, value)
+    return given
+
+
+def _number(key: str, value: str) -> float:
+    try:
+        return float(value)
+    except ValueError:
+        expected = f"{key}={KEYS[key][0]}, {KEYS[key][1]}"
+        raise not_read(f"--optics {key}", value, expected, "write a number with a point, without a unit") from None

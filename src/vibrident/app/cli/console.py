@@ -1,0 +1,88 @@
+"""Output: tables to stdout, everything else to stderr, no control codes in files."""
+
+from __future__ import annotations
+
+import io
+import os
+import sys
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any, TextIO
+
+from vibrident.base.errors import InputError, VibridentError
+from vibrident.base.escaping import terminal as printable
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+#: Columns of a table in a file or a pipe.
+WIDTH_IN_A_FILE = 120
+#: Least columns of a table: a broken line is better than a cut number.
+LEAST_WIDTH = 80
+
+
+def forgiving_streams() -> None:
+    """Print ``?`` for a character that the terminal's encoding lacks, and nothing to a closed stream."""
+    sys.stdout, sys.stderr = sys.stdout or _nowhere(), sys.stderr or _nowhere()  # None: closed by the caller
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
+
+
+def _nowhere() -> TextIO:
+    return open(os.devnull, "w", encoding="utf-8")
+
+
+def out() -> Console:
+    """Console for the command's results."""
+    return _console(stderr=False)
+
+
+def err() -> Console:
+    """Console for everything else: errors, warnings, progress."""
+    return _console(stderr=True)
+
+
+def note(text: str) -> None:
+    """A line on stderr."""
+    err().print(printable(text), soft_wrap=True)
+
+
+def warn(findings: Iterable[Any]) -> None:
+    """Findings or warnings, each with its code, on stderr."""
+    for finding in findings:
+        note(f"Warning ({finding.code}): {finding.message}")
+
+
+def wrote(paths: Sequence[str | os.PathLike[str]]) -> None:
+    """Paths of written files, on stdout, unbroken."""
+    from vibrident.show.media.console import written
+
+    out().print(written(paths), soft_wrap=True)
+
+
+def show_error(error: VibridentError) -> None:
+    """One message on stderr: the problem, what was expected and found, where, and what to do."""
+    from rich.table import Table
+    from rich.text import Text
+
+    console = err()
+    if not isinstance(error, InputError) or not console.is_terminal:
+        console.print(Text.assemble(("Error: ", "bold red"), printable(str(error))), soft_wrap=True)
+        return
+    console.print(Text.assemble(("Error: ", "bold red"), printable(error.problem)))
+    grid = Table.grid(padding=(0, 1, 0, 0))
+    grid.add_column(style="bold", no_wrap=True)
+    grid.add_column(overflow="fold")
+    for label, text in error.parts:
+        grid.add_row(f"  {label}:", Text(printable(text)))
+    console.print(grid)
+
+
+def _console(*, stderr: bool) -> Console:
+    from rich.console import Console
+
+    console = Console(stderr=stderr, markup=False, highlight=False, emoji=False)
+    free = not (sys.stderr if stderr else sys.stdout).isatty() and not os.environ.get("COLUMNS")
+    if not stderr:
+        console.width = WIDTH_IN_A_FILE if free else max(console.width, LEAST_WIDTH)
+    return console

@@ -1,0 +1,87 @@
+"""Pictures drawn by another process, which loads matplotlib while this one computes.
+
+One process, which draws with a copy of itself: a second one that loads matplotlib, too, delays the identification by
+more than it saves on two cores.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from vibrident.app.workflow.interruption import tidied_up
+from vibrident.base.process import Died, Process, WorkerError, processors
+
+if TYPE_CHECKING:
+    from vibrident.result import Result
+
+#: Pictures that take about as long as the others.
+BY_COPY = ("deviation", "signals")
+
+
+class Painter:
+    """Draws results, in a process that is waiting for them; None: there is none."""
+
+    def __init__(self, process: Process | None) -> None:
+        self._process = process
+
+    def draw(self, result: Result, file: Path) -> None:
+        """Draw every picture of the result, saved as ``file``, as PNG beside it."""
+        if self._process is not None and self._process.alive:
+            with contextlib.suppress(Died, WorkerError, OSError):
+                return self._process.call(draw, file.resolve())
+        from vibrident.show import plots
+
+        plots.save_all(result, file.parent)  # no process, or it failed: draw here, where an error shows
+        return None
+
+
+@contextlib.contextmanager
+def painter(*, wanted: bool = True) -> Iterator[Painter]:
+    """Start the process if there is a core for it; end it with the block."""
+    if not wanted or processors() < 2:
+        yield Painter(None)
+        return
+    with Process(prepare) as process, tidied_up(process.kill):
+        with contextlib.suppress(OSError):  # no room for another process: draw here
+            process.start()
+        yield Painter(process)
+
+
+def prepare() -> None:
+    """In the process: load matplotlib, and what reads a result."""
+    gc.disable()  # figures are full of cycles, and this process ends soon
+    import matplotlib.backends.backend_agg
+    import matplotlib.figure
+    import matplotlib.style  # noqa: F401
+    from pydantic import TypeAdapter
+
+    from vibrident.result import Result
+    from vibrident.show import plots  # noqa: F401
+    from vibrident.show.media.drawing import content
+    from vibrident.show.views import Figure
+
+    TypeAdapter(Result)  # the slowest part of reading a result
+    content(Figure("", "", ()), "png")  # loads fonts and encoder
+
+
+def draw(file: Path) -> None:
+    """In the process: every picture of a saved result, beside it; about half of the work by a copy of the process."""
+    from vibrident.result import Result
+    from vibrident.show import plots
+
+    result = Result.load(file)
+    others = [name for name in plots.PICTURES if name not in BY_COPY]
+    copy = os.fork() if hasattr(os, "fork") else None
+    if copy == 0:
+        with contextlib.suppress(BaseException):  # then they are drawn below, where an error shows
+            plots.save_all(result, file.parent, names=BY_COPY)
+            os._exit(0)
+        os._exit(1)
+    plots.save_all(result, file.parent, names=others)
+    if copy is None or os.waitpid(copy, 0)[1]:
+        plots.save_all(result, file.parent, names=BY_COPY)

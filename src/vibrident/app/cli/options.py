@@ -1,0 +1,253 @@
+"""Values of options: names to choose from, lists, ranges. Checked here, with a message that names the option."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import Any
+
+import typer
+
+from vibrident.app.workflow.choices import DISCRETISATIONS as DISCRETISATIONS
+from vibrident.app.workflow.choices import UNCERTAINTIES as UNCERTAINTIES
+from vibrident.app.workflow.estimators import estimator_names
+from vibrident.base.errors import InputError, unknown
+from vibrident.export.registry import EXPORTS
+from vibrident.fit.registry import ESTIMATORS
+from vibrident.physics.registry import MODELS
+
+OPTIMISERS = ("lm", "adam")
+WEIGHTINGS = ("plain", "weighted")
+EXCITATIONS = ("sine", "multisine", "sweep", "random", "shock")
+QUANTITIES = ("acceleration", "velocity", "displacement", "drive")
+SENSORS = ("paper", "inverted", "cubic", "two-mode", "piezo", "geophone", "seismometer")
+STARTS = ("rest", "steady")
+METHODS = ("exact", "rk4")
+FORMATS = ("html", "pdf", "md")
+
+#: Names to choose from, or a function that returns them.
+Names = Sequence[str] | Callable[[], Sequence[str]]
+
+
+# ``value``: that of a command's parameter without the option (...: there is none, it must be given). ``default``: what
+# holds without it, in words, or whether to print the value.
+
+
+def argument(metavar: str, help: str, value: Any = ..., default: str = "") -> Any:
+    """An argument of a command."""
+    return typer.Argument(value, metavar=metavar, help=help, show_default=default or False)
+
+
+def option(
+    name: str,
+    metavar: str,
+    help: str,
+    value: Any = None,
+    default: str | bool = True,
+    panel: str | None = None,
+    **more: Any,
+) -> Any:
+    """An option with a value."""
+    return typer.Option(value, name, metavar=metavar, help=help, show_default=default, rich_help_panel=panel, **more)
+
+
+def flag(*names: str, help: str, value: bool | None = False, panel: str | None = None, hidden: bool = False) -> Any:
+    """An option without a value."""
+    return typer.Option(value, *names, help=help, rich_help_panel=panel, hidden=hidden)
+
+
+def between(
+    name: str, metavar: str, help: str, low: float, high: float, value: Any = None, default: str | bool = True
+) -> Any:
+    """An option that takes a number between two limits, or one of them."""
+
+    def check(value: float | None) -> float | None:
+        if value is None or low <= value <= high:
+            return value
+        raise InputError(
+            f"{name} is out of range.",
+            expected=f"a number from {low:g} to {high:g}",
+            found=f"{value:g}",
+            where=name,
+            remedy=f"give another number, or leave {name} out",
+        )
+
+    return option(name, metavar, help, value, default, callback=check)
+
+
+def choice(
+    name: str,
+    allowed: Names,
+    help: str,
+    value: Any = None,
+    metavar: str = "",
+    default: str | bool = True,
+    panel: str | None = None,
+) -> Any:
+    """An option that takes one of a few names, which the help lists unless there is a ``metavar`` for them.
+
+    Names that plug-ins may add to are loaded on demand: ``metavar`` is then a key of ``REGISTERED``.
+    """
+    return option(
+        name,
+        metavar or "|".join(_given(allowed)),
+        help,
+        value,
+        default,
+        panel,
+        callback=lambda value: None if value is None else one_of(name, value, _given(allowed)),
+        autocompletion=lambda: list(_given(allowed)),
+    )
+
+
+CALIBRATION_FILE = argument("CAL.toml", "Calibration file.")
+RESULT_FILE = argument("RESULT", "result.json of an identification.")
+RESULT_FILES = argument("RESULT...", "result.json, one or more.")
+
+
+def _given(names: Names) -> Sequence[str]:
+    return names() if callable(names) else names
+
+
+#: Settings of estimators that have an option of their own.
+SETTINGS = ("discretisation", "optimiser", "steps", "learning_rate", "weighting", "residual")
+
+
+def not_rational() -> tuple[str, ...]:
+    """Add-ons that an export may leave out."""
+    from vibrident.export.sensor import not_rational as names
+
+    return names()
+
+
+def _with(option: str) -> str:
+    """Export formats that an option concerns."""
+    return ", ".join(name for name, form in EXPORTS.all().items() if option in form.options)
+
+
+#: Placeholder in a help text → function that gives the registered names.
+REGISTERED: Mapping[str, Callable[[], str]] = {
+    "{exports}": lambda: "|".join(EXPORTS.names()),
+    "{add-ons apart}": lambda: ", ".join(not_rational()),
+    "{models}": lambda: ", ".join(MODELS.names()),
+    "{estimators}": lambda: "|".join(estimator_names()),
+    "{estimators by name}": lambda: ", ".join(ESTIMATORS.names()),
+    **{f"{{exports: {option}}}": partial(_with, option) for option in ("rate_hz", "channel", "country", "schema")},
+}
+
+
+def filled(text: str | None) -> str | None:
+    """A help text with the registered names filled in."""
+    for key, names in REGISTERED.items():
+        if text and key in text:
+            text = text.replace(key, names())
+    return text
+
+
+def one_of(name: str, value: str, allowed: Sequence[str]) -> str:
+    """The value, if it is one of those allowed.
+
+    Raises:
+        InputError: the value is not allowed.
+    """
+    if value in allowed:
+        return value
+    raise unknown(f"{value!r} is not a choice of {name}.", value, allowed, name)
+
+
+def listed(name: str, allowed: Names | None = None) -> Callable[[str | None], list[str] | None]:
+    """Split names joined by commas; each must be allowed, if ``allowed`` is given."""
+
+    def split(text: str | None) -> list[str] | None:
+        if text is None:
+            return None
+        parts = [part.strip() for part in text.split(",") if part.strip()]
+        if not parts:
+            raise not_read(name, text, "names joined by commas", f"name at least one, or leave {name} out")
+        checked = [part if allowed is None else one_of(name, part, _given(allowed)) for part in parts]
+        return list(dict.fromkeys(checked))
+
+    return split
+
+
+def not_read(name: str, text: str, expected: str, remedy: str) -> InputError:
+    """The error of an option whose value cannot be read."""
+    return InputError(f"{name} cannot be read.", expected=expected, found=repr(text), where=name, remedy=remedy)
+
+
+def pairs(name: str, given: Sequence[str], example: str) -> dict[str, str]:
+    """Names and values of ``NAME=VALUE``.
+
+    Raises:
+        InputError: a text is not of this form.
+    """
+    found = {}
+    for text in given:
+        key, separator, value = (part.strip() for part in text.partition("="))
+        if not (key and separator and value):
+            raise not_read(name, text, f"NAME=VALUE, such as {example}", "write a name, = and a value")
+        found[key] = value
+    return found
+
+
+def settings(given: Sequence[str]) -> dict[str, Any]:
+    """Settings of ``--set NAME=VALUE``: numbers, true, false, or text.
+
+    Raises:
+        InputError: a text is not of this form, or the setting has an option of its own.
+    """
+    found: dict[str, Any] = {}
+    for name, text in pairs("--set", given, "limit=2").items():
+        if name in SETTINGS:
+            raise InputError(
+                f"The setting {name!r} has an option of its own.",
+                expected=f"--{name.replace('_', '-')}",
+                found=f"--set {name}={text}",
+                where="--set",
+                remedy="use that option",
+            )
+        try:
+            found[name] = json.loads(text)
+        except ValueError:
+            found[name] = text
+    return found
+
+
+def band(text: str | None) -> tuple[float, float] | None:
+    """``10:1000``, a lower and a higher frequency in Hz.
+
+    Raises:
+        InputError: the text is not such a range.
+    """
+    if text is None:
+        return None
+    try:
+        low, high = (float(part) for part in text.split(":"))
+    except ValueError:
+        expected = "two frequencies in Hz, a lower and a higher one, such as 10:1000"
+        raise not_read("--band", text, expected, "write LOW:HIGH, numbers with a point, without units") from None
+    return low, high
+
+
+def frequencies(text: str | None) -> list[float] | None:
+    """``10:1000``, the exact one-third-octave frequencies in that range, or a list such as ``10,20,50``; in Hz.
+
+    Raises:
+        InputError: the text is neither.
+    """
+    if text is None:
+        return None
+    separator = ":" if ":" in text else ","
+    try:
+        numbers = [float(part) for part in text.split(separator)]
+    except ValueError:
+        numbers = []
+    if not numbers or (separator == ":" and len(numbers) != 2):
+        expected = "a range of one-third octaves such as 10:1000, or a list such as 10,20,50; in Hz"
+        raise not_read("--frequencies", text, expected, "write numbers with a point, without units")
+    if separator == ",":
+        return numbers
+    from vibrident.physics.simulation import one_third_octave
+
+    return one_third_octave(*numbers).tolist()

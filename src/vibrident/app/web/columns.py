@@ -1,0 +1,337 @@
+"""Second step: the meaning of the columns, guessed and shown with a plot, for the user to confirm."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from dataclasses import replace
+from typing import Any
+
+from nicegui import ui
+
+from vibrident.app.web import frame
+from vibrident.app.web.description import ROLES, Description, calibration_text, described
+from vibrident.app.web.looks import Guess, calibration, chart, guess
+from vibrident.app.web.preview import HEIGHT
+from vibrident.app.web.session import CALIBRATION
+from vibrident.app.web.users import Confirmed, Form, User
+from vibrident.base.errors import InputError
+from vibrident.data.records import EXCITATIONS
+from vibrident.physics.models import ADD_ONS, CORES
+
+QUANTITIES = {
+    "acceleration": "acceleration, m/s²",
+    "velocity": "velocity, m/s",
+    "displacement": "displacement, m",
+    "drive": "drive, its own unit",
+}
+REFERENCES = {
+    "channel": "a column of the motion",
+    "quadrature": "photodetectors, cos and sin",
+    "heterodyne": "photodetector, on a carrier",
+}
+DIRECTIONS = {None: "not known", 1: "x grows with the phase", -1: "x falls with the phase"}
+
+
+class _Outdated(Exception):
+    """The files changed while the form was built, or the page was left."""
+
+
+class ColumnsStep:
+    """From files to a calibration file in the user's folder."""
+
+    def __init__(self, user: User) -> None:
+        self.user = user
+        self.turn = 0
+
+    def build(
+        self,
+        on_confirmed: Callable[[Confirmed], Awaitable[Any]],
+        on_edit: Callable[[], Any],
+        on_doubt: Callable[[], Any],
+    ) -> None:
+        """Build the section, hidden until there are data."""
+        self.on_confirmed, self.on_edit, self.on_doubt = on_confirmed, on_edit, on_doubt
+        self.section = frame.step(2, "Columns, units and model", "columns")
+        with self.section:
+            self.body = ui.element("div")
+        self.section.visible = False
+
+    async def show(self) -> None:
+        """The files have changed: guess again, or use the uploaded calibration file."""
+        self.on_doubt()
+        self.user.session.forget_calibration()
+        if await self._look(again=True):
+            frame.go(self.section)
+
+    async def restore(self) -> None:
+        """Show the user's earlier state."""
+        await self._look(again=False)
+
+    async def _look(self, *, again: bool) -> bool:
+        """Update the form; returns whether there is something to confirm."""
+        self.turn += 1
+        turn, session = self.turn, self.user.session
+        self.body.clear()
+        self.section.visible = bool(session.names)
+        if not session.names:
+            self.user.form = None
+            return False
+        with self.body, ui.element("div").classes("actions"):
+            ui.spinner(size="28px")
+            ui.label("Looking at the files …").props("role=status")
+        try:
+            if not session.files:
+                raise _missing_data()
+            name = session.calibration
+            text = "" if name is None else await self.user.look(calibration, session.data, name)
+            if name is None and (again or self.user.form is None):
+                found = await self.user.look(guess, session.data, session.files)
+                if turn == self.turn:
+                    self.user.form = merged(self.user.form, found)
+        except Exception as error:
+            if turn == self.turn:
+                frame.show_error(self.body, error, session)
+            return False
+        if turn != self.turn or self.body.is_deleted:  # the files changed meanwhile, or the page was left
+            return False
+        self.body.clear()
+        with self.body:
+            if name is not None:
+                self._as_it_stands(name, text)
+                return True
+            try:
+                await self._ask()
+            except _Outdated:
+                return False
+        return True
+
+    def _as_it_stands(self, name: str, text: str) -> None:
+        """Show the uploaded calibration file."""
+        ui.label(f"{name} came with the data and describes the columns:").classes("hint")
+        frame.Text("calibration-came", text)
+        ui.button("Confirm", on_click=lambda: self.on_confirmed(Confirmed(name, False))).props("id=confirm")
+
+    async def _ask(self) -> None:
+        form = self.user.form
+        assert form is not None
+        self.fields: dict[str, list[Any]] = {}
+        kept = "; your settings are kept" if form.touched else ""
+        first = self.user.session.files[0]
+        ui.label(f"Guessed from the names in {first} and the motion{kept}. Please check.").classes("hint")
+        if form.guess.all_columns > len(form.guess.columns.columns):
+            ui.label(
+                f"The file has {form.guess.all_columns} columns: enter the name or number of each that is needed. "
+                f"The first are {frame.listed(form.guess.columns.labels)}."
+            ).classes("hint")
+        kind = ui.toggle({False: "Records in time", True: "Table of a response"}, value=form.given.table)
+        self._field("table", kind.props("no-caps"))
+        self.of_records, self.of_table = ui.element("div"), ui.element("div")
+        with self.of_records:
+            self.of_motion, self.of_channel, self.of_light = (ui.element("div") for _ in range(3))
+        self._visible()
+        with self.of_records:
+            await self._records(form)
+        with self.of_table:
+            await self._table(form)
+        await self._model(form)
+        self._visible()
+        with ui.element("div").classes("actions"):
+            ui.button("Draw these columns", on_click=self._plot).props("outline id=show")
+        self.plot, self.chart = ui.element("div").classes("chart"), None
+        self.errors = ui.element("div").props("aria-live=assertive")
+        with ui.element("div").classes("actions"):
+            ui.button("Confirm", on_click=self._confirm).props("id=confirm")
+        if form.guess.chart and not form.touched:
+            self._draw(form.guess.chart)
+        else:
+            await self._plot()
+
+    def _draw(self, drawn: bytes) -> None:
+        if self.chart is not None:
+            self.chart.show(drawn)
+            return
+        with self.plot:
+            self.chart = frame.Chart(drawn, HEIGHT)
+            ui.label(f"{self.user.session.files[0]}, the beginning of the file as it is.").classes("hint")
+
+    def _field(self, name: str, element: Any) -> Any:
+        """An element that shows and sets one field of the form."""
+        self.fields.setdefault(name, []).append(element)
+        return element.on_value_change(lambda event: self._edited(name, event.value))
+
+    def _edited(self, name: str, value: Any) -> None:
+        form = self.user.form
+        if form is None or form.get(name) == value:
+            return
+        form.set(name, value)
+        for element in self.fields[name]:  # some occur twice, for records and for a table
+            if element.value != value:
+                element.value = value
+        self._visible()
+        self.on_edit()
+
+    def _visible(self) -> None:
+        given = self.user.form.given if self.user.form else Description()
+        self.of_records.visible, self.of_table.visible = not given.table, given.table
+        light = given.reference_by != "channel"
+        self.of_channel.visible, self.of_light.visible = not light, light
+        shown = {"rate_hz": given.time is None, "second_signal": given.reference_by == "quadrature",
+                 "carrier_hz": given.reference_by == "heterodyne"}  # fmt: skip
+        for name, visible in shown.items():
+            for element in self.fields.get(name, []):
+                element.visible = visible
+
+    async def _records(self, form: Form) -> None:
+        with self.of_motion, _group("Reference: motion of the sensor"):
+            await self._select(form, REFERENCES, "Reference: taken from", "reference_by", "reference-by")
+            await self._number(form, "Reference: relative u (optional)", "standard_uncertainty")
+        with self.of_channel, ui.element("div").classes("fields"):
+            await self._column(form, "Reference: column", "reference", "reference-column")
+            await self._select(form, QUANTITIES, "Reference: quantity", "quantity", "quantity")
+            await self._number(form, "Reference: SI units per unit of the file", "scale", "scale")
+            await self._text(form, "Reference: unit, for reports", "unit")
+        with self.of_light, ui.element("div").classes("fields"):
+            await self._interferometer(form)
+        with _group("Response: output of the sensor"):
+            await self._column(form, "Response: column", "response", "response-column")
+            await self._text(form, "Response: unit", "response_unit", "response-unit")
+            await self._number(form, "Response: units per unit of the file", "response_scale", "response-scale")
+        with _group("Sampling and excitation"):
+            await self._column(form, "Time column, in s", "time", "time-column", optional=True)
+            await self._number(form, "Sampling rate in Hz (or the file's)", "rate_hz", "rate")
+            await self._select(form, EXCITATIONS, "Excitation", "excitation", "excitation")
+
+    async def _interferometer(self, form: Form) -> None:
+        await self._column(form, "First signal: cos, or carrier", "first_signal", "first-signal")
+        await self._column(form, "Second signal: sin", "second_signal", "second-signal")
+        await self._number(form, "Wavelength in the medium, in nm", "wavelength_nm", "wavelength")
+        await self._number(form, "Passes to the target and back", "passes", "passes")
+        await self._number(form, "Carrier in Hz, approximately", "carrier_hz", "carrier")
+        await self._select(form, DIRECTIONS, "Direction of x", "direction", "direction")
+        await self._number(form, "Wavelength: relative u (optional)", "wavelength_relative_uncertainty")
+        await self._number(form, "Optical channel later by, in s (optional)", "optical_delay_s")
+        await self._number(form, "u of this delay, in s (optional)", "optical_delay_standard_uncertainty_s")
+        await self._number(form, "Optical sampling rate in Hz, if another", "optical_rate_hz")
+        await self._text(form, "Signals in files of their own: more in their names", "optical_part", "optical-part")
+
+    async def _table(self, form: Form) -> None:
+        with _group("Columns of the table"):
+            await self._column(form, "Frequency, in Hz", "frequency")
+            await self._column(form, "Magnitude", "magnitude")
+            await self._column(form, "Phase", "phase", optional=True)
+            await self._select(form, ("deg", "rad"), "Unit of the phase", "phase_unit")
+            await self._column(form, "Standard uncertainty of the magnitude", "magnitude_uncertainty", optional=True)
+            await self._column(form, "Standard uncertainty of the phase", "phase_uncertainty", optional=True)
+            await self._select(form, QUANTITIES, "Reference: quantity", "quantity")
+            await self._text(form, "Response: unit", "response_unit")
+            await self._number(form, "Response: unit per unit in the file", "response_scale")
+
+    async def _model(self, form: Form) -> None:
+        with _group("Sensor and model"):
+            for key in form.given.sensor:
+                await self._text(form, key.replace("_", " ").capitalize(), f"sensor.{key}")
+            await self._select(form, tuple(CORES), "Model", "core", "core")
+            (await self._select(form, tuple(ADD_ONS), "Add-ons", "add_ons", "add-ons")).props("multiple use-chips")
+
+    async def _column(self, form: Form, label: str, name: str, identity: str = "", *, optional: bool = False) -> None:
+        columns, chosen = form.guess.columns, form.get(name)
+        if form.guess.all_columns > len(columns.columns):
+            await self._written(form, label, name, identity)
+            return
+        choices: dict[Any, str] = {None: "none"} if optional else {}
+        choices |= dict(zip(columns.columns, columns.labels, strict=True))
+        if chosen is not None:
+            choices.setdefault(chosen, f"{chosen} (not in this file)")
+        await self._select(form, choices, label, name, identity)
+
+    async def _written(self, form: Form, label: str, name: str, identity: str) -> None:
+        """A column by its name or number, if the list would be too long."""
+        chosen = form.get(name)
+        element = ui.input(label, value="" if chosen is None else str(chosen), placeholder="name, or number from 1")
+        element.props("dense outlined stack-label")
+
+        def read(event: Any) -> None:
+            text = (event.value or "").strip()
+            self._edited(name, int(text) if text.isdecimal() and len(text) < 9 else text or None)
+
+        _called(element, identity).on_value_change(read)
+        self.fields.setdefault(name, [])
+        await self._breathe()
+
+    async def _select(self, form: Form, choices: Any, label: str, name: str, identity: str = "") -> Any:
+        options = choices if isinstance(choices, dict) else list(choices)
+        element = ui.select(options, value=form.get(name), label=label, multiple=name == "add_ons")
+        self._field(name, _called(element, identity).props("dense outlined stack-label options-dense"))
+        await self._breathe()
+        return element
+
+    async def _number(self, form: Form, label: str, name: str, identity: str = "") -> None:
+        element = ui.number(label, value=form.get(name), format="%.12g").props("dense outlined stack-label step=any")
+        self._field(name, _called(element, identity))
+        await self._breathe()
+
+    async def _text(self, form: Form, label: str, name: str, identity: str = "") -> None:
+        element = ui.input(label, value=form.get(name)).props("dense outlined stack-label")
+        self._field(name, _called(element, identity))
+        await self._breathe()
+
+    async def _breathe(self) -> None:
+        """Yield to the other users; a form has many elements."""
+        turn = self.turn
+        await asyncio.sleep(0)
+        if turn != self.turn or self.body.is_deleted:
+            raise _Outdated
+
+    async def _plot(self) -> None:
+        form, session = self.user.form, self.user.session
+        if form is None:
+            return
+        self.errors.clear()
+        place, errors = self.plot, self.errors
+        drawn = await frame.looked(self.user, errors, chart, form.given, session.data, session.files)
+        if drawn is not None and place is self.plot and not place.is_deleted:
+            self._draw(drawn)
+
+    async def _confirm(self) -> None:
+        self.errors.clear()
+        form, session = self.user.form, self.user.session
+        if form is None:
+            return
+        try:
+            calibration_text(form.given, session.files)
+        except InputError as error:
+            frame.show_error(self.errors, error, session)
+            return
+        await self.on_confirmed(Confirmed(CALIBRATION, True))
+
+
+def merged(before: Form | None, found: Guess) -> Form:
+    """The form for a new guess: keeps what the user set, except columns that no longer exist."""
+    given = replace(described(found.columns, found.excitation or "sine"), optical_part=found.optical_part)
+    if before is None or not before.touched:
+        return Form(found, given)
+    for role in ROLES:
+        if role not in before.touched and getattr(before.given, role) not in (None, *found.columns.columns):
+            setattr(before.given, role, getattr(given, role))
+    return Form(found, before.given, before.touched)
+
+
+def _missing_data() -> InputError:
+    return InputError(
+        "There is a calibration file, but no data.",
+        expected="the files that it names",
+        found="none",
+        where="upload",
+        remedy="add them",
+    )
+
+
+def _group(title: str) -> ui.element:
+    """A group of fields with a heading."""
+    ui.html(f"<h3>{title}</h3>", sanitize=False)
+    return ui.element("div").classes("fields").props(f'role=group aria-label="{title}"')
+
+
+def _called(element: Any, identity: str) -> Any:
+    return element.props(f"id={identity}") if identity else element

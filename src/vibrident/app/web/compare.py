@@ -1,0 +1,67 @@
+"""Last step: results side by side, of this page and uploaded ones."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from nicegui import ui
+
+from vibrident.app.web import frame, looks
+from vibrident.app.web.outcome import give
+from vibrident.app.web.users import User
+from vibrident.base.escaping import html
+from vibrident.show.report import FILE_NAMES
+
+
+class CompareStep:
+    """Several results."""
+
+    def __init__(self, user: User) -> None:
+        self.user = user
+        self.turn = 0
+
+    def build(self) -> None:
+        """Build the section, hidden until there are two results."""
+        self.section = frame.step(5, "Compare", "compare")
+        with self.section:
+            self.choice = ui.select([], label="Results", multiple=True)
+            self.choice.props("dense outlined stack-label use-chips").classes("w-full")
+            self.choice.on_value_change(self._draw)
+            self.body = ui.element("div")
+        self.section.visible = False
+
+    async def show(self) -> None:
+        """Offer all results."""
+        names = [named.name for named in self.user.results]
+        self.section.visible = len(names) > 1
+        if self.section.visible:
+            self.choice.set_options(names, value=names)
+
+    def _chosen(self) -> tuple[list[Path], list[str]]:
+        chosen = [named for named in self.user.results if named.name in (self.choice.value or [])]
+        return [named.path for named in chosen], [named.name for named in chosen]
+
+    async def _draw(self) -> None:
+        paths, names = self._chosen()
+        self.turn += 1
+        turn = self.turn
+        self.body.clear()
+        if len(paths) < 2:
+            return
+        shown = await frame.looked(self.user, self.body, looks.comparison, paths, names)
+        if shown is None or turn != self.turn or self.body.is_deleted:
+            return
+        with self.body:
+            for _, figure, height in shown["charts"]:
+                frame.Chart(figure, height)
+            for title, table in shown["tables"]:
+                ui.html(f"<h3>{html(title)}</h3>{table}", sanitize=False)
+            with ui.element("div").classes("actions"):
+                ui.button("Comparison (HTML)", on_click=lambda: self._report("html")).props("outline")
+                ui.button("Comparison (PDF)", on_click=lambda: self._report("pdf")).props("outline")
+            self.errors = ui.element("div").props("aria-live=assertive")
+
+    async def _report(self, form: str) -> None:
+        self.errors.clear()
+        paths, names = self._chosen()
+        await give(self.user, self.errors, FILE_NAMES[form][1], looks.report, paths, form, names)

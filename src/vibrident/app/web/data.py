@@ -1,0 +1,229 @@
+"""First step: files by drop, by choice, as a folder, or from the simulated demo."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Awaitable, Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from nicegui import events, ui
+
+from vibrident.app.web import frame
+from vibrident.app.web.looks import facts
+from vibrident.app.web.session import KNOWN, MEGABYTE, MOST_FILES, safe_name, too_large, unknown_kind
+from vibrident.app.web.users import User
+from vibrident.app.web.worker import simulate_demo
+from vibrident.base.errors import InputError
+from vibrident.show.views import count
+
+#: Most files listed one by one, each with a button to remove it.
+_MOST_NAMED = 40
+#: Most omitted files whose names the browser reports.
+_MOST_TOLD = 1000
+_KNOWN = json.dumps(KNOWN)
+#: Files of unknown format are not sent; the browser reports their names.
+_FILTER = f"files => files.filter(f => {_KNOWN}.some(e => f.name.toLowerCase().endsWith(e)))"
+_TOLD = f"rejected => emit(rejected.slice(0, {_MOST_TOLD}).map(r => [r.failedPropValidation, r.file.name]))"
+
+
+class DataStep:
+    """Files into the user's folder."""
+
+    def __init__(self, user: User) -> None:
+        self.user = user
+        self.not_sent: dict[str, list[str]] = {}
+
+    def build(self, on_data: Callable[[], Awaitable[Any]], on_result: Callable[[], Awaitable[Any]]) -> None:
+        """Build the section; ``on_data`` is called after files have arrived, ``on_result`` after an earlier result."""
+        self.on_data, self.on_result = on_data, on_result
+        limit_mb = self.user.session.limit_mb
+        with frame.step(1, "Data", "data"):
+            ui.label(
+                "Records of a calibration (CSV, HDF5, MATLAB, WAV, …), one file a record or several, or one table of "
+                "magnitude and phase; with calibration.toml, if you have one. An earlier result.json can be compared."
+            ).classes("hint")
+            self.upload = (
+                ui.upload(
+                    multiple=True,
+                    auto_upload=True,
+                    label=f"Drop files or a folder here, or press + (at most {limit_mb:g} MB)",
+                    max_total_size=int(limit_mb * MEGABYTE),
+                    max_files=MOST_FILES,
+                    on_multi_upload=self._arrived,
+                )
+                .classes("uploader")
+                .props("flat bordered")
+            )
+            self.upload.props[":filter"] = _FILTER
+            self.upload.on("start", self._begin, args=[])
+            self.upload.on("rejected", self._rejected, js_handler=_TOLD)
+            self.upload.on("failed", self._failed, args=[])
+            self.upload.on("uploaded", js_handler=f"() => vibrident.sent({self.upload.id})")
+            with ui.element("div").classes("actions"):
+                ui.button("Choose a folder").props("outline id=choose-folder")
+                self.demo_button = ui.button("Load the simulated demo", on_click=self._demo).props("outline")
+                ui.button("Start anew", on_click=self._anew).props("flat")
+            self.errors = ui.element("div").props("aria-live=assertive")
+            self.left = ui.element("div").props("aria-live=polite")
+            self.listing = ui.label("").classes("hint").props("role=status id=files")
+            self.named = ui.element("div").classes("named").props('role=list aria-label="files"')
+        ui.run_javascript(f"vibrident.folders({self.upload.id})")
+        self._list()
+
+    def hold(self) -> None:
+        """Tell the browser whether to ask before the page is left."""
+        self.upload.client.run_javascript(f"vibrident.hold({str(not self.user.empty).lower()})")
+
+    def _begin(self) -> None:
+        self.errors.clear()
+
+    def _rejected(self, event: events.GenericEventArguments) -> None:
+        """Files that the browser did not send."""
+        told = [(str(why), safe_name(str(name))) for why, name in event.args]
+        unknown = [name for why, name in told if why == "filter"]
+        large = [name for why, name in told if why != "filter"]
+        if len(told) == 1 and unknown:
+            frame.show_error(self.errors, unknown_kind(unknown[0]))
+            return
+        self.not_sent = {self._unknown(): unknown, self._large(): large}
+        self._left_out(self.not_sent)
+
+    def _failed(self) -> None:
+        limit = self.user.session.limit_mb
+        self.upload.reset()
+        frame.show_error(
+            self.errors,
+            InputError(
+                "The files did not arrive.",
+                expected=f"at most {limit:g} MB at once, and a connection to the server",
+                found="an interrupted upload",
+                where="upload",
+                remedy="try again, with fewer large files at a time",
+            ),
+        )
+
+    def _unknown(self) -> str:
+        return f"Not a supported kind of file ({', '.join(KNOWN)})"
+
+    def _large(self) -> str:
+        return f"Beyond the limit of {self.user.session.limit_mb:g} MB and {MOST_FILES} files in all"
+
+    async def _arrived(self, event: events.MultiUploadEventArguments) -> None:
+        session, came, results = self.user.session, [], 0
+        alone = len(event.files) == 1
+        left_out: dict[str, list[str]] = {}
+        for file in event.files:
+            try:
+                place = session.place_for(file.name, file.size())
+                try:
+                    await file.save(place)
+                except BaseException:
+                    session.remove(place.name)
+                    raise
+                if place.suffix.lower() == ".json":
+                    results += await self._result(place)
+                else:
+                    came.append(place.name)
+            except InputError as error:
+                if alone:
+                    frame.show_error(self.errors, error, session)
+                else:
+                    left_out.setdefault(self._reason(error), []).append(safe_name(file.name))
+            except Exception as error:
+                frame.show_error(self.errors, error, session)
+        if self.upload.is_deleted:
+            return
+        self._left_out({**self.not_sent, **left_out})
+        self.not_sent = {}
+        self._list()
+        if results:
+            await self.on_result()
+        if came:
+            await self.on_data()
+
+    def _reason(self, error: InputError) -> str:
+        known = {unknown_kind("").problem: self._unknown(), too_large(1.0).problem: self._large()}
+        return known.get(error.problem, error.problem.rstrip("."))
+
+    async def _result(self, place: Path) -> int:
+        """An earlier result, checked in a separate process."""
+        session = self.user.session
+        try:
+            await self.user.look(facts, place)
+            self.user.keep(place.stem, place)
+        finally:
+            session.remove(place.name)
+        return 1
+
+    def _left_out(self, left_out: dict[str, list[str]]) -> None:
+        self.left.clear()
+        frame.show_left_out(self.left, {reason: names for reason, names in left_out.items() if names})
+
+    async def _demo(self) -> None:
+        self.errors.clear()
+        self.left.clear()
+        if self.user.busy:
+            frame.show_error(self.errors, _busy())
+            return
+        self.demo_button.disable()
+        self.listing.text = "Simulating the calibration of the paper's accelerometer …"
+        session = self.user.session
+        try:
+            session.clear()
+            session.open()
+            self.user.form = None
+            await self.user.worker.run(simulate_demo, folder=session.data)
+            session.rescan()
+        except asyncio.CancelledError:
+            return
+        except Exception as error:
+            frame.show_error(self.errors, error, session)
+            return
+        finally:
+            self.demo_button.enable()
+            self._list()
+        await self.on_data()
+
+    async def _remove(self, name: str) -> None:
+        self.errors.clear()
+        self.user.session.remove(name)
+        self._list()
+        await self.on_data()
+
+    async def _anew(self) -> None:
+        self.user.worker.cancel()
+        self.user.session.clear()
+        self.user.form = None
+        self.errors.clear()
+        self.left.clear()
+        self._list()
+        await self.on_data()
+
+    def _list(self) -> None:
+        names = self.user.session.names
+        number = count(len(names), "file")
+        self.named.clear()
+        if len(names) > _MOST_NAMED:
+            self.listing.text = f"{number}: {frame.listed(names)}"
+        else:
+            self.listing.text = f"{number}:" if names else "No data yet."
+            with self.named:
+                for name in names:
+                    with ui.element("span").classes("file").props("role=listitem"):
+                        ui.label(name)
+                        button = ui.button(icon="close", on_click=partial(self._remove, name))
+                        button.props("flat round size=xs").props["aria-label"] = f"remove {name}"
+        self.hold()
+
+
+def _busy() -> InputError:
+    return InputError(
+        "An identification is under way.",
+        expected="none",
+        found="one",
+        where="the simulated demo",
+        remedy="wait for it, or cancel it",
+    )

@@ -1,0 +1,194 @@
+"""Third step: the estimator, and the identification with its progress and training curve."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+import numpy as np
+from nicegui import ui
+
+from vibrident.app.web import frame
+from vibrident.app.web.description import calibration_text
+from vibrident.app.web.looks import calibration
+from vibrident.app.web.session import CALIBRATION
+from vibrident.app.web.users import Choices, Confirmed, Job, User
+from vibrident.app.workflow.choices import DISCRETISATIONS, UNCERTAINTIES
+from vibrident.app.workflow.estimators import AUTO, estimators_with
+from vibrident.fit.registry import ESTIMATORS
+from vibrident.show import axes
+from vibrident.show.media.charts import charts
+from vibrident.show.views import BLUE, ORANGE, Figure, Look, Panel, Series, Stack
+
+#: Seconds between two updates from the identification.
+_PACE_S = 0.25
+#: Height of the curve in pixels.
+HEIGHT = 230
+#: Most iterations drawn, of all starts together.
+_MOST_DRAWN = 2000
+
+
+class FitStep:
+    """From the confirmed calibration file to a result."""
+
+    def __init__(self, user: User) -> None:
+        self.user = user
+        self.curve: Any = None
+        self.drawn = 0
+        self.over: Job | None = user.job if user.job and user.job.over else None
+
+    def build(self, on_result: Callable[[], Awaitable[Any]]) -> None:
+        """Build the section, hidden until the columns are confirmed."""
+        self.on_result = on_result
+        self.section = frame.step(3, "Identify", "identify")
+        with self.section:
+            with ui.expansion("The calibration file: as confirmed above").classes("w-full"):
+                self.text = frame.Text("calibration-text")
+            stepping = estimators_with("discretisation")
+            with ui.element("div").classes("fields wide"):
+                known = {name: f"{name}: {one.title}" for name, one in ESTIMATORS.all().items()}
+                self.estimator = ui.select(
+                    {AUTO: f"{AUTO}: chosen by the data", **known}, value=AUTO, label="Estimator"
+                )
+                self.discretisation = ui.select(
+                    list(DISCRETISATIONS), value="bandlimited", label=f"Discretisation ({', '.join(stepping)})"
+                )
+                self.uncertainty = ui.select(list(UNCERTAINTIES), value="auto", label="Uncertainties cover")
+                for element in (self.estimator, self.discretisation, self.uncertainty):
+                    element.props("dense outlined stack-label options-dense")
+            self.discretisation.visible = False
+            self.estimator.on_value_change(lambda event: self.discretisation.set_visibility(event.value in stepping))
+            with ui.element("div").classes("actions"):
+                self.start = ui.button("Identify", on_click=self._identify).props("id=start")
+                self.stop = ui.button("Cancel", on_click=self.user.worker.cancel).props("outline color=negative")
+                self.spinner = ui.spinner(size="28px")
+                self.status = ui.label("").props("role=status id=status")
+            self.errors = ui.element("div").props("aria-live=assertive")
+            self.place = ui.element("div").classes("chart")
+        self.timer = ui.timer(_PACE_S, self._follow, active=False)
+        self.stop.visible = self.spinner.visible = self.section.visible = False
+
+    def doubt(self) -> None:
+        """The confirmation no longer holds; a running identification continues with its copy of the data."""
+        self.user.confirmed = None
+        self._renew()
+
+    async def show(self, confirmed: Confirmed) -> None:
+        """Offer to identify with this calibration file."""
+        self.user.confirmed = confirmed
+        self.errors.clear()
+        await self._read()
+        frame.go(self.section)
+
+    async def restore(self) -> None:
+        """Show the confirmed file and the running identification again."""
+        if self.user.confirmed:
+            await self._read()
+        if self.user.busy:
+            self.timer.activate()
+        self._renew()
+
+    def refresh(self) -> None:
+        """Take over the form's values."""
+        if not (self.user.confirmed and self.user.confirmed.from_form and self.user.form):
+            return
+        self.errors.clear()
+        try:
+            self.text.show(calibration_text(self.user.form.given, self.user.session.files))
+        except Exception as error:
+            frame.show_error(self.errors, error, self.user.session)
+            self.start.disable()
+            return
+        self._renew()
+
+    async def _read(self) -> None:
+        confirmed, session = self.user.confirmed, self.user.session
+        assert confirmed is not None
+        if confirmed.from_form:
+            self.refresh()
+            return
+        try:
+            self.text.show(await self.user.look(calibration, session.data, confirmed.name))
+        except Exception as error:
+            self.user.confirmed = None
+            frame.show_error(self.errors, error, session)
+        self._renew()
+
+    def _renew(self) -> None:
+        """Update enabled buttons and visible parts."""
+        busy, confirmed = self.user.busy, self.user.confirmed is not None
+        self.section.visible = confirmed or busy
+        self.start.set_enabled(confirmed and not busy)
+        self.stop.visible = self.spinner.visible = busy
+
+    async def _identify(self) -> None:
+        user = self.user
+        if user.busy or user.confirmed is None:
+            return
+        self.errors.clear()
+        self._forget_curve()
+        name = user.confirmed.name
+        if user.confirmed.from_form:
+            assert user.form is not None
+            try:
+                user.session.write_calibration(calibration_text(user.form.given, user.session.files))
+            except Exception as error:
+                frame.show_error(self.errors, error, user.session)
+                return
+            name = CALIBRATION
+        chosen = Choices(name, self.estimator.value, self.discretisation.value, uncertainty=self.uncertainty.value)
+        user.start(chosen)
+        self._renew()
+        self.timer.activate()
+        self.section.client.run_javascript("vibrident.see('status')")
+
+    async def _follow(self) -> None:
+        """Update from the identification."""
+        job = self.user.job
+        if job is None or job is self.over:
+            self.timer.deactivate()
+            return
+        self.status.text = job.status
+        if (iterations := sum(map(len, job.starts))) != self.drawn:
+            self.drawn = iterations
+            self._draw(job.starts)
+        if not job.over:
+            return
+        self.over = job
+        self.timer.deactivate()
+        self._renew()
+        if job.error is not None:
+            frame.show_error(self.errors, job.error, self.user.session)
+        elif job.words == Job.DONE:
+            self._forget_curve()  # the result shows the whole curve
+            await self.on_result()
+
+    def _draw(self, starts: list[list[float]]) -> None:
+        drawn = json.dumps(_curve(starts)).encode()
+        if self.curve is None:  # plotly draws nothing in a hidden element
+            with self.place:
+                self.curve = frame.Chart(drawn, HEIGHT)
+        else:
+            self.curve.show(drawn)
+
+    def _forget_curve(self) -> None:
+        self.place.clear()
+        self.curve, self.drawn = None, 0
+
+
+def _curve(starts: list[list[float]]) -> dict[str, Any]:
+    """The cost over the iterations, a line for each start."""
+    left, series = _MOST_DRAWN, []
+    for number, costs in reversed(list(enumerate(starts, 1))):
+        points = [(i, cost) for i, cost in enumerate(costs, 1) if np.isfinite(cost) and cost > 0][-max(left, 1) :]
+        left -= len(points)
+        x, y = np.array(points, dtype=float).reshape(-1, 2).T
+        look = Look(BLUE if number == len(starts) else ORANGE, marker="o")
+        series.append(Series(x, y, f"start {number}" if 1 < len(starts) <= 8 else "", look))
+        if left <= 0:
+            break
+    x_axis = axes.linear("Iteration", np.concatenate([[0.0, 2.0], *(one.x for one in series)]), whole=True, most=8)
+    y_axis = axes.size("Cost", np.concatenate([one.y for one in series]))
+    ((_, chart),) = charts(Figure("cost", "", (Stack((Panel(x_axis, y_axis, tuple(series[::-1]), 1.1),)),)))
+    return chart

@@ -1,0 +1,139 @@
+"""Shared by the steps of the page: the frame of a section, boxes of errors and notes, untrusted text, charts."""
+
+from __future__ import annotations
+
+import json
+import logging
+import secrets
+import traceback
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from nicegui import ui
+
+from vibrident.app.web.session import Session
+from vibrident.app.web.users import User
+from vibrident.base.errors import InputError, VibridentError
+from vibrident.base.process import WorkerError
+
+#: Naming it makes its library available to the browser.
+_PLOTLY = ui.plotly
+_LOG = logging.getLogger("vibrident.app.web")
+#: Most characters of an unexpected error in the log.
+_LONGEST = 20_000
+#: Most names in a list; the rest is counted.
+_MOST_NAMES = 12
+
+
+def show_error(place: ui.element, error: BaseException, session: Session | None = None) -> None:
+    """The message of the command line, in a box; for unexpected errors, the number in the log."""
+    known = _error_to_show(error)
+    local = session.local(known) if session else known
+    if place.is_deleted:  # the page was left meanwhile
+        return
+    place.clear()
+    with place, ui.element("div").classes("error").props("role=alert"):
+        if not isinstance(local, InputError):
+            ui.label(str(local)).classes("problem")
+            return
+        ui.label(local.problem).classes("problem")
+        for label, text in local.parts:
+            with ui.element("p"):
+                ui.label(f"{label}: ").classes("label")
+                ui.label(text)
+
+
+async def looked(user: User, errors: ui.element, function: Callable[..., Any], *args: Any, **limits: Any) -> Any:
+    """What a function of ``looks`` returns; None if it failed, and its error is shown."""
+    try:
+        return await user.look(function, *args, **limits)
+    except Exception as error:
+        show_error(errors, error, user.session)
+        return None
+
+
+def show_left_out(place: ui.element, left_out: Mapping[str, Sequence[str]]) -> None:
+    """Omitted files, by reason."""
+    if place.is_deleted or not left_out:
+        return
+    count = sum(map(len, left_out.values()))
+    with place, ui.element("div").classes("warning").props('role=alert id="left-out"'):
+        ui.label(f"{count} file{'s were' if count != 1 else ' was'} left out; the rest is here.").classes("problem")
+        for reason, names in left_out.items():
+            ui.label(f"{reason}: {listed(names)}")
+
+
+def listed(names: Sequence[str]) -> str:
+    """Some names, and the number of the others."""
+    more = len(names) - _MOST_NAMES
+    return ", ".join(names[:_MOST_NAMES]) + (f" and {more} more" if more > 0 else "")
+
+
+def step(number: int, title: str, name: str) -> ui.element:
+    """A section of the page with its heading."""
+    section = ui.element("section").classes("step").props(f'aria-labelledby="{name}-title" id="{name}"')
+    with section:
+        ui.html(
+            f'<h2 id="{name}-title" tabindex="-1"><span aria-hidden="true">{number}</span>{title}</h2>', sanitize=False
+        )
+    return section
+
+
+def go(section: ui.element) -> None:
+    """Scroll to a step and focus its heading."""
+    section.client.run_javascript(f"vibrident.go('{section.props['id']}')")
+
+
+class Text:
+    """Untrusted text, verbatim and monospaced, with a button to copy it."""
+
+    def __init__(self, name: str, text: str = "") -> None:
+        with ui.element("div").classes("code w-full").props(f"id={name}"):
+            self._label = ui.label(text).classes("plain")
+            copy = f"() => navigator.clipboard.writeText(document.querySelector('#{name} .plain').textContent)"
+            button = ui.button(icon="content_copy").props('round flat size=sm aria-label="Copy"').classes("copy")
+            button.on("click", js_handler=copy)
+
+    def show(self, text: str) -> None:
+        """Another text."""
+        self._label.text = text
+
+
+class Chart:
+    """A chart from its JSON, which is passed to the browser unread.
+
+    NiceGUI's own element would copy every number several times, and asks plotly to fit charts that are hidden or gone.
+    """
+
+    def __init__(self, figure: bytes, height: int) -> None:
+        self.place = (
+            ui.element("div").classes("chart").style(f"min-height: {height}px")
+        )  # the layout stays when it is drawn
+        self.show(figure)
+
+    def show(self, figure: bytes) -> None:
+        """Draw, or draw anew."""
+        text = json.dumps(figure.decode())
+        self.place.client.run_javascript(f"vibrident.draw('{self.place.html_id}', {text})")
+
+
+def _error_to_show(error: BaseException) -> VibridentError:
+    """The error to show: vibrident's own unchanged; anything else is logged."""
+    if isinstance(error, VibridentError):
+        return error
+    number = _noted(error)
+    return InputError(
+        "Something went wrong.",
+        expected="no error of the program",
+        found=f"an unexpected error, number {number} in the server's log",
+        remedy="your files and results are kept; try again, and report a repeated error with that number",
+    )
+
+
+def _noted(error: BaseException) -> str:
+    """Write an error to the log; returns its number."""
+    number = secrets.token_hex(4)
+    text = str(error) if isinstance(error, WorkerError) else "".join(traceback.format_exception(error))
+    lines = ("".join(c if c.isprintable() else " " for c in line) for line in text[-_LONGEST:].splitlines())
+    _LOG.error("something went wrong, %s\n%s", number, "\n".join(f"{number}  {line}" for line in lines))
+    return number

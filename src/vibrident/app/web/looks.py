@@ -1,0 +1,256 @@
+"""Access to uploaded files. Each function runs in a separate process (``vibrident.base.sandbox``).
+
+The server never opens such a file; it receives text, figures as JSON, and bytes of bounded size.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from vibrident.app.web.description import POINTS, Description, described
+from vibrident.app.web.pairs import mark, paired
+from vibrident.app.web.preview import preview
+from vibrident.app.web.session import refuse_outside
+from vibrident.base.errors import VibridentError
+from vibrident.data.io.guess import Columns, guess_columns
+from vibrident.data.io.readers import open_columns
+from vibrident.fit.measure.motion import kind_of_motion
+from vibrident.result import Result
+from vibrident.show import document, figures, tables
+from vibrident.show.comparison import beside, comparison_tables
+from vibrident.show.media import charts, html
+from vibrident.show.report import content
+from vibrident.show.views import Figure, count
+
+#: Most files whose motion is examined, spread over all of them.
+_MOST_EXAMINED = 5
+#: Most columns offered in lists; otherwise names are typed.
+MOST_COLUMNS = 60
+#: Most characters of a calibration file shown.
+MOST_TEXT = 20_000
+#: Most bytes of charts sent to the browser at once.
+MOST_BYTES = 4_000_000
+_LONGEST_LABEL = 200
+
+
+@dataclass(frozen=True)
+class Guess:
+    """The possible meaning of the columns.
+
+    Attributes:
+        columns: by their names; at most what can be shown.
+        excitation: by the file's name or the motion; None if undetermined.
+        all_columns: number of the file's columns.
+        chart: the guessed columns, as ``chart`` draws them; empty if that fails.
+        optical_part: what names of files with optical signals have beyond the others'; empty if there are none.
+    """
+
+    columns: Columns
+    excitation: str | None
+    all_columns: int
+    chart: bytes
+    optical_part: str = ""
+
+
+def prepare() -> None:
+    """What a process does while it waits for one of these functions: this module loads the libraries."""
+
+
+def guess(folder: Path, files: Sequence[str]) -> Guess:
+    """Guess the columns from the first file, and the excitation from several.
+
+    Raises:
+        InputError: the first file cannot be opened.
+    """
+    part = mark(files)
+    columns, apart = _columns(folder, paired(files, part))
+    count = len(columns.columns)
+    try:
+        excitation = likely_excitation(columns, folder, [file for file, _ in paired(files, part if apart else "")])
+    except MemoryError:  # the files may be too large for a guess
+        excitation = None
+    try:
+        given = replace(described(columns, excitation or "sine"), optical_part=part if apart else "")
+        drawn = chart(given, folder, files)
+    except (VibridentError, MemoryError):  # reported when the page requests the chart
+        drawn = b""
+    return Guess(_few(columns), excitation, count, drawn, part if apart else "")
+
+
+def _columns(folder: Path, pairs: Sequence[tuple[str, str | None]]) -> tuple[Columns, bool]:
+    """The columns of the first file, with those of its optical signals; whether these are in another file."""
+    first, other = pairs[0]
+    columns = guess_columns(folder / first)
+    light = columns if other is None else guess_columns(folder / other)
+    if light is columns or columns.detectors or not light.detectors:
+        return columns, False
+    more = [pair for pair in zip(light.columns, light.labels, strict=True) if pair[0] not in columns.columns]
+    names, labels = (tuple(part) for part in zip(*more, strict=True)) if more else ((), ())
+    both = {"columns": (*columns.columns, *names), "labels": (*columns.labels, *labels)}
+    return replace(columns, **both, detectors=light.detectors), True
+
+
+def likely_excitation(columns: Columns, folder: Path, files: Sequence[str]) -> str:
+    """The excitation of most files; a sine if undetermined."""
+    motion_in = columns.response if columns.detectors else columns.reference  # raw light turns round at any motion
+    if columns.excitation is not None or columns.is_table or motion_in is None:
+        return columns.excitation or "sine"
+    seen: Counter[str] = Counter()
+    for file in files[:: -(-len(files) // _MOST_EXAMINED)]:
+        try:
+            source = open_columns(folder / file)
+            (motion,) = source.load([source.position_of(motion_in, "columns and units")])
+        except VibridentError:  # reported when the columns are drawn or confirmed
+            continue
+        seen[kind_of_motion(motion)] += 1
+    return seen.most_common(1)[0][0] if seen else "sine"
+
+
+def _few(columns: Columns) -> Columns:
+    """The columns to offer: the first ones and the guessed ones."""
+    guessed = {*(getattr(columns, role) for role in ("time", "reference", "response", *POINTS)), *columns.detectors}
+    pairs = list(zip(columns.columns, columns.labels, strict=True))
+    kept = [pair for i, pair in enumerate(pairs) if i < MOST_COLUMNS or pair[0] in guessed]
+    names, labels = zip(*kept, strict=True)
+    return replace(columns, columns=names, labels=tuple(label[:_LONGEST_LABEL] for label in labels))
+
+
+def calibration(folder: Path, name: str) -> str:
+    """The text of a calibration file; of a long one the beginning.
+
+    Raises:
+        InputError: it cannot be read, or names files that were not uploaded.
+    """
+    refuse_outside(folder / name)
+    text = (folder / name).read_text(encoding="utf-8-sig")
+    left = len(text) - MOST_TEXT
+    return text if left <= 0 else f"{text[:MOST_TEXT]}\n# … and {left} characters more"
+
+
+def chart(given: Description, folder: Path, files: Sequence[str]) -> bytes:
+    """The beginning of the chosen columns, as JSON of a figure."""
+    return _json(preview(given, folder, files))
+
+
+def facts(path: Path) -> tuple[str, str]:
+    """Model and estimator of a result.
+
+    Raises:
+        InputError: the file is not a result.
+    """
+    result = Result.load(path)
+    return result.model, result.estimator
+
+
+def outcome(path: Path) -> dict[str, Any]:
+    """The view of a result: verdict, numbers and warnings as HTML, charts as JSON."""
+    result = Result.load(path)
+    drawn = [make(result) for make in (figures.sensitivity, figures.deviation, figures.training)]
+    named = [(figure.title, chart) for figure in drawn if figure is not None for _, chart in _charts(figure)]
+    shown, left = _fitting(named, MOST_BYTES)
+    signals, left = _fitting(_charts(figures.signals(result)), left)
+    return {
+        "verdict": html.fragment(document.verdict(result)),
+        "parameters": html.fragment(tables.parameters(result)),
+        "warnings": html.fragment(*tables.doubts(result)),
+        "charts": shown,
+        "signals": signals,
+        "left_out": left < 0,
+    }
+
+
+def _charts(figure: Figure | None) -> list[tuple[str, Any]]:
+    return [] if figure is None else charts.charts(figure)
+
+
+def _fitting(drawn: Sequence[tuple[str, Any]], most: int) -> tuple[list[tuple[str, bytes, int]], int]:
+    """Charts that fit the limit, and the bytes left; negative if one did not fit.
+
+    Each is its title, its JSON and its height in pixels.
+    """
+    found = []
+    for title, figure in drawn:
+        text = _json(figure)
+        most -= len(text)
+        if most < 0:
+            break
+        found.append((title, text, figure["layout"]["height"]))
+    return found, most
+
+
+def report(paths: Sequence[Path], form: Any, names: Sequence[str]) -> bytes:
+    """The file of a report of one result or of several."""
+    results = [Result.load(path) for path in paths]
+    return content(results[0], form) if len(results) == 1 else content(results, form, names)
+
+
+def exported(path: Path, folder: Path, form: str, options: dict[str, Any]) -> tuple[bytes, str]:
+    """One file as it is, several as an archive; with its name. The caller removes the folder."""
+    from vibrident.export import export
+
+    files = export(Result.load(path), form, folder, **options)
+    if len(files) == 1:
+        return files[0].read_bytes(), files[0].name
+    archive = io.BytesIO()
+    with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as packed:
+        for file in files:
+            packed.write(file, file.relative_to(folder))
+    return archive.getvalue(), f"{form}.zip"
+
+
+def comparison(paths: Sequence[Path], names: Sequence[str]) -> dict[str, Any]:
+    """Results side by side: a chart as JSON or none, and tables as HTML with their titles."""
+    results = [Result.load(path) for path in paths]
+    shown, _ = _fitting(_charts(beside(results, names)), MOST_BYTES)
+    tables_beside = [(title, html.fragment(table)) for title, table in comparison_tables(results, names)]
+    return {"charts": shown, "tables": tables_beside}
+
+
+def history(path: Path, store: str) -> dict[str, Any]:
+    """What a store holds of the sensor of a result: words, charts as JSON, and tables as HTML."""
+    return _history(Result.load(path), store, "")
+
+
+def added_to_history(path: Path, store: str) -> dict[str, Any]:
+    """The same, once the result was added.
+
+    Raises:
+        InputError: the result states no serial number or date, or the store cannot be used.
+    """
+    from vibrident.lab.history.entry import add_all
+    from vibrident.lab.history.store import Store
+
+    result = Result.load(path)
+    with Store(store) as opened:
+        ((new, number),) = add_all(opened, [result])
+    return _history(result, store, f"Calibration {number}{'' if new else ' was there already'}. ")
+
+
+def _history(result: Result, store: str, before: str) -> dict[str, Any]:
+    from vibrident.lab.history import page
+    from vibrident.lab.history.document import of_result
+    from vibrident.lab.history.store import Store
+
+    with Store(store) as opened:
+        life = of_result(opened, result)
+    if life is None:
+        return {"words": f"{before}The history holds no calibration of this sensor.", "charts": [], "tables": ""}
+    blocks = [block for part in page.report(life).sections for block in part.blocks]
+    drawn = [(one.title, chart) for one in blocks if isinstance(one, Figure) for _, chart in _charts(one)]
+    rest = html.fragment(*(block for block in blocks if not isinstance(block, Figure)))
+    words = f"{before}The history holds {count(len(life['calibrations']), 'calibration')} of this sensor."
+    return {"words": words, "charts": _fitting(drawn, MOST_BYTES)[0], "tables": rest}
+
+
+def _json(tree: Any) -> bytes:
+    try:
+        return json.dumps(tree, separators=(",", ":"), allow_nan=False).encode()
+    except ValueError as error:
+        raise VibridentError("NaN or infinity cannot be drawn.") from error

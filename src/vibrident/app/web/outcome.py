@@ -1,0 +1,216 @@
+"""Fourth step: the result as curve, numbers and warnings, and its downloads."""
+
+from __future__ import annotations
+
+import asyncio
+import shutil
+from typing import Any
+
+from nicegui import ui
+
+from vibrident.app.web import frame, looks
+from vibrident.app.web.session import RESULT
+from vibrident.app.web.users import Named, User
+from vibrident.base.escaping import html
+from vibrident.show.report import FILE_NAMES
+
+#: Most bytes of a file that an export writes.
+_MOST_EXPORTED = 200_000_000
+#: Most bytes of the store's file: it may be as large as it likes, but a process that may write needs a number.
+_ANY_SIZE = 1 << 42
+
+
+class OutcomeStep:
+    """The latest result."""
+
+    def __init__(self, user: User) -> None:
+        self.user = user
+        self.turn = 0
+        self.showing = False
+
+    def build(self) -> None:
+        """Build the section, hidden until there is a result."""
+        self.section = frame.step(4, "Result", "result")
+        with self.section:
+            self.choice = ui.select([], label="Shown").props("dense outlined stack-label").classes("w-full")
+            self.choice.on_value_change(lambda: None if self.showing else self._draw())
+            self.notice = ui.label("").classes("warning").props("role=status")
+            self.body = ui.element("div")
+        self.section.visible = False
+
+    async def show(self, *, go: bool = True) -> None:
+        """Show the latest result."""
+        names = [named.name for named in self.user.results]
+        self.section.visible = bool(names)
+        self.choice.visible = len(names) > 1
+        self.notice.text = self.user.notice
+        self.notice.visible = bool(self.user.notice)
+        if not names:
+            return
+        self.showing = True
+        self.choice.set_options(names, value=names[-1])
+        self.showing = False
+        await self._draw(go=go)
+
+    async def _draw(self, *, go: bool = False) -> None:
+        named = next((named for named in self.user.results if named.name == self.choice.value), None)
+        if named is None:
+            return
+        self.turn += 1
+        turn = self.turn
+        self.body.clear()
+        with self.body:
+            ui.spinner(size="28px")
+        shown = await frame.looked(self.user, self.body, looks.outcome, named.path)
+        if shown is None or turn != self.turn or self.body.is_deleted:
+            return
+        self.body.clear()
+        with self.body:
+            _verdict(shown)
+            self._downloads(named)
+            self.errors = ui.element("div").props("aria-live=assertive")
+            _curves(shown)
+            self._exports(named)
+            self.export_errors = ui.element("div").props("aria-live=assertive")
+            if go:  # before the history, which is read in a process of its own
+                frame.go(self.section)
+            if self.user.users.store:
+                await History(self.user, named, self.user.users.store).build()
+
+    def _downloads(self, named: Named) -> None:
+        ui.html("<h3>Download</h3>", sanitize=False)
+        with ui.element("div").classes("actions"):
+            ui.button("result.json", on_click=lambda: ui.download.file(named.path, RESULT)).props("id=get-json")
+            for form, label in (("html", "Report (HTML)"), ("pdf", "Certificate (PDF)"), ("md", "Report (Markdown)")):
+                ui.button(label, on_click=lambda form=form: self._report(named, form)).props(f"outline id=get-{form}")
+            if named.choices is not None:
+                name = named.choices.calibration
+                ui.button(name, on_click=lambda: ui.download.file(named.calibration, name)).props("outline id=get-toml")
+        if named.choices is not None:
+            ui.label(f"With {named.choices.calibration} in the folder of the data, the same in a shell:").classes(
+                "hint"
+            )
+            frame.Text("command", named.choices.command)
+
+    def _exports(self, named: Named) -> None:
+        """Other formats, each with its own options."""
+        from vibrident.export.form import OPTIONS
+        from vibrident.export.registry import EXPORTS
+
+        forms = EXPORTS.all()
+        plain = next(name for name, form in forms.items() if not (form.options or form.extra))
+        titles = {name: f"{name}: {form.title}" for name, form in forms.items()}
+        ui.html("<h3>Other formats</h3>", sanitize=False)
+        with ui.element("div").classes("actions"):
+            form = ui.select(titles, value=plain, label="Export as").style("min-width: min(15rem, 100%)")
+            fields = {
+                name: ui.number(option.label) if option.number else ui.input(option.label)
+                for name, option in OPTIONS.items()
+                if option.label
+            }
+            for field in (form, *fields.values()):
+                field.props("dense outlined stack-label")
+
+            def needed(value: str) -> None:
+                for name, field in fields.items():
+                    field.visible = name in forms[value].options
+
+            def asked() -> dict[str, Any]:
+                return {name: field.value or None for name, field in fields.items()}
+
+            needed(form.value)
+            form.on_value_change(lambda event: needed(event.value))
+            ui.button("Export", on_click=lambda: self._export(named, form.value, asked())).props(
+                "outline id=get-export"
+            )
+
+    async def _report(self, named: Named, form: Any) -> None:
+        self.errors.clear()
+        await give(self.user, self.errors, FILE_NAMES[form][0], looks.report, [named.path], form, [])
+
+    async def _export(self, named: Named, form: str, options: dict[str, Any]) -> None:
+        self.export_errors.clear()
+        session, errors = self.user.session, self.export_errors
+        folder = session.new_folder("export")
+        try:
+            made, name = await self.user.look(
+                looks.exported, named.path, folder, form, options, file_bytes=_MOST_EXPORTED
+            )
+            place = await asyncio.to_thread(session.download, made)
+        except Exception as error:
+            frame.show_error(errors, error, session)
+            return
+        finally:
+            await asyncio.to_thread(shutil.rmtree, folder, True)
+        if not errors.is_deleted:
+            ui.download.file(place, name)
+
+
+class History:
+    """What the history at ``store``, a URL, holds of a result's sensor, and a button that adds the result to it."""
+
+    def __init__(self, user: User, named: Named, store: str) -> None:
+        self.user, self.named, self.store = user, named, store
+
+    async def build(self) -> None:
+        """Build it, and show what is there."""
+        ui.html("<h3>History</h3>", sanitize=False)
+        with ui.element("div").classes("actions"):
+            self.button = ui.button("Add to history", on_click=self._add).props("outline id=add-to-history")
+        self.words = ui.label("").classes("hint").props("role=status id=history-words")
+        self.errors = ui.element("div").props("aria-live=assertive")
+        self.body = ui.element("div").props("id=history")
+        await self._ask(looks.history)
+
+    async def _add(self) -> None:
+        self.button.disable()
+        await self._ask(looks.added_to_history)
+        if not self.button.is_deleted:
+            self.button.enable()
+
+    async def _ask(self, function: Any) -> None:
+        self.errors.clear()
+        shown = await frame.looked(self.user, self.errors, function, self.named.path, self.store, file_bytes=_ANY_SIZE)
+        if shown is None or self.body.is_deleted:
+            return
+        self.words.text = shown["words"]
+        self.body.clear()
+        with self.body:
+            for _, figure, height in shown["charts"]:
+                frame.Chart(figure, height)
+            ui.html(f'<div class="scroll">{shown["tables"]}</div>', sanitize=False)
+
+
+async def give(user: User, errors: ui.element, name: str, function: Any, *args: Any) -> None:
+    """Let the browser download the output of a function of ``looks``."""
+    try:
+        made = await user.look(function, *args)
+        place = await asyncio.to_thread(user.session.download, made)
+    except Exception as error:
+        frame.show_error(errors, error, user.session)
+        return
+    if not errors.is_deleted:
+        ui.download.file(place, name)
+
+
+def _verdict(shown: dict[str, Any]) -> None:
+    """The pieces of HTML come from ``looks``, where untrusted text was escaped."""
+    for part in ("verdict", "parameters", "warnings"):
+        if shown[part]:
+            ui.html(shown[part], sanitize=False)
+
+
+def _curves(shown: dict[str, Any]) -> None:
+    if shown["left_out"]:
+        ui.label("Not everything can be drawn here; see the report (HTML).").classes("hint")
+    for title, figure, height in shown["charts"]:
+        ui.html(f"<h3>{html(title)}</h3>", sanitize=False)
+        frame.Chart(figure, height)
+    if signals := shown["signals"]:
+        ui.html("<h3>Signals</h3>", sanitize=False)
+        if len(signals) > 1:
+            names = {number: name for number, (name, *_) in enumerate(signals)}
+            choice = ui.select(names, value=0, label="Record").props("dense outlined stack-label")
+            choice.style("max-width: 20rem")
+            choice.on_value_change(lambda event: plot.show(signals[event.value][1]))
+        plot = frame.Chart(*signals[0][1:])

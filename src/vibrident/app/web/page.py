@@ -1,0 +1,72 @@
+"""One user's page: the steps in their order. A tab that reconnects finds its state."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+
+from nicegui import app, ui
+
+from vibrident.app.web import frame
+from vibrident.app.web.columns import ColumnsStep
+from vibrident.app.web.compare import CompareStep
+from vibrident.app.web.data import DataStep
+from vibrident.app.web.fit import FitStep
+from vibrident.app.web.outcome import OutcomeStep
+from vibrident.app.web.users import User, Users
+from vibrident.base.errors import InputError
+
+_FOLDER = Path(__file__).parent
+_STYLE = (_FOLDER / "page.css").read_text(encoding="utf-8")
+_SCRIPT = (_FOLDER / "page.js").read_text(encoding="utf-8")
+
+
+async def page(users: Users) -> None:
+    """Build the page. Expensive parts wait until a browser has connected; a bare request gets a heading."""
+    ui.colors(primary="#0a4b78", positive="#14632f", negative="#a1001a", warning="#7a4b00")
+    ui.add_css(_STYLE)
+    ui.add_body_html(f"<script>{_SCRIPT}</script>")
+    ui.html('<a class="skip" href="#main">To the content</a>', sanitize=False)
+    with ui.element("header").classes("top"):
+        ui.html("<h1>vibrident</h1><p>From calibration records to a sensor's dynamic model</p>", sanitize=False)
+    main = ui.element("main").classes("steps").props("id=main")
+    client = ui.context.client
+    await client.connected()
+    if client.is_deleted:
+        return
+    with main:
+        errors = ui.element("div").props("aria-live=assertive id=errors")
+        ui.on_exception(lambda error: frame.show_error(errors, error))
+        try:
+            user = users.attach(client, app.storage.tab)
+        except InputError as error:
+            frame.show_error(errors, error)
+            return
+        await _steps(user)
+
+
+async def _steps(user: User) -> None:
+    outcome, compare, fit = OutcomeStep(user), CompareStep(user), FitStep(user)
+    columns, data = ColumnsStep(user), DataStep(user)
+
+    async def results() -> None:
+        data.hold()
+        await outcome.show()
+        await compare.show()
+
+    data.build(on_data=columns.show, on_result=results)
+    await asyncio.sleep(0)  # yield between the steps
+    columns.build(on_confirmed=fit.show, on_edit=fit.refresh, on_doubt=fit.doubt)
+    fit.build(on_result=results)
+    await asyncio.sleep(0)
+    outcome.build()
+    compare.build()
+    ui.run_javascript(f"vibrident.back({str(user.empty).lower()})")
+    data.hold()
+    if user.empty:
+        return
+    await columns.restore()
+    await fit.restore()
+    if user.results:
+        await outcome.show(go=False)
+        await compare.show()

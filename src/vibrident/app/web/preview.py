@@ -1,0 +1,106 @@
+"""The beginning of the chosen columns as in the file, so that a wrong choice is visible."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from vibrident.app.web.description import Description
+from vibrident.base.errors import InputError
+from vibrident.data.io.allowance import require_room
+from vibrident.data.io.columns import ColumnFile
+from vibrident.data.io.readers import open_columns
+from vibrident.data.records import FloatArray
+from vibrident.show import axes
+from vibrident.show.data_figures import lissajous
+from vibrident.show.media.charts import Chart, charts
+from vibrident.show.numbers import shortened
+from vibrident.show.views import BLUE, GREEN, VERMILION, Axis, Figure, Look, Panel, Series, Stack
+
+#: Height of the chart in pixels.
+HEIGHT = 360
+#: Samples drawn.
+MOST_SAMPLES = 3000
+#: Samples from which an ellipse is fitted.
+MOST_LIGHT = 1 << 18
+
+
+def preview(given: Description, folder: Path, files: Sequence[str]) -> Chart:
+    """A figure of the first file: reference above response, or magnitude over frequency.
+
+    Two photodetector signals are also drawn over each other, with their ellipse.
+
+    Raises:
+        InputError: a column cannot be read, or the columns are too large to be read whole.
+    """
+    first, other = given.pairs(files)[0]
+    source = open_columns(folder / first)
+    light = source if other is None else open_columns(folder / other)
+    across = given.frequency if given.table else given.time
+    drawn: tuple[int | str | None, ...] = (given.magnitude, given.phase)
+    if not given.table:
+        drawn = (*(given.signals or (given.reference,)), given.response)
+    if light is not source:
+        drawn = (given.response,)
+    wanted = list(dict.fromkeys(column for column in drawn if column is not None))
+    if not given.signals:  # those of an interferometer are read in blocks
+        whole = [source.position_of(column, "columns and units") for column in wanted]
+        require_room(folder / first, sum(source.length(place) for place in whole))
+    stacks = [*_light(light, given), _over(source, wanted, across, table=given.table)]
+    if light is not source:
+        signals = [column for column in given.signals if column is not None]
+        stacks.insert(-1, _over(light, signals, None, table=False))
+    ((_, chart),) = charts(Figure("preview", "", tuple(stacks), across=len(stacks)))
+    return chart
+
+
+def _over(source: ColumnFile, wanted: Sequence[int | str], across: int | str | None, *, table: bool) -> Stack:
+    """Columns of a file below each other, over one of them or the number of the sample."""
+    values = dict(zip(wanted, _beginnings(source, wanted), strict=True))
+    x = None if across is None else _beginnings(source, [across])[0]
+    if x is not None and not table and x.size:  # times since 1970 make unreadable labels
+        x = x - x[0]
+    size = min((column.size for column in values.values()), default=0)
+    places = np.arange(size, dtype=float) if x is None else np.asarray(x, dtype=float)[:size]
+    title = "Frequency in Hz" if table else "Sample" if x is None else "Time from the first sample in s"
+    below = axes.frequency(places, title) if table else axes.linear(title, places, margin=0.02)
+    mark = "o" if table else ""
+    panels = tuple(
+        Panel(below, _axis(values[column]), (_series(places, values[column][:size], column, colour, mark),), 1.0)
+        for colour, column in zip((BLUE, VERMILION, GREEN), wanted, strict=False)
+    )
+    return Stack(panels)
+
+
+def _beginnings(source: ColumnFile, columns: Sequence[int | str]) -> list[FloatArray]:
+    positions = [source.position_of(column, "columns and units") for column in columns]
+    return [source.block([p], 0, min(source.length(p), MOST_SAMPLES))[0] for p in positions]
+
+
+def _series(x: FloatArray, y: FloatArray, column: int | str, colour: str, mark: str) -> Series:
+    return Series(x, y, shortened(str(column), 50), Look(colour, width=1.0, marker=mark))  # type: ignore[arg-type]
+
+
+def _axis(values: FloatArray) -> Axis:
+    return axes.linear("", values)
+
+
+def _light(source: ColumnFile, given: Description) -> tuple[Stack, ...]:
+    """Two photodetector signals over each other, with their ellipse if the motion determines one."""
+    if len(given.signals) != 2 or None in given.signals:
+        return ()
+    from vibrident.data.interferometer.setting import Held  # loads SciPy, which other previews do not need
+    from vibrident.data.interferometer.survey import survey
+
+    places = [source.position_of(column, "columns and units") for column in given.signals if column is not None]
+    size = min(*(source.length(place) for place in places), MOST_LIGHT)
+    signals = source.block(places, 0, size)
+    if size < 2 or not np.isfinite(signals).all():
+        return ()
+    try:
+        seen = survey(Held(signals, 1.0))
+    except InputError:  # reported when the file is confirmed; the signals themselves show it
+        return (Stack((lissajous(signals[:, :: max(size // MOST_SAMPLES, 1)], None),)),)
+    return (Stack((lissajous(seen.points, seen.ellipse if seen.fitted else None),)),)

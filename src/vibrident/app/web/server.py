@@ -1,0 +1,152 @@
+"""``serve``: the page on this machine, until it is stopped."""
+
+from __future__ import annotations
+
+import errno
+import ipaddress
+import os
+import socket
+import tempfile
+from collections.abc import Sequence
+from typing import Any
+
+from vibrident.app.web.home import Home
+from vibrident.app.web.session import MEGABYTE
+from vibrident.app.workflow.choices import LOOPBACK
+from vibrident.base.errors import InputError
+from vibrident.base.extras import library
+
+USUAL_PORT = 8080
+#: Seconds without a connection after which the browser rebuilds the page; its state is kept longer.
+_RECONNECT_S = 30.0
+#: Addresses for documentation (RFC 5737, RFC 3849): nothing is sent there; they only reveal this machine's own address.
+_ANYWHERE = {socket.AF_INET: "192.0.2.1", socket.AF_INET6: "2001:db8::1"}
+_ICON = (
+    '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 32 32"><rect width="32" height="32" rx="6" fill="#0a4b78"/>'
+    '<path d="M3 18h5l3-9 5 15 4-11 2 5h7" fill="none" stroke="#fff" stroke-width="2.4"/></svg>'
+)
+
+
+def serve(
+    *,
+    host: str,
+    port: int,
+    show: bool,
+    limit_mb: float,
+    names: Sequence[str] = (),
+    store: str | None = None,
+    say: Any = print,
+) -> None:
+    """Serve the page until interrupted.
+
+    Args:
+        host: address to listen at; loopback is for this machine alone.
+        port: 0: 8080 if free, else any free one.
+        show: open the browser.
+        limit_mb: most megabytes of one user's files.
+        names: further host names of the page.
+        store: URL of the history that everybody who reaches the page may read and add to; None for none.
+        say: called with the address.
+
+    Raises:
+        InputError: NiceGUI is not installed, or the address or the port cannot be used.
+    """
+    library("nicegui", "web", "The page needs NiceGUI, which is not installed.", "vibrident serve")
+    from nicegui import ui
+
+    chosen = _free_port(host, port)
+    home = Home()
+    os.environ["TMPDIR"] = tempfile.tempdir = str(home.spool)  # partial uploads lie there too
+    try:
+        build(limit_mb, home, names=own_names(host) | frozenset(names), store=store)
+        say(f"http://{_bracketed(reachable(host))}:{chosen}/")
+        ui.run(
+            host=host,
+            port=chosen,
+            title="vibrident",
+            favicon=_ICON,
+            show=show,
+            reload=False,
+            show_welcome_message=False,
+            reconnect_timeout=_RECONNECT_S,
+            dark=False,
+            language="en-US",
+            gzip_middleware_factory=None,  # compressing takes longer than sending, and
+            ws_per_message_deflate=False,  # delays all users
+        )
+    finally:
+        home.close()
+
+
+def build(limit_mb: float, home: Home, *, names: frozenset[str] = LOOPBACK, store: str | None = None) -> None:
+    """Register the page and its guard."""
+    from nicegui import app, ui
+
+    from vibrident.app.web.guard import Guard
+    from vibrident.app.web.page import page
+    from vibrident.app.web.users import Users
+
+    users = Users(home.folder, limit_mb, store)
+    app.add_middleware(Guard, limit_bytes=int(limit_mb * MEGABYTE), names=names)
+    app.on_startup(users.start)
+    app.on_shutdown(users.close)
+    app.on_shutdown(home.close)  # a signal ends the process before ``serve`` returns
+
+    @ui.page("/", title="vibrident", markdown=False)
+    async def _page() -> None:
+        await page(users)
+
+
+def own_names(host: str) -> frozenset[str]:
+    """Host names of a page at this address; addresses of this machine are known from the request."""
+    if host in LOOPBACK:
+        return LOOPBACK
+    own = socket.gethostname().lower()
+    return LOOPBACK | {host, own, f"{own}.local"} - {"", ".local"}
+
+
+def reachable(host: str) -> str:
+    """An address for the browser; 0.0.0.0 and :: are not usable as one."""
+    try:
+        if not ipaddress.ip_address(host).is_unspecified:
+            return host
+    except ValueError:
+        return host
+    family = _family(host)
+    with socket.socket(family, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect((_ANYWHERE[family], 9))
+            return probe.getsockname()[0]
+        except OSError:  # no network
+            return "::1" if family == socket.AF_INET6 else "127.0.0.1"
+
+
+def _bracketed(host: str) -> str:
+    return f"[{host}]" if ":" in host else host
+
+
+def _family(host: str) -> socket.AddressFamily:
+    return socket.AF_INET6 if ":" in host else socket.AF_INET
+
+
+def _free_port(host: str, port: int) -> int:
+    wanted = [port] if port else [USUAL_PORT, 0]
+    for number in wanted:
+        with socket.socket(_family(host), socket.SOCK_STREAM) as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            try:
+                probe.bind((host, number))
+            except OSError as error:
+                if error.errno == errno.EADDRINUSE and number != wanted[-1]:
+                    continue
+                raise InputError(
+                    "The page cannot be served there.",
+                    expected="an address of this machine and a port that is free",
+                    found=f"{error.strerror or error}",
+                    where=f"--host {host} --port {number}",
+                    remedy="leave --port out to use a free one"
+                    if error.errno in (errno.EADDRINUSE, errno.EACCES)
+                    else "leave --host out to serve this machine alone",
+                ) from error
+            return probe.getsockname()[1]
+    raise AssertionError("unreachable")

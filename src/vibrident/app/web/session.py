@@ -1,0 +1,265 @@
+"""One user's files: a private folder, names made safe, limits on sizes and numbers."""
+
+from __future__ import annotations
+
+import os
+import re
+import secrets
+import shutil
+from collections.abc import Callable
+from pathlib import Path, PurePosixPath
+from typing import TypeVar
+
+from vibrident.base.errors import InputError, VibridentError
+from vibrident.data.io.file_order import natural
+from vibrident.data.io.readers import by_ending, unknown_format
+
+#: Name of the calibration file that the page writes.
+CALIBRATION = "calibration.toml"
+#: Name of a result when it is downloaded.
+RESULT = "result.json"
+MEGABYTE = 1_000_000
+MOST_FILES = 500
+#: Most results of one page; the oldest are evicted.
+MOST_RESULTS = 20
+#: Endings of accepted files.
+KNOWN = (*by_ending(), ".toml", ".json")
+_LONGEST_NAME = 120
+_DOWNLOADS = 4
+_UNSAFE = re.compile(r"[^\w.+ -]+")
+_RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
+_T = TypeVar("_T", bound=VibridentError)
+
+
+class Session:
+    """Files of one user, in a private folder that is made with the first file.
+
+    Args:
+        parent: folder of all users.
+        limit_mb: most megabytes of the data, and of the results.
+        room: called with the bytes to come; raises InputError if the server has no room for them.
+    """
+
+    def __init__(self, parent: Path, limit_mb: float, room: Callable[[int], None] = lambda size: None) -> None:
+        self.limit_mb = limit_mb
+        self.folder = parent / secrets.token_hex(16)
+        self.data = self.folder / "data"
+        self.results = self.folder / "results"
+        self._room = room
+        self._sizes: dict[str, int] = {}
+        self._result_sizes: dict[Path, int] = {}
+        self._made = 0
+        self._written = False
+
+    def open(self) -> None:
+        """Make the folders unless they exist."""
+        for folder in (self.data, self.results):
+            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+
+    def close(self) -> None:
+        """Remove every file."""
+        shutil.rmtree(self.folder, ignore_errors=True)
+        self._sizes, self._result_sizes, self._written = {}, {}, False
+
+    def clear(self) -> None:
+        """Remove the data, keep their results."""
+        shutil.rmtree(self.data, ignore_errors=True)
+        self._sizes, self._written = {}, False
+
+    @property
+    def names(self) -> list[str]:
+        """Names of all files, in natural order."""
+        own = {CALIBRATION} if self._written else set()
+        return sorted(set(self._sizes) - own, key=natural)
+
+    @property
+    def files(self) -> list[str]:
+        """Names of the data files, in natural order."""
+        readers = by_ending()
+        return [name for name in self.names if Path(name).suffix.lower() in readers]
+
+    @property
+    def used_bytes(self) -> int:
+        """Size of all files, including the results."""
+        return sum(self._sizes.values()) + sum(self._result_sizes.values())
+
+    @property
+    def calibration(self) -> str | None:
+        """Name of the uploaded calibration file; the page's own does not count.
+
+        Raises:
+            InputError: there are several, none with the usual name.
+        """
+        names = [name for name in self.names if Path(name).suffix.lower() == ".toml"]
+        if len(names) > 1 and CALIBRATION not in names:
+            raise InputError(
+                "More than one calibration file came with the data.",
+                expected=f"one, or one that is named {CALIBRATION}",
+                found=", ".join(names),
+                where="upload",
+                remedy="remove the others",
+            )
+        return None if not names else CALIBRATION if CALIBRATION in names else names[0]
+
+    def write_calibration(self, text: str) -> None:
+        """Write the confirmed calibration file, for the identification."""
+        self.open()
+        (self.data / CALIBRATION).unlink(missing_ok=True)  # a hard link to it may be in use
+        (self.data / CALIBRATION).write_text(text, encoding="utf-8")
+        self._sizes[CALIBRATION] = len(text)
+        self._written = True
+
+    def forget_calibration(self) -> None:
+        """Remove the page's calibration file: it does not hold for other data."""
+        if self._written:
+            self.remove(CALIBRATION)
+
+    def place_for(self, name: str, size: int) -> Path:
+        """Path for a file of this name and size. A calibration file replaces one of the same name.
+
+        Raises:
+            InputError: the format is not supported, the name is taken, or there is no room.
+        """
+        safe = safe_name(name)
+        if Path(safe).suffix.lower() not in KNOWN:
+            raise unknown_kind(safe)
+        if safe.lower() == CALIBRATION:
+            self.forget_calibration()
+        taken = {other.lower(): other for other in self._sizes}.get(safe.lower())
+        if taken is not None and Path(safe).suffix.lower() != ".toml":
+            raise InputError(
+                "A file of that name already exists.",
+                expected="a unique name for each file",
+                found=repr(safe),
+                where="upload",
+                remedy="remove the existing one, or rename one of the two",
+            )
+        data_bytes = sum(self._sizes.values())
+        if data_bytes + size > self.limit_mb * MEGABYTE or len(self._sizes) >= MOST_FILES:
+            raise too_large(self.limit_mb, safe)
+        self._room(size)
+        self.open()
+        if taken is not None:
+            self.remove(taken)
+        self._sizes[safe] = size
+        return self.data / safe
+
+    def remove(self, name: str) -> None:
+        """Remove one file."""
+        if self._sizes.pop(name, None) is not None:
+            (self.data / name).unlink(missing_ok=True)
+            self._written = self._written and name != CALIBRATION
+
+    def rescan(self) -> None:
+        """Update the list of files after another process has written."""
+        self._sizes = {path.name: path.stat().st_size for path in self.data.iterdir()}
+
+    def new_folder(self, name: str) -> Path:
+        """A folder that the caller removes."""
+        self.open()
+        self._made += 1
+        folder = self.folder / f"{name}-{self._made}"
+        folder.mkdir(mode=0o700)
+        return folder
+
+    def copy_to(self, copy: Path) -> None:
+        """Copy the data, so that later changes do not affect an identification."""
+        for name in self._sizes:
+            try:
+                os.link(self.data / name, copy / name)
+            except OSError:  # a file system without links
+                shutil.copyfile(self.data / name, copy / name)
+
+    def keep_result(self, place: Path, calibration: Path | None = None) -> tuple[Path, list[Path]]:
+        """Move a result and its calibration file here; returns its path, and the evicted results."""
+        moved = [place, calibration] if calibration else [place]
+        size = sum(path.stat().st_size for path in moved)
+        self._room(size)
+        self.open()
+        self._made += 1
+        kept = self.results / f"{self._made}.json"
+        for path in moved:
+            path.replace(kept.with_suffix(".json" if path is place else ".toml"))
+        self._result_sizes[kept] = size
+        gone = []
+        while len(self._result_sizes) > MOST_RESULTS or (
+            len(self._result_sizes) > 1 and sum(self._result_sizes.values()) > self.limit_mb * MEGABYTE
+        ):
+            oldest = next(iter(self._result_sizes))
+            del self._result_sizes[oldest]
+            oldest.unlink(missing_ok=True)
+            oldest.with_suffix(".toml").unlink(missing_ok=True)
+            gone.append(oldest)
+        return kept, gone
+
+    def download(self, content: bytes) -> Path:
+        """A file for bytes to the browser; all but the last few are removed."""
+        self.open()
+        folder = self.folder / "downloads"
+        folder.mkdir(mode=0o700, exist_ok=True)
+        self._made += 1
+        (place := folder / f"{self._made}").write_bytes(content)
+        for old in sorted(folder.iterdir(), key=lambda path: int(path.name))[:-_DOWNLOADS]:
+            old.unlink(missing_ok=True)
+        return place
+
+    def local(self, error: _T) -> _T | InputError:
+        """The error with paths relative to the folder of the data."""
+        if not isinstance(error, InputError):
+            return error
+        fields = dict(vars(error))
+        for folder in (self.data, self.results, self.folder):
+            fields = {key: value.replace(f"{folder}{os.sep}", "") for key, value in fields.items()}
+        return type(error)(**fields)
+
+
+def safe_name(name: str) -> str:
+    """A file name that stays in its folder, on any system: no path, no control character, no reserved word."""
+    last = PurePosixPath(name.replace("\\", "/")).name
+    plain = _UNSAFE.sub("_", last).strip(" .") or "file"
+    if _RESERVED.fullmatch(plain) or plain.startswith("-"):
+        plain = f"_{plain}"
+    if len(plain) <= _LONGEST_NAME:
+        return plain
+    room = _LONGEST_NAME - len(Path(plain).suffix)
+    return plain[:room] + Path(plain).suffix if room > 0 else plain[:_LONGEST_NAME]
+
+
+def unknown_kind(name: str) -> InputError:
+    """The error of an unsupported file."""
+    return unknown_format(Path(name).suffix, name)
+
+
+def too_large(limit_mb: float, where: str = "upload") -> InputError:
+    """The error of an upload beyond the limit."""
+    return InputError(
+        "The files are too large for the page.",
+        expected=f"at most {limit_mb:g} MB and {MOST_FILES} files in all",
+        found="more",
+        where=where,
+        remedy="start with vibrident serve --limit-mb N, or use vibrident identify in a shell",
+    )
+
+
+def refuse_outside(file: Path) -> None:
+    """Refuse a calibration file that names files outside its folder.
+
+    Raises:
+        InputError: a path is absolute or leads upwards, or the file cannot be read.
+    """
+    from vibrident.data.io.calibration_file import read_calibration_file
+
+    document = read_calibration_file(file)
+    named = [document.table.file] if document.table else []
+    for entry in document.records:
+        named += [entry.file, *([entry.reference_file] if entry.reference_file else [])]
+    for name in named:
+        parts = re.split(r"[/\\]", name)
+        if parts[0] in ("", "~") or ".." in parts or ":" in parts[0]:
+            raise InputError(
+                "The page reads files beside the calibration file only.",
+                expected="the name of an uploaded file, or a glob",
+                found=repr(name),
+                where=f"{file}, file",
+                remedy="upload that file and write its name alone",
+            )

@@ -1,0 +1,95 @@
+"""Long work in a separate process, so that the page stays responsive, can cancel, and survives crashes.
+
+The process works in the folder of the data, as the command line does.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from vibrident.base.errors import InputError
+from vibrident.base.process import Died, Ended, Limits, Process, WorkerError
+
+#: Memory of an identification, bytes.
+_MEMORY = 4_000_000_000
+#: Further memory for each byte of data.
+_MEMORY_A_BYTE = 20
+_MOST_SECONDS = 7200.0
+_MOST_FILE_BYTES = 1_000_000_000
+
+
+class Worker:
+    """A process for one task at a time."""
+
+    def __init__(self) -> None:
+        self._process: Process | None = None
+
+    def cancel(self) -> None:
+        """End the running task."""
+        if self._process is not None:
+            self._process.end()
+
+    async def run(
+        self, task: Callable[..., None], *args: Any, folder: Path, progress: Callable[..., object] | None = None
+    ) -> None:
+        """Run a function of this module in the folder; ``progress`` is called in this thread.
+
+        Raises:
+            InputError, NotConverged: as the task does, or it needs more memory or time than it may have (InputError).
+            WorkerError: any other failure in the process.
+            asyncio.CancelledError: it was cancelled.
+        """
+        loop = asyncio.get_running_loop()
+        limits = Limits(_MOST_SECONDS, _memory(folder), _MOST_FILE_BYTES)
+        told = None if progress is None else partial(loop.call_soon_threadsafe, progress)
+        self._process = process = Process(folder=folder)
+        try:
+            await asyncio.to_thread(process.call, task, *args, limits=limits, progress=told)
+        except Ended:
+            raise asyncio.CancelledError from None
+        except Died as death:
+            raise _refusal(death, limits) from None
+        finally:
+            self._process = None
+            process.end()
+
+
+def identify(calibration: str, options: Mapping[str, str], result: Path, *, progress: Callable[..., None]) -> None:
+    """Identify as the command line does; ``progress`` gets iteration, the most there can be, and cost."""
+    from vibrident.app.workflow.identification import Request, run
+    from vibrident.data.io import read
+
+    settings = {"discretisation": options.get("discretisation")}
+    request = Request(options["estimator"], settings, uncertainty=options["uncertainty"])
+    request.check()
+    (made,) = run(request, [read(calibration)], progress)
+    made.save(result)
+
+
+def simulate_demo() -> None:
+    """The records of the demo; the user confirms what their columns mean."""
+    from vibrident.app.workflow.simulated import write_demo
+
+    write_demo(Path.cwd())
+    for name in ("calibration.toml", "truth.json"):
+        Path(name).unlink()
+
+
+def _memory(folder: Path) -> int:
+    return _MEMORY + _MEMORY_A_BYTE * sum(path.stat().st_size for path in folder.iterdir())
+
+
+def _refusal(death: Died, limits: Limits) -> Exception:
+    if death.reason == "crash":
+        return WorkerError(str(death))
+    most = f"{(limits.memory_bytes or 0) / 1e9:.1f} GB" if death.reason == "memory" else f"{limits.seconds:g} s"
+    return InputError(
+        f"The identification needs more {death.reason} than the page allows.",
+        expected=f"at most {most}",
+        found="more",
+        remedy="leave out records or parts of them, or use vibrident identify in a shell",
+    )

@@ -1,0 +1,78 @@
+"""From names and settings, as a user gives them, to an estimator."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from vibrident.base.errors import InputError, unknown
+from vibrident.fit.registry import AUTO, ESTIMATORS
+
+if TYPE_CHECKING:
+    from vibrident.fit.estimators import Estimator
+
+
+def estimator_names() -> tuple[str, ...]:
+    """The values of ``--estimator``; nothing is loaded."""
+    return (AUTO, *ESTIMATORS.names())
+
+
+def estimators_with(setting: str) -> tuple[str, ...]:
+    """Names of the estimators that have a setting."""
+    return tuple(name for name, one in ESTIMATORS.all().items() if setting in one.settings)
+
+
+def given(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """The settings that are given: those that are not None."""
+    return {name: value for name, value in settings.items() if value is not None}
+
+
+def checked(name: str, settings: Mapping[str, Any], *, weights: bool = False) -> None:
+    """Refuse settings that do not fit the estimator; without settings, nothing is loaded.
+
+    Args:
+        name: of the estimator, or ``auto``.
+        settings: name → value; None where it is not given.
+        weights: whether the weights of its network are requested.
+
+    Raises:
+        InputError: a setting belongs to another estimator, needs another setting, or has a value that cannot be used.
+    """
+    asked = given(settings)
+    for setting in asked:
+        owners = estimators_with(setting)
+        if not owners:
+            known = sorted({name for one in ESTIMATORS.all().values() for name in one.settings})
+            raise unknown(f"No estimator has a setting {setting!r}.", setting, known, "command line")
+        if name not in owners:
+            raise misfit(_option(setting), f"--estimator {' or '.join(owners)}", f"--estimator {name}")
+        needs = ESTIMATORS[name].settings[setting].needs
+        if needs is not None and asked.get(needs[0]) != needs[1]:
+            other = asked.get(needs[0], ESTIMATORS[name].settings[needs[0]].default)
+            raise misfit(_option(setting), f"{_option(needs[0])} {needs[1]}", f"{_option(needs[0])} {other}")
+    if asked:
+        ESTIMATORS[name].configured(**asked)
+    if weights and name != AUTO and not ESTIMATORS[name].trains_network:
+        networks = [key for key, one in ESTIMATORS.all().items() if one.trains_network]
+        raise misfit("--weights", f"--estimator {' or '.join(networks)}", f"--estimator {name}")
+
+
+def estimator(name: str, settings: Mapping[str, Any]) -> str | Estimator:
+    """The argument of ``identify``: a name, or the estimator with the given settings."""
+    asked = given(settings)
+    return ESTIMATORS[name].configured(**asked) if asked else name
+
+
+def _option(name: str) -> str:
+    return f"--{name.replace('_', '-')}"
+
+
+def misfit(option: str, wanted: str, found: str) -> InputError:
+    """The error of an option that goes with something else than it was given with."""
+    return InputError(
+        f"The option {option} does not fit.",
+        expected=f"{option} with {wanted}",
+        found=f"{option} with {found}",
+        where="command line",
+        remedy=f"add {wanted}, or leave {option} out",
+    )

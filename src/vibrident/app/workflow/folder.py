@@ -1,0 +1,134 @@
+"""Results read; files written all together or not at all: into a hidden folder in or beside the target, then moved."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vibrident.app.workflow.interruption import tidied_up
+from vibrident.base.errors import InputError
+
+if TYPE_CHECKING:
+    from vibrident.result import Result
+
+#: Moved last, so that its presence implies the others.
+_LAST = "result.json"
+
+
+def load_result(path: Path) -> Result:
+    """Read a result; an error names the file."""
+    from vibrident.result import Result
+
+    if path.suffix.lower() == ".toml" and os.path.isfile(path):
+        raise InputError(
+            "A result is needed here, not a calibration file.",
+            expected="a result.json that `vibrident identify` wrote",
+            found=path.name,
+            where=str(path),
+            remedy="name the result first and the calibration file after it, or identify first",
+        )
+    try:
+        return Result.load(path)
+    except InputError as error:
+        if error.where:
+            raise
+        raise error.at(str(path)) from error
+
+
+@dataclass
+class Folder:
+    """A folder being written.
+
+    Attributes:
+        path: the temporary folder to write to.
+        target: the final folder.
+        files: final paths, once all are written; in the order of the names, the result first.
+    """
+
+    path: Path
+    target: Path
+    files: list[Path] = field(default_factory=list)
+
+
+@contextlib.contextmanager
+def written_whole(target: Path) -> Iterator[Folder]:
+    """Collect files for ``target``; move them there at the end of the block; leave nothing if it fails.
+
+    Files of the same names are replaced, others stay.
+
+    Raises:
+        InputError: the folder cannot be made or written.
+    """
+    if target.exists() and not target.is_dir():
+        raise InputError(
+            "The output folder is a file.",
+            expected="a folder, or a name that is free",
+            found="a file",
+            where=str(target),
+            remedy="give another --out",
+        )
+    missing = [folder for folder in (target, *target.parents) if not folder.exists()]
+    # Inside an existing folder: the one above may belong to another user or file system.
+    partial = (target if target.is_dir() else target.parent) / f".vibrident.{os.getpid()}.part"
+    folder = Folder(partial, target)
+
+    def discard() -> None:
+        shutil.rmtree(partial, ignore_errors=True)
+        for made in missing:  # empty where nothing was written
+            with contextlib.suppress(OSError):
+                made.rmdir()
+
+    try:
+        with tidied_up(discard):
+            partial.mkdir(parents=True)
+            yield folder
+            folder.files = [_moved(file, partial, target) for file in _in_order(partial)]
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        raise InputError(
+            "The output cannot be written.",
+            expected="a folder that can be written, with room for the files",
+            found=f"{type(error).__name__}: {error.strerror or error}",
+            where=str(target),
+            remedy="give another --out, or make room",
+        ) from error
+    finally:
+        discard()
+    folder.files.sort(key=lambda file: (file.name != _LAST, file))
+
+
+def write_json(path: Path, document: Any) -> None:
+    """Write a document as JSON."""
+    from vibrident.result.document import json_text
+
+    path.write_text(json_text(document), encoding="utf-8")
+
+
+def refuse_used(target: Path, *, force: bool) -> None:
+    """Refuse a folder that is not empty, unless forced."""
+    if force or not target.is_dir() or not any(target.iterdir()):
+        return
+    raise InputError(
+        "The output folder is not empty.",
+        expected="a new or empty folder",
+        found=f"{sum(1 for _ in target.iterdir())} files or folders",
+        where=str(target),
+        remedy="give another --out, or --force to replace files of the same names",
+    )
+
+
+def _in_order(partial: Path) -> list[Path]:
+    files = [path for path in partial.rglob("*") if path.is_file()]
+    return sorted(files, key=lambda file: (file.name == _LAST, file))
+
+
+def _moved(file: Path, partial: Path, target: Path) -> Path:
+    place = target / file.relative_to(partial)
+    place.parent.mkdir(parents=True, exist_ok=True)
+    return file.replace(place)

@@ -1,0 +1,100 @@
+"""An identification as requested by a shell or a page: checked before anything is read, then run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from vibrident.app.workflow.estimators import AUTO, checked, estimator
+from vibrident.base.errors import InputError
+
+if TYPE_CHECKING:
+    from vibrident.data.records import Calibration
+    from vibrident.fit.estimators.optimise import Progress
+    from vibrident.result import Result
+
+
+@dataclass(frozen=True)
+class Request:
+    """What is to be identified, and how.
+
+    Attributes:
+        estimator: its name, or ``auto``.
+        settings: of the estimator; None where one is not given.
+        models: name of the sensor model: one for all calibrations, or one each; None: the calibrations' own.
+        uncertainty: what the uncertainties cover.
+        share: several calibrations: parameters that they share; None: by what the parameters describe.
+        posterior: whether the posterior is sampled.
+        weights: whether the weights of a network are requested.
+    """
+
+    estimator: str = AUTO
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    models: Sequence[str] | None = None
+    uncertainty: Any = "auto"
+    share: Sequence[str] | None = None
+    posterior: bool = False
+    weights: bool = False
+
+    def check(self, calibrations: int = 1) -> None:
+        """Refuse options that exclude each other; nothing is read.
+
+        Raises:
+            InputError: settings do not fit the estimator, or an option is for several calibrations, or for one.
+        """
+        checked(self.estimator, self.settings, weights=self.weights)
+        if calibrations == 1 and self.share:
+            raise several("--share", f"--share {','.join(self.share)}")
+        if calibrations > 1 and self.posterior:
+            raise InputError(
+                "The posterior is sampled for one calibration at a time.",
+                expected="one calibration file with --posterior",
+                found=f"{calibrations} files",
+                where="command line",
+                remedy="leave --posterior out, or identify each file by itself",
+            )
+
+
+def run(request: Request, calibrations: Sequence[Calibration], progress: Progress) -> list[Result]:
+    """A result for each calibration; several make one joint fit.
+
+    Raises:
+        InputError: the data cannot be used, or there are more models than calibrations.
+        ModelError: model, estimator and data do not fit together.
+        NotConverged: no start leads to a finite fit.
+    """
+    chosen, models = estimator(request.estimator, request.settings), request.models
+    if len(calibrations) == 1:
+        from vibrident.fit.identification import identify
+
+        if models is not None and len(models) > 1:
+            raise several("--model A,B", f"--model {','.join(models)}")
+        model, sampling = None if models is None else models[0], None
+        if request.posterior:
+            from vibrident.fit.uncertainty.posterior import Sampling
+
+            sampling = Sampling()
+        uncertainty = request.uncertainty
+        return [
+            identify(calibrations[0], model, chosen, uncertainty=uncertainty, posterior=sampling, progress=progress)
+        ]
+    from vibrident.fit.joint import identify_together
+
+    one = models[0] if models is not None and len(models) == 1 else models
+    return list(
+        identify_together(
+            calibrations, one, chosen, share=request.share, uncertainty=request.uncertainty, progress=progress
+        )
+    )
+
+
+def several(option: str, found: str) -> InputError:
+    """The error of an option that is for several calibrations."""
+    return InputError(
+        f"The option {option} is for several calibrations.",
+        expected=f"two or more calibration files with {option}",
+        found=f"{found} with one",
+        where="command line",
+        remedy=f"name the other calibrations of this sensor, or leave {option} out",
+    )

@@ -1,0 +1,101 @@
+"""How numbers with a unit are written: for messages, tables and pictures."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from typing import overload
+
+PLAIN_DIGITS = 6  # significant digits of a value whose uncertainty is not known
+NONE = "–"  # printed where there is no number
+
+
+def plain(value: float | None, digits: int = PLAIN_DIGITS) -> str:
+    """A number without stated uncertainty: that many significant digits at most; – for None and not finite."""
+    if value is None or not math.isfinite(value):
+        return NONE
+    text = f"{value:.{digits}g}"
+    head, _, power = text.partition("e")
+    if power and 0 <= int(power) < 6:  # 4.1e+03 reads better as 4100
+        return f"{float(text):.0f}"
+    return f"{head}e{int(power)}" if power else "0" if float(text) == 0 else text
+
+
+_PREFIXES = {-15: "f", -12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
+_EXPONENTS = {prefix: exponent for exponent, prefix in _PREFIXES.items() if prefix} | {"u": -6, "μ": -6}
+
+#: Powers of ten that engineers write before each unit: 475 mHz or km/s² are not used.
+_NATURAL = {
+    "V": (-9, 6),
+    "A": (-12, 3),
+    "C": (-15, 0),
+    "s": (-12, 0),
+    "m": (-12, 0),
+    "Hz": (0, 9),
+    "Pa": (-6, 9),
+    "N": (-6, 6),
+    "W": (-9, 6),
+    "F": (-15, 0),
+    "Ω": (-3, 9),
+}
+_SUPERSCRIPTS = str.maketrans("0123456789-+", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁺")
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Multiply by ``factor`` to get values in ``unit``, which is ready for print."""
+
+    factor: float
+    unit: str
+
+    @property
+    def printed(self) -> str:
+        """The unit; empty for the unit one."""
+        return "" if self.unit == "1" else self.unit
+
+    @overload
+    def times(self, value: float) -> float: ...
+    @overload
+    def times(self, value: float | None) -> float | None: ...
+    def times(self, value: float | None) -> float | None:
+        """A value in the unit; None stays None."""
+        return None if value is None else value * self.factor
+
+
+def pretty(unit: str) -> str:
+    """Write a unit with superscripts: ``m/s^2`` becomes ``m/s²``; no unit becomes ``1``."""
+    power = r"\^(?:\(([+-]?\d+)\)|([+-]?\d+))"
+    text = re.sub(power, lambda found: (found[1] or found[2]).translate(_SUPERSCRIPTS), unit.strip())
+    return text.replace("*", "·") or "1"
+
+
+def scaled(unit: str, size: float) -> Scale:
+    """Choose the SI prefix that makes a number of about ``size`` (in ``unit``) read well.
+
+    ``unit``: unit of the number, such as ``V/(m/s^2)``, ``s`` or ``1``; it may carry a prefix already; ``size``:
+    typical magnitude of the number; zero and values that are not finite leave the unit as it is.
+
+    Returns:
+        factor and unit; the factor is 1 where no prefix is natural for the unit.
+    """
+    lead = re.match(r"[A-Za-zµμΩ]+", unit)
+    if lead is None or unit[lead.end() : lead.end() + 1] in ("^", "²", "³") or not math.isfinite(size) or size == 0:
+        return Scale(1.0, pretty(unit))
+    symbol, present = lead.group(), 0
+    if symbol not in _NATURAL and symbol[:1] in _EXPONENTS:
+        present, symbol = _EXPONENTS[symbol[0]], symbol[1:]
+    if symbol not in _NATURAL:
+        return Scale(1.0, pretty(unit))
+    decade = math.floor(math.log10(abs(size)) + 1e-9) + present
+    lowest, highest = _NATURAL[symbol]
+    wanted = min(max(3 * math.floor(decade / 3), lowest), highest)
+    if symbol == "Hz" and 0 <= decade < 4:  # 4096 Hz reads better than 4.096 kHz
+        wanted = 0
+    return Scale(10.0 ** (present - wanted), pretty(_PREFIXES[wanted] + symbol + unit[lead.end() :]))
+
+
+def amount(value: float, unit: str, digits: int = 5) -> str:
+    """A number with its unit for a message: ``812.34 Hz``, ``1.2 µs``; the number alone where the unit is one."""
+    scale = scaled(unit, value)
+    return f"{plain(value * scale.factor, digits)} {scale.printed}".rstrip()

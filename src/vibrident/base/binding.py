@@ -1,0 +1,23 @@
+"""Functions of later rooms that methods of earlier objects call: ``result.plot()``, ``sensor.to_scipy()``.
+
+The package's ``__init__`` binds them, as it binds the public names, so that a room knows none that comes after it.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable
+from typing import Any
+
+_PLACES: dict[str, str] = {}
+
+
+def bind(**places: str) -> None:
+    """Say where functions are: name → "module:function"; a module is loaded when its function is first called."""
+    _PLACES.update(places)
+
+
+def bound(name: str) -> Callable[..., Any]:
+    """The function that is bound to a name."""
+    module, _, function = _PLACES[name].partition(":")
+    return getattr(importlib.import_module(module), function)

@@ -1,0 +1,35 @@
+"""Optional libraries: loaded on demand, with the remedy if one is missing."""
+
+from __future__ import annotations
+
+import importlib
+import warnings
+from typing import Any
+
+from vibrident.base.errors import InputError
+
+
+def library(name: str, extra: str, problem: str, where: str) -> Any:
+    """Import a library of an extra, without its deprecation warnings.
+
+    Args:
+        name: dotted name of the module.
+        extra: the extra of this package that installs it.
+        problem: what its absence means.
+        where: the file or option that needs it.
+
+    Raises:
+        InputError: it is not installed.
+    """
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return importlib.import_module(name)
+    except ImportError as error:
+        raise InputError(
+            problem,
+            expected=name.partition(".")[0],
+            found=str(error),
+            where=where,
+            remedy=f"pip install 'vibrident[{extra}]'",
+        ) from error

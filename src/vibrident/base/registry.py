@@ -1,0 +1,207 @@
+"""What can be added: sensor models, estimators, readers and exports, built in or from an installed package.
+
+A built-in one is a module of its own in the folder of its kind, and holds one object: the module ``velocity_pickup``
+holds ``VELOCITY_PICKUP``, named "velocity-pickup". One of another package is the same kind of object behind an entry
+point whose name is the object's. Names are known without loading anything; an object is loaded on first use.
+One that cannot be used is named once, in one line, and left out.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib
+import logging
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+from vibrident.base.errors import InputError, did_you_mean
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
+
+_ROOT = Path(__file__).parents[1]  # of the package
+_log = logging.getLogger("vibrident.plugins")
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class PlugIn:
+    """An entry point of an installed package."""
+
+    group: str  # entry-point group, such as "vibrident.models"
+    name: str  # of the object
+    package: str  # that brings it, with its version
+    problem: str = ""  # why it cannot be used; empty where it can
+
+    @property
+    def line(self) -> str:
+        """One line that names it, and its problem."""
+        said = f"{self.name} ({self.group}) of {self.package}"
+        return f"The plug-in {said} cannot be used: {self.problem}" if self.problem else said
+
+
+class Registry(Generic[T]):
+    """All objects of one kind, by name: the built-in ones first, then those of other packages, each in order of name.
+
+    Args:
+        kind: what they are, for messages.
+        group: entry-point group of those of other packages.
+        folders: folders below the package's own that hold the built-in ones.
+        classes: their classes, as "module:Class"; loaded with the first object.
+        where: where a user names one, for messages.
+        error: raised where a name is not known.
+    """
+
+    def __init__(
+        self,
+        kind: str,
+        group: str,
+        folders: tuple[str, ...],
+        classes: tuple[str, ...],
+        where: str,
+        error: type[InputError] = InputError,
+    ) -> None:
+        self.kind, self.group, self.where = kind, group, where
+        self._folders, self._classes, self._error = folders, classes, error
+        self._loaded: dict[str, T] = {}
+        self._problems: dict[str, str] = {}
+
+    @functools.cached_property
+    def _built_in(self) -> dict[str, str]:
+        """Name to dotted module."""
+        found = {}
+        for folder in self._folders:
+            for file in (_ROOT / folder).glob("[!_]*.py"):
+                found[file.stem.replace("_", "-")] = f"vibrident.{folder.replace('/', '.')}.{file.stem}"
+        return dict(sorted(found.items()))
+
+    @functools.cached_property
+    def _added(self) -> dict[str, EntryPoint]:
+        """Name to entry point; of two of one name, the first package's."""
+        found: dict[str, EntryPoint] = {}
+        for point in self._points:
+            if point.name not in self._built_in:
+                found.setdefault(point.name, point)
+        return found
+
+    @functools.cached_property
+    def _points(self) -> list[EntryPoint]:
+        return sorted(_entry_points().get(self.group, ()), key=lambda point: (point.name, _package(point)))
+
+    def names(self) -> tuple[str, ...]:
+        """Every name; nothing is loaded. A plug-in that turns out not to be usable is left out from then on."""
+        return tuple(name for name in (*self._built_in, *self._added) if name not in self._problems)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._built_in or (name in self._added and name not in self._problems)
+
+    def __len__(self) -> int:
+        return len(self.all())
+
+    def __iter__(self) -> Iterator[str]:
+        """Names of what can be used; everything is loaded."""
+        return iter(self.all())
+
+    def all(self) -> dict[str, T]:
+        """Name to object of everything that can be used."""
+        return {name: found for name in self.names() if (found := self._object(name)) is not None}
+
+    def one_by_one(self) -> Iterator[T]:
+        """Every usable object; a plug-in is loaded when the iteration reaches it."""
+        return (found for name in self.names() if (found := self._object(name)) is not None)
+
+    def __getitem__(self, name: str) -> T:
+        """The object of this name.
+
+        Raises:
+            InputError: the name is unknown, or its package cannot be loaded.
+        """
+        found = self._object(name)
+        if found is None:
+            problem = self._problems.get(name)
+            raise self._error(
+                f"The {self.kind} {name!r} is not known."
+                if problem is None
+                else f"The {self.kind} {name!r} cannot be used.",
+                expected=" | ".join(self.names()),
+                found=repr(name) if problem is None else f"a plug-in of {_package(self._added[name])}: {problem}",
+                where=self.where,
+                remedy=did_you_mean(name, self.names())
+                if problem is None
+                else "correct, update or uninstall that package",
+            )
+        return found
+
+    def find(self, name: str) -> T | None:
+        """The object of this name; None if there is no such object.
+
+        Raises:
+            InputError: its package cannot be loaded.
+        """
+        return self[name] if name in self._built_in or name in self._added else None
+
+    def _object(self, name: str) -> T | None:
+        if name in self._loaded or name in self._problems:
+            return self._loaded.get(name)
+        if name in self._built_in:
+            module = self._built_in[name]
+            attribute = module.rpartition(".")[2].upper()
+            self._loaded[name] = getattr(importlib.import_module(module), attribute)
+        elif name in self._added:
+            self._load(self._added[name])
+        return self._loaded.get(name)
+
+    def _load(self, point: EntryPoint) -> None:
+        try:
+            self._loaded[point.name] = self._checked(point.name, point.load())
+        except (Exception, SystemExit) as error:  # loading a foreign package may raise any error
+            problem = str(error) if isinstance(error, _Unusable) else f"{type(error).__name__}: {error}"
+            self._problems[point.name] = " ".join(problem.split())
+            _log.warning(PlugIn(self.group, point.name, _package(point), self._problems[point.name]).line)
+
+    def _checked(self, name: str, found: Any) -> T:
+        classes = tuple(_imported(path) for path in self._classes)
+        if not isinstance(found, classes):
+            wanted = " or ".join(path.replace(":", ".") for path in self._classes)
+            raise _Unusable(f"expected an object of {wanted}, found one of {type(found).__qualname__}")
+        if found.name != name:
+            raise _Unusable(f"its entry point is called {name!r}, the object {found.name!r}")
+        return found
+
+    def plug_ins(self) -> list[PlugIn]:
+        """Every plug-in of this kind, loaded, with the problem of each that cannot be used."""
+        self.all()
+        found = []
+        for point in self._points:
+            taken = self._added.get(point.name) is not point
+            problem = f"the name {point.name!r} is taken" if taken else self._problems.get(point.name, "")
+            found.append(PlugIn(self.group, point.name, _package(point), problem))
+        return found
+
+
+class _Unusable(Exception):
+    """What an entry point gives is not what its group is for; the message says why."""
+
+
+def _imported(path: str) -> Any:
+    module, _, name = path.partition(":")
+    return getattr(importlib.import_module(module), name)
+
+
+@functools.cache
+def _entry_points() -> dict[str, list[EntryPoint]]:
+    """Entry points by group, of the groups of this package."""
+    from importlib.metadata import entry_points
+
+    found: dict[str, list[EntryPoint]] = {}
+    for group in entry_points().groups:
+        if group.startswith("vibrident."):
+            found[group] = list(entry_points(group=group))
+    return found
+
+
+def _package(point: EntryPoint) -> str:
+    return f"{point.dist.name} {point.dist.version}" if point.dist else point.value

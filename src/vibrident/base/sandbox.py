@@ -1,0 +1,94 @@
+"""A function run in its own process, with limits on memory and time: for untrusted files.
+
+The process protects its caller from a file's cost (memory, time) and from a crash of a native library. It does not
+confine code: it runs as the same user and may read that user's files. Its answer is data, never code.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from vibrident.base.errors import InputError
+from vibrident.base.process import Died, Limits, Process
+
+_T = TypeVar("_T")
+
+
+def run(function: Callable[..., _T], *args: Any, limits: Limits) -> _T:
+    """Run an importable function in a fresh process and return what it returns. It can be called from a thread.
+
+    Raises:
+        InputError, NotConverged: as the function does; or it needs more memory or time, or crashed (InputError).
+        WorkerError: anything else that the function raised.
+    """
+    return _run(Process(), function, args, limits)
+
+
+class Ready:
+    """Runs functions as ``run`` does, in a process that was started ahead with its libraries loaded.
+
+    Each process runs one function. It can be used from several threads.
+
+    Args:
+        prepare: what the process does while it waits.
+    """
+
+    def __init__(self, prepare: Callable[[], None]) -> None:
+        self._prepare = prepare
+        self._waiting: Process | None = None
+        self._lock = threading.Lock()
+        self._closed = False
+
+    def prepare(self) -> None:
+        """Start a process, unless one is waiting."""
+        with self._lock:
+            if not self._closed and not (self._waiting and self._waiting.alive):
+                self._waiting = Process(self._prepare)
+                self._waiting.start()
+
+    def run(self, function: Callable[..., _T], *args: Any, limits: Limits) -> _T:
+        """As the function ``run``."""
+        with self._lock:
+            process, self._waiting = self._waiting, None
+        try:
+            return _run(process or Process(self._prepare), function, args, limits)
+        finally:
+            self.prepare()
+
+    def close(self) -> None:
+        """End the waiting process and start no other."""
+        with self._lock:
+            self._closed = True
+            process, self._waiting = self._waiting, None
+        if process is not None:
+            process.close()
+
+
+def _run(process: Process, function: Callable[..., _T], args: tuple[Any, ...], limits: Limits) -> _T:
+    try:
+        with process:
+            return process.call(function, *args, limits=limits)
+    except Died as death:
+        raise _refusal(death, limits) from None
+
+
+def _refusal(death: Died, limits: Limits) -> InputError:
+    if death.reason == "crash":
+        return InputError(
+            "The reader of this file crashed.",
+            expected="a whole file of its format",
+            found=death.ending,
+            remedy="export the data again, or in another format such as CSV",
+        )
+    expected, found = {
+        "memory": (f"{(limits.memory_bytes or 0) / 1e6:.0f} MB of memory", "a file that needs more"),
+        "time": (f"{limits.seconds:.3g} s", "a file that takes longer"),
+    }[death.reason]
+    return InputError(
+        "Reading this file costs too much.",
+        expected=f"at most {expected}",
+        found=found,
+        remedy="give a shorter record, or use vibrident identify in a shell of your own machine",
+    )

@@ -1,0 +1,183 @@
+"""Fewer samples, and samples at other instants, by linear-phase filters whose delay is known exactly.
+
+Up to 0.4 of the new rate the filters pass to 1e-6; above 0.6 they attenuate to the same part, so that nothing aliases
+to below 0.4. They are symmetric; only samples whose filter lies wholly within the signal are computed.
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import signal
+
+from vibrident.data.interferometer.setting import BoolArray, FloatArray, Signals
+
+PASS = 0.4  # edge of the pass band over the new rate
+STOP = 0.6  # edge of the stop band over the new rate
+ATTENUATION_DB = 130.0  # attenuation of the stop band, dB
+#: Half the filter's length in new sampling intervals: Kaiser's formula.
+HALF = int(np.ceil(0.5 * (ATTENUATION_DB - 7.95) / (2.285 * 2.0 * np.pi * (STOP - PASS))))
+AT_ONCE = 1 << 17  # samples that are filtered at once
+PLACES = 4096  # positions between two samples at which the interpolation filter is tabulated; linear between them
+
+
+@functools.lru_cache(maxsize=8)
+def taps(factor: int) -> FloatArray:
+    """The filter for every ``factor``-th sample, shape (2 · HALF · factor + 1,), symmetric, of sum one, read-only."""
+    half = HALF * factor
+    index = np.arange(-half, half + 1)
+    window = np.kaiser(2 * half + 1, signal.kaiser_beta(ATTENUATION_DB))
+    values = np.sinc(index / factor) * window
+    return values / values.sum()
+
+
+def lost_at_an_end(factor: int) -> int:
+    """Samples before the first new one, which stands at this index."""
+    return HALF * factor if factor > 1 else 0
+
+
+def decimated_length(samples: int, factor: int) -> int:
+    """Number of new samples."""
+    if factor == 1:
+        return samples
+    return max((samples - 2 * HALF * factor - 1) // factor + 1, 0)
+
+
+class Decimator:
+    """Every ``factor``-th sample of signals that come block by block; sample k of the output stands at
+    ``lost_at_an_end(factor) + k · factor`` of the input."""
+
+    def __init__(self, factor: int, signals: int, kernel: np.ndarray) -> None:
+        """Begin; the kernel is that of :func:`taps`, or times a complex carrier."""
+        self._factor, self._rows = factor, -(-kernel.shape[0] // factor)
+        padded = np.zeros(self._rows * factor, dtype=kernel.dtype)
+        padded[: kernel.shape[0]] = kernel
+        self._matrix = np.ascontiguousarray(padded.reshape(self._rows, factor).T).view(np.float64)
+        self._samples = np.zeros((signals, 0))
+        self._partial = np.zeros((signals, 0, self._rows), dtype=kernel.dtype)
+
+    def feed(self, block: FloatArray) -> Any:
+        """The outputs that a block completes; shape (signals, n) → (signals, any number)."""
+        values = np.concatenate([self._samples, block], axis=1)
+        rows = values.shape[1] // self._factor
+        used = values[:, : rows * self._factor].reshape(values.shape[0], rows, self._factor)
+        self._samples = values[:, rows * self._factor :]
+        fresh = (used @ self._matrix).view(self._partial.dtype)
+        partial = np.concatenate([self._partial, fresh], axis=1)
+        ready = max(partial.shape[1] - self._rows + 1, 0)
+        self._partial = partial[:, ready:]
+        result = np.zeros((values.shape[0], ready), dtype=partial.dtype)
+        for j in range(self._rows if ready else 0):
+            result += partial[:, j : j + ready, j]
+        return result
+
+
+def decimated(blocks: Iterable[FloatArray], samples: int, factor: int) -> FloatArray:
+    """One signal of so many samples that comes block by block, each of shape (n,): all new samples."""
+    if factor == 1:
+        return np.concatenate(list(blocks))
+    count = decimated_length(samples, factor)
+    return _collected((block[None, :] for block in blocks), Decimator(factor, 1, taps(factor)), (1, count), factor)[0]
+
+
+def filtered(raw: Signals, shape: tuple[int, int], factor: int, kernel: np.ndarray, start: int) -> Any:
+    """New samples from ``start`` on of signals that are read block by block.
+
+    ``shape``: (signals, new samples); ``factor``: distance of the new samples, in theirs; ``kernel``: real or complex,
+    shape (2 · HALF · factor + 1,); ``start``: first new sample.
+    """
+    first, last = start * factor, min((start + shape[1] - 1) * factor + kernel.shape[0], raw.samples)
+    blocks = (raw.block(begin, min(begin + AT_ONCE, last)) for begin in range(first, last, AT_ONCE))
+    return _collected(blocks, Decimator(factor, shape[0], kernel), shape, factor)
+
+
+def _collected(blocks: Iterable[FloatArray], decimator: Decimator, shape: tuple[int, int], factor: int) -> Any:
+    values, done = [], 0
+    for block in itertools.chain(blocks, [np.zeros((shape[0], factor))]):  # completes the last filter
+        values.append(decimator.feed(block)[:, : shape[1] - done])
+        done += values[-1].shape[1]
+    return np.concatenate(values, axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Decimated:
+    """Signals at a lower rate; subclasses make their samples."""
+
+    raw: Signals  # the signals
+    factor: int  # decimation
+
+    @property
+    def samples(self) -> int:
+        """Number of samples of each signal."""
+        return decimated_length(self.raw.samples, self.factor)
+
+    @property
+    def rate_hz(self) -> float:
+        """Samples per second."""
+        return self.raw.rate_hz / self.factor
+
+    @property
+    def first(self) -> int:
+        """Position of the first sample in the raw signals."""
+        return HALF * self.factor
+
+
+class Slower(Decimated):
+    """Slow signals at a lower rate: the same with less noise in a sample."""
+
+    def block(self, start: int, stop: int) -> FloatArray:
+        """Samples from ``start`` up to ``stop``, shape (signals, stop − start)."""
+        return np.asarray(filtered(self.raw, (2, stop - start), self.factor, taps(self.factor), start))
+
+
+def spoilt_outputs(gaps: list[tuple[int, int]], samples: int, factor: int) -> BoolArray:
+    """New samples whose filter touches a gap (start, stop) of the input, shape (decimated_length,)."""
+    count = decimated_length(samples, factor)
+    bad = np.zeros(count, dtype=bool)
+    reach = 2 * lost_at_an_end(factor)
+    for start, stop in gaps:
+        first = max(-(-(start - reach) // factor), 0)
+        bad[first : (stop - 1) // factor + 1] = True
+    return bad
+
+
+def at_positions(values: FloatArray, positions: FloatArray, spacing: float) -> FloatArray:
+    """A signal at positions between its samples, low-passed for a new rate.
+
+    ``values``: shape (n,); ``positions``: in samples, shape (m,); from ``reach(spacing)`` to n − 1 −
+    ``reach(spacing)``; ``spacing``: of the new samples, in old ones; 1 or more.
+    """
+    half, table = reach(spacing), _table(spacing)
+    offsets = np.arange(-half, half + 2)
+    found = np.empty(positions.shape[0])
+    for begin in range(0, positions.shape[0], 4096):
+        part = positions[begin : begin + 4096]
+        base = np.minimum(np.floor(part).astype(int), values.shape[0] - 2 - half)
+        place = (part - base) * PLACES
+        index = np.minimum(place.astype(int), PLACES - 1)
+        share = place - index
+        near = values[np.clip(base[:, None] + offsets, 0, values.shape[0] - 1)]
+        low, high = np.einsum("ij,ij->i", table[index], near), np.einsum("ij,ij->i", table[index + 1], near)
+        found[begin : begin + 4096] = low + share * (high - low)
+    return found
+
+
+def reach(spacing: float) -> int:
+    """Samples on either side that :func:`at_positions` needs."""
+    return int(np.ceil(HALF * spacing))
+
+
+@functools.lru_cache(maxsize=2)
+def _table(spacing: float) -> FloatArray:
+    """The filter at ``PLACES`` + 1 positions between two samples, a row each; do not write to it."""
+    half = reach(spacing)
+    distance = np.arange(-half, half + 2)[None, :] - (np.arange(PLACES + 1) / PLACES)[:, None]
+    inside = np.clip(1.0 - (distance / half) ** 2, 0.0, None)
+    beta = signal.kaiser_beta(ATTENUATION_DB)
+    table = np.where(np.abs(distance) <= half, np.sinc(distance / spacing) * np.i0(beta * np.sqrt(inside)), 0.0)
+    return np.asarray(table / table.sum(axis=1, keepdims=True))

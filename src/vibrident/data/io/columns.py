@@ -1,0 +1,326 @@
+"""What the file formats have in common: ordered, possibly named columns of numbers, and places of values."""
+
+from __future__ import annotations
+
+import os
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from vibrident.base import extras
+from vibrident.base.errors import InputError, did_you_mean
+from vibrident.data.io.allowance import require_few
+from vibrident.data.records import FloatArray
+
+#: Most names in a message; the rest is counted.
+_NAMES_IN_MESSAGE = 12
+_LONGEST_NAME = 100
+
+
+@dataclass(frozen=True)
+class Clock:
+    """A file's statement of a column's sampling.
+
+    Attributes:
+        rate_hz: samples per second.
+        rate_rounding: relative; largest deviation of the true rate by the rounding in the file.
+        start_ns: time of the first sample on the format's clock, in nanoseconds; None if the file states none.
+    """
+
+    rate_hz: float
+    rate_rounding: float = 1e-9
+    start_ns: int | None = None
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One column of real numbers.
+
+    Attributes:
+        name: as the calibration file uses it; "" for a column without a name.
+        handle: by which the format's library finds it.
+        clock: the file's statement of its sampling; None if absent.
+        in_seconds: True for a time type, loaded in seconds whatever its name.
+        unit: that the file states beside the name; "" if none.
+    """
+
+    name: str
+    handle: Any = None
+    clock: Clock | None = None
+    in_seconds: bool = False
+    unit: str = ""
+
+
+class ColumnFile(ABC):
+    """A file of columns, opened but not yet converted; a subclass for each format reads them.
+
+    A position is a column's place in ``names``, from 0. What the user writes in the calibration file (a number
+    from 1, or a name) becomes a position through ``position_of``.
+    """
+
+    #: True if names are paths, with a unit in the last part only.
+    names_are_paths = False
+    #: What the format calls a column.
+    word = "channel"
+    #: Columns that were read whole to give a part.
+    _kept: Mapping[int, FloatArray] = MappingProxyType({})
+
+    def __init__(self, path: Path, channels: Sequence[Channel], refused: Mapping[str, str]) -> None:
+        """Take the usable columns, and the refused ones: name → reason.
+
+        Raises:
+            InputError: no column is usable, or there are too many.
+        """
+        self._path = path
+        self._channels = tuple(channels)
+        self._refused = refused
+        require_few(path, self._channels, f"{self.word}s")
+        if not self._channels:
+            reasons = "; ".join(f"{name!r} is {reason}" for name, reason in list(refused.items())[:5])
+            raise InputError(
+                f"The file holds no {self.word} of numbers.",
+                expected=f"one {self.word} of real numbers or more",
+                found=reasons or f"no {self.word}s",
+                where=str(path),
+                remedy="check that the file is whole and holds time signals as plain numbers",
+            )
+
+    @property
+    def file(self) -> str:
+        """Name of the file in messages."""
+        return str(self._path)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Name of each column; repeats are possible."""
+        return tuple(channel.name for channel in self._channels)
+
+    @property
+    def numbered(self) -> tuple[int, ...]:
+        """Positions of the column numbers 1, 2, …; empty if numbers are ambiguous."""
+        return tuple(range(len(self._channels)))
+
+    def clock(self, position: int) -> Clock | None:
+        """Return the file's statement of this column's sampling."""
+        return self._channels[position].clock
+
+    def stated_unit(self, position: int) -> str:
+        """Unit of a column that the file states beside its name; "" if none."""
+        return self._channels[position].unit
+
+    def in_seconds(self, position: int) -> bool:
+        """Whether this column is of a time type."""
+        return self._channels[position].in_seconds
+
+    @abstractmethod
+    def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
+        """Convert the columns at these positions; each has shape (samples,) and may hold NaN.
+
+        Raises:
+            InputError: a column cannot be read as real numbers.
+        """
+
+    def length(self, position: int) -> int:
+        """Number of samples of a column."""
+        return int(self._held([position])[0].shape[0])
+
+    def block(self, positions: Sequence[int], start: int, stop: int) -> FloatArray:
+        """Samples of columns from ``start`` up to ``stop``, shape (columns, stop − start).
+
+        Formats that cannot read a part of a file keep all of it in memory.
+
+        Raises:
+            InputError: a column cannot be read as real numbers.
+        """
+        return np.stack([values[start:stop] for values in self._held(positions)])
+
+    def _held(self, positions: Sequence[int]) -> list[FloatArray]:
+        held = self._kept = dict(self._kept)
+        missing = [position for position in positions if position not in held]
+        held.update(zip(missing, self.load(missing) if missing else (), strict=True))
+        return [held[position] for position in positions]
+
+    def locate(self, position: int, row: int) -> str:
+        """Place of a value for messages: file, column, and line or sample. ``row`` counts samples from 0."""
+        return f"{self.file}, {self.word} {self.names[position]!r}, sample {row + 1}"
+
+    def require_finite(self, position: int, values: FloatArray, first_row: int, remedy: str) -> None:
+        """Refuse a value that is missing, NaN or infinite.
+
+        Args:
+            position: the column's position.
+            values: of it, shape (samples,).
+            first_row: row of the first value in the file, from 0.
+            remedy: what the user can do.
+
+        Raises:
+            InputError: a value is not finite; the message states which, and its place.
+        """
+        bad = np.flatnonzero(~np.isfinite(values))
+        if bad.size:
+            value = values[bad[0]]
+            raise InputError(
+                "A value that is needed is not a number.",
+                expected="finite numbers",
+                found=f"{'an empty cell or NaN' if np.isnan(value) else value}; {bad.size} such in this column",
+                where=self.locate(position, first_row + int(bad[0])),
+                remedy=remedy,
+            )
+
+    def position_of(self, column: int | str, key: str) -> int:
+        """Return the position of a column named in the calibration file.
+
+        Args:
+            column: number from 1, or name.
+            key: the key that names it, such as "[response] column", for the message.
+
+        Raises:
+            InputError: the column does not exist or was refused, or the name is not unique.
+        """
+        where = f"{self.file}, asked for by {key}"
+        wanted = self._plain_name(str(column))
+        if wanted in self._refused and wanted not in self.names:
+            raise InputError(
+                f"The {self.word} {column!r} cannot be used.",
+                expected=f"a {self.word} of real numbers over time",
+                found=self._refused[wanted],
+                where=where,
+                remedy=f"choose another {self.word}, or store the signal as plain numbers",
+            )
+        if isinstance(column, int):
+            return self._position_of_number(column, where)
+        matches = [position for position, name in enumerate(self.names) if name == wanted]
+        if len(matches) == 1:
+            return matches[0]
+        if matches:
+            numbers = " or ".join(str(self.numbered.index(p) + 1) for p in matches if p in self.numbered)
+            raise InputError(
+                f"The column name {column!r} is not unique.",
+                expected="a name that occurs once in the header, or a column number",
+                found=f"{len(matches)} columns of that name",
+                where=where,
+                remedy=f"use a column number instead: {numbers}",
+            )
+        named = [name for name in self.names if name]
+        raise InputError(
+            f"There is no column named {column!r}.",
+            expected=self._offer(),
+            found=repr(column),
+            where=where,
+            remedy=did_you_mean(wanted, named, "give one of these names, or a column number from 1", likeness=0.4),
+        )
+
+    def _plain_name(self, name: str) -> str:
+        """Return the name in the form that ``names`` uses."""
+        return name.strip()
+
+    def _position_of_number(self, number: int, where: str) -> int:
+        if not self.numbered:
+            raise InputError(
+                "A column number is ambiguous in this file.",
+                expected=self._offer(),
+                found=f"column {number}",
+                where=where,
+                remedy="give the name",
+            )
+        if not 1 <= number <= len(self.numbered):
+            raise InputError(
+                "There is no column of that number.",
+                expected=f"a number from 1 to {len(self.numbered)}",
+                found=f"column {number}",
+                where=where,
+                remedy="columns are counted from 1; " + self._offer(),
+            )
+        return self.numbered[number - 1]
+
+    def _offer(self) -> str:
+        named = [name for name in self.names if name]
+        if not named:
+            return f"a column number from 1 to {len(self.names)} (the file has no header)"
+        listed = ", ".join(repr(name[:_LONGEST_NAME]) for name in named[:_NAMES_IN_MESSAGE])
+        more = len(named) - _NAMES_IN_MESSAGE
+        return f"one of {listed}" + (f" and {more} more" if more > 0 else "")
+
+
+def real_numbers(values: Any) -> FloatArray:
+    """Return values as float64 of shape (samples,), timestamps as seconds since the first.
+
+    Raises:
+        ValueError: they are not one real number a sample.
+    """
+    array = np.asarray(values)
+    if array.dtype.kind == "M":
+        array = (array - array[:1]) / np.timedelta64(1, "s")  # subtracted first, to keep the digits of the seconds
+    elif array.dtype.kind == "m":
+        array = array / np.timedelta64(1, "s")
+    if array.dtype.kind not in "iufb" or array.ndim != 1:
+        raise ValueError(f"values of type {array.dtype} and shape {array.shape}")
+    return np.array(array, dtype=np.float64)
+
+
+def library(name: str, extra: str, path: Path) -> Any:
+    """Import a format's library, ``name``, which the extra ``extra`` of this package installs.
+
+    Raises:
+        InputError: it is not installed; ``path`` needs it.
+    """
+    return extras.library(name, extra, "This file format needs a library that is not installed.", str(path))
+
+
+def require_regular(path: Path, what: str) -> None:
+    """Refuse what may never end; for a missing file or a folder, the system's own error is clearer.
+
+    Raises:
+        InputError: the path is a device, a pipe or a socket.
+    """
+    if os.path.exists(path) and not (os.path.isfile(path) or os.path.isdir(path)):
+        raise InputError(
+            "This is not a regular file.",
+            expected=f"{what} on a disk",
+            found="a device, a pipe or a socket, which may never end",
+            where=str(path),
+            remedy="write its data into a file first",
+        )
+
+
+@contextmanager
+def reading(path: Path, expected: str) -> Iterator[None]:
+    """Around the calls of a format's library: damaged files make them raise anything.
+
+    The file is opened and closed first, because the system's error is clearer than a library's.
+
+    Raises:
+        InputError: the system or the library refuses the file.
+    """
+    try:
+        path.open("rb").close()
+        yield
+    except InputError:
+        raise
+    except Exception as error:
+        raise unreadable(str(path), error, expected) from error
+
+
+def unreadable(file: str, error: BaseException, expected: str) -> InputError:
+    """Return the InputError for a file that the system or a format library refuses."""
+    reasons: dict[type[BaseException], tuple[str, str]] = {
+        FileNotFoundError: ("no file of that name", "check the path; paths in a calibration file start at its folder"),
+        IsADirectoryError: ("a folder", "name a file in it; of data files also a glob such as 'folder/*.csv'"),
+        PermissionError: ("a file that may not be read", "ask for the right to read it"),
+    }
+    if isinstance(error, MemoryError):
+        return InputError(
+            "The file does not fit in memory.",
+            expected="a file whose numbers fit in the free memory",
+            found=f"a file that needs more: {error}".rstrip(": "),
+            where=file,
+            remedy="check that the file is whole; read a shorter record, or free memory",
+        )
+    found, remedy = reasons.get(type(error), (f"{type(error).__name__}: {error}", "check that the file is whole"))
+    return InputError("The file cannot be read.", expected=expected, found=found, where=file, remedy=remedy)

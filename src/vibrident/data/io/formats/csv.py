@@ -1,0 +1,254 @@
+"""Text files of columns: CSV and its relatives, at the speed of pandas."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import sys
+from collections.abc import Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic_core import from_json
+
+from vibrident.base.errors import InputError
+from vibrident.data.io.columns import Channel, ColumnFile, unreadable
+from vibrident.data.io.csv_layout import BLANKS, CsvLayout, detect_layout, is_number, split_line
+from vibrident.data.io.csv_lines import numbered_rows, row_lines
+from vibrident.data.io.reader import Reader
+from vibrident.data.records import FloatArray
+
+#: Files up to this size are read without pandas, whose loading takes longer than reading many of them.
+LIGHT_BYTES = 1 << 20
+#: Bytes at the end of a file in which its last row is sought.
+TAIL_BYTES = 1 << 14
+#: Bytes of numbers and lines, beside delimiter and decimal sign.
+PLAIN = b"0123456789+-eE\n"
+#: What pandas takes for a missing value.
+_NO_VALUE = frozenset(
+    {
+        *("", "NaN", "nan", "-NaN", "-nan", "NA", "N/A", "n/a", "NULL", "null", "None", "<NA>", "#N/A", "#NA"),
+        *("#N/A N/A", "1.#IND", "-1.#IND", "1.#QNAN", "-1.#QNAN"),
+    }
+)
+#: A time of day, with or without a date: year-month-day, or day.month.year.
+_STAMP = re.compile(
+    r"(?:(?P<year>\d{4})[-/.](?P<month>\d\d)[-/.](?P<day>\d\d)[ T]+|(?P<d>\d\d)\.(?P<m>\d\d)\.(?P<y>\d{4})[ T]+)?"
+    r"(?P<time>\d\d:\d\d:\d\d)(?:[.,](?P<fraction>\d{1,9}))?Z?"
+)
+_DAY_S = 86400.0
+
+
+def _better_by_pandas(path: Path) -> bool:
+    """Whether pandas is faster: it is loaded already, or the file is large."""
+    return "pandas" in sys.modules or path.stat().st_size > LIGHT_BYTES
+
+
+class CsvFile(ColumnFile):
+    """A text file of columns; the layout comes from its first lines, the numbers from pandas' C parser."""
+
+    word = "column"
+
+    def __init__(self, path: Path) -> None:
+        self._layout: CsvLayout = detect_layout(path, str(path))
+        units = (unit.strip("[](){}<> ") for unit in self._layout.units)
+        channels = [Channel(name, unit=unit) for name, unit in zip(self._layout.names, units, strict=True)]
+        super().__init__(path, channels, {})
+
+    @cached_property
+    def _row_lines(self) -> NDArray[np.int64]:
+        return row_lines(self._path, self.file, self._layout)
+
+    def in_seconds(self, position: int) -> bool:
+        """Whether the column holds times of day, with or without dates."""
+        return position < len(self._first_row) and _is_stamp(self._first_row[position])
+
+    def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
+        """Parse these columns; each has shape (rows,). An empty cell is NaN, a time of day seconds since the first."""
+        stamps = [position for position in positions if self.in_seconds(position)]
+        numbers = [position for position in positions if position not in stamps]
+        found = dict(zip(numbers, self._load_numbers(numbers) if numbers else (), strict=True))
+        found.update(zip(stamps, self._load_stamps(stamps) if stamps else (), strict=True))
+        return tuple(found[position] for position in positions)
+
+    @cached_property
+    def _first_row(self) -> list[str]:
+        try:
+            return next((cells for _, cells in numbered_rows(self._path, self._layout)), [])
+        except OSError as error:
+            raise unreadable(self.file, error, "a text file of columns") from error
+
+    def _load_stamps(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
+        rows = [cells for _, cells in numbered_rows(self._path, self._layout)]
+        if len(rows) != self._row_lines.size:  # which refuses uneven rows
+            raise self._torn(len(rows))
+        try:
+            return tuple(_seconds_of_stamps([cells[position] for cells in rows]) for position in positions)
+        except ValueError as error:
+            raise unreadable(self.file, error, "times of day with existing dates") from error
+
+    def _torn(self, found: int) -> InputError:
+        return InputError(
+            "The rows of the file cannot be separated.",
+            expected=f"{self._row_lines.size} rows, one a line",
+            found=f"{found} rows; a quoted cell may hold a line end",
+            where=self.file,
+            remedy="export the data without line ends inside cells",
+        )
+
+    def _load_numbers(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
+        try:
+            rows = self._row_lines.size
+            self._refuse_a_summary()
+            found = self._plain(positions)
+            if found is not None:
+                return found
+            frame = self._parse(sorted(set(positions)))
+        except OSError as error:
+            raise unreadable(self.file, error, "a text file of columns") from error
+        except (ValueError, TypeError, OverflowError) as error:  # pandas.errors.ParserError is a ValueError
+            raise self._text_in(positions, error) from error
+        if len(frame) != rows:
+            raise self._torn(len(frame))
+        return tuple(frame[position].to_numpy() for position in positions)
+
+    def locate(self, position: int, row: int) -> str:
+        """File, line and column of a value."""
+        return f"{self.file}, line {self._row_lines[row]}, {self._column(position)}"
+
+    def _column(self, position: int) -> str:
+        name = self.names[position]
+        return f"column {position + 1}" + (f" ({name!r})" if name else "")
+
+    def _plain(self, positions: Sequence[int]) -> tuple[FloatArray, ...] | None:
+        """The columns of a small purely numeric file; None if it needs the parser."""
+        if self._numbers is None or self._numbers.size != self._row_lines.size * self._layout.fields:
+            return None
+        table = self._numbers.reshape(-1, self._layout.fields)
+        return tuple(table[:, position].copy() for position in positions)
+
+    @cached_property
+    def _numbers(self) -> FloatArray | None:
+        """All numbers of the file in a row, without loading pandas."""
+        layout = self._layout
+        if _better_by_pandas(self._path):
+            return None
+        data = self._path.read_bytes()[layout.offset :]
+        if b"\r" in data:  # one sign is sought far quicker than two
+            data = data.replace(b"\r\n", b"\n")
+        separator = layout.delimiter.encode()
+        if layout.delimiter != BLANKS and b" " in data:
+            data = data.replace(separator + b" ", separator)
+        signs = separator + layout.decimal.encode()
+        blanks = b" \t" if layout.delimiter == BLANKS else b""
+        if data.translate(None, PLAIN + signs + blanks):
+            return None
+        # An empty cell shows in the count.
+        with contextlib.suppress(ValueError, OverflowError):  # most are JSON's numbers, which are read in half the time
+            listed = data.strip().translate(bytes.maketrans(signs + b" \n", b",.,,"))
+            return np.array(from_json(b"[%b]" % listed), dtype=float)  # each is the nearest float, as in pandas
+        try:
+            # Delimiters become blanks, which no cell contains.
+            return np.fromstring(data.translate(bytes.maketrans(signs, b" .")), sep=" ")  # so here
+        except (ValueError, DeprecationWarning):  # not a number: the parser locates it
+            return None
+
+    def _parse(self, positions: list[int]) -> Any:
+        import pandas
+
+        layout = self._layout
+        # Before 3.1 the default parser may miss the nearest float by one unit in the last place; since then it is
+        # exact, and the option is deprecated.
+        old = tuple(int(part) for part in pandas.__version__.split(".")[:2]) < (3, 1)
+        exact: dict[str, Any] = {"float_precision": "round_trip"} if old else {}
+        with self._path.open("rb") as stream:
+            stream.seek(layout.offset)
+            return pandas.read_csv(
+                stream,
+                sep=r"\s+" if layout.delimiter == BLANKS else layout.delimiter,
+                header=None,
+                usecols=positions,
+                dtype=np.float64,
+                decimal=layout.decimal,
+                skipinitialspace=True,
+                encoding=layout.encoding,
+                encoding_errors="replace",
+                engine="c",
+                **exact,
+            )
+
+    def _refuse_a_summary(self) -> None:
+        """Refuse a last row that begins with a word where the others begin with a number ("Mean, 0.1, 0.2")."""
+        with self._path.open("rb") as stream:
+            size = stream.seek(0, 2)
+            stream.seek(max(self._layout.offset, size - TAIL_BYTES))
+            tail = stream.read().decode(self._layout.encoding, errors="replace").splitlines()
+        last = next((line for line in reversed(tail) if line.strip()), "")
+        first = self._first_row[0] if self._first_row else ""
+        word = split_line(last, self._layout.delimiter)[0] if last.strip() else ""
+        numeric = is_number(first, self._layout.decimal) or _is_stamp(first)
+        if word[:1].isalpha() and word not in _NO_VALUE and numeric:
+            raise InputError(
+                "The last row of the file is not like the others.",
+                expected=f"rows that begin with a number, as line {self._layout.first_line} does",
+                found=repr(last.strip()[:60]),
+                where=f"{self.file}, line {self._row_lines[-1]}",
+                remedy="remove the lines below the data, such as mean and maximum",
+            )
+
+    def _text_in(self, positions: Sequence[int], error: Exception) -> InputError:
+        """Find the first cell that the parser refused."""
+        sign = self._layout.decimal
+        for line, cells in numbered_rows(self._path, self._layout):
+            for position in positions:
+                cell = cells[position]
+                if cell not in _NO_VALUE and not is_number(cell, sign):
+                    return InputError(
+                        "A cell that must hold a number holds text.",
+                        expected=f"a number, with decimal sign {sign!r}",
+                        found=repr(cell[:40]),
+                        where=f"{self.file}, line {line}, {self._column(position)}",
+                        remedy="repair the cell, or name another column",
+                    )
+        return InputError(
+            "The numbers of the file cannot be read.",
+            expected=f"numbers with decimal sign {sign!r}",
+            found=str(error)[:200],
+            where=f"{self.file}, " + ", ".join(self._column(position) for position in positions),
+            remedy="check these columns",
+        )
+
+
+def _is_stamp(cell: str) -> bool:
+    return _STAMP.fullmatch(cell) is not None
+
+
+def _seconds_of_stamps(cells: Sequence[str]) -> FloatArray:
+    """Seconds since the first stamp, shape (cells,); NaN where a cell holds none. Midnight is passed forwards."""
+    texts, dated = ["NaT"] * len(cells), False
+    for index, cell in enumerate(cells):
+        found = _STAMP.fullmatch(cell)
+        if found is None:
+            continue
+        part = found.groupdict()
+        day = "1970-01-01"
+        if part["year"] or part["y"]:
+            day, dated = f"{part['year'] or part['y']}-{part['month'] or part['m']}-{part['day'] or part['d']}", True
+        texts[index] = f"{day}T{part['time']}.{part['fraction'] or '0'}"
+    stamps = np.array(texts, dtype="datetime64[ns]")
+    seconds = (stamps - stamps[:1]) / np.timedelta64(1, "s")  # subtracted first, to keep the digits
+    if not dated:
+        seconds[1:] += _DAY_S * np.cumsum(np.diff(seconds) < -0.5 * _DAY_S)
+    return np.asarray(seconds, dtype=np.float64)
+
+
+CSV = Reader(
+    name="csv",
+    title="text files of columns",
+    endings=(".csv", ".txt", ".dat", ".asc", ".tsv", ".lvm"),
+    open=CsvFile,
+    plain=True,
+)

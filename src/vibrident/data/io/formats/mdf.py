@@ -1,0 +1,174 @@
+"""MDF files (ASAM), version 4 and before: channels of all groups, with the rate of their group's time stamps.
+
+A channel's conversion may be a formula in text, which asammdf would evaluate as code. So only arithmetic conversions
+are allowed, checked before any value is read.
+"""
+
+from __future__ import annotations
+
+import gc
+import sys
+import traceback
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vibrident.base.errors import InputError
+from vibrident.data.io.allowance import require_room
+from vibrident.data.io.columns import Channel, Clock, ColumnFile, library, reading, real_numbers
+from vibrident.data.io.reader import Reader
+from vibrident.data.io.sampling import clock_from_times
+from vibrident.data.records import FloatArray
+
+_EXPECTED = "an MDF file of measured signals, written to its end"
+#: Conversion types by the number in the file: none, linear, rational, tables of numbers; in version 3 also polynomial,
+#: exponential and logarithmic. Formulas (3; 10 in version 3) and texts are not among them.
+_ARITHMETIC = {4: frozenset({0, 1, 2, 4, 5, 6}), 3: frozenset({0, 1, 2, 6, 7, 8, 9, 65535})}
+_FORMULA = {4: 3, 3: 10}
+
+
+class MdfFile(ColumnFile):
+    """An MDF file; values are converted as the file says, and samples that it declares invalid become NaN."""
+
+    def __init__(self, path: Path) -> None:
+        """List the channels."""
+        self._path, self._mdf = path, library("asammdf", "mdf", path).MDF
+        self._clocks: dict[int, Clock | None] = {}
+        channels: list[Channel] = []
+        refused: dict[str, str] = {}
+        with self._opened() as file:
+            for group, index, name in _listed(file):
+                if reason := _reason_against(file, group, index):
+                    refused[name] = reason
+                else:
+                    channels.append(Channel(name, (group, index)))
+        super().__init__(path, channels, refused)
+
+    def clock(self, position: int) -> Clock | None:
+        """Return the rate by regression over the time stamps of the channel's group.
+
+        Raises:
+            InputError: the time stamps have a gap, or the file is damaged.
+        """
+        group, _ = self._channels[position].handle
+        if group not in self._clocks:
+            with self._opened() as file:
+                times_s = real_numbers(file.get_master(group))
+            self._clocks[group] = clock_from_times(times_s, lambda row: f"time stamp of {self.locate(position, row)}")
+        return self._clocks[group]
+
+    def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
+        """Read these channels; each has shape (samples,)."""
+        with self._opened() as file:
+            handles = [self._channels[position].handle for position in positions]
+            require_room(self._path, sum(file.groups[group].channel_group.cycles_nr for group, _ in handles))
+            return tuple(_signal(file, *handle) for handle in handles)
+
+    @contextmanager
+    def _opened(self) -> Iterator[Any]:
+        """The file, its time stamps checked; logged bus traffic, whose databases are code, is ignored."""
+        with reading(self._path, _EXPECTED):
+            try:
+                with self._path.open("rb") as stream, self._mdf(stream, process_bus_logging=False) as file:
+                    _refuse_formulas_of_time(file, self.file)
+                    yield file
+            except Exception as error:
+                _collect_failed(error)
+                raise
+
+
+def _collect_failed(error: BaseException) -> None:
+    """Collect half-made objects of the library, whose destructors raise warnings."""
+    hook = sys.unraisablehook
+    sys.unraisablehook = lambda _: None
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            cause: BaseException | None = error
+            while cause is not None:
+                traceback.clear_frames(cause.__traceback__)
+                cause = cause.__context__
+            gc.collect()  # some are reference cycles
+    finally:
+        sys.unraisablehook = hook
+
+
+def _listed(file: Any) -> list[tuple[int, int, str]]:
+    """Group, index and name of every channel but the time stamps."""
+    return [
+        (group, index, channel.name)
+        for group, content in enumerate(file.groups)
+        for index, channel in enumerate(content.channels)
+        if index != file.masters_db.get(group)
+    ]
+
+
+def _reason_against(file: Any, group: int, index: int) -> str:
+    content = file.groups[group]
+    if content.channel_group.cycles_nr == 0:
+        return "empty"
+    if content.channel_dependencies[index]:
+        return "an array or a structure at each instant"
+    if reason := _reason_against_conversion(content.channels[index].conversion, _generation(file)):
+        return reason
+    first = file.get(group=group, index=index, record_count=1).samples
+    if first.ndim != 1 or first.dtype.names:
+        return "an array or a structure at each instant"
+    if first.dtype.kind in "iufb":
+        return ""
+    return {"c": "complex", "S": "text", "U": "text", "O": "text"}.get(first.dtype.kind, str(first.dtype))
+
+
+def _generation(file: Any) -> int:
+    return 4 if str(file.version) >= "4" else 3
+
+
+def _reason_against_conversion(conversion: Any, generation: int) -> str:
+    """Return why a channel's conversion is refused; "" if it is arithmetic or absent."""
+    kind = 0 if conversion is None else int(conversion.conversion_type)
+    if kind in _ARITHMETIC[generation] and not getattr(conversion, "referenced_blocks", None):
+        return ""
+    return "converted by a formula, which would be code" if kind == _FORMULA[generation] else "text"
+
+
+def _refuse_formulas_of_time(file: Any, where: str) -> None:
+    """Time stamps are read with every channel, so theirs must be arithmetic in every group.
+
+    Raises:
+        InputError: a conversion is not arithmetic.
+    """
+    for group, index in file.masters_db.items():
+        channel = file.groups[group].channels[index]
+        if reason := _reason_against_conversion(channel.conversion, _generation(file)):
+            raise InputError(
+                "The time stamps of the file cannot be used.",
+                expected="time stamps as numbers, or with a linear conversion",
+                found=f"{channel.name!r} is {reason}",
+                where=where,
+                remedy="export the data with converted time stamps, or as CSV",
+            )
+
+
+def _signal(file: Any, group: int, index: int) -> FloatArray:
+    """Samples that the file declares invalid become NaN; asammdf would leave them out and shift the rest."""
+    content = file.groups[group]
+    if content.channel_dependencies[index] or _reason_against_conversion(
+        content.channels[index].conversion, _generation(file)
+    ):
+        raise ValueError("the file has changed since it was opened")
+    signal = file.get(group=group, index=index, ignore_invalidation_bits=True)
+    values = real_numbers(signal.samples)
+    stated = file.groups[group].channel_group.cycles_nr
+    if values.size != stated:
+        raise ValueError(f"{values.size} of {stated} samples")
+    valid = file.get(group=group, index=index)
+    if valid.samples.size != stated:
+        values[~np.isin(signal.timestamps, valid.timestamps)] = np.nan
+    return values
+
+
+MDF = Reader(name="mdf", title="MDF (ASAM)", endings=(".mf4", ".mdf"), open=MdfFile, extra="mdf")

@@ -1,0 +1,78 @@
+"""miniSEED files, as seismological recorders write them."""
+
+from __future__ import annotations
+
+import itertools
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vibrident.data.io.allowance import require_room
+from vibrident.data.io.columns import Channel, Clock, ColumnFile, library, reading, real_numbers
+from vibrident.data.io.reader import Reader
+from vibrident.data.records import FloatArray
+
+_MINISEED = "a miniSEED file of channels without gaps"
+#: Largest gap between consecutive records, in sampling intervals.
+_SEAM = 0.5
+
+
+class MiniSeedFile(ColumnFile):
+    """A miniSEED file; channels are named "NET.STA.LOC.CHA"."""
+
+    def __init__(self, path: Path) -> None:
+        """List the channels."""
+        self._obspy = library("obspy", "seismic", path)
+        traces: dict[str, list[Any]] = {}
+        with reading(path, _MINISEED):
+            for trace in self._traces(path, headonly=True):
+                traces.setdefault(trace.id, []).append(trace)
+            refused = {name: reason for name, parts in traces.items() if (reason := _gap(parts))}
+            channels = [
+                Channel(name, name, Clock(float(parts[0].stats.sampling_rate), start_ns=parts[0].stats.starttime.ns))
+                for name, parts in traces.items()
+                if name not in refused
+            ]
+        super().__init__(path, channels, refused)
+
+    def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
+        """Read these channels; each has shape (samples,)."""
+        with reading(self._path, _MINISEED):
+            stated = sum(int(trace.stats.npts) for trace in self._traces(self._path, headonly=True))
+            require_room(self._path, stated)
+            traces = self._traces(self._path, headonly=False)
+            wanted = [self._channels[position].handle for position in positions]
+            return tuple(
+                np.concatenate([real_numbers(trace.data) for trace in traces if trace.id == name]) for name in wanted
+            )
+
+    def _traces(self, path: Path, *, headonly: bool) -> list[Any]:
+        """Traces in the order of the file; obspy's warnings mean damage."""
+        with path.open("rb") as stream, warnings.catch_warnings():  # a name would be globbed, fetched or unpacked
+            warnings.simplefilter("error")
+            warnings.simplefilter("ignore", DeprecationWarning)
+            return [*self._obspy.read(stream, format="MSEED", headonly=headonly)]
+
+
+def _gap(parts: Sequence[Any]) -> str:
+    """Return why the parts of a channel are not one record; "" if they are contiguous."""
+    rate_hz = parts[0].stats.sampling_rate
+    if rate_hz <= 0:
+        return "without a sampling rate"
+    for before, after in itertools.pairwise(parts):
+        if after.stats.sampling_rate != rate_hz:
+            return f"at {rate_hz:g} Hz first and at {after.stats.sampling_rate:g} Hz later"
+        samples_ns = before.stats.npts / rate_hz * 1e9
+        missing = (after.stats.starttime.ns - before.stats.starttime.ns - samples_ns) * 1e-9 * rate_hz
+        if abs(missing) > _SEAM:
+            kind = "a gap" if missing > 0 else "an overlap"
+            return f"interrupted: {kind} of {abs(missing):.3g} samples at {before.stats.endtime}"
+    return ""
+
+
+MINISEED = Reader(
+    name="miniseed", title="miniSEED", endings=(".mseed", ".miniseed"), open=MiniSeedFile, extra="seismic"
+)

@@ -1,0 +1,56 @@
+"""SAC files, one channel a file."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vibrident.data.io.allowance import require_room
+from vibrident.data.io.columns import Channel, ColumnFile, library, reading, real_numbers
+from vibrident.data.io.reader import Reader
+from vibrident.data.io.sampling import plainest_clock
+from vibrident.data.records import FloatArray
+
+_SAC = "a SAC file with an evenly sampled time series"
+
+
+class SacFile(ColumnFile):
+    """A SAC file. The rate is made from the header's own interval: obspy's is rounded to a microsecond."""
+
+    def __init__(self, path: Path) -> None:
+        """Read the header."""
+        self._sac = library("obspy.io.sac", "seismic", path).SACTrace
+        with reading(path, _SAC):
+            header = self._trace(path, headonly=True)
+            if not 0 < 4 * int(header.npts) < path.stat().st_size:
+                raise ValueError(f"{header.npts} samples in a file of {path.stat().st_size} bytes")
+            if not header.leven or header.iftype != "itime":
+                raise ValueError(f"leven {header.leven}, type {header.iftype}")
+            delta = np.float32(header.delta)  # a four-byte number in the file
+            stamps = (header.nzyear, header.nzjday, header.nzhour, header.nzmin, header.nzsec, header.nzmsec)
+            start = None if any(stamp is None for stamp in stamps) else header.reftime.ns + round(float(header.b) * 1e9)
+            name = ".".join(str(code or "") for code in (header.knetwk, header.kstnm, header.khole, header.kcmpnm))
+            clock = plainest_clock(float(delta), float(np.spacing(delta)) / 2, start)
+            channel = Channel(name if name.strip(".") else "channel 1", int(header.npts), clock)
+        super().__init__(path, [channel], {})
+
+    def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
+        """Read these channels; each has shape (samples,)."""
+        with reading(self._path, _SAC):
+            require_room(self._path, self._channels[0].handle * len(positions))
+            values = real_numbers(self._trace(self._path, headonly=False).data)
+            if values.size != self._channels[0].handle:
+                raise ValueError(f"{values.size} samples of {self._channels[0].handle}")
+            return tuple(values.copy() for _ in positions)
+
+    def _trace(self, path: Path, *, headonly: bool) -> Any:
+        with path.open("rb") as stream, warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return self._sac.read(stream, headonly=headonly)
+
+
+SAC = Reader(name="sac", title="SAC", endings=(".sac",), open=SacFile, extra="seismic")

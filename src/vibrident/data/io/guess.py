@@ -1,0 +1,207 @@
+"""The possible meaning of a data file's columns, guessed from their names, for a person to confirm."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from vibrident.base.errors import InputError
+from vibrident.data.io.columns import ColumnFile
+from vibrident.data.io.header_units import is_time
+from vibrident.data.io.readers import open_columns
+from vibrident.data.io.units import quantity_of, si_scale
+
+_FREQUENCY = re.compile(r"f|freq.*|frequenz.*", re.IGNORECASE)
+_MAGNITUDE = re.compile(r"mag(nitude)?|abs.*|ampl.*|sens.*|betrag.*", re.IGNORECASE)
+_PHASE = re.compile(r"(phase|phi|arg)", re.IGNORECASE)
+_UNCERTAIN = re.compile(r"unc|sigma|std|(^|_)u(_|$)", re.IGNORECASE)
+#: Words in a reference's name, the surest first, and their quantities.
+_REFERENCES = (
+    (re.compile(r"ref", re.IGNORECASE), None),
+    (re.compile(r"acc|a_in|m/s[\^]?2|m/s²", re.IGNORECASE), "acceleration"),
+    (re.compile(r"vel|vibrometer", re.IGNORECASE), "velocity"),
+    (re.compile(r"drive|gen|excit|input", re.IGNORECASE), "drive"),
+    (re.compile(r"disp|interferom|laser|weg", re.IGNORECASE), "displacement"),
+)
+#: Names of photodetector signals: cos and sin of the phase, each with the name of its partner.
+_DETECTORS = tuple(
+    (re.compile(first, re.IGNORECASE), re.compile(second, re.IGNORECASE))
+    for first, second in (
+        (r"(u|pd|det\w*?|photo\w*?|quad\w*?)[ _]?1", r"(u|pd|det\w*?|photo\w*?|quad\w*?)[ _]?2"),
+        (r"cos\w*", r"sin\w*"),
+        (r"i|in[ _-]?phase", r"q|quadrature"),
+    )
+)
+_CARRIER = re.compile(r"hetero|beat|carrier", re.IGNORECASE)
+_RESPONSE = re.compile(r"resp|out|dut|sensor|volt|charge|signal|laser|pickup|\bu\b", re.IGNORECASE)
+_BRACKETS = re.compile(r"[\[(]([^\])]+)[\])]")
+_LONGEST_NAME = 200
+_EXCITATIONS = (
+    ("multisine", re.compile(r"multi", re.IGNORECASE)),
+    ("sweep", re.compile(r"sweep|chirp", re.IGNORECASE)),
+    ("random", re.compile(r"random|noise|rausch", re.IGNORECASE)),
+    ("shock", re.compile(r"shock|impact|hammer|stoss|stoß", re.IGNORECASE)),
+    ("decay", re.compile(r"decay|free|damping", re.IGNORECASE)),
+)
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Columns of a file, and their possible meaning; a column is its name, or its number if that is not unique.
+
+    Attributes:
+        columns: the choices, in the order of the file.
+        labels: the same, for display.
+        rate_hz: that the file itself states.
+        time, reference, response: of records.
+        frequency, magnitude, phase, magnitude_uncertainty, phase_uncertainty: of a tabulated response, if frequency and
+            magnitude are known.
+        quantity, scale, unit: of the reference; scale leads to SI.
+        response_unit: of the response.
+        excitation: by the file's name; None if undetermined.
+        detectors: photodetector signals of an interferometer: two in quadrature, one on a carrier, or none.
+    """
+
+    columns: tuple[int | str, ...]
+    labels: tuple[str, ...]
+    rate_hz: float | None
+    time: int | str | None
+    reference: int | str | None
+    response: int | str | None
+    frequency: int | str | None
+    magnitude: int | str | None
+    phase: int | str | None
+    magnitude_uncertainty: int | str | None
+    phase_uncertainty: int | str | None
+    quantity: str
+    scale: float
+    unit: str
+    response_unit: str
+    excitation: str | None
+    detectors: tuple[int | str, ...] = ()
+
+    @property
+    def is_table(self) -> bool:
+        """Whether the names are those of a tabulated response."""
+        return self.frequency is not None and self.magnitude is not None
+
+
+def guess_columns(path: Path) -> Columns:
+    """Open a data file and guess the meaning of its columns from their names; its numbers are not read.
+
+    Raises:
+        InputError: the file cannot be opened.
+    """
+    source = open_columns(path)
+    columns = _columns(source)
+    if not columns:
+        raise InputError(
+            "The file has no column that can be chosen.",
+            expected="columns of numbers with unique names",
+            found=f"{len(source.names)} columns without names",
+            where=source.file,
+            remedy="export the data with a header",
+        )
+    names = source.names
+    free = list(range(len(names)))
+    table = _table(names)
+    clock = next((c for c in map(source.clock, free) if c is not None), None)
+    time = next((p for p in free if is_time(names[p])), None) if clock is None else None
+    if time is not None:
+        free = [position for position in free if position != time]
+    detectors = _detectors(names, free)
+    free = [position for position in free if position not in detectors]
+    reference, quantity = (None, None) if detectors else _reference(names, free)
+    free = [position for position in free if position != reference]
+    response = _first(names, free, _RESPONSE)
+    if response is None and free:
+        response = free[0]
+    if reference is None and not detectors and len(free) > 1:
+        reference = free[0]
+        response = free[1]
+    unit = _unit(names, reference)
+    quantity = quantity_of(unit) or quantity or "acceleration"
+    scale = si_scale(quantity, unit)
+    chosen = dict(zip(_positions(source), columns, strict=True))
+
+    def column(position: int | None) -> int | str | None:
+        return None if position is None else chosen.get(position)
+
+    return Columns(
+        columns=columns,
+        labels=tuple(_label(names[p], c) for p, c in chosen.items()),
+        rate_hz=None if clock is None else clock.rate_hz,
+        time=column(time),
+        reference=column(reference),
+        response=column(response),
+        **{name: column(position) for name, position in table.items()},
+        quantity=quantity,
+        scale=1.0 if scale is None else scale,
+        unit=unit,
+        response_unit=_unit(names, response) or "V",
+        excitation=next((name for name, words in _EXCITATIONS if words.search(path.stem)), None),
+        detectors=tuple(chosen[position] for position in detectors),
+    )
+
+
+def _positions(source: ColumnFile) -> list[int]:
+    names = source.names
+    return [p for p in range(len(names)) if p in source.numbered or (names[p] and names.count(names[p]) == 1)]
+
+
+def _columns(source: ColumnFile) -> tuple[int | str, ...]:
+    names = source.names
+    return tuple(
+        names[p] if names[p] and names.count(names[p]) == 1 else source.numbered.index(p) + 1
+        for p in _positions(source)
+    )
+
+
+def _label(name: str, column: int | str) -> str:
+    if isinstance(column, str):
+        return column
+    return f"column {column}" + (f" ({name})" if name else "")
+
+
+def _first(names: Sequence[str], positions: Sequence[int], words: re.Pattern[str]) -> int | None:
+    return next((position for position in positions if names[position] and words.search(names[position].strip())), None)
+
+
+def _reference(names: Sequence[str], positions: Sequence[int]) -> tuple[int | None, str | None]:
+    for words, quantity in _REFERENCES:
+        position = _first(names, positions, words)
+        if position is not None:
+            more = [q for w, q in _REFERENCES if q and w.search(names[position])]
+            return position, quantity or (more[0] if more else None)
+    return None, None
+
+
+def _detectors(names: Sequence[str], positions: Sequence[int]) -> tuple[int, ...]:
+    """Two signals in quadrature, one on a carrier, or none; only columns that can be chosen by their names."""
+    plain = {p: _BRACKETS.sub("", names[p][:_LONGEST_NAME]).strip() for p in positions if names.count(names[p]) == 1}
+    for first, second in _DETECTORS:
+        pair = [next((p for p, name in plain.items() if words.fullmatch(name)), None) for words in (first, second)]
+        if pair[0] is not None and pair[1] is not None:
+            return pair[0], pair[1]
+    return tuple(p for p, name in plain.items() if _CARRIER.search(name))[:1]
+
+
+def _unit(names: Sequence[str], position: int | None) -> str:
+    found = None if position is None else _BRACKETS.search(names[position][:_LONGEST_NAME])
+    return found.group(1).strip() if found else ""
+
+
+def _table(names: Sequence[str]) -> dict[str, int | None]:
+    every = range(len(names))
+    sure = [p for p in every if not _UNCERTAIN.search(names[p])]
+    doubts = [p for p in every if _UNCERTAIN.search(names[p])]
+    keys = {
+        "frequency": (sure, _FREQUENCY),
+        "magnitude": (sure, _MAGNITUDE),
+        "phase": (sure, _PHASE),
+        "magnitude_uncertainty": (doubts, re.compile(_MAGNITUDE.pattern, re.IGNORECASE)),
+        "phase_uncertainty": (doubts, _PHASE),
+    }
+    return {key: next((p for p in which if words.match(names[p])), None) for key, (which, words) in keys.items()}

@@ -1,0 +1,337 @@
+"""From photodetector signals in files to records with a displacement as their reference."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from vibrident.base.errors import InputError
+from vibrident.data.effects import SystematicEffect
+from vibrident.data.interferometer import alignment
+from vibrident.data.interferometer.carrier import MOST_OF_ALL, MOST_OF_SHOCK, Baseband, Turned
+from vibrident.data.interferometer.choice import Choice, choose, of_carrier
+from vibrident.data.interferometer.decimation import Decimated
+from vibrident.data.interferometer.demodulation import Demodulated, demodulate
+from vibrident.data.interferometer.effects import Answer, Cyclic, effects, significant
+from vibrident.data.interferometer.rough import highest_frequency, rough_frequency, slower
+from vibrident.data.interferometer.setting import FloatArray, Held, Interferometer, Signals
+from vibrident.data.interferometer.summary import OpticalFinding
+from vibrident.data.interferometer.survey import Survey, survey
+from vibrident.data.io.calibration_file import CalibrationFile
+from vibrident.data.io.columns import ColumnFile
+from vibrident.data.io.optical_motion import clocks_apart, part_outside, require_motion, require_pulse
+from vibrident.data.io.readers import open_columns, sha256
+from vibrident.data.io.record_files import Part, named_parts, read_record, stated_sampling, timed
+from vibrident.data.io.sampling import SAME_RATE, Sampling, agreed_rate, cut
+from vibrident.data.io.sections import InterferometerSection
+from vibrident.data.records import Provenance, Quantity, Record
+
+#: Samples of filtered signals that are kept in memory, of all records together.
+MOST_HELD = 1 << 23
+#: A shock is kept at a rate that leaves no more of its response's power to the ends of the record.
+WELL_INSIDE = 2e-3
+_REPAIR = "repair the file, or leave that part out with start_s / stop_s"
+
+
+@dataclass(frozen=True, eq=False)
+class FileSignals:
+    """Columns of a file, read block by block."""
+
+    source: ColumnFile
+    positions: tuple[int, ...]
+    rate_hz: float
+    kept: slice
+
+    @property
+    def samples(self) -> int:
+        """Number of samples of each."""
+        return self.kept.stop - self.kept.start
+
+    def block(self, start: int, stop: int) -> FloatArray:
+        """Samples from ``start`` up to ``stop``, shape (signals, stop − start).
+
+        Raises:
+            InputError: a value is not finite.
+        """
+        first = self.kept.start + start
+        values = self.source.block(self.positions, first, self.kept.start + stop)
+        if not np.isfinite(np.sum(values)):
+            for position, column in zip(self.positions, values, strict=True):
+                self.source.require_finite(position, column, first, _REPAIR)
+        return values
+
+
+@dataclass(frozen=True, eq=False)
+class _Opened:
+    """One record to be made; ``beside`` if response and optical signals are sampled together."""
+
+    part: Part
+    name: str
+    optical: Signals
+    response: FileSignals
+    sampling: Sampling
+    beside: bool
+    doubts: tuple[OpticalFinding, ...]
+    carrier_hz: float | None = None
+    offset_s: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Optical:
+    """What is read where an interferometer's signals are the reference."""
+
+    records: tuple[Record, ...]
+    quantity: Quantity
+    unit: str
+    effects: tuple[SystematicEffect, ...]
+
+
+def read_optical(calibration: CalibrationFile, folder: Path, where: str) -> Optical:
+    """Read the records of a calibration whose reference is an interferometer's signals; arguments as `read_records`.
+
+    Raises:
+        InputError: a file cannot be used, or the signals cannot be followed.
+    """
+    section = calibration.interferometer
+    assert section is not None
+    setting = section.setting
+    parts = named_parts(calibration, folder, where)
+    opened = [
+        _open(part, name, calibration, section, folder) for part, name in parts if part.entry.excitation != "decay"
+    ]
+    doubted = next((one.name for one in opened if one.doubts), "")  # said once: the rate is that of all
+    opened = [one if one.name == doubted else replace(one, doubts=()) for one in opened]
+    opened, seen, choices = _looked_at(opened, setting)
+    moving = any(one.part.entry.excitation != "sine" for one in opened)
+    made = [
+        _record(one, look, choice, setting, calibration, folder, moving=moving)
+        for one, look, choice in zip(opened, seen, choices, strict=True)
+    ]
+    errors = _cyclic_errors([found for found, _ in made], setting)
+    for index, error in enumerate(errors):
+        if error is not None:
+            one, found = opened[index], made[index][0]
+            if found.carrier is not None:
+                turned = Turned(one.optical, found.carrier)
+                one = replace(one, optical=turned, carrier_hz=found.summary.carrier_hz)
+            choice = replace(choices[index], error=error.waves)
+            made[index] = _record(one, seen[index], choice, setting, calibration, folder, moving=moving)
+    records = {one.name: record for one, (_, record) in zip(opened, made, strict=True)}
+    ordered = [records.get(name) or read_record(part, name, calibration, folder, "m") for part, name in parts]
+    answers = [found.answer for found, _ in made]
+    found = (*_stated_effects(setting), *(effects(answers, _left_of(errors, answers, setting)) if made else ()))
+    kind: tuple[Quantity, str] = ("acceleration", "m/s^2") if moving else ("displacement", "m")
+    return Optical(tuple(ordered), *kind, found)
+
+
+def _cyclic_errors(made: Sequence[Demodulated], setting: Interferometer) -> list[Cyclic | None]:
+    """The significant cyclic error of each record: one of the set-up, or its own beside a carrier, whose phase begins
+    anew in every record."""
+    measured = [[] if found.answer.cyclic is None else [found.answer.cyclic] for found in made]
+    if setting.kind == "quadrature":
+        return [significant([one for some in measured for one in some])] * len(made)
+    return [significant(some) for some in measured]
+
+
+def _left_of(
+    errors: Sequence[Cyclic | None], answers: Sequence[Answer], setting: Interferometer
+) -> list[tuple[Sequence[Answer], FloatArray]]:
+    """What is left of cyclic errors: the uncertainty of those that were taken out, and beside a carrier those that a
+    record does not show, of the size of the others' and of unknown phase."""
+    known = [error for error in errors if error is not None]
+    if not known:
+        return []
+    if setting.kind == "quadrature":
+        return [(answers, known[0].covariance)]
+    shown = np.array([error.waves for error in known]).reshape(len(known), -1, 2)  # zero where not significant
+    power = np.sum(shown**2, axis=(0, 2)) / np.maximum(np.sum(np.any(shown != 0.0, axis=2), axis=0), 1)
+    found: list[tuple[Sequence[Answer], FloatArray]] = []
+    for error, answer in zip(errors, answers, strict=True):
+        waves = np.zeros(shown[0].size) if error is None else error.waves
+        unknown = np.diag(np.where(waves == 0.0, np.repeat(0.5 * power, 2), 0.0))
+        found.append(([answer], unknown if error is None else unknown + error.covariance))
+    return found
+
+
+def _stated_effects(setting: Interferometer) -> list[SystematicEffect]:
+    found = []
+    if setting.wavelength_relative_uncertainty > 0:
+        u = setting.wavelength_relative_uncertainty
+        found.append(SystematicEffect("wavelength of the interferometer", "gain", u))
+    if setting.delay_standard_uncertainty_s > 0:
+        u = setting.delay_standard_uncertainty_s
+        found.append(SystematicEffect("delay of the interferometer", "timing", u))
+    return found
+
+
+def _looked_at(opened: Sequence[_Opened], setting: Interferometer) -> tuple[list[_Opened], list[Survey], list[Choice]]:
+    """The records, those of a small motion without needless noise, with their ellipses."""
+    opened = _held(opened)
+    seen = [_surveyed(one) for one in opened]
+    if setting.kind == "heterodyne":
+        return opened, seen, [of_carrier(look, index) for index, look in enumerate(seen)]
+    slow = _held([_slower(one, look) for one, look in zip(opened, seen, strict=True)])
+    seen = [
+        look if one is was else replace(_surveyed(one), at_limit=look.at_limit)
+        for one, was, look in zip(slow, opened, seen, strict=True)
+    ]
+    return slow, seen, choose(seen, [one.name for one in opened])
+
+
+def _held(opened: Sequence[_Opened]) -> list[_Opened]:
+    """The records with their filtered signals in memory, as many as have room: they are read several times."""
+    room, found = MOST_HELD, []
+    for one in opened:
+        signals = one.optical
+        if isinstance(signals, Decimated) and signals.samples <= room:
+            with _named(one):
+                one = replace(one, optical=Held(signals.block(0, signals.samples), signals.rate_hz))
+            room -= signals.samples
+        found.append(one)
+    return found
+
+
+def _surveyed(one: _Opened) -> Survey:
+    with _named(one):
+        return survey(one.optical)
+
+
+@contextmanager
+def _named(one: _Opened) -> Iterator[None]:
+    """Errors name the record's place in the calibration file."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(**{**vars(error), "where": f"{one.part.where}, {error.where}"}) from None
+
+
+def _slower(one: _Opened, look: Survey) -> _Opened:
+    found = None if look.whole else slower(one.optical)
+    return one if found is None else replace(one, optical=found, offset_s=found.first / one.optical.rate_hz)
+
+
+def _open(part: Part, name: str, calibration: CalibrationFile, section: InterferometerSection, folder: Path) -> _Opened:
+    main = open_columns(folder / part.file)
+    other = main if part.entry.reference_file is None else open_columns(folder / part.entry.reference_file)
+    column = calibration.response.column
+    assert column is not None  # checked with the calibration file
+    at = main.position_of(column, "[response] column")
+    places = tuple(other.position_of(c, "[interferometer] columns") for c in section.columns)
+    sampling = _sampling(part, calibration, main, at)
+    optical_hz = _optical_rate(section, other, main, places, sampling, part)
+    optical = FileSignals(other, places, optical_hz, _kept(part, other.length(places[0]), optical_hz))
+    response = FileSignals(main, (at,), sampling.rate_hz, _kept(part, main.length(at), sampling.rate_hz))
+    beside = abs(optical_hz / sampling.rate_hz - 1.0) < SAME_RATE
+    if beside and optical.samples != response.samples:
+        raise InputError(
+            "The optical signals and the response differ in length.",
+            expected=f"{response.samples} samples, as the response has in {main.file}",
+            found=f"{optical.samples} samples in {other.file}",
+            where=part.where,
+            remedy="give both over the same samples, or rate_hz of [interferometer] if they are sampled faster",
+        )
+    lasting = other.length(places[0]) / optical_hz, main.length(at) / sampling.rate_hz
+    doubts = () if beside else clocks_apart(*lasting, name)
+    if section.carrier_hz is None:
+        return _Opened(part, name, optical, response, sampling, beside, doubts)
+    most = MOST_OF_SHOCK if part.entry.excitation == "shock" else MOST_OF_ALL
+    mixed = Baseband.around(optical, section.carrier_hz, sampling.rate_hz, part.where, most)
+    return _Opened(part, name, mixed, response, sampling, beside, doubts, mixed.carrier_hz, mixed.first / optical_hz)
+
+
+def _kept(part: Part, samples: int, rate_hz: float) -> slice:
+    return cut(samples, rate_hz, part.entry.start_s, part.entry.stop_s, part.where)
+
+
+def _sampling(part: Part, calibration: CalibrationFile, main: ColumnFile, at: int) -> Sampling:
+    entry, column = part.entry, calibration.sampling.time_column
+    if column is not None and entry.rate_hz is None:
+        place = main.position_of(column, "[sampling] time_column")
+        return timed(main, place, *main.load([place]))
+    return stated_sampling(part, calibration, [(main, at)])
+
+
+def _optical_rate(
+    section: InterferometerSection,
+    other: ColumnFile,
+    main: ColumnFile,
+    places: Sequence[int],
+    sampling: Sampling,
+    part: Part,
+) -> float:
+    agreed = agreed_rate(section.rate_hz, [(other, place) for place in places], part.where, other.file)
+    rate_hz = sampling.rate_hz if agreed is None else agreed.rate_hz
+    if rate_hz < sampling.rate_hz * (1.0 - SAME_RATE):
+        raise InputError(
+            "The optical signals are sampled more slowly than the response.",
+            expected=f"[interferometer] rate_hz of {sampling.rate_hz:.9g} Hz or more",
+            found=f"{rate_hz:.9g} Hz",
+            where=f"{part.where}, for {other.file}",
+            remedy="correct rate_hz of [interferometer] or of [sampling]",
+        )
+    return rate_hz
+
+
+def _record(
+    one: _Opened,
+    look: Survey,
+    choice: Choice,
+    setting: Interferometer,
+    calibration: CalibrationFile,
+    folder: Path,
+    *,
+    moving: bool,
+) -> tuple[Demodulated, Record]:
+    entry, sine = one.part.entry, one.part.entry.excitation == "sine"
+    near = (entry.frequency_hz or rough_frequency(one.optical, choice)) if sine else None
+    coarse = alignment.finer(one.optical.rate_hz, one.response.rate_hz)
+    top, broken = (near, False) if near else highest_frequency(one.optical, choice, coarse)
+    kept = alignment.OF_SINE if sine else alignment.BESIDE_GAPS if broken else alignment.OF_OTHERS
+    every = alignment.thinning(one.response.samples, one.response.rate_hz, top, kept)
+    least = alignment.no_finer(one.response.rate_hz, one.optical.rate_hz)
+    every = max(every, least)
+
+    def made(every: int) -> tuple[Demodulated, alignment.Aligned]:
+        alike = one.beside and one.offset_s == 0.0
+        factor = every if alike else alignment.finer(one.optical.rate_hz, one.response.rate_hz / every)
+        found = demodulate(one.optical, setting, look, choice, factor, one.name, near, top, one.carrier_hz)
+        aligned = alignment.together(found, one.optical, one.offset_s, one.response, every, setting.delay_s)
+        return found, aligned.accelerated if moving else aligned
+
+    found, aligned = made(every)
+    if entry.excitation == "shock":
+        while (outside := part_outside(one.response, aligned)) > WELL_INSIDE and every > least:
+            every = max(int(0.8 * every), least)
+            found, aligned = made(every)
+        require_pulse(aligned, outside, one.name)
+    require_motion(aligned, entry.excitation, one.name)
+    to_response = calibration.response
+    what = "acceleration in m/s²" if moving else "displacement in m"
+    unsure = "" if setting.direction is not None else "; the direction is not stated: the sign of x is not known"
+    history = (
+        f"response: {one.response.source.file}, column {one.response.positions[0] + 1} × {to_response.scale!r} → "
+        f"{to_response.unit}",
+        f"reference: {what} from the {setting.kind} signals, {one.optical.rate_hz:.9g} Hz, every {found.factor}"
+        f"{unsure}",
+        *([f"reference from {entry.reference_file}, SHA-256 {sha256(folder / entry.reference_file)}"]
+          if entry.reference_file is not None else []),
+    )  # fmt: skip
+    record = Record(
+        name=one.name,
+        reference=aligned.displacement_m,
+        response=aligned.response * to_response.scale,
+        sampling_rate_hz=aligned.rate_hz,
+        excitation=entry.excitation,
+        frequency_hz=entry.frequency_hz,
+        valid=aligned.valid,
+        start_time_s=one.sampling.start_time_s + (entry.start_s or 0.0) + aligned.start_s,
+        provenance=Provenance(one.part.file, sha256(folder / one.part.file), history),
+        response_full_scale=None if to_response.full_scale is None else to_response.full_scale * abs(to_response.scale),
+        reference_noise_order=4 if moving else 0,
+        optical=replace(found.summary, findings=(*one.doubts, *found.summary.findings)),
+    )
+    return replace(found, displacement_m=np.zeros(0), valid=np.zeros(0, dtype=bool)), record

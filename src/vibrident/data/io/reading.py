@@ -1,0 +1,106 @@
+"""From a calibration file and its data to a Calibration."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from vibrident.base import sandbox
+from vibrident.base.errors import InputError
+from vibrident.base.process import Limits
+from vibrident.data.io.allowance import memory_for
+from vibrident.data.io.calibration_file import CalibrationFile, read_calibration_file
+from vibrident.data.io.header_units import unit_of_another_kind
+from vibrident.data.io.readers import by_ending, open_columns
+from vibrident.data.io.record_files import data_files, read_records
+from vibrident.data.io.table_file import read_table
+from vibrident.data.io.units import reference_unit
+from vibrident.data.records import Calibration
+
+#: Memory of a reading process for its libraries.
+_LIBRARIES_BYTES = 600_000_000
+#: Further memory, as a multiple of the numbers' limit.
+_COPIES = 2
+#: Time limit of a reading process.
+_SECONDS = 30.0
+#: Further time for each byte.
+_SECONDS_PER_BYTE = 1e-6
+
+
+def read_guarded(path: str | os.PathLike[str]) -> Calibration:
+    """Read as :func:`read` does; binary data files in a separate process, with limits on memory and time.
+
+    A damaged file that crashes or hangs a native library is then merely bad input. The cost is one process a
+    calibration.
+
+    Raises:
+        InputError: as ``read`` does; or reading takes more than it may, or crashed.
+    """
+    file = Path(path)
+    names = data_files(read_calibration_file(file), file.parent, str(file))
+    readers = (by_ending().get(Path(name).suffix.lower()) for name in names)
+    if all(reader is not None and reader.plain for reader in readers):
+        return read(file)
+    size = sum((file.parent / name).stat().st_size for name in names if os.path.isfile(file.parent / name))
+    memory_bytes = int(_LIBRARIES_BYTES + _COPIES * memory_for(size))
+    seconds = _SECONDS + _SECONDS_PER_BYTE * size
+    try:
+        return sandbox.run(read, file, limits=Limits(seconds, memory_bytes, memory_bytes, memory_bytes))
+    except InputError as error:
+        if error.where:
+            raise
+        raise InputError(**{**vars(error), "where": f"{file}, one of its data files"}) from None
+
+
+def read(path: str | os.PathLike[str]) -> Calibration:
+    """Read a calibration file (TOML) and the data files that it names.
+
+    Args:
+        path: the calibration file; relative paths in it start at its folder.
+
+    Returns:
+        Calibration: records, or a table, in physical units: the reference in m/s², m/s, m or the drive's own unit,
+        the response in [response] unit.
+
+    Raises:
+        InputError: the file or the data cannot be used; the message says what, where and what to do.
+    """
+    file = Path(path)
+    where = str(file)
+    document = _with_unit_of_header(read_calibration_file(file), file.parent, where)
+    quantity, records, table, more = document.reference.quantity, (), None, ()
+    if document.interferometer is not None:
+        from vibrident.data.io.optical_files import read_optical  # loads SciPy, which others do not need
+
+        optical = read_optical(document, file.parent, where)
+        records, quantity, unit, more = optical.records, optical.quantity, optical.unit, optical.effects
+    else:
+        unit = reference_unit(quantity, document.reference.unit, document.reference.scale, where)
+        if document.table:
+            table = read_table(document, file.parent, where)
+        else:
+            records = read_records(document, file.parent, where, unit)
+    return Calibration(
+        records=records,
+        table=table,
+        model=document.sensor.model,
+        quantity=quantity,
+        reference_unit=unit,
+        reference_standard_uncertainty=document.reference.standard_uncertainty,
+        response_unit=document.response.unit,
+        sensor=document.sensor_text,
+        source=where,
+        certificate=document.certificate.stated(),
+        effects=(*(entry.effect for entry in document.uncertainty), *more),
+    )
+
+
+def _with_unit_of_header(document: CalibrationFile, folder: Path, where: str) -> CalibrationFile:
+    """With the unit of the response in the header of its first file, where none is stated and that is no voltage."""
+    response, table = document.response, document.table
+    column, key = (response.column, "[response] column") if table is None else (table.magnitude, "[table] magnitude")
+    if column is None or "unit" in response.model_fields_set or abs(response.scale) != 1.0:
+        return document
+    source = open_columns(folder / data_files(document, folder, where)[0])
+    found = unit_of_another_kind(source, source.position_of(column, key), response.unit)
+    return document.model_copy(update={"response": response.model_copy(update={"unit": found})}) if found else document

@@ -1,0 +1,146 @@
+"""From pydantic's findings on a calibration file to an InputError."""
+
+from __future__ import annotations
+
+import difflib
+import typing
+from typing import Any
+
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
+
+from vibrident.base.errors import InputError
+
+
+def schema_error(error: ValidationError, root: type[BaseModel], file: str) -> InputError:
+    """Return the InputError for the first finding; an unknown key precedes a missing one."""
+    findings = sorted(error.errors(), key=lambda finding: finding["type"] != "extra_forbidden")
+    finding = findings[0]
+    if finding["type"] == "extra_forbidden":
+        return _unknown_key(finding, root, file)
+    if finding["type"] == "missing":
+        return _missing_key(finding, root, file)
+    return _bad_value(finding, root, file)
+
+
+def _unknown_key(finding: ErrorDetails, root: type[BaseModel], file: str) -> InputError:
+    *parents, key = finding["loc"]
+    section = _section_at(tuple(parents), root)
+    keys = list(section.model_fields)
+    elsewhere = [_bracketed(name, field.annotation) for name, field in root.model_fields.items() if _knows(field, key)]
+    nearest = difflib.get_close_matches(str(key), keys, n=1, cutoff=0.0)[0]
+    likely = difflib.SequenceMatcher(None, str(key), nearest).ratio() >= 0.75
+    remedy = f"did you mean {nearest!r}?"
+    if elsewhere and not likely:
+        remedy = f"{key!r} belongs under {' or '.join(elsewhere)}; the nearest key here is {nearest!r}"
+    return InputError(
+        f"The key {key!r} is not known here.",
+        expected="one of " + ", ".join(keys),
+        found=str(key),
+        where=_where(file, tuple(parents), root),
+        remedy=remedy,
+    )
+
+
+def _missing_key(finding: ErrorDetails, root: type[BaseModel], file: str) -> InputError:
+    *parents, key = finding["loc"]
+    return InputError(
+        f"The key {key!r} is missing.",
+        expected=_expected(tuple(finding["loc"]), root) or "a value",
+        found="nothing",
+        where=_where(file, tuple(parents), root),
+        remedy=f"add {key} = …",
+    )
+
+
+def _bad_value(finding: ErrorDetails, root: type[BaseModel], file: str) -> InputError:
+    location = _known_part(finding["loc"], root)
+    expected = _expected(location, root)
+    if not expected:
+        expected = finding["msg"].removeprefix("Input should be ").replace(" or ", ", ").replace("'", '"')
+        expected = expected if finding["type"] == "literal_error" else finding["msg"]
+    found = _input_at(finding, location)
+    return InputError(
+        "A value in the calibration file cannot be used.",
+        expected=expected,
+        found=found,
+        where=_where(file, location, root),
+        remedy="correct the value",
+    )
+
+
+def _input_at(finding: ErrorDetails, location: tuple[Any, ...]) -> str:
+    text = repr(finding["input"])
+    return f"{location[-1]} = {text[:60]}" if location and isinstance(location[-1], str) else text[:60]
+
+
+def _known_part(location: tuple[Any, ...], root: type[BaseModel]) -> tuple[Any, ...]:
+    """Drop pydantic's suffix for the branch of a union."""
+    known: list[Any] = []
+    section: type[BaseModel] | None = root
+    for part in location:
+        if isinstance(part, int):
+            known.append(part)
+            continue
+        if section is None or part not in section.model_fields:
+            break
+        known.append(part)
+        section = _section_of(section.model_fields[part].annotation)
+    return tuple(known)
+
+
+def _section_at(location: tuple[Any, ...], root: type[BaseModel]) -> type[BaseModel]:
+    section = root
+    for part in location:
+        if isinstance(part, str):
+            section = _section_of(section.model_fields[part].annotation) or section
+    return section
+
+
+def _section_of(annotation: Any) -> type[BaseModel] | None:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    for argument in typing.get_args(annotation):
+        if (section := _section_of(argument)) is not None:
+            return section
+    return None
+
+
+def _knows(field: Any, key: Any) -> bool:
+    section = _section_of(field.annotation)
+    return section is not None and key in section.model_fields
+
+
+def _bracketed(name: str, annotation: Any) -> str:
+    return f"[[{name}]]" if typing.get_origin(annotation) is list else f"[{name}]"
+
+
+def _expected(location: tuple[Any, ...], root: type[BaseModel]) -> str:
+    """Return the description of the field: its own, or that of its annotated type."""
+    names = [part for part in location if isinstance(part, str)]
+    if not names:
+        return "sections in brackets"
+    section = _section_at(tuple(names[:-1]), root)
+    field = section.model_fields[names[-1]]
+    if field.description:
+        return field.description
+    for argument in typing.get_args(field.annotation):
+        for mark in getattr(argument, "__metadata__", ()):
+            if description := getattr(mark, "description", None):
+                return description
+    literal = typing.get_args(field.annotation)
+    if literal and all(isinstance(value, str) for value in literal):
+        return " | ".join(literal)
+    nested = _section_of(field.annotation)
+    return f"a section {_bracketed(names[-1], field.annotation)}" if nested else ""
+
+
+def _where(file: str, location: tuple[Any, ...], root: type[BaseModel]) -> str:
+    """Name file, section and key."""
+    if not location:
+        return f"{file}, top level"
+    name, *rest = location
+    text = _bracketed(str(name), root.model_fields[name].annotation)
+    for part in rest:
+        text += f" entry {part + 1}" if isinstance(part, int) else f" {part}"
+    return f"{file}, {text}"

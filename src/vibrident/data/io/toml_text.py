@@ -1,0 +1,79 @@
+"""TOML: files read, unless they are too costly to parse, and plain values written as a calibration file needs them."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+
+from vibrident.base.errors import InputError
+from vibrident.data.io.columns import require_regular, unreadable
+
+#: Most characters of a calibration file: ten thousand [[records]] entries. The standard parser takes a second for it.
+MOST_BYTES = 1_000_000
+#: A long chain of dotted keys; the parser's time and memory grow as the square of their number.
+_JOINED = re.compile(r"""(?:\.[ \t]*(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*){32}""")
+
+
+def read_toml(path: Path, what: str = "calibration") -> dict[str, Any]:
+    """The keys of a file; ``what`` names its kind in messages.
+
+    Raises:
+        InputError: the file cannot be read, is not TOML in UTF-8, or is too costly to parse.
+    """
+    kind = f"a {what} file (TOML)"
+    require_regular(path, kind)
+    try:
+        with path.open("rb") as stream:
+            text = stream.read(4 * MOST_BYTES + 4).decode("utf-8-sig")
+        _refuse_costly(text, what, str(path))
+        return tomllib.loads(text.replace("\r\n", "\n"))
+    except OSError as error:
+        raise unreadable(str(path), error, kind) from error
+    except UnicodeDecodeError as error:
+        raise InputError(
+            f"The {what} file is not UTF-8 text.",
+            expected="a TOML file in UTF-8",
+            found=f"byte 0x{error.object[error.start]:02x}",
+            where=f"{path}, line {error.object[: error.start].count(bytes([10])) + 1}",
+            remedy="save it as UTF-8; data files belong under [[records]] file",
+        ) from error
+    except (ValueError, RecursionError) as error:  # a number of thousands of digits; hundreds of nested brackets
+        line = re.search(r"at line (\d+)", str(error))
+        raise InputError(
+            f"The {what} file is not valid TOML.",
+            expected="TOML: [section], key = value, text in quotes",
+            found=str(error),
+            where=f"{path}, line {line.group(1)}" if line else f"{path}, end of the file",
+            remedy="correct that line" if path.suffix.lower() == ".toml" else f"name a {what} file (.toml)",
+        ) from error
+
+
+def _refuse_costly(text: str, what: str, where: str) -> None:
+    """Refuse text that is too costly to parse and no such file."""
+    if len(text) > MOST_BYTES or (joined := _JOINED.search(text)):
+        raise InputError(
+            f"This is not a {what} file.",
+            expected=f"at most {MOST_BYTES} characters, and keys of one or two levels",
+            found=f"{len(text)} characters" if len(text) > MOST_BYTES else f"{joined.group()[:40]!r} and so on",
+            where=where,
+            remedy="name data files under [[records]] file, many of them with a glob",
+        )
+
+
+def toml_section(name: str, values: Mapping[str, Any]) -> str:
+    """Return the section ``[name]``, a line a key; None values are left out."""
+    return tomli_w.dumps({name: _stated(values)})
+
+
+def toml_entry(name: str, values: Mapping[str, Any]) -> str:
+    """Return one entry ``[[name]]`` of plain values, likewise."""
+    return f"[[{name}]]\n" + tomli_w.dumps(_stated(values))
+
+
+def _stated(values: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in values.items() if value is not None}

@@ -1,0 +1,229 @@
+"""A calibration as files that ``read`` takes back: one CSV a record, or one for the table, and calibration.toml."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vibrident.base.errors import InputError
+from vibrident.data.io.toml_text import toml_entry, toml_section
+from vibrident.data.records import Calibration, FloatArray, Record, ResponseTable, SystematicEffect
+
+CALIBRATION_FILE = "calibration.toml"
+_UNSAFE = re.compile(r"[^\w.+-]+")
+#: Devices of Windows, with any ending.
+_RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\.|$)", re.IGNORECASE)
+#: Bytes of a name: with a number and an ending, every file system takes it.
+_MOST_BYTES = 120
+
+
+def write_calibration(folder: str | os.PathLike[str], calibration: Calibration) -> Path:
+    """Write the calibration into a folder; return the path of its calibration.toml.
+
+    A record becomes a CSV file with the columns time_s, reference_<quantity> and response, in physical units; every
+    float reads back exactly. A free decay has no reference column. All files appear together,
+    calibration.toml last; files of the same names are replaced, others stay.
+
+    Args:
+        folder: created if it does not exist.
+        calibration: records or table; history and hashes are not written, the new files have their own.
+
+    Raises:
+        InputError: the folder cannot be written, or a record leaves samples out, which CSV cannot represent.
+    """
+    target = Path(folder)
+    partial = target.with_name(f".{target.name}.{os.getpid()}.part")
+    _refuse_unwritable(calibration)
+    try:
+        partial.mkdir(parents=True)
+        try:
+            files = _write_data(partial, calibration)
+            (partial / CALIBRATION_FILE).write_text(_toml(calibration, files), encoding="utf-8")
+            target.mkdir(parents=True, exist_ok=True)
+            for name in (*files, CALIBRATION_FILE):
+                (partial / name).replace(target / name)
+        finally:
+            shutil.rmtree(partial, ignore_errors=True)
+    except OSError as error:
+        raise InputError(
+            "The calibration cannot be written.",
+            expected="a folder that can be written",
+            found=f"{type(error).__name__}: {error.strerror or error}",
+            where=str(target),
+            remedy="name another folder, or make room; nothing was left half-written",
+        ) from error
+    return target / CALIBRATION_FILE
+
+
+def _refuse_unwritable(calibration: Calibration) -> None:
+    names = [record.name for record in calibration.records]
+    for record in calibration.records:
+        if not record.mask.all():
+            raise InputError(
+                "A record with samples left out cannot be written.",
+                expected="records whose samples are all valid",
+                found=f"{int(np.sum(~record.mask))} of {record.samples} samples left out",
+                where=f"record {record.name!r}",
+                remedy="write the calibration before samples are left out",
+            )
+        if names.count(record.name) > 1:
+            raise InputError(
+                "Two records have the same name.",
+                expected="a unique name for each record",
+                found=repr(record.name),
+                where="calibration to be written",
+                remedy="change one of the names",
+            )
+
+
+def _write_data(folder: Path, calibration: Calibration) -> list[str]:
+    if calibration.table is not None:
+        _write_columns(folder / "table.csv", _table_columns(calibration.table))
+        return ["table.csv"]
+    files = record_files([record.name for record in calibration.records])
+    for file, record in zip(files, calibration.records, strict=True):
+        _write_columns(folder / file, _record_columns(record, calibration.quantity))
+    return files
+
+
+def record_files(records: list[str]) -> list[str]:
+    """A unique CSV file name for each record, valid on every system."""
+    stems: list[str] = []
+    for record in records:
+        stem = _UNSAFE.sub("_", record.removesuffix(".csv")).encode(errors="replace")[-_MOST_BYTES:]
+        stem = stem.decode(errors="ignore").strip("._") or "record"
+        stem = f"record_{stem}" if _RESERVED.match(stem) or stem.startswith("-") else stem
+        used = {name.casefold() for name in stems}
+        candidates = (stem, *(f"{stem}_{number}" for number in range(2, len(records) + 2)))
+        stems.append(next(name for name in candidates if name.casefold() not in used))
+    return [f"{stem}.csv" for stem in stems]
+
+
+def _record_columns(record: Record, quantity: str) -> dict[str, FloatArray]:
+    columns = {"time_s": record.start_time_s + record.time_s}
+    if _has_reference(record):
+        assert record.reference is not None
+        columns[f"reference_{quantity}"] = record.reference
+    columns["response"] = record.response
+    return columns
+
+
+def _has_reference(record: Record) -> bool:
+    return record.reference is not None and record.excitation != "decay"
+
+
+def _table_columns(table: ResponseTable) -> dict[str, FloatArray]:
+    columns = {
+        "frequency_hz": table.frequency_hz,
+        "magnitude": table.magnitude,
+        "phase_rad": table.phase_rad,
+        "magnitude_uncertainty": table.magnitude_uncertainty,
+        "phase_uncertainty_rad": table.phase_uncertainty_rad,
+    }
+    return {name: values for name, values in columns.items() if values is not None}
+
+
+def _write_columns(path: Path, columns: Mapping[str, FloatArray]) -> None:
+    """Write columns with the shortest digits that read back exactly; plain Python is faster here than pandas."""
+    texts = [map(repr, values.tolist()) for values in columns.values()]
+    with path.open("w", encoding="ascii", newline="\n") as stream:
+        stream.write(",".join(columns) + "\n")
+        stream.writelines(",".join(row) + "\n" for row in zip(*texts, strict=True))
+
+
+def _toml(calibration: Calibration, files: list[str]) -> str:
+    reference: dict[str, Any] = {
+        "quantity": calibration.quantity,
+        "scale": 1.0,
+        "unit": calibration.reference_unit,
+        "standard_uncertainty": calibration.reference_standard_uncertainty,
+    }
+    response: dict[str, Any] = {"scale": 1.0, "unit": calibration.response_unit}
+    sections = [toml_section("sensor", {**calibration.sensor, "model": calibration.model})]
+    if calibration.table is not None:
+        sections += [toml_section("reference", reference), toml_section("response", response)]
+        sections.append(_table_section(calibration.table, files[0]))
+    else:
+        sections += _record_sections(calibration, files, reference, response)
+    sections += [toml_entry("uncertainty", _effect(effect)) for effect in calibration.effects]
+    if calibration.certificate:
+        sections.append(toml_section("certificate", calibration.certificate))
+    return "\n".join(sections)
+
+
+def _effect(effect: SystematicEffect) -> dict[str, Any]:
+    entry: dict[str, Any] = {
+        "source": effect.source,
+        "kind": effect.kind,
+        "standard_uncertainty": effect.standard_uncertainty,
+    }
+    if effect.frequency_hz is not None:
+        entry["frequency_hz"] = effect.frequency_hz
+    if math.isfinite(effect.degrees_of_freedom):
+        entry["degrees_of_freedom"] = effect.degrees_of_freedom
+    return entry
+
+
+def _table_section(table: ResponseTable, file: str) -> str:
+    keys = {
+        "frequency": "frequency_hz",
+        "magnitude": "magnitude",
+        "phase": "phase_rad",
+        "magnitude_uncertainty": "magnitude_uncertainty",
+        "phase_uncertainty": "phase_uncertainty_rad",
+    }
+    written = _table_columns(table)
+    columns = {key: column for key, column in keys.items() if column in written}
+    return toml_section("table", {"file": file, **columns, "phase_unit": "rad"})
+
+
+def _record_sections(
+    calibration: Calibration, files: list[str], reference: dict[str, Any], response: dict[str, Any]
+) -> list[str]:
+    records = calibration.records
+    if any(_has_reference(record) for record in records):
+        reference = {"column": f"reference_{calibration.quantity}", **reference}
+    reference["full_scale"] = _common(
+        [r.reference_full_scale for r in records if _has_reference(r)], "reference_full_scale"
+    )
+    response = {"column": "response", **response}
+    response["full_scale"] = _common([r.response_full_scale for r in records], "response_full_scale")
+    rate = records[0].sampling_rate_hz
+    return [
+        toml_section("reference", reference),
+        toml_section("response", response),
+        toml_section("sampling", {"rate_hz": float(rate)}),
+        *(toml_entry("records", _entry(r, f, rate)) for r, f in zip(records, files, strict=True)),
+    ]
+
+
+def _entry(record: Record, file: str, common_rate_hz: float) -> dict[str, Any]:
+    return {
+        "file": file,
+        "name": record.name or None,
+        "excitation": record.excitation,
+        "frequency_hz": record.frequency_hz,
+        "rate_hz": record.sampling_rate_hz if record.sampling_rate_hz != common_rate_hz else None,
+        "start_time_s": record.start_time_s or None,
+    }
+
+
+def _common(values: list[float | None], field: str) -> float | None:
+    """Return the common value of all records; the calibration file states one a channel."""
+    distinct = set(values)
+    if len(distinct) > 1:
+        raise InputError(
+            "The records differ in a value that the calibration file states once.",
+            expected=f"one {field} for all records",
+            found=", ".join(str(value) for value in list(distinct)[:5]),
+            where="calibration to be written",
+            remedy="write the records as two calibrations",
+        )
+    return next(iter(distinct), None)

@@ -1,0 +1,36 @@
+"""What was measured, in physical units: records, tabulated responses, the calibration that holds them. Validated."""
+
+from vibrident.data.effects import SystematicEffect
+from vibrident.data.records.basis import (
+    EXCITATIONS,
+    LARGEST,
+    QUANTITIES,
+    REFERENCE_UNITS,
+    STANDARD_GRAVITY,
+    USUAL_MODEL,
+    BoolArray,
+    Excitation,
+    FloatArray,
+    Provenance,
+    Quantity,
+)
+from vibrident.data.records.calibration import Calibration
+from vibrident.data.records.record import Record, ResponseTable
+
+__all__ = [
+    "EXCITATIONS",
+    "LARGEST",
+    "QUANTITIES",
+    "REFERENCE_UNITS",
+    "STANDARD_GRAVITY",
+    "USUAL_MODEL",
+    "BoolArray",
+    "Calibration",
+    "Excitation",
+    "FloatArray",
+    "Provenance",
+    "Quantity",
+    "Record",
+    "ResponseTable",
+    "SystematicEffect",
+]

@@ -1,0 +1,81 @@
+"""What the channels may be, where data came from, and arrays that stay as they are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibrident.base.brief import brief
+from vibrident.base.errors import InputError
+
+Quantity = Literal["acceleration", "velocity", "displacement", "drive"]
+Excitation = Literal["sine", "multisine", "sweep", "random", "shock", "decay"]
+QUANTITIES: tuple[str, ...] = get_args(Quantity)
+EXCITATIONS: tuple[str, ...] = get_args(Excitation)
+
+#: SI unit of the reference channel by quantity; a drive keeps its own unit.
+REFERENCE_UNITS: Mapping[str, str] = MappingProxyType(
+    {"acceleration": "m/s^2", "velocity": "m/s", "displacement": "m", "drive": "drive unit"}
+)
+
+LARGEST = 1e30  # of a channel's largest value in its unit; the least is one over it
+STANDARD_GRAVITY = 9.80665  # standard acceleration of free fall, m/s² (CGPM 1901; ISO 80000-3)
+USUAL_MODEL = "accelerometer"  # the sensor model of a calibration that names no model
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+
+def frozen(values: object) -> FloatArray:
+    """A copy that cannot be written to; the same array where it is one already, as another record's is."""
+    if type(values) is np.ndarray and values.dtype == np.float64 and values.base is None and not values.flags.writeable:
+        return values
+    array = np.array(values, dtype=np.float64)  # a copy: a record does not follow its source
+    array.flags.writeable = False
+    return array
+
+
+def distinct(values: NDArray[Any]) -> NDArray[Any]:
+    """The different values, rising, none of them NaN; ``np.unique`` would load NumPy's masked arrays."""
+    ordered = np.sort(values, axis=None)
+    return np.concatenate([ordered[:1], ordered[1:][ordered[1:] != ordered[:-1]]])
+
+
+def resolution(values: FloatArray) -> float:
+    """Smallest step between values that occur: the quantisation, if there is any."""
+    steps = np.diff(np.unique(values[:: max(1, values.size // 20000)]))
+    return float(np.min(steps)) if steps.size else 0.0
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """Where data came from and what was done to them.
+
+    Attributes:
+        file: file name, as given by the user; empty for data made in memory.
+        sha256: hex digest of the file's bytes; empty for data made in memory.
+        history: what was done, oldest first, in words.
+    """
+
+    file: str = ""
+    sha256: str = ""
+    history: tuple[str, ...] = ()
+
+    __repr__ = brief
+
+    def then(self, step: str) -> Provenance:
+        """Return the same provenance with one more step in its history."""
+        return replace(self, history=(*self.history, step))
+
+
+def check_size(what: str, values: FloatArray, where: str) -> None:
+    """Refuse values of a size that no unit explains."""
+    largest, span = float(np.max(np.abs(values))), f"a largest value between {1.0 / LARGEST:g} and {LARGEST:g}"
+    if largest != 0.0 and not 1.0 / LARGEST <= largest <= LARGEST:
+        text = f"{what} holds values of a size that no unit explains."
+        raise InputError(text, expected=span, found=f"{largest:.3g}", where=where, remedy="correct the scale")

@@ -1,0 +1,164 @@
+"""A calibration: records or a table, and what the channels mean. Validated."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from vibrident.base.brief import brief
+from vibrident.base.errors import InputError, unknown
+from vibrident.data.effects import SystematicEffect
+from vibrident.data.records.basis import QUANTITIES, REFERENCE_UNITS, USUAL_MODEL, Excitation, Quantity
+from vibrident.data.records.record import Record, ResponseTable
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """All that is known of one sensor's calibration: records or a table, and what the channels mean.
+
+    Attributes:
+        records: the recordings; empty where a table is given.
+        table: the tabulated response; None where records are given.
+        model: name of the sensor model, such as "accelerometer+delay".
+        quantity: what the reference channel gives.
+        reference_unit: unit of the reference after scaling.
+        reference_standard_uncertainty: relative, systematic: the calibration of the reference.
+        response_unit: unit of the response after scaling.
+        effects: further systematic contributions to the uncertainty.
+        sensor: free text for reports (manufacturer, type, serial_number, …).
+        source: path of the calibration file; empty for data made in memory.
+        certificate: what a certificate needs besides the data (customer, laboratory, conditions, …), as given; keys as
+            in the calibration file, plain values, dates as ISO text.
+
+    Raises:
+        InputError: neither or both of records and table are given, or the quantity is unknown.
+    """
+
+    records: tuple[Record, ...] = ()
+    table: ResponseTable | None = None
+    model: str = USUAL_MODEL
+    quantity: Quantity = "acceleration"
+    reference_unit: str = ""
+    reference_standard_uncertainty: float = 0.0
+    response_unit: str = "V"
+    sensor: Mapping[str, str] = field(default_factory=dict)
+    source: str = ""
+    certificate: Mapping[str, Any] = field(default_factory=dict)
+    effects: tuple[SystematicEffect, ...] = ()
+
+    __repr__ = brief
+
+    def __post_init__(self) -> None:
+        where = self.source or "calibration in memory"
+        if bool(self.records) == (self.table is not None):
+            raise InputError(
+                "A calibration needs either records or a table.",
+                expected="one of the two",
+                found="both" if self.records else "neither",
+                where=where,
+                remedy="give [[records]] or [table]",
+            )
+        if self.quantity not in QUANTITIES:
+            raise unknown("The reference quantity is not known.", self.quantity, QUANTITIES, where)
+        object.__setattr__(self, "quantity", str(self.quantity))  # NumPy's own strings are no static argument
+        object.__setattr__(self, "records", tuple(self.records))
+        object.__setattr__(self, "reference_unit", self.reference_unit or REFERENCE_UNITS[self.quantity])
+        object.__setattr__(self, "sensor", MappingProxyType(dict(self.sensor)))
+        object.__setattr__(self, "certificate", MappingProxyType(dict(self.certificate)))
+
+    def __reduce__(self) -> tuple[object, ...]:  # views of mappings do not travel to another process
+        own = {each.name: getattr(self, each.name) for each in fields(self)}
+        return _rebuilt, (own | {"sensor": dict(self.sensor), "certificate": dict(self.certificate)},)
+
+    @classmethod
+    def from_arrays(
+        cls,
+        reference: ArrayLike | Sequence[ArrayLike] | None,
+        response: ArrayLike | Sequence[ArrayLike],
+        sampling_rate_hz: float | Sequence[float],
+        *,
+        quantity: Quantity = "acceleration",
+        excitation: Excitation | Sequence[Excitation] = "sine",
+        names: Sequence[str] = (),
+        **more: Any,
+    ) -> Calibration:
+        """A calibration of records in memory.
+
+        Args:
+            reference: what drove the sensor, in the SI unit of ``quantity``: shape (samples,) for one record, or
+                (records, samples), or a sequence of arrays of any lengths; None for free decays.
+            response: what the sensor answered, alike.
+            sampling_rate_hz: samples per second, of all records or one number a record.
+            quantity: what the reference is.
+            excitation: kind of motion, of all records or one word a record.
+            names: of the records; by default ``record 1``, ….
+            more: further fields of a calibration, such as ``model``, ``response_unit``, ``sensor`` and ``effects``.
+
+        Raises:
+            InputError: the arguments are of different numbers of records, or a record cannot be used.
+        """
+        responses = _each_record(response)
+        count = len(responses)
+        columns = {
+            "reference": [None] * count if reference is None else _each_record(reference),
+            "sampling_rate_hz": [sampling_rate_hz] * count if np.ndim(sampling_rate_hz) == 0 else sampling_rate_hz,
+            "excitation": [excitation] * count if isinstance(excitation, str) else excitation,
+            "name": names or [f"record {number}" for number in range(1, count + 1)],
+        }
+        for label, column in columns.items():
+            if len(column) != count:  # type: ignore[arg-type]
+                raise InputError(
+                    f"There is not one {label} a record.",
+                    expected=f"{count}, as many as there are responses",
+                    found=f"{len(column)}",  # type: ignore[arg-type]
+                    where="arrays of a calibration",
+                    remedy="give one for each record, in the same order",
+                )
+        rows = zip(responses, *columns.values(), strict=True)  # type: ignore[arg-type]
+        records = [
+            Record(str(name), signal, answer, float(rate), motion) for answer, signal, rate, motion, name in rows
+        ]
+        return cls(tuple(records), quantity=quantity, **more)
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Unit of each channel, by its label."""
+        return {"reference": self.reference_unit, "response": self.response_unit}
+
+    def require_response(self, unit: str, without_records: str) -> None:
+        """Check that there are records, and that their response is in the unit of a result that is applied to them.
+
+        ``unit``: of the response of the result; ``without_records``: the problem that a table is, in words.
+        """
+        where = self.source or "calibration in memory"
+        if self.table is not None:
+            raise InputError(
+                without_records,
+                expected="a calibration with [[records]]",
+                found="[table]",
+                where=where,
+                remedy="give a calibration file with records",
+            )
+        if self.response_unit != unit:
+            raise InputError(
+                "The response is not in the unit of the result.",
+                expected=f'[response] unit = "{unit}", the unit of the result',
+                found=f'unit = "{self.response_unit}"',
+                where=f"{where}, [response]",
+                remedy="set unit, and scale so that file values times scale are in that unit",
+            )
+
+
+def _each_record(channel: ArrayLike | Sequence[ArrayLike]) -> list[Any]:
+    """The arrays of a channel, one a record: a single one where the elements are numbers."""
+    whole = list(channel) if isinstance(channel, list | tuple) else list(np.asarray(channel))
+    return whole if whole and np.ndim(whole[0]) > 0 else [channel]
+
+
+def _rebuilt(own: dict[str, Any]) -> Calibration:
+    return Calibration(**own)

@@ -1,0 +1,1 @@
+"""From data to result: ``identification`` is the path on one screen."""

@@ -1,0 +1,11 @@
+"""Estimators: one a file, settings only; ``fit`` changes nothing and returns an :class:`Estimate`."""
+
+from __future__ import annotations
+
+from vibrident.fit.estimators.auto import AUTO, choose, ranked
+from vibrident.fit.estimators.base import Estimate, Estimator
+from vibrident.fit.estimators.kinds.ipnn import Ipnn
+from vibrident.fit.estimators.kinds.lsm import LeastSquares
+from vibrident.fit.estimators.kinds.ml import MaximumLikelihood
+
+__all__ = ["AUTO", "Estimate", "Estimator", "Ipnn", "LeastSquares", "MaximumLikelihood", "choose", "ranked"]

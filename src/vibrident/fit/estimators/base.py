@@ -1,0 +1,147 @@
+"""Input and output of every estimator."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+from vibrident.base.errors import ModelError
+from vibrident.fit.estimators.findings import Findings
+from vibrident.fit.estimators.optimise import Progress, Trace, silent
+
+if TYPE_CHECKING:
+    from vibrident.data.records import FloatArray
+    from vibrident.fit.estimators.start import Start
+    from vibrident.fit.measure import MeasuredResponse
+    from vibrident.fit.problem import Coordinates, Evidence, NetworkProblem
+    from vibrident.physics.models import SensorModel
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """Parameters and their covariance, before they become a result.
+
+    Attributes:
+        estimator: its name.
+        coordinates: the map from z to physical parameters.
+        z: the optimum, shape (p,).
+        covariance: of z, from the noise alone, shape (p, p).
+        degrees_of_freedom: behind the noise estimate; infinite where uncertainties were stated.
+        trace: of the optimiser.
+        settings: what was chosen, for the result alone.
+        tones: the tones as last measured, with the start transient taken out; None without sine records.
+        problem: the network over the records, where the estimator made one.
+        equations: number of residuals in the cost.
+        begin: the way from the grid to the start values.
+        predicted: predicted response of every record at the optimum, NaN where it is not defined; None if not computed.
+        criterion: what was made small: the residual of the network's ``samples``, the ``likelihood`` of the responses
+            in frequency, or an ``other`` function.
+        findings: what was found beside the parameters.
+    """
+
+    estimator: str
+    coordinates: Coordinates
+    z: FloatArray
+    covariance: FloatArray
+    degrees_of_freedom: float
+    trace: Trace
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    tones: MeasuredResponse | None = None
+    problem: NetworkProblem | None = None
+    predicted: tuple[FloatArray, ...] | None = None
+    begin: Start | None = None
+    equations: float = 1.0
+    criterion: Literal["samples", "likelihood", "other"] = "other"
+    findings: Findings = field(default_factory=Findings)
+
+
+def refuse_nonlinear(model: SensorModel, estimator: str) -> None:
+    """Refuse a model without transfer function where the estimator works on one.
+
+    Raises:
+        ModelError: the model is not linear.
+    """
+    if not model.is_linear:
+        raise ModelError(
+            f"The estimator {estimator!r} works in frequency, and this model has no transfer function.",
+            expected="the estimator 'auto' with [[records]], which hold the motion in time",
+            found=f"estimator {estimator!r} with {model.name!r}",
+            where="estimator",
+            remedy="use the estimator 'auto' with records, or a linear model",
+        )
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A setting that a user may give to an estimator by name.
+
+    Attributes:
+        needs: name and value of another setting without which this one has no meaning.
+        default: of the setting, in words; empty if there is no default.
+    """
+
+    needs: tuple[str, str] | None = None
+    default: str = ""
+
+
+@dataclass(frozen=True)
+class Estimator(ABC):
+    """A way to turn evidence into an estimate; its fields are its settings.
+
+    A module of ``estimators/kinds`` holds one with its settings at their defaults, and so does an entry point.
+
+    Attributes:
+        name: in results, settings and on the command line.
+        title: what it is, in a few words.
+        rank: place in the order in which methods are compared and asked whether they suit, the lowest first.
+        settings: name → what a user may set by that name; names that are no field are ``configured``'s to know.
+        trains_network: whether it leaves the weights of a network.
+        for_one_calibration: whether its estimate can take no part in a joint fit.
+    """
+
+    name: ClassVar[str]
+    title: ClassVar[str]
+    rank: ClassVar[int] = 100
+    settings: ClassVar[Mapping[str, Setting]] = MappingProxyType({})
+    trains_network: ClassVar[bool] = False
+    for_one_calibration: ClassVar[bool] = False
+
+    @abstractmethod
+    def fit(self, evidence: Evidence, progress: Progress = silent) -> Estimate:
+        """Identify the model's parameters.
+
+        Raises:
+            ModelError: model and data are not for this estimator.
+            NotConverged: no start leads to a finite fit.
+        """
+
+    def where_rejected(self, evidence: Evidence, estimate: Estimate, progress: Progress = silent) -> Estimate | None:
+        """What to take in place of an estimate of this estimator where the model does not explain the data.
+
+        The residual is then no noise to weigh by. None: the estimate itself.
+        """
+        return None
+
+    def may_improve(self, evidence: Evidence, estimate: Estimate, progress: Progress = silent) -> bool:
+        """Whether the start stated in the evidence may lead to a better fit than a rejected estimate, as far as that
+        can be told for a part of the work."""
+        return True
+
+    def suits(self, evidence: Evidence) -> str:
+        """Reason to choose this estimator for these data; empty: it is not chosen automatically."""
+        return ""
+
+    def for_noise_alone(self) -> Estimator:
+        """The estimator whose uncertainty covers the noise and nothing else, not the deviations."""
+        return self
+
+    def configured(self, **settings: Any) -> Estimator:
+        """The estimator with these settings in place of its own.
+
+        Raises:
+            InputError: a value cannot be used.
+        """
+        return replace(self, **settings)

@@ -1,0 +1,158 @@
+"""What an estimator found beside the parameters. The ``settings`` of a result are written from it once, at the end."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+
+from vibrident.data.records import FloatArray
+from vibrident.physics.discretisation import Method, method
+
+#: What the curve of a nonlinear model is.
+SMALL_SIGNAL = (
+    "of the linear part: what the response comes to for small signals; measured points are brought there by the network"
+)
+#: What the curve of an estimate with a learned residual is.
+PHYSICS_CURVE = "of the physics without its learned residual; measured points are without it too"
+
+
+@dataclass(frozen=True, eq=False)
+class TrainedNetwork:
+    """How a network was trained.
+
+    Attributes:
+        discretisation: its name.
+        optimiser: its name.
+        inputs_per_step: of the network.
+        noise: standard deviation by which each record was weighted, response unit, shape (records,).
+        linear: whether the model has a transfer function.
+        weights: by which the lines of the residual count: all alike, or by the spectrum of the noise found; empty where
+            the weights of the network are free, or a residual is learned.
+        hum_hz: tones of each record that no motion causes, unknowns of the training.
+        reading: how free weights were read back; empty for weights that are tied to the physics.
+    """
+
+    discretisation: str
+    optimiser: str
+    inputs_per_step: int
+    noise: FloatArray
+    linear: bool = True
+    weights: Literal["white", "spectrum", ""] = ""
+    hum_hz: tuple[tuple[float, ...], ...] = ()
+    reading: str = ""
+
+    def as_settings(self) -> dict[str, Any]:
+        """For a result."""
+        found: dict[str, Any] = {
+            "discretisation": self.discretisation,
+            "optimiser": self.optimiser,
+            "inputs_per_step": self.inputs_per_step,
+            "noise": self.noise.tolist(),
+        }
+        if any(self.hum_hz):
+            found["hum_hz"] = [list(tones) for tones in self.hum_hz]
+        if not self.linear:
+            found["response_curve"] = SMALL_SIGNAL
+        if self.weights:
+            found["noise_weights"] = self.weights
+        if self.reading:
+            found |= {"weights": "free", "reading": self.reading}
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class LineNoise:
+    """Noise by the spectra of the residuals.
+
+    Attributes:
+        reference: standard deviation of the noise of each record's reference channel itself, SI unit of the reference,
+            zero if it is not significant, shape (records,); empty where it says nothing of the estimate.
+        doubt: part of z's standard deviation for such noise where motion leaves no line free, 0 … 1, shape (p,); empty
+            likewise.
+        hum_hz: tones of each record's response that do not come from the motion.
+        pulls: what such noise of each of these records does to z, shape (k, p).
+    """
+
+    reference: FloatArray
+    doubt: FloatArray
+    hum_hz: tuple[tuple[float, ...], ...]
+    pulls: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+
+    def as_settings(self, names: Sequence[str]) -> dict[str, Any]:
+        """For a result; ``names``: of the parameters."""
+        found: dict[str, Any] = {}
+        if self.doubt.size:
+            found["reference_noise_doubt"] = dict(zip(names, self.doubt.tolist(), strict=True))
+        if (self.reference > 0.0).any():
+            found["reference_noise"] = self.reference.tolist()
+        if any(self.hum_hz):
+            found["hum_hz"] = [list(tones) for tones in self.hum_hz]
+        return found
+
+
+def doubtful(pulls: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Part of the standard deviations that independent pulls, shape (k, p), make up, shape (p,)."""
+    return np.sqrt(np.sum(pulls**2, axis=0) / np.maximum(np.diag(covariance), 1e-300))
+
+
+@dataclass(frozen=True, eq=False)
+class LearnedShare:
+    """A residual network beside the physics.
+
+    Attributes:
+        kept: whether it predicts held-out data better than the physics alone.
+        share: rms of what it adds, over that of the response.
+        tried: verdict on each structure.
+        about: its structure, weights and shares where it is kept, else the reason.
+    """
+
+    kept: bool
+    share: float
+    tried: Mapping[str, Any]
+    about: Mapping[str, Any]
+
+    def as_settings(self) -> dict[str, Any]:
+        """For a result."""
+        found = {"kept": self.kept, "share": self.share, **self.about, "tried": self.tried}
+        return {"residual_network": found, **({"response_curve": PHYSICS_CURVE} if self.kept else {})}
+
+
+@dataclass(frozen=True, eq=False)
+class Findings:
+    """All that an estimator found beside the parameters.
+
+    Attributes:
+        network: how it was trained; None for an estimator without one.
+        noise: of the lines, where they were weighted by it.
+        learned: a residual network beside the physics; None where none was asked for.
+        model_error: relative error of the model beside the noise; None where the noise suffices.
+    """
+
+    network: TrainedNetwork | None = None
+    noise: LineNoise | None = None
+    learned: LearnedShare | None = None
+    model_error: float | None = None
+
+    @property
+    def method(self) -> Method:
+        """Discretisation of the network; the exact one of an estimator without a network."""
+        return method("bandlimited" if self.network is None else self.network.discretisation)
+
+    @property
+    def hum_hz(self) -> tuple[tuple[float, ...], ...]:
+        """Tones of each record's response that do not come from the motion; empty where none is known."""
+        if self.noise is not None and any(self.noise.hum_hz):
+            return self.noise.hum_hz
+        return () if self.network is None else self.network.hum_hz
+
+    def as_settings(self, names: Sequence[str]) -> dict[str, Any]:
+        """For a result; ``names``: of the parameters."""
+        return {
+            **({} if self.network is None else self.network.as_settings()),
+            **({} if self.noise is None else self.noise.as_settings(names)),
+            **({} if self.learned is None else self.learned.as_settings()),
+            **({} if self.model_error is None else {"model_error": self.model_error}),
+        }

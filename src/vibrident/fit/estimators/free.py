@@ -1,0 +1,122 @@
+"""The same network with free weights: trained entry by entry, then read back as a sensor.
+
+The tied network has as many unknowns as the sensor has parameters; the free one has n² + n q + n + q weights, n² of
+which only choose coordinates for the hidden states. It starts from the tied weights and shows what the data say when
+the physics is not imposed; its parameters come from eigenvalues and the network's own response (or, as in the paper,
+entry by entry of Euler's W1 and W3).
+"""
+
+from __future__ import annotations
+
+import functools
+from typing import Any
+
+import numpy as np
+
+from vibrident.base.backend import jax, jnp
+from vibrident.base.errors import ModelError
+from vibrident.data.records import FloatArray
+from vibrident.fit.estimators.optimise import Progress, Trace, levenberg_marquardt
+from vibrident.fit.problem import Coordinates
+from vibrident.fit.problem.time_domain import TimeProblem
+from vibrident.physics.discretisation import Weights
+from vibrident.physics.network.readback import Reading, physics_from_weights
+from vibrident.physics.network.sensitivity import Normal, normal_equations
+
+#: Relative step of the central differences that carry the weights' covariance to the parameters.
+STEP = 1e-5
+
+
+def pack(weights: Weights) -> FloatArray:
+    """One set of weights as a vector: Φ, Γ, C, D."""
+    return np.concatenate([np.ravel(np.asarray(w)) for w in weights])
+
+
+def unpack(vector: Any, states: int, terms: int) -> Weights:
+    """The inverse of :func:`pack`; ``vector`` may be traced."""
+    sizes = (states * states, states * terms, states, terms)
+    phi, gamma, c, d = (vector[sum(sizes[:i]) : sum(sizes[: i + 1])] for i in range(4))
+    return Weights(phi.reshape(states, states), gamma.reshape(states, terms), c, d)
+
+
+def train_free(
+    problem: TimeProblem,
+    coordinates: Coordinates,
+    z: FloatArray,
+    noise: FloatArray,
+    reading: Reading,
+    progress: Progress,
+) -> tuple[FloatArray, FloatArray, Trace, Weights]:
+    """Train all weights from the tied optimum ``z``.
+
+    Returns:
+        Coordinates read back, shape (p,); their covariance for white noise; the optimiser's trace; the weights in the
+        paper's states V, V̇.
+
+    Raises:
+        ModelError: the model has add-ons, records differ in sampling rate, or the weights are no oscillator's.
+    """
+    model, layout = coordinates.model, problem.layout
+    if model.add_ons or len(problem.intervals_s) > 1:
+        raise ModelError(
+            "The network's weights can be free only for a core model at one sampling rate.",
+            expected="a model without add-ons, records of one rate",
+            found=f"model {model.name!r}, {len(problem.intervals_s)} sampling rates",
+            where="weights = 'free'",
+            remedy="use weights = 'tied'",
+        )
+    values = coordinates.values(z)
+    tied = Weights(*(np.asarray(w)[0] for w in problem.weights(values)))
+    scale = float(model.rational(values, layout.quantity).angular_scale) ** np.arange(layout.order)
+    args = (
+        problem.lanes,
+        jnp.asarray(problem.by_lane(noise)),
+        layout.order,
+        layout.terms,
+        layout.segments,
+    )
+    trace = levenberg_marquardt(_objective, pack(tied), args, tolerance=1e-2, progress=progress)
+    interval = float(problem.intervals_s[0])
+
+    def read(vector: FloatArray) -> FloatArray:
+        weights = unpack(vector, layout.order, layout.terms)
+        physical = Weights(
+            weights.transition * scale[:, None] / scale, weights.drive * scale[:, None], weights.output / scale,
+            weights.feedthrough,
+        )  # fmt: skip
+        found = physics_from_weights(physical, interval, model, layout.method.name, reading)
+        return _coordinates_of(coordinates, found)
+
+    best = trace.last
+    normal = _objective(jnp.asarray(best), args)
+    steps = STEP * np.maximum(np.abs(best), 1e-3)
+    slopes = np.stack(
+        [(read(best + e) - read(best - e)) / (2 * s) for e, s in zip(np.diag(steps), steps, strict=True)], axis=1
+    )
+    # The n² directions that only turn the hidden states change nothing: their zero eigenvalues are left out.
+    covariance = slopes @ np.linalg.pinv(np.asarray(normal.matrix), rcond=1e-11, hermitian=True) @ slopes.T
+    path = np.stack([read(point) for point in trace.coordinates])
+    shown = Trace(trace.optimiser, trace.converged, trace.status, trace.costs, path)
+    return read(best), covariance, shown, unpack(best, layout.order, layout.terms)
+
+
+def _coordinates_of(coordinates: Coordinates, values: dict[str, float]) -> FloatArray:
+    """Coordinates z of parameters given by name."""
+    z = []
+    for spec, start in zip(coordinates.model.parameters, np.asarray(coordinates.start), strict=True):
+        value = values[spec.name]
+        z.append({"gain": value / start, "log": np.log(value / start)}.get(spec.kind, value))
+    return np.array(z)
+
+
+def _objective(vector: Any, args: Any) -> Normal:
+    lanes, noise, *shape = args
+    return _evaluate(vector, lanes, noise, *shape)
+
+
+@functools.partial(jax.jit, static_argnames=("states", "terms", "segments"))
+def _evaluate(vector: Any, lanes: Any, noise: Any, states: int, terms: int, segments: int) -> Normal:
+    def batch(v: Any) -> Weights:
+        return Weights(*(w[None] for w in unpack(v, states, terms)))
+
+    return normal_equations(batch(vector), jax.jacfwd(batch)(vector), lanes, noise, segments)

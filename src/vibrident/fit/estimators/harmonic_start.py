@@ -1,0 +1,47 @@
+"""Where the search for a cubic stiffness begins: at what the third harmonics of the sine records say.
+
+At the linear fit the network's derivative by the stiffness is known, sample by sample. Its part at three times the
+excitation belongs to the stiffness alone, for any linear parameters:
+
+    k3 = Re Σ J*(3f) r(3f) / Σ |J(3f)|²,   J = ∂y/∂k3, r the residual, summed over the sine records.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vibrident.data.records import FloatArray
+from vibrident.fit.problem import Evidence
+from vibrident.fit.problem.time_domain import TimeProblem
+from vibrident.physics.network.sensitivity import Normal
+
+#: Harmonic that a cubic stiffness makes.
+HARMONIC = 3
+#: Highest frequency, as a part of the sampling rate, at which the records still show it.
+HIGHEST = 0.4
+
+
+def with_harmonic_start(problem: TimeProblem, normal: Normal, evidence: Evidence, z: FloatArray) -> FloatArray:
+    """Coordinates ``z`` with the stiffness that the harmonics say; ``z`` itself without sine records.
+
+    Args:
+        problem: the records.
+        normal: normal equations at ``z``, where the stiffness is zero.
+        evidence: with the tones of the sine records.
+        z: shape (p,).
+    """
+    if evidence.tones is None:
+        return z
+    index = [spec.kind for spec in problem.layout.model.parameters].index("inverse_square")
+    predicted, slopes = problem.by_record(normal.response), problem.by_record(normal.columns[index])
+    product, power = 0.0, 0.0
+    for owner, frequency in zip(evidence.tones.record, evidence.tones.frequency_hz, strict=True):
+        record = problem.records[owner]
+        if HARMONIC * frequency > HIGHEST * record.sampling_rate_hz:
+            continue
+        used = record.mask & np.isfinite(predicted[owner])
+        turn = np.exp(-2j * np.pi * HARMONIC * frequency * record.time_s[used]) * np.hanning(int(used.sum()))
+        slope = np.sum(slopes[owner][used] * turn)
+        product += float(np.real(np.conj(slope) * np.sum((record.response - predicted[owner])[used] * turn)))
+        power += float(np.abs(slope) ** 2)
+    return z if power == 0.0 else z + np.eye(len(z))[index] * (product / power)

@@ -1,0 +1,167 @@
+"""Maximum likelihood on the complex responses, with noise on both channels.
+
+Records: every sine's amplitudes in both channels come from a multi-channel sine fit; the variance of Y − H X is
+taken from the spectral lines beside the tone with H at each line's own frequency, so vibration noise
+(in both channels) cancels and noise of either channel counts (Pintelon & Schoukens 2012, ch. 9). Weights and the
+sensor's decaying start transient depend on the parameters and are refreshed between fits. Tables: weighted least
+squares in magnitude and phase.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from vibrident.base.errors import ModelError
+from vibrident.data.records import FloatArray
+from vibrident.fit.estimators.base import Estimate, refuse_nonlinear
+from vibrident.fit.estimators.findings import Findings
+from vibrident.fit.estimators.optimise import Progress, Trace, levenberg_marquardt
+from vibrident.fit.estimators.residual_tones import network_problem, residual_tones, roughly_cleaned
+from vibrident.fit.estimators.start import find_start
+from vibrident.fit.information import inverse_normal
+from vibrident.fit.measure import MeasuredResponse
+from vibrident.fit.measure.verdict import rejected
+from vibrident.fit.problem import Coordinates, Evidence, FrequencyProblem
+from vibrident.physics.models import SensorModel
+
+#: Bisections for the model error: a relative step of 2e-5 at the end.
+MODEL_ERROR_STEPS = 20
+#: Most rounds of fit and refreshed tones, and the change, in standard deviations, that needs no further one: that would
+#: change the coordinates by a hundredth of it; of two modes, which trade against each other, by a tenth.
+ROUNDS, SETTLED, OF_TWO_MODES = 4, 3.0, 0.3
+
+
+def fit(name: str, evidence: Evidence, progress: Progress) -> Estimate:
+    """Fit the model to the complex responses.
+
+    Args:
+        name: of the estimator.
+        evidence: tones or a table.
+        progress: called at every step.
+
+    Raises:
+        ModelError: a record is not a sine, or the model is nonlinear.
+    """
+    first = responses(name, evidence)
+    model = evidence.model
+    begin = find_start(first, model)
+    start = begin.values
+    coordinates = Coordinates.at(model, start, first.band_hz)
+    if evidence.tones is None:
+        trace = _descend(coordinates, coordinates.first, first, progress)
+        return replace(_estimate(name, coordinates, trace, first, np.inf), begin=begin)
+    z = coordinates.first
+    network = network_problem(evidence, start)
+    rough = roughly_cleaned(evidence, network, coordinates, z)
+    z = z if rough is None else _descend(coordinates, z, rough, progress).last
+    settled = OF_TWO_MODES if model.shares else SETTLED
+    for _ in range(ROUNDS):
+        tones = residual_tones(evidence, network, coordinates, z)
+        problem = weighted_problem(tones, model, coordinates.values(z), evidence)
+        trace = _descend(coordinates, z, problem, progress)
+        moved, z = np.abs(trace.last - z), trace.last
+        deviation = np.sqrt(np.maximum(np.diag(inverse_normal(problem.normal(z, coordinates).matrix)), 0.0))
+        if np.all(moved < settled * deviation):
+            break
+    problem = weighted_problem(tones, model, coordinates.values(z), evidence)
+    freedom = float(np.sum(tones.degrees_of_freedom))
+    return replace(_estimate(name, coordinates, trace, problem, freedom, tones), problem=network, begin=begin)
+
+
+def responses(name: str, evidence: Evidence) -> FrequencyProblem:
+    """The problem of the complex responses, as the estimator ``name`` needs it.
+
+    Raises:
+        ModelError: a record is not a sine, or the model is nonlinear.
+    """
+    refuse_nonlinear(evidence.model, name)
+    first = evidence.first_look
+    if first is None or any(r.excitation != "sine" for r in evidence.records):
+        raise ModelError(
+            f"The estimator {name!r} needs complex responses: sine records, or a table.",
+            expected="excitation = 'sine' in every record, or [table]",
+            found=", ".join(sorted({r.excitation for r in evidence.records})),
+            where="estimator",
+            remedy="use the estimator 'auto'",
+        )
+    return first
+
+
+def with_model_error(evidence: Evidence, estimate: Estimate, progress: Progress) -> Estimate | None:
+    """The estimate with a relative model error added to the noise; None if the deviations demand none."""
+    tones = estimate.tones
+    if tones is None:
+        return None
+    problem = solved_problem(estimate, evidence)
+    degrees = problem.equations - len(estimate.z)
+    if degrees <= 0 or not rejected(_cost(estimate.trace), degrees, tones.degrees_of_freedom):
+        return None
+
+    def widened(error: float) -> tuple[FrequencyProblem, Trace]:
+        wider = problem.with_model_error(error)
+        return wider, _descend(estimate.coordinates, estimate.z, wider, progress)
+
+    low, high = np.log(1e-9), np.log(1.0)
+    for _ in range(MODEL_ERROR_STEPS):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if _cost(widened(float(np.exp(middle)))[1]) > degrees else (low, middle)
+    error = float(np.exp(0.5 * (low + high)))
+    wider, trace = widened(error)
+    again = _estimate(estimate.estimator, estimate.coordinates, trace, wider, float(degrees))
+    found = Findings(model_error=error)
+    return replace(again, tones=tones, problem=estimate.problem, begin=estimate.begin, findings=found)
+
+
+def _cost(trace: Trace) -> float:
+    return trace.costs[-1]
+
+
+def weighted_problem(
+    tones: MeasuredResponse, model: SensorModel, values: dict[str, float], evidence: Evidence
+) -> FrequencyProblem:
+    """The residual with deviations that hold at the parameters ``values``."""
+    deviation = tones.error_deviation(lambda f: model.frequency_response(values, f, evidence.quantity))
+    return FrequencyProblem.of_measured(tones, deviation, model, evidence.quantity)
+
+
+def solved_problem(estimate: Estimate, evidence: Evidence) -> FrequencyProblem:
+    """The residual in frequency that an estimate made as small as it is."""
+    if estimate.tones is None:
+        assert evidence.first_look is not None
+        return evidence.first_look
+    values = estimate.coordinates.values(estimate.z)
+    problem = weighted_problem(estimate.tones, evidence.model, values, evidence)
+    error = estimate.findings.model_error
+    return problem if error is None else problem.with_model_error(error)
+
+
+def _descend(coordinates: Coordinates, z: FloatArray, problem: FrequencyProblem, progress: Progress) -> Trace:
+    return levenberg_marquardt(problem.normal, z, coordinates, progress=progress)
+
+
+def _estimate(
+    name: str,
+    coordinates: Coordinates,
+    trace: Trace | None,
+    problem: FrequencyProblem,
+    freedom: float,
+    tones: MeasuredResponse | None = None,
+) -> Estimate:
+    assert trace is not None
+    covariance = inverse_normal(problem.normal(trace.last, coordinates).matrix)
+    if tones is not None:
+        # Weights that are themselves estimated, from ν degrees of freedom each, cost 1 + 4/ν of variance.
+        covariance = covariance * float(np.mean(1.0 + 4.0 / tones.degrees_of_freedom))
+    return Estimate(
+        name,
+        coordinates,
+        trace.last,
+        covariance,
+        freedom,
+        trace,
+        tones=tones,
+        equations=problem.equations,
+        criterion="likelihood",
+    )

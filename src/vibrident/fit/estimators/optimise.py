@@ -1,0 +1,173 @@
+"""The way down a residual: Levenberg–Marquardt, one step at a time.
+
+An objective ``quadratic(z, args)`` gives cost, gradient and JᵀJ of the weighted residual at coordinates z, shape
+(p,), however many residuals there are; a step needs no more.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from vibrident.base.errors import NotConverged
+from vibrident.data.records import FloatArray
+
+#: Damping to begin with, in units of the coordinates, which are near one.
+FIRST_DAMPING = 1.0
+#: Factor on the damping after a step that gains as much as the linear residual says.
+LESS = 1.0 / 3.5
+#: Factor after a step that is rejected, doubled for each further one (Nielsen 1999), to fit any size of the residual.
+MORE = 4.0
+#: A step is taken from this part on of the gain that the linear residual predicts.
+ENOUGH = 0.01
+#: Above this part the residual is as linear as predicted, and the next step is damped less.
+AS_FORESEEN = 0.9
+#: So many rejected steps in a row mean that rounding, not the model, is what is left.
+MOST_REJECTED = 12
+#: Directions of which the residual says less than this, relative to the best, promise no gain.
+LEAST_SHOWN = 1e-14
+
+NOT_FINITE = (
+    "The cost is not finite at the start values: the discretisation is unstable for this sensor at "
+    "this sampling rate (Euler needs Ts < 2 δ/ωn), or the records hold values that cannot be squared."
+)
+
+
+class Quadratic(Protocol):
+    """What an objective returns: rᵀr, Jᵀr with J = −∂r/∂z, and JᵀJ."""
+
+    @property
+    def cost(self) -> Any:
+        """Sum of squares."""
+
+    @property
+    def gradient(self) -> Any:
+        """Shape (p,)."""
+
+    @property
+    def matrix(self) -> Any:
+        """Shape (p, p)."""
+
+
+Objective = Callable[[Any, Any], Quadratic]
+
+
+#: Iterates of a descent that goes straight on; a longer one is in a curved valley.
+STRAIGHT = 10
+#: Takes coordinates, a step and its damping, and gives the coordinates to try in place of their sum.
+Bent = Callable[[FloatArray, FloatArray, float], FloatArray]
+
+
+class Progress(Protocol):
+    """Called after each iteration with the iteration, the most there can be, and the cost."""
+
+    def __call__(self, iteration: int, most: int, cost: float) -> None:
+        """Show progress."""
+
+
+def silent(iteration: int, most: int, cost: float) -> None:
+    """Progress that shows nothing."""
+
+
+@dataclass(frozen=True)
+class Trace:
+    """The course of an optimisation: cost and coordinates at each accepted iterate, and the reason for its end."""
+
+    optimiser: str
+    converged: bool
+    status: str
+    costs: tuple[float, ...]
+    coordinates: FloatArray  # (iterates, p)
+
+    @property
+    def last(self) -> FloatArray:
+        """Final coordinates, shape (p,)."""
+        return self.coordinates[-1]
+
+
+def levenberg_marquardt(
+    objective: Objective,
+    start: FloatArray,
+    args: Any,
+    *,
+    tolerance: float = 1e-9,
+    most: int = 60,
+    progress: Progress = silent,
+    bent: Bent | None = None,
+) -> Trace:
+    """Minimise by Levenberg and Marquardt's damped Gauss–Newton steps from ``start`` (Nocedal & Wright 2006, ch. 10).
+
+    It stops when a full Gauss–Newton step would lower the cost by less than ``tolerance``. With residuals in units
+    of their standard deviation that step is √tolerance standard uncertainties long, so nothing that could be known
+    is left.
+
+    Args:
+        objective: cost, Jᵀr and JᵀJ at a point.
+        start: shape (p,).
+        args: anything the objective needs.
+        tolerance: decrease of the cost that is not worth a step.
+        most: most evaluations of the objective.
+        progress: called after each iteration.
+        bent: where a step leads to if not straight on, once a descent has turned out to be long; None: straight on.
+
+    Raises:
+        NotConverged: the cost is not finite at the start.
+    """
+    here = _Point.of(np.asarray(start, dtype=float), objective, args)
+    if not np.isfinite(here.cost):
+        raise NotConverged(NOT_FINITE)
+    way, damping, rejected = [here], FIRST_DAMPING, 0
+    progress(1, most, here.cost)
+    for iteration in range(2, most + 1):
+        if here.gain < max(tolerance, 1e-15 * here.cost) or rejected > MOST_REJECTED:
+            break
+        step = here.step(damping)
+        moved = here.z + step if bent is None or len(way) < STRAIGHT else bent(here.z, step, damping)
+        trial = _Point.of(moved, objective, args)
+        gained = (here.cost - trial.cost) / (2.0 * step @ here.gradient - step @ here.matrix @ step)
+        gained = gained if np.isfinite(gained) else -np.inf
+        if gained >= ENOUGH:
+            here, rejected = trial, 0
+            way.append(here)
+        else:
+            rejected += 1
+        damping *= LESS if gained > AS_FORESEEN else 1.0 if gained >= ENOUGH else MORE * 2.0 ** (rejected - 1)
+        progress(iteration, most, here.cost)
+    converged = here.gain < max(tolerance, 1e-15 * here.cost) or rejected > MOST_REJECTED
+    status = "converged" if converged else f"stopped after {most} evaluations"
+    costs, path = tuple(point.cost for point in way), np.array([point.z for point in way])
+    return Trace("levenberg-marquardt", converged, status, costs, path)
+
+
+@dataclass(frozen=True, eq=False)
+class _Point:
+    """An objective at coordinates z; ``gain``: what a full Gauss–Newton step would lower the cost by."""
+
+    z: FloatArray
+    cost: float
+    gradient: FloatArray
+    matrix: FloatArray
+
+    @classmethod
+    def of(cls, z: FloatArray, objective: Objective, args: Any) -> _Point:
+        local = objective(z, args)
+        gradient, matrix = np.asarray(local.gradient), np.asarray(local.matrix)
+        finite = np.all(np.isfinite(matrix)) and np.all(np.isfinite(gradient))
+        return cls(z, float(local.cost) if finite else np.inf, gradient, matrix)
+
+    def step(self, damping: float) -> FloatArray:
+        """Gauss–Newton step, damped; zero along directions without influence on the residual."""
+        matrix = self.matrix + damping * np.eye(len(self.z))
+        shown = np.diag(matrix)
+        size = np.sqrt(np.where(shown > 0.0, shown, np.inf))  # rounding makes zero influence negative
+        values, vectors = np.linalg.eigh(matrix / size[:, None] / size)
+        kept = values > LEAST_SHOWN
+        return (vectors[:, kept] / values[kept]) @ (vectors[:, kept].T @ (self.gradient / size)) / size
+
+    @functools.cached_property
+    def gain(self) -> float:
+        return float(self.step(0.0) @ self.gradient)

@@ -1,0 +1,395 @@
+"""The network with a learned residual beside its physics.
+
+First the physics alone. Then small networks beside it (:mod:`vibrident.physics.network.residual`), trained together
+with the physics on a part of the data and judged on the rest: one is kept only if it predicts data that it has not seen
+significantly better than the physics alone. Otherwise its share is zero and the estimate is that of the physics alone,
+bit by bit. What is kept is trained once more on all data, physics and network together, so that the parameters'
+covariance includes their correlation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from vibrident.base.backend import jnp
+from vibrident.base.errors import ModelError, NotConverged
+from vibrident.data.records import FloatArray
+from vibrident.fit.estimators.base import Estimate, Estimator
+from vibrident.fit.estimators.coloured import coloured_covariance
+from vibrident.fit.estimators.findings import Findings, LearnedShare
+from vibrident.fit.estimators.optimise import Progress, Trace, levenberg_marquardt, silent
+from vibrident.fit.problem import Coordinates, Evidence, Local
+from vibrident.fit.problem.time_domain import TimeProblem, evaluate
+from vibrident.fit.registry import ESTIMATORS
+from vibrident.physics.discretisation import method
+from vibrident.physics.models import SensorModel
+from vibrident.physics.network.residual import STRUCTURES, initial_weights, with_residual
+from vibrident.physics.network.sensitivity import Normal
+
+#: From this many records on, every third is held out; of fewer, parts of each.
+RECORDS_TO_SPLIT, EVERY = 6, 3
+#: Parts that a record is cut into, every other one held out; fewest samples a part has.
+PARTS = 8
+#: Steps over which squared residuals are summed to be compared, and fewest such blocks held out.
+BLOCK, FEWEST_BLOCKS = 32, 16
+#: A network is kept where held-out squared residuals fall by this part of the noise, …
+WORTHWHILE = 0.05
+#: … by this many standard deviations of that fall.
+SIGNIFICANT = 5.0
+#: Two parts are tried together where the better one leaves this part or more of what the other one takes.
+REMAINS = 0.1
+#: A larger network must leave this part or less of what the smaller one left (mean square).
+SIMPLER = 0.8
+#: Deviation of a weight from where it begins, in coordinates, that costs as much as one standard deviation of noise:
+#: enough to keep apart what the data cannot, too little to move what they can.
+PRIOR = {
+    "memory_frequency": 1.0,
+    "memory_damping": 0.5,
+    "memory_weight": 0.3,
+    "odd_weight": 3.0,
+    "odd_slope": 1.0,
+    "even_weight": 3.0,
+    "even_slope": 1.0,
+}
+#: Where the recurrent neurons are tried: frequencies a decade, from the lowest to this many times the highest of the
+#: data, and damping.
+TRIED_A_DECADE, TRIED_BEYOND, TRIED_DAMPING = 24, 3.0, (0.03, 0.2)
+#: Rounds of training with refreshed noise, most evaluations in each, and the fall of the cost that is not worth another
+#: step: in trials, and at the end.
+ROUNDS, MOST, TOLERANCE = 2, 30, (1e-1, 1e-3)
+
+
+@dataclass(frozen=True)
+class ResidualIpnn(Estimator):
+    """Settings of the estimator ``ipnn`` with a learned residual.
+
+    Attributes:
+        physics: the network without; its weights tied.
+        structures: parts of the residual networks tried, in order.
+    """
+
+    name: ClassVar[str] = "ipnn"
+    title: ClassVar[str] = "the physics-informed network with a learned residual"
+    trains_network: ClassVar[bool] = True
+    for_one_calibration: ClassVar[bool] = True
+
+    physics: Estimator = field(default_factory=lambda: ESTIMATORS[ResidualIpnn.name])
+    structures: tuple[tuple[str, ...], ...] = STRUCTURES
+
+    def where_rejected(self, evidence: Evidence, estimate: Estimate, progress: Progress = silent) -> Estimate | None:
+        """That of the physics, where no network stands beside it."""
+        other, learned = self.physics.where_rejected(evidence, estimate, progress), estimate.findings.learned
+        return None if other is None else replace(other, findings=replace(other.findings, learned=learned))
+
+    def fit(self, evidence: Evidence, progress: Progress = silent) -> Estimate:
+        """Train the physics, then the networks parallel to it.
+
+        Raises:
+            ModelError: the physics cannot have a network beside it, or there are no records with a reference.
+            InputError: no record is long enough.
+        """
+        if (weights := getattr(self.physics, "weights", "tied")) != "tied":
+            raise ModelError(
+                "A learned residual stands beside physics that is tied.",
+                expected="weights = 'tied'",
+                found=f"weights = {weights!r}",
+                where="estimator 'ipnn' with a learned residual",
+                remedy="leave the weights at their default",
+            )
+        for structure in self.structures:
+            with_residual(evidence.model, structure)  # refuses before anything is trained
+        plain = self.physics.fit(evidence, progress)
+        physics = _Candidate.physics(plain, evidence)
+        parts = _held_out(physics.problem)
+        if parts is None:
+            return _without(plain, "too little data to hold a part out", {})
+        trained = physics.trained(parts, progress)
+        before = trained.residuals(~parts)
+        tried: dict[tuple[str, ...], _Judged] = {}
+        for structure in self.structures:
+            if len(structure) > 1 and not _both_needed([tried[(part,)] for part in structure if (part,) in tried]):
+                continue
+            tried[structure] = _judged(structure, evidence, plain, trained, parts, before, progress)
+        shown = {"+".join(s): j.shown for s, j in tried.items()}
+        kept = [(structure, judged) for structure, judged in tried.items() if judged.kept]
+        if not kept:
+            return _without(plain, "no network predicts held-out data better than the physics alone", shown)
+        best = min(kept, key=lambda pair: pair[1].left * SIMPLER ** (2 - len(pair[0])))
+        everything = np.ones(parts.shape, dtype=bool)
+        whole = best[1].candidate.trained(everything, progress, TOLERANCE[1])
+        return _with(plain, best[0], whole, shown)
+
+
+@dataclass(frozen=True, eq=False)
+class _Candidate:
+    """A network and the state of its training."""
+
+    problem: TimeProblem
+    coordinates: Coordinates
+    z: FloatArray
+    noise: FloatArray
+    trace: Trace | None = None
+
+    @classmethod
+    def physics(cls, plain: Estimate, evidence: Evidence) -> _Candidate:
+        values, network = plain.coordinates.values(plain.z), plain.findings.network
+        assert network is not None
+        step = plain.findings.method
+        problem = TimeProblem.build(evidence.records, evidence.model, step, evidence.quantity, values)
+        return cls(problem, plain.coordinates, np.asarray(plain.z), network.noise)
+
+    def args(self, lanes: np.ndarray) -> tuple[Any, ...]:
+        """Arguments of the residual over the lanes chosen, shape (M,)."""
+        whole, *others = self.problem.data
+        data = (whole._replace(weight=whole.weight * lanes), *others)
+        return self.coordinates, self.problem.layout, data, jnp.asarray(self.problem.by_lane(self.noise))
+
+    def normal(self, lanes: np.ndarray) -> Normal:
+        """Normal equations at z over the lanes chosen."""
+        return evaluate(jnp.asarray(self.z), *self.args(lanes))
+
+    def residuals(self, lanes: np.ndarray) -> FloatArray:
+        """Residual, zero outside the lanes chosen, shape (L, M); initial states and offsets are those of all lanes."""
+        problem = self.problem
+        left = np.asarray(problem.lanes.response) - np.asarray(self.normal(np.ones_like(lanes)).response)
+        return left * np.asarray(problem.lanes.weight) * lanes
+
+    def trained(self, lanes: np.ndarray, progress: Progress, tolerance: float = TOLERANCE[0]) -> _Candidate:
+        """Trained on the lanes chosen, from z, noise refreshed between rounds."""
+        now = self
+        centre, weight = _prior(self.coordinates)
+        for _ in range(ROUNDS):
+            args = (now.args(lanes), jnp.asarray(centre), jnp.asarray(weight))
+            trace = levenberg_marquardt(_penalised, now.z, args, tolerance=tolerance, most=MOST, progress=progress)
+            now = replace(now, z=trace.last, trace=trace)
+            now = replace(now, noise=_noise(now, lanes))
+        return now
+
+
+@dataclass(frozen=True, eq=False)
+class _Judged:
+    """A trained candidate, and what it takes and leaves of the held-out squared residual, over the physics' noise."""
+
+    candidate: _Candidate
+    gain: float
+    left: float
+    kept: bool
+    shown: Mapping[str, Any]
+
+
+def _penalised(z: Any, args: Any) -> Local:
+    inner, centre, weight = args
+    normal = evaluate(jnp.asarray(z), *inner)
+    away = z - centre
+    matrix = normal.matrix + jnp.diag(weight)
+    return Local(matrix, normal.gradient - weight * away, normal.cost + jnp.sum(weight * away**2))
+
+
+def _prior(coordinates: Coordinates) -> tuple[FloatArray, FloatArray]:
+    """Where the residual's weights are drawn to, and how strongly; nothing for the physics."""
+    widths = [PRIOR.get(spec.name, np.inf) for spec in coordinates.model.parameters]
+    return coordinates.first, np.array(widths) ** -2
+
+
+def _held_out(problem: TimeProblem) -> np.ndarray | None:
+    """Lanes to train on, shape (M,); the others are held out. None where there are too few."""
+    lanes = problem.lanes
+    segment = np.asarray(lanes.segment)
+    real = segment < len(problem.record_of_segment)
+    if len(problem.records) >= RECORDS_TO_SPLIT:
+        train = problem.by_lane(np.arange(len(problem.records)) % EVERY != 1, fill=1.0).astype(bool)
+    else:
+        train = np.ones(segment.shape, dtype=bool)
+        for number in range(len(problem.record_of_segment)):
+            mine = np.flatnonzero(segment == number)
+            size = max(1, len(mine) // PARTS)
+            train[mine] = (np.arange(len(mine)) // size) % 2 == 0
+    held = np.asarray(lanes.weight).reshape(-1, BLOCK, segment.size).sum(axis=1)[:, real & ~train]
+    return train if np.sum(held > 0) >= FEWEST_BLOCKS and np.any(train & real) else None
+
+
+def _noise(candidate: _Candidate, lanes: np.ndarray) -> FloatArray:
+    """Noise of every record from the lanes chosen; of records without any, the mean of the others'."""
+    problem = candidate.problem
+    owners = problem.by_lane(np.arange(len(problem.records)), fill=-1).astype(int)
+    squares = np.sum(candidate.residuals(lanes) ** 2, axis=0)
+    counts = np.sum(np.asarray(problem.lanes.weight), axis=0) * lanes
+    real = owners >= 0
+    total = np.bincount(owners[real], weights=squares[real], minlength=len(problem.records))
+    number = np.bincount(owners[real], weights=counts[real], minlength=len(problem.records))
+    seen = number > 0
+    size = np.array([float(np.std(r.response[r.mask])) for r in problem.records])
+    relative = np.sqrt(np.sum(total[seen]) / np.sum((number * size**2)[seen]))
+    own = np.sqrt(np.where(seen, total / np.maximum(number, 1.0), (relative * size) ** 2))
+    return np.maximum(own, problem.noise_floor)
+
+
+def _judged(
+    structure: tuple[str, ...],
+    evidence: Evidence,
+    plain: Estimate,
+    physics: _Candidate,
+    train: np.ndarray,
+    before: FloatArray,
+    progress: Progress,
+) -> _Judged:
+    """The best network of a structure, trained on ``train``, and its verdict on the rest."""
+    best: _Candidate | None = None
+    for candidate in _beginnings(structure, evidence, physics, train):
+        try:
+            trained = candidate.trained(train, progress)
+        except NotConverged:
+            continue
+        if best is None or _cost(trained, physics, train) < _cost(best, physics, train):
+            best = trained
+    if best is None:
+        return _Judged(physics, 0.0, np.inf, False, {"status": "not converged"})
+    scale = best.problem.by_lane(best.noise)
+    first, after = before / scale, best.residuals(~train) / scale
+    gain, left = float(np.sum(first**2 - after**2)), float(np.sum(after**2))
+    # Where the network has learned nothing but noise, its prediction moves by δ at random: Σ r δ has this deviation.
+    products = np.sum((after * (first - after)).reshape(-1, BLOCK, scale.size), axis=1)
+    deviation = 2.0 * float(np.sqrt(np.sum(products**2)))
+    kept = gain > WORTHWHILE * left and gain > SIGNIFICANT * deviation
+    shown = {
+        "kept": bool(kept),
+        "held_out_rmse_ratio": float(np.sqrt(max(left + gain, 0.0) / left)) if left > 0 else 1.0,
+        "significance": gain / deviation if deviation > 0 else 0.0,
+    }
+    common = physics.problem.by_lane(physics.noise)
+    remains = float(np.sum((best.residuals(~train) / common) ** 2))
+    taken = float(np.sum((before / common) ** 2)) - remains
+    return _Judged(best, taken, remains, kept, shown)
+
+
+def _both_needed(single: list[_Judged]) -> bool:
+    """Whether each part improves the fit, and each explains something that the best one does not."""
+    if not all(judged.kept for judged in single):
+        return False
+    best = min(single, key=lambda judged: judged.left)
+    return all(best.left > REMAINS * judged.gain for judged in single if judged is not best)
+
+
+def _cost(candidate: _Candidate, physics: _Candidate, lanes: np.ndarray) -> float:
+    return float(np.sum((candidate.residuals(lanes) / physics.problem.by_lane(physics.noise)) ** 2))
+
+
+def _beginnings(
+    structure: tuple[str, ...], evidence: Evidence, physics: _Candidate, train: np.ndarray
+) -> Iterator[_Candidate]:
+    """Networks that do nothing yet, with their recurrent neurons where the physics' residual asks for them."""
+    if "memory" not in structure:
+        yield _beside(structure, evidence, physics, {})
+        return
+    low, high = evidence.band_hz
+    highest = min(TRIED_BEYOND * high, 0.4 * max(r.sampling_rate_hz for r in evidence.records))
+    frequencies = np.geomspace(low, highest, max(2, int(np.log10(highest / low) * TRIED_A_DECADE)))
+    scored = []
+    base = _beside(("memory",), evidence, physics, {"memory_frequency": float(high), "memory_damping": 0.1})
+    names = base.coordinates.model.parameter_names
+    for damping in TRIED_DAMPING:
+        for frequency in frequencies:
+            z = np.array(base.z)
+            z[names.index("memory_frequency")] = np.log(frequency / high)
+            z[names.index("memory_damping")] = damping
+            normal = replace(base, z=z).normal(train)
+            scored.append((_gain(np.asarray(normal.matrix), np.asarray(normal.gradient)), frequency, damping))
+    for _, frequency, damping in sorted(scored, reverse=True)[:1]:
+        yield _beside(structure, evidence, physics, {"memory_frequency": float(frequency), "memory_damping": damping})
+
+
+def _gain(matrix: FloatArray, gradient: FloatArray) -> float:
+    """Fall of the cost that a full step promises, physics free to follow: what it leaves counts, and that alone."""
+    moved = np.diag(matrix) > 0
+    scale = np.sqrt(np.diag(matrix)[moved])
+    values, vectors = np.linalg.eigh(matrix[np.ix_(moved, moved)] / scale[:, None] / scale)
+    pull = vectors.T @ (gradient[moved] / scale)
+    return float(np.sum(pull[values > 1e-9] ** 2 / values[values > 1e-9]))
+
+
+def _beside(
+    structure: tuple[str, ...], evidence: Evidence, physics: _Candidate, memory: Mapping[str, float]
+) -> _Candidate:
+    """The physics as trained, with a network beside it that does nothing yet."""
+    model = with_residual(evidence.model, structure)
+    problem, old = physics.problem, physics.coordinates
+    start = dict(zip(old.model.parameter_names, np.asarray(old.start).tolist(), strict=True))
+    start |= initial_weights(structure, problem.response_size, memory)
+    values = {**start, **old.values(physics.z)}
+    built = TimeProblem.build(problem.records, model, method(problem.layout.method.name), evidence.quantity, values)
+    coordinates = Coordinates.at(model, start, evidence.band_hz, problem.response_size)
+    z = np.concatenate([physics.z, coordinates.first[len(physics.z) :]])
+    return _Candidate(built, coordinates, z, physics.noise)
+
+
+def _without(plain: Estimate, reason: str, tried: Mapping[str, Any]) -> Estimate:
+    """The physics alone, untouched."""
+    learned = LearnedShare(False, 0.0, tried, {"reason": reason})
+    return replace(plain, findings=replace(plain.findings, learned=learned))
+
+
+def _with(plain: Estimate, structure: tuple[str, ...], whole: _Candidate, tried: Mapping[str, Any]) -> Estimate:
+    """The estimate with the network beside the physics, and what each says of every record."""
+    assert plain.problem is not None
+    count = len(plain.z)
+    everything = np.ones(whole.problem.lanes.segment.shape, dtype=bool)
+    normal = whole.normal(everything)
+    _, weight = _prior(whole.coordinates)
+    lines = whole.problem.lines(whole.z, whole.coordinates, whole.noise)
+    covariance, freedom = coloured_covariance(lines, whole.problem.degrees_of_freedom, np.diag(weight))
+    z = np.asarray(whole.z)[:count]
+    alone = plain.problem.predict(plain.coordinates, z)
+    predicted = tuple(whole.problem.by_record(normal.response))
+    learned = {n: v for n, v in whole.coordinates.values(whole.z).items() if n in PRIOR}
+    shares = [_share(both, physics) for both, physics in zip(predicted, alone, strict=True)]
+    names = [record.name for record in whole.problem.records]
+    about = {
+        "structure": list(structure),
+        "weights": learned,
+        "share_by_record": dict(zip(names, shares, strict=True)),
+        "rmse": _rms([r.response - p for r, p in zip(whole.problem.records, predicted, strict=True)]),
+        "rmse_of_physics_alone": _rms(
+            [r.response - p for r, p in zip(plain.problem.records, plain.predicted or (), strict=True)]
+        ),
+    }
+    share = _share(np.concatenate(predicted), np.concatenate(alone))
+    network, trace = plain.findings.network, whole.trace
+    assert trace is not None
+    assert network is not None
+    # What of the misfit looked like noise of the reference has been learned since: none of the plain fit's is stated.
+    findings = Findings(
+        replace(network, noise=whole.noise, weights=""), learned=LearnedShare(True, share, tried, about)
+    )
+    return replace(
+        plain,
+        z=z,
+        covariance=covariance[:count, :count],
+        degrees_of_freedom=freedom,
+        trace=replace(trace, coordinates=trace.coordinates[:, :count]),
+        predicted=predicted,
+        findings=findings,
+    )
+
+
+def _share(both: FloatArray, physics: FloatArray) -> float:
+    """Rms of what the network adds, over that of the whole."""
+    used = np.isfinite(both) & np.isfinite(physics)
+    size = float(np.std(both[used])) if used.any() else 0.0
+    return float(np.sqrt(np.mean((both - physics)[used] ** 2))) / size if size > 0 else 0.0
+
+
+def _rms(residuals: list[FloatArray]) -> float:
+    joined = np.concatenate(residuals)
+    return float(np.sqrt(np.nanmean(joined**2)))
+
+
+def saved_model(model: SensorModel, settings: Mapping[str, Any]) -> tuple[SensorModel, dict[str, float]]:
+    """The model with the residual network that a result holds, and its weights; the model itself without one."""
+    found = settings.get("residual_network") or {}
+    if not found.get("kept"):
+        return model, {}
+    return with_residual(model, tuple(found["structure"])), {n: float(v) for n, v in found["weights"].items()}

@@ -1,0 +1,172 @@
+"""The tones of the sine records, without the part that the network already explains.
+
+A sine fit of each channel alone is disturbed by motion beside the tone: vibration noise is in both
+channels, but its start and end in the record leave a transient in the response that no ratio of spectra takes out
+(Pintelon & Schoukens 2012, sec. 2.6). So the sine is fitted to the network's residual e = y − ŷ(x; θ), which holds
+no vibration, initial state or start transient. The response's amplitude is then Y = H(θ) X + E. To first order it
+does not depend on the θ used, and after two rounds the dependence is negligible.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from vibrident.base.errors import InputError
+from vibrident.data.records import FloatArray, Record
+from vibrident.fit.measure import MeasuredResponse, measure_tones
+from vibrident.fit.measure.lines import hann
+from vibrident.fit.measure.response import ComplexArray
+from vibrident.fit.measure.tones import turning
+from vibrident.fit.problem import Coordinates, Evidence, FrequencyProblem, NetworkProblem, network_of
+from vibrident.physics.discretisation import method
+from vibrident.physics.discretisation.inputs import half_width_for
+
+#: Interpolation by so many samples on either side is good to 1e-5.
+FINE = 32
+#: Hann's window parts a tone from offset and mirror image from so many periods on.
+FEWEST_PERIODS = 4.0
+#: Noise of the reference passes the network. Where it is this factor above the noise beside the tone, a plain sine with
+#: the free motion is fitted instead.
+LOUD = 3.0
+#: A plain sine is not fitted where its standard deviation is larger by this factor …
+NOISIER = 1.5
+#: … nor where the amplitude of the reference is another under Hann's window by so many standard deviations: the motion
+#: rings up, or changes in size, and the sensor's answer to that is in no sine.
+UNSTEADY = 5.0
+
+
+def network_problem(evidence: Evidence, values: dict[str, float]) -> NetworkProblem | None:
+    """The network over all records with band-limited inputs; None where every record is too short for it."""
+    try:
+        return network_of(evidence.records, evidence.model, method("bandlimited"), evidence.quantity, values)
+    except InputError:
+        return None
+
+
+def residual_tones(
+    evidence: Evidence,
+    problem: NetworkProblem | None,
+    coordinates: Coordinates,
+    z: FloatArray,
+    predicted: Sequence[FloatArray] | None = None,
+) -> MeasuredResponse:
+    """The tones at coordinates ``z``; plain sine fits for records that the network does not reach.
+
+    Args:
+        evidence: with sine records.
+        problem: of all records; None if there is none.
+        coordinates: the map from z to parameters.
+        z: where the residual is taken, shape (p,).
+        predicted: the network's response to each record at ``z``, if it is known.
+    """
+    plain = evidence.tones
+    assert plain is not None
+    values = coordinates.values(z)
+
+    def at(frequency: FloatArray) -> ComplexArray:
+        found = evidence.model.frequency_response(values, frequency, evidence.quantity)
+        return np.asarray(found, dtype=complex)
+
+    poles = np.roots(np.array(evidence.model.rational(values).denominator[::-1], dtype=float)).astype(complex)
+    if predicted is None and problem is not None:
+        predicted = problem.predict(coordinates, z)
+    if predicted is not None:
+        predicted = [predicted[index] for index in plain.record]
+    cleaned, rest = _cleaned(evidence, plain, predicted, values, poles)
+    if not coordinates.model.is_linear:
+        return cleaned  # only the network brings its tones to what the linear part answers
+    samples = np.array([evidence.records[index].mask.sum() for index in plain.record])
+    deviation = cleaned.error_deviation(at)
+    loud = (rest > LOUD * deviation * np.sqrt(samples / 2.0)) | (deviation > NOISIER * plain.error_deviation(at))
+    if predicted is None or not np.any(loud):
+        return cleaned
+    by_sines, _ = _cleaned(evidence, plain, None, values, poles)
+    loud &= by_sines.error_deviation(at) < NOISIER * deviation
+    loud[loud] = [_steady(evidence.records[plain.record[k]], by_sines, k) for k in np.flatnonzero(loud).tolist()]
+    if not np.any(loud):
+        return cleaned
+    fewer = [np.full_like(p, np.nan) if worse else p for p, worse in zip(predicted, loud, strict=True)]
+    return _cleaned(evidence, plain, fewer, values, poles)[0]
+
+
+def roughly_cleaned(
+    evidence: Evidence, problem: NetworkProblem | None, coordinates: Coordinates, z: FloatArray
+) -> FrequencyProblem | None:
+    """The first look without transients: each tone of the network's residual at ``z`` by one sum under Hann's window.
+
+    None where the network reaches no record.
+    """
+    first, plain = evidence.first_look, evidence.tones
+    if problem is None or first is None or plain is None:
+        return None
+    predicted, values = problem.predict(coordinates, z), coordinates.values(z)
+    frequency, reference, response, deviation = first.data
+    explained = reference * evidence.model.frequency_response(values, frequency, evidence.quantity)
+    cleaned = np.array(response)
+    for place, index in enumerate(plain.record):
+        record, series = evidence.records[index], predicted[index]
+        used = record.mask & np.isfinite(series)
+        window = hann(record.samples) * used
+        periods = frequency[place] * record.duration_s
+        if used.sum() > 0.5 * record.mask.sum() and periods > FEWEST_PERIODS:
+            wave = turning(record.samples, -2.0 * np.pi * frequency[place] / record.sampling_rate_hz)
+            left = np.where(used, record.response - series, 0.0) * window
+            cleaned[place] = explained[place] + 2.0 * (left @ wave) / np.sum(window)
+    return replace(first, data=(frequency, reference, cleaned, deviation))
+
+
+def _steady(record: Record, tones: MeasuredResponse, place: int) -> bool:
+    """Whether the reference keeps the size of its tone over the record, as far as its noise tells."""
+    mask, turns = record.mask, tones.frequency_hz[place] / record.sampling_rate_hz
+    wave = turning(record.samples, 2.0 * np.pi * turns)[mask]
+    rows = np.stack([wave.real, wave.imag, np.ones(wave.size)])
+    faded = rows * hann(record.samples)[mask]
+    found = np.linalg.lstsq(faded @ rows.T, faded @ np.asarray(record.reference)[mask], rcond=1e-12)[0]
+    noise = np.sqrt(np.sum(np.abs(tones.line_reference[place]) ** 2) / np.sum(tones.line_weight[place]))
+    return bool(abs(found[0] - 1j * found[1] - tones.reference[place]) < UNSTEADY * noise)
+
+
+def _cleaned(
+    evidence: Evidence,
+    plain: MeasuredResponse,
+    predicted: Sequence[FloatArray] | None,
+    values: dict[str, float],
+    poles: ComplexArray,
+) -> tuple[MeasuredResponse, FloatArray]:
+    """The tones of the residuals, and the rms of what is left beside each (zero where a plain sine was fitted).
+
+    ``predicted`` responses are in the order of the tones.
+    """
+    records, cleaned = [], []
+    for place, index in enumerate(plain.record):
+        record = evidence.records[index]
+        reached = False
+        if predicted is not None:
+            used = record.mask & np.isfinite(predicted[place])
+            # Where the network reaches too little, or interpolates by too few samples, the record keeps all its samples
+            # and its vibration noise.
+            fine = half_width_for(record.samples) >= FINE
+            reached = bool(fine and used.sum() > 0.5 * record.mask.sum())
+            if reached:
+                residual = np.where(used, record.response - predicted[place], 0.0)
+                record = replace(record, response=residual, valid=used)
+        records.append(record)
+        cleaned.append(reached)
+    measured = [evidence.records[index] for index in plain.record]
+    tones = measure_tones(records, plain.frequency_hz.tolist(), poles, measured)
+    share = np.where(cleaned, 1.0, 0.0)
+    model, quantity = evidence.model, evidence.quantity
+    power = [np.var(r.response[r.mask]) if reached else 0.0 for r, reached in zip(records, cleaned, strict=True)]
+    rest = np.sqrt(np.maximum(np.array(power) - 0.5 * np.abs(tones.response) ** 2 * share, 0.0))
+    explained = model.frequency_response(values, tones.frequency_hz, quantity) * tones.reference
+    lines = model.frequency_response(values, tones.line_hz.ravel(), quantity).reshape(tones.line_hz.shape)
+    found = replace(
+        tones,
+        response=tones.response + share * explained,
+        line_response=tones.line_response + share[:, None] * lines * tones.line_reference,
+        record=plain.record,
+    )
+    return found, rest

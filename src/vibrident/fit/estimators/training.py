@@ -1,0 +1,243 @@
+"""The network, trained end to end on excitation and response in time: the paper's method, with improvements.
+
+Weights tied to the physics through the chosen discretisation, initial state and offset of every record found exactly,
+each record weighted by its own noise. Trained by Levenberg–Marquardt, or by Adam as in the paper; Levenberg–Marquardt
+is followed by steps that weigh every line of the residual by the noise found there, to maximum likelihood for any
+noise (:mod:`vibrident.fit.estimators.reweighting`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from vibrident.base.errors import ModelError
+from vibrident.data.records import FloatArray
+from vibrident.fit.estimators.base import Estimate
+from vibrident.fit.estimators.coloured import coloured_covariance
+from vibrident.fit.estimators.findings import Findings, TrainedNetwork
+from vibrident.fit.estimators.network_settings import NetworkSettings
+from vibrident.fit.estimators.optimise import Bent, Progress, Trace, levenberg_marquardt
+from vibrident.fit.estimators.reweighting import reweighted
+from vibrident.fit.estimators.start import Start, find_start
+from vibrident.fit.estimators.valley import ValleySteps
+from vibrident.fit.lines import RecordLines
+from vibrident.fit.measure.drift import slow_tones
+from vibrident.fit.measure.hum import hum_tones
+from vibrident.fit.problem import Coordinates, Evidence, LineProblem, NetworkProblem, network_objective
+from vibrident.fit.problem.framing import response_size
+from vibrident.physics.discretisation import method
+
+#: Rounds of training with refreshed noise weights and delay.
+ROUNDS = 6
+#: Decrease of the cost that is worth no step; in the first round of a linear network, which another one follows.
+TOLERANCE, AT_FIRST = 1e-6, 0.1
+#: Relative change of the noise below which its weights need no further round.
+NOISE_SETTLED = 1e-3
+#: A fit is better where −2 log likelihood of the residual, as white noise, is less by this.
+LIKELIER = 9.0
+
+
+def fit(network: NetworkSettings, evidence: Evidence, progress: Progress) -> Estimate:
+    """Train the network.
+
+    Raises:
+        ModelError: there are no records, or no record has a reference.
+        InputError: no record is long enough.
+    """
+    if not evidence.records or evidence.first_look is None:
+        raise ModelError(
+            "The network is trained on records with a reference.",
+            expected="[[records]] with a reference channel",
+            found="a table" if evidence.calibration.table is not None else "free decays only",
+            where="estimator",
+            remedy="use the estimator 'auto' for a table; add a record with a reference to free decays",
+        )
+    trained = _trained(network, evidence, progress)
+    if network.weights == "free":
+        return _freed(network, evidence, trained, progress)
+    # A nonlinear model has no residual line by line, and Adam trains as the paper does.
+    return trained.in_the_noise_found(evidence) if _by_lines(network, evidence) else trained.with_equal_weights()
+
+
+def leads_further(network: NetworkSettings, evidence: Evidence, estimate: Estimate, progress: Progress) -> bool:
+    """Whether another start leads to less residual with equal weights than the estimate's training left.
+
+    Training takes a tenth of the time of the steps in the metric of the noise, which come to nothing where the model
+    does not explain the data. True where it is not known.
+    """
+    before = estimate.findings.network
+    if before is None or not _by_lines(network, evidence):
+        return True
+    after = _trained(network, evidence, progress)
+    samples = np.array([record.mask.sum() for record in evidence.records], dtype=float)
+    return float(np.sum(2.0 * samples * np.log(before.noise / after.network.noise))) > LIKELIER
+
+
+def with_equal_weights(estimate: Estimate) -> Estimate | None:
+    """The estimate before its lines were weighted by their noise; None where they were not."""
+    network, problem, begin = estimate.findings.network, estimate.problem, estimate.begin
+    if estimate.findings.noise is None or network is None or problem is None or begin is None:
+        return None
+    return _Trained(problem, estimate.coordinates, estimate.trace, begin, network).with_equal_weights()
+
+
+def _trained(network: NetworkSettings, evidence: Evidence, progress: Progress) -> _Trained:
+    assert evidence.first_look is not None
+    begin = find_start(evidence.first_look, evidence.model)
+    start = begin.values
+    coordinates = Coordinates.at(evidence.model, start, evidence.band_hz, response_size(evidence.records))
+    problem, z = _problem(network, evidence, start, coordinates), coordinates.first
+    noise, trace, tolerance = np.ones(len(evidence.records)), None, AT_FIRST
+    for _ in range(ROUNDS):
+        normal = problem.normal(z, coordinates, noise)
+        found = problem.record_noise(normal, noise)
+        if tolerance == TOLERANCE and np.allclose(found, noise, rtol=NOISE_SETTLED, atol=0.0):
+            break
+        tolerance = AT_FIRST if trace is None and _by_lines(network, evidence) else TOLERANCE
+        if trace is None and not evidence.model.is_linear:
+            z = _with_harmonic_start(problem, normal, evidence, z)
+        noise = found
+        bent = ValleySteps.of_records(evidence, coordinates, noise)
+        trace = _train(network, problem, coordinates, z, noise, bent, tolerance, progress)
+        z = trace.last
+        moved = problem.at_delay_of(coordinates.values(z))
+        if moved is not problem:
+            problem = moved
+            noise = noise * (1.0 + 2.0 * NOISE_SETTLED)  # another round, with the inputs at the delay found
+    assert trace is not None
+    linear, terms = evidence.model.is_linear, problem.frame.terms
+    hum = tuple(record.hum_hz for record in problem.records)
+    found = TrainedNetwork(network.discretisation, trace.optimiser, terms, noise, linear=linear, hum_hz=hum)
+    return _Trained(problem, coordinates, trace, begin, found)
+
+
+def _by_lines(network: NetworkSettings, evidence: Evidence) -> bool:
+    """Whether the network is run at the lines of its transform; Adam runs it in time, as the paper does."""
+    return network.optimiser == "lm" and evidence.model.is_linear
+
+
+def _problem(
+    network: NetworkSettings, evidence: Evidence, start: dict[str, float], coordinates: Coordinates
+) -> NetworkProblem:
+    at = (evidence.records, evidence.model, method(network.discretisation), evidence.quantity, start)
+    if _by_lines(network, evidence):
+        return _beside_hum(LineProblem.build(*at), coordinates)
+    from vibrident.fit.problem.time_domain import TimeProblem
+
+    return TimeProblem.build(*at)
+
+
+def _beside_hum(problem: LineProblem, coordinates: Coordinates) -> LineProblem:
+    """The problem with the hum that the start values leave as unknowns.
+
+    A free response without damping imitates hum, and a resonance above half the sampling rate has one at any frequency:
+    from a start near the truth, training would leave it for that.
+    """
+    slow = tuple(slow_tones(record) for record in problem.records)
+    if any(record.hum_hz != own for record, own in zip(problem.records, slow, strict=True)):
+        return problem
+    tones = hum_tones(problem.records, problem.predict(coordinates, coordinates.first), slow)
+    return problem.with_hum(tones) if tones != slow else problem
+
+
+def _freed(network: NetworkSettings, evidence: Evidence, trained: _Trained, progress: Progress) -> Estimate:
+    from vibrident.fit.estimators.free import train_free
+    from vibrident.fit.problem.time_domain import TimeProblem
+
+    coordinates, z = trained.coordinates, trained.trace.last
+    values, step = coordinates.values(z), method(network.discretisation)
+    in_time = TimeProblem.build(evidence.records, evidence.model, step, evidence.quantity, values)
+    z, covariance, trace, _ = train_free(in_time, coordinates, z, trained.network.noise, network.reading, progress)
+    _, freedom = coloured_covariance(trained.lines(), trained.problem.degrees_of_freedom)
+    found = Findings(replace(trained.network, reading=network.reading))
+    return replace(trained.estimate(z, covariance, freedom, found), trace=trace, begin=None)
+
+
+def _train(
+    network: NetworkSettings,
+    problem: NetworkProblem,
+    coordinates: Coordinates,
+    z: FloatArray,
+    noise: FloatArray,
+    bent: Bent | None,
+    tolerance: float,
+    progress: Progress,
+) -> Trace:
+    args = (coordinates, problem, noise)
+    if network.optimiser == "lm":
+        return levenberg_marquardt(network_objective, z, args, tolerance=tolerance, progress=progress, bent=bent)
+    from vibrident.fit.estimators.adam import adam
+
+    return adam(network_objective, z, args, learning_rate=network.learning_rate, steps=network.steps, progress=progress)
+
+
+@dataclass(frozen=True, eq=False)
+class _Trained:
+    """The network at the optimum of equal weights for all samples of a record.
+
+    Attributes:
+        problem: the records.
+        coordinates: the map from z to parameters.
+        trace: of the optimiser; its last place is the optimum.
+        begin: the way from the grid to the start values.
+        network: how it was trained.
+    """
+
+    problem: NetworkProblem
+    coordinates: Coordinates
+    trace: Trace
+    begin: Start
+    network: TrainedNetwork
+
+    def lines(self) -> list[RecordLines]:
+        """The records at the lines of their transforms, at the optimum."""
+        return self.problem.lines(self.trace.last, self.coordinates, self.network.noise)
+
+    def estimate(self, z: FloatArray, covariance: FloatArray, freedom: float, findings: Findings) -> Estimate:
+        """An estimate of this training."""
+        return Estimate(
+            NetworkSettings.name,
+            self.coordinates,
+            z,
+            covariance,
+            freedom,
+            self.trace,
+            problem=self.problem,
+            begin=self.begin,
+            equations=float(np.sum(self.problem.degrees_of_freedom)),
+            criterion="samples",
+            findings=findings,
+        )
+
+    def with_equal_weights(self) -> Estimate:
+        """As trained."""
+        covariance, freedom = coloured_covariance(self.lines(), self.problem.degrees_of_freedom)
+        found = Findings(replace(self.network, weights="white"))
+        return self._with_response(self.estimate(self.trace.last, covariance, freedom, found))
+
+    def _with_response(self, found: Estimate) -> Estimate:
+        return replace(found, predicted=tuple(self.problem.predict(self.coordinates, found.z)))
+
+    def in_the_noise_found(self, evidence: Evidence) -> Estimate:
+        """The last step of training: every line of the residual weighted by its own noise."""
+        at = (self.problem, self.coordinates, self.trace.last, self.network.noise)
+        two_modes = bool(self.coordinates.model.shares)  # they trade against each other along a curved valley
+        bent = ValleySteps.of_records(evidence, self.coordinates, self.network.noise) if two_modes else None
+        end = reweighted(*at, bent=bent)
+        if end is None:  # equal weights were drawn aside; the points' start knows the noise of both channels
+            end = reweighted(*at, start=self.coordinates.place(self.begin.values), bent=bent)
+        if end is None:
+            return self.with_equal_weights()
+        found = Findings(replace(self.network, weights="spectrum"), end.noise)
+        return self._with_response(self.estimate(end.z, end.covariance, end.degrees_of_freedom, found))
+
+
+def _with_harmonic_start(problem: NetworkProblem, normal: Any, evidence: Evidence, z: FloatArray) -> FloatArray:
+    from vibrident.fit.estimators.harmonic_start import with_harmonic_start
+    from vibrident.fit.problem.time_domain import TimeProblem
+
+    assert isinstance(problem, TimeProblem)
+    return with_harmonic_start(problem, normal, evidence, z)

@@ -1,0 +1,130 @@
+"""The main path: calibration → evidence → estimate → uncertainty → result."""
+
+from __future__ import annotations
+
+import os
+import time
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from vibrident.base.memory import in_one_thread
+from vibrident.data.records import Calibration
+from vibrident.fit.decay import decays_alone
+from vibrident.fit.estimators import AUTO, Estimate, Estimator, choose
+from vibrident.fit.estimators.optimise import Progress, silent
+from vibrident.fit.judge import (
+    Attempt,
+    Fitted,
+    Uncertainty,
+    document,
+    linearised,
+    own_rows,
+    with_phase_scatter,
+    with_remedy,
+    without_dead_records,
+    without_drifts,
+    without_hum,
+)
+from vibrident.fit.problem import Evidence
+from vibrident.fit.registry import ESTIMATORS
+from vibrident.fit.uncertainty.budget import BudgetRow
+from vibrident.physics.models import model_of
+from vibrident.result import Result
+
+if TYPE_CHECKING:
+    from vibrident.fit.uncertainty.posterior import Sampling
+
+
+@in_one_thread
+def identify(
+    calibration: Calibration | str | os.PathLike[str],
+    model: str | None = None,
+    estimator: str | Estimator = AUTO,
+    *,
+    uncertainty: Uncertainty = "auto",
+    posterior: Sampling | None = None,
+    progress: Progress = silent,
+) -> Result:
+    """Identify a sensor from its calibration.
+
+    Args:
+        calibration: from :func:`vibrident.read`, :func:`vibrident.simulate` or made by hand; or the path of a
+            calibration file.
+        model: name of the sensor model; None takes the calibration's.
+        estimator: ``auto``, a name, or an estimator object with settings of its own, such as
+            ``Ipnn(discretisation="euler", optimiser="adam")``.
+        uncertainty: what the uncertainties cover. ``noise``: the noise, or the stated uncertainty, of the data alone.
+            ``inflated``: where the deviations from the model are larger than that, the misfit too: sine records under
+            ``ml`` get a relative model error, all else is scaled by √(χ²/dof) (Birge ratio). ``auto``: ``inflated`` for
+            records whose model is rejected (with the warning ``lack_of_fit``), ``noise`` otherwise; the stated
+            uncertainties of a table are never scaled unasked.
+        posterior: settings for sampling the parameters' posterior distribution, which ``settings.posterior`` then
+            sums up; for the estimator ``ml``, with the extra ``bayes``. None: not sampled.
+        progress: called after each iteration of the optimiser.
+
+    Returns:
+        The result; its warnings are empty for a clean calibration of an adequate model.
+
+    Raises:
+        InputError: the data cannot be used.
+        ModelError: model, estimator and data do not fit together.
+        NotConverged: no start leads to a finite fit.
+    """
+    if not isinstance(calibration, Calibration):
+        from vibrident.data.io import read
+
+        calibration = read(calibration)
+    if decays_alone(calibration):
+        from vibrident.fit.decay.document import identify_decays, require_plain
+
+        require_plain(estimator, sampled=posterior is not None)
+        return identify_decays(calibration, model, inflate=uncertainty != "noise")
+    begin = time.perf_counter()
+    if posterior is not None:
+        from vibrident.fit.uncertainty.posterior import sampler
+
+        sampler()  # before the fit that it would come after
+    fitted = fit(calibration, model, estimator, uncertainty=uncertainty, progress=progress)
+    rows = own_rows(fitted, uncertainty)
+    result = document(fitted, rows)
+    settings = {**result.settings, "time_s": time.perf_counter() - begin}
+    if posterior is not None:
+        from vibrident.fit.uncertainty.posterior import sample_posterior
+
+        scale = _data_scale(fitted.estimate, rows[0])
+        settings["posterior"] = sample_posterior(fitted.evidence, fitted.estimate, scale, posterior)
+    return replace(result, settings=settings)
+
+
+def fit(
+    calibration: Calibration,
+    model: str | None,
+    estimator: str | Estimator,
+    *,
+    uncertainty: Uncertainty,
+    progress: Progress,
+) -> Fitted:
+    """Estimate and judge; arguments and errors as :func:`identify`."""
+    sensor_model = model_of(calibration, model)
+    evidence = Evidence.gather(calibration, sensor_model)
+    chosen, reason = _estimator(evidence, estimator, uncertainty)
+    found = Attempt.at(evidence, chosen, progress)
+    for step in (without_dead_records, with_phase_scatter, without_drifts, without_hum, with_remedy):
+        found = step(found)
+    data = found.evidence, found.estimate, found.judgement
+    return Fitted(*data, linearised(*data), chosen, reason, found.drifts, found.phase_by_scatter)
+
+
+def _data_scale(estimate: Estimate, data: BudgetRow) -> float:
+    """Factor on the data's standard deviations that the stated covariance carries: scatter, or the Birge ratio."""
+    part, whole = (float(np.trace(c)) for c in (estimate.covariance, data.covariance))
+    return float(np.sqrt(whole / part)) if part > 0.0 else 1.0
+
+
+def _estimator(evidence: Evidence, asked: str | Estimator, scope: Uncertainty) -> tuple[Estimator, str]:
+    if not isinstance(asked, str):
+        return asked, "chosen by the user"
+    chosen, reason = choose(evidence) if asked == AUTO else (ESTIMATORS[asked], "chosen by the user")
+    return (chosen.for_noise_alone() if scope == "noise" else chosen), reason

@@ -1,0 +1,35 @@
+"""Inverses of normal matrices JᵀJ, and what they say of a direction that the data leave open."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vibrident.data.records import FloatArray
+
+SMALLEST = 1e-12  # scaled eigenvalues below this are rounding: the direction is not determined at all
+NONE = 1e-70  # information that counts as none: small enough to say so, large enough not to overflow
+
+
+def inverse_normal(matrix: FloatArray) -> FloatArray:
+    """Inverse of a normal matrix, shape (p, p).
+
+    A direction without information gets a very large variance, where a pseudo-inverse would give it none: a parameter
+    that the data cannot tell must not look certain.
+    """
+    scale = np.maximum(np.sqrt(np.maximum(np.diag(matrix), 0.0)), NONE)
+    values, vectors = np.linalg.eigh(matrix / scale[:, None] / scale)
+    inverse = (vectors / np.maximum(values, SMALLEST)) @ vectors.T
+    return inverse / scale[:, None] / scale
+
+
+def inverse_where_shown(matrices: FloatArray, least: float = SMALLEST) -> FloatArray:
+    """Inverse of normal matrices of numbers that are taken out, shape (…, n, n).
+
+    Zero along directions that the data show less than ``least`` of the best: what several numbers can imitate alike is
+    left to one of them.
+    """
+    size = np.sqrt(np.maximum(np.diagonal(matrices, axis1=-2, axis2=-1), np.finfo(float).tiny))
+    both = size[..., :, None] * size[..., None, :]
+    values, vectors = np.linalg.eigh(matrices / both)
+    kept = np.where(values > least, 1.0 / np.maximum(values, least), 0.0)
+    return (vectors * kept[..., None, :]) @ np.swapaxes(vectors, -1, -2) / both

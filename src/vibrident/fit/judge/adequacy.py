@@ -1,0 +1,400 @@
+"""From an estimate to the parts of a result: prediction, deviations, metrics, excerpts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from vibrident.base.amounts import plain
+from vibrident.base.errors import InputError
+from vibrident.data.records import FloatArray, Quantity, SystematicEffect
+from vibrident.fit.decay import decay_deviations
+from vibrident.fit.estimators import Estimate
+from vibrident.fit.estimators.residual_tones import network_problem, residual_tones
+from vibrident.fit.measure import MeasuredResponse
+from vibrident.fit.measure.explained import unexplained
+from vibrident.fit.measure.overtones import Overtone, audible, overtones
+from vibrident.fit.measure.response import ComplexArray
+from vibrident.fit.problem import Evidence, network_of
+from vibrident.fit.problem.frequency_domain import response_residual
+from vibrident.fit.uncertainty.adequacy import (
+    Adequacy,
+    Points,
+    assess,
+    band_points,
+    judge_residuals,
+    looks_random,
+    tone_points,
+)
+from vibrident.fit.uncertainty.budget import deviation_uncertainty, patterns
+from vibrident.fit.uncertainty.linearised import Linearised
+from vibrident.fit.uncertainty.parameters import NOTHING
+from vibrident.fit.uncertainty.steps import effects_of_steps
+from vibrident.physics.discretisation import Weights
+from vibrident.physics.discretisation.weights import weight_table
+from vibrident.result import Fit, MeasuredCurve, Signal
+
+if TYPE_CHECKING:
+    from vibrident.fit.decay.beside import DecayDeviation
+
+#: Samples of all excerpts together, and of one.
+MOST_SAMPLES, MOST_IN_ONE = 12_000, 600
+#: Scatter of a table's points, in units of their weights, where nothing tells it: so large that they say nothing.
+UNKNOWN = 1e8
+
+
+@dataclass(frozen=True, eq=False)
+class Judgement:
+    """What the estimate says of the data.
+
+    Attributes:
+        adequacy: points, χ², verdict.
+        lack_of_fit: the warning's text, should it be needed.
+        birge: factor on the uncertainties that the deviations demand, at least one.
+        predicted: predicted response of each record, NaN where it is not defined; empty for a table.
+        scatter: standard deviation of the weighted residuals where no uncertainty was stated, else None.
+        signals: excerpts for pictures.
+        weights: the network's weights as the paper's Table 1.
+        tones: of the sine records, cleaned; None without sines.
+        points: what the adequacy is made of, those of the tones first.
+        overtones: records in whose response the sensor adds harmonics.
+        found: systematic effects that were found in the data.
+        effects: stated and found ones, and how much of each the data show, in its standard uncertainties.
+        removed: factor on the measured response that takes these out of it, shape (points,); None for no change.
+        without: the estimate that the response without them gives, shape (p,).
+        remedied: whether another model explains the data, so that all else in the residual is misfit.
+    """
+
+    adequacy: Adequacy
+    lack_of_fit: str
+    birge: float = 1.0
+    predicted: tuple[FloatArray, ...] = ()
+    scatter: float | None = None
+    signals: tuple[Signal, ...] = ()
+    weights: dict[str, Any] = field(default_factory=dict)
+    tones: MeasuredResponse | None = None
+    points: tuple[Points, ...] = ()
+    overtones: tuple[Overtone, ...] = ()
+    found: tuple[SystematicEffect, ...] = ()
+    effects: tuple[tuple[SystematicEffect, float], ...] = ()
+    removed: ComplexArray | None = None
+    without: FloatArray | None = None
+    remedied: bool = False
+
+
+def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
+    """Predict every record and compare, tone by tone and band by band."""
+    model, quantity = evidence.model, evidence.quantity
+    values = estimate.coordinates.values(estimate.z)
+
+    def response(frequency: FloatArray) -> Any:
+        return model.frequency_response(values, np.asarray(frequency), quantity)
+
+    points: list[Points] = []
+    tones = None
+    if evidence.tones is not None:
+        tones = estimate.tones or _tones(evidence, estimate, values)
+        names = [r.name for r in evidence.records]
+        deviation = tones.error_deviation(response)
+        points.append(tone_points(tones, response(tones.frequency_hz), deviation, names))
+    predicted, weights = _predict(evidence, estimate)
+    others = [i for i, r in enumerate(evidence.records) if r.excitation != "sine" and r.reference is not None]
+    noise, hum = estimate.findings.noise, estimate.findings.hum_hz
+    points += band_points(
+        [evidence.records[i] for i in others],
+        [predicted[i] for i in others],
+        response,
+        () if noise is None or not noise.reference.size else noise.reference[others].tolist(),
+        [hum[i] for i in others] if any(hum) else (),
+    )
+    decays = decay_deviations(evidence.records, model, values)
+    adequacy = assess(points, len(estimate.z), decays)
+    added = () if tones is None else audible(overtones(evidence.records, tones, predicted, response))
+    birge = _birge(estimate, evidence, points, adequacy, decays)
+    text = _misfit(adequacy, points, response, decays)
+    if added and adequacy.adequate:
+        adequacy = replace(adequacy, adequate=False)
+        text = f"The model does not explain the data: it adds no harmonics, the sensor does ({added[0].record})."
+    rest = unexplained([evidence.records[i] for i in others], [predicted[i] for i in others])
+    if rest is not None and adequacy.adequate:
+        adequacy = replace(adequacy, adequate=False)
+        text = (
+            f"The model does not explain the data: it leaves {100.0 * rest.left:.2g} % of the response's power, of "
+            f"which only {100.0 * rest.incoherent:.2g} % has nothing in common with the reference."
+        )
+    signals = _excerpts(evidence, predicted)
+    found = tuple(effects_of_steps(evidence.records, predicted, response, adequacy)) if model.is_linear else ()
+    return Judgement(adequacy, text, birge, predicted, None, signals, weights, tones, tuple(points), added, found)
+
+
+def _tones(evidence: Evidence, estimate: Estimate, values: dict[str, float]) -> MeasuredResponse:
+    """Tones at the estimate, by the network with exact weights, for any trained network."""
+    exact = estimate.findings.method.is_exact
+    problem = estimate.problem if exact else None
+    problem = problem or network_problem(evidence, values)
+    predicted = estimate.predicted if exact and estimate.predicted is not None else None
+    return residual_tones(evidence, problem, estimate.coordinates, estimate.z, predicted)
+
+
+def _birge(
+    estimate: Estimate,
+    evidence: Evidence,
+    points: list[Points],
+    adequacy: Adequacy,
+    decays: Sequence[DecayDeviation],
+) -> float:
+    """By how much the deviations exceed what the estimate's own covariance allows for: √(χ²/dof), at least one.
+
+    The network weighs a record by its whole residual, misfit and all; a sine's deviation is then compared with what
+    white noise of that size would do to its tone.
+    """
+    chi2 = adequacy.chi2_reduced or 0.0
+    network, tones = estimate.findings.network, evidence.tones
+    if network is not None and tones is not None and adequacy.degrees_of_freedom > 0:
+        sines, others = points[0], points[1:]
+        samples = np.array([evidence.records[i].mask.sum() for i in tones.record])
+        own = network.noise[tones.record] * np.sqrt(2.0 / samples) / np.abs(tones.response)
+        weaker = np.minimum(1.0, sines.relative_deviation / own) ** 2
+        total = float(np.sum(sines.squares * weaker)) + sum(float(np.sum(part.squares)) for part in others)
+        total += sum(decay.parts.chi2 for decay in decays)
+        chi2 = total / adequacy.degrees_of_freedom
+    return float(np.sqrt(max(chi2, 1.0)))
+
+
+def _misfit(adequacy: Adequacy, points: list[Points], response: Any, decays: Sequence[DecayDeviation] = ()) -> str:
+    """The warning that an inadequate model gets."""
+    if not points:
+        return (
+            "It cannot be tested whether the model explains the data: in no band does the response exceed the "
+            "residual. The records are too short for a test, or noise and misfit are too large."
+        )
+    if adequacy.degrees_of_freedom <= 0:
+        equations = 2 * len(adequacy.frequency_hz)
+        return _nothing_left(equations, equations - adequacy.degrees_of_freedom, "data")
+    chi2 = adequacy.chi2_reduced or 0.0
+    worst = _worst(points, response)
+    if decays:
+        far = max(decays, key=lambda decay: decay.parts.chi2)
+        if far.parts.chi2 > max(float(np.max(part.squares)) for part in points):
+            worst = f"; most in a free decay: {far.words}"
+    return (
+        f"The model does not explain the data: deviations at the excited frequencies are {plain(chi2**0.5, 3)} times "
+        f"what the noise explains (χ²/dof = {plain(chi2, 4)}, {adequacy.degrees_of_freedom} degrees of freedom)"
+        f"{worst}."
+    )
+
+
+def _nothing_left(equations: int, parameters: int, what: str) -> str:
+    """A model with no fewer parameters than there are equations meets any data."""
+    return (
+        f"It cannot be tested whether the model explains the {what}: {parameters} parameters meet {equations} measured "
+        "values, and none is left to judge by. Measure at more frequencies, or take a model with fewer parameters."
+    )
+
+
+def _worst(points: list[Points], response: Any) -> str:
+    frequency = np.concatenate([p.frequency_hz for p in points])
+    measured = np.concatenate([p.measured for p in points])
+    weighted = np.concatenate([p.squares for p in points])
+    index = int(np.argmax(weighted))
+    off = 100 * abs(response(frequency[index : index + 1])[0] / measured[index] - 1.0)
+    return f", most at {frequency[index]:.4g} Hz, where model and measurement differ by {off:.2g} %"
+
+
+def _predict(evidence: Evidence, estimate: Estimate) -> tuple[tuple[FloatArray, ...], dict[str, Any]]:
+    """Predicted responses by the network with exact weights (or those it was trained with), and its Table 1."""
+    step = estimate.findings.method
+    values = estimate.coordinates.values(estimate.z)
+    try:
+        problem = estimate.problem or network_of(evidence.records, evidence.model, step, evidence.quantity, values)
+    except InputError:  # all records are too short to interpolate: only the tones remain
+        return tuple(np.full(r.samples, np.nan) for r in evidence.records), {}
+    predicted = estimate.predicted or tuple(problem.predict(estimate.coordinates, estimate.z))
+    if estimate.criterion != "samples":
+        return predicted, {}
+    first = Weights(*(np.asarray(weight)[0] for weight in problem.weights(values)))
+    scale = evidence.model.rational(values, evidence.quantity).angular_scale
+    try:
+        table = weight_table(first, scale ** np.arange(problem.frame.order))  # in the paper's states V, V̇
+    except np.linalg.LinAlgError:  # a sensor that forgets its state within a sample has no W2 = C Φ⁻¹
+        return predicted, {}
+    return predicted, {
+        **table,
+        "discretisation": step.name,
+        "sampling_interval_s": min(record.sampling_interval_s for record in evidence.records),
+    }
+
+
+def judge_table(evidence: Evidence, estimate: Estimate) -> Judgement:
+    """Compare the model with a table."""
+    table, problem = evidence.calibration.table, evidence.first_look
+    assert table is not None
+    assert problem is not None
+    args = (estimate.coordinates, problem.polar, problem.has_phase, evidence.quantity, problem.data)
+    residual = np.asarray(response_residual(estimate.z, *args))
+    chi2, degrees, adequate = judge_residuals(residual, len(estimate.z))
+    scatter = None
+    if table.magnitude_uncertainty is None:
+        scatter = float(np.sqrt(np.sum(residual**2) / degrees)) if degrees > 0 else UNKNOWN
+        order = np.argsort(table.frequency_hz, kind="stable")
+        n = table.points
+        parts = [residual[:n][order]] + ([residual[n:][order]] if problem.has_phase else [])
+        chi2, adequate = None, degrees > 0 and all(looks_random(part) for part in parts)
+        text = "The deviations from the model follow a pattern along frequency: the model does not explain the table."
+    else:
+        text = (
+            f"The model does not explain the table: deviations are {plain((chi2 or 0.0) ** 0.5, 3)} times the stated "
+            f"uncertainties (χ²/dof = {plain(chi2 or 0.0, 4)}, {degrees} degrees of freedom)."
+        )
+        if problem.has_phase and table.phase_uncertainty_rad is None:
+            text += " The phase's, which is not stated, is taken to be the magnitude's, in rad."
+    if degrees <= 0:
+        text = _nothing_left(len(residual), len(estimate.z), "table")
+    names = (table.provenance.file or "table",) * table.points
+    relative = problem.relative_deviation if scatter is None else problem.relative_deviation * scatter
+    turn = np.asarray(problem.data[4]) * (scatter or 1.0)
+    adequacy = Adequacy(table.frequency_hz, table.response, relative, names, chi2, degrees, adequate, turn)
+    return Judgement(adequacy, text, float(np.sqrt(max(chi2 or 0.0, 1.0))), scatter=scatter)
+
+
+def measured_curve(
+    estimate: Estimate,
+    judgement: Judgement,
+    quantity: Quantity,
+    effects: Sequence[SystematicEffect],
+    linear: Linearised,
+) -> MeasuredCurve:
+    """The data's points with their deviation from the model, in order of frequency.
+
+    Args:
+        estimate: the fit.
+        judgement: the points and their noise.
+        quantity: of the reference.
+        effects: systematic ones, common to all points: they are in the uncertainty of each point, but in that of its
+            deviation only as far as the parameters cannot follow them.
+        linear: the fit at the points, linearised at the estimate.
+    """
+    values, adequacy = estimate.coordinates.values(estimate.z), judgement.adequacy
+    order = np.argsort(adequacy.frequency_hz, kind="stable")
+    frequency, measured = adequacy.frequency_hz[order], adequacy.measured[order]
+    model = estimate.coordinates.model.frequency_response(values, frequency, quantity)
+    noise = adequacy.relative_deviation[order]
+    turn = noise if adequacy.phase_deviation is None else adequacy.phase_deviation[order]
+    shape = patterns(effects, linear, adequacy.frequency_hz)
+    common = np.sqrt(np.sum(np.real(shape) ** 2, axis=1))[order], np.sqrt(np.sum(np.imag(shape) ** 2, axis=1))[order]
+    off = np.split(
+        deviation_uncertainty(linear, shape, judgement.scatter or 1.0), 1 if linear.is_phase.sum() == 0 else 2
+    )
+    ratio = model / measured
+    known = bool(np.any(np.imag(measured) != 0.0))
+    size = np.abs(measured)
+
+    unknown = np.full(frequency.size, np.nan)
+
+    def angle(radians: FloatArray) -> FloatArray:
+        return _stated(np.rad2deg(radians), turn) if known else unknown
+
+    return MeasuredCurve(
+        frequency_hz=frequency,
+        magnitude=size,
+        phase_deg=np.rad2deg(np.angle(measured)) if known else unknown,
+        magnitude_uncertainty=_stated(size * np.hypot(noise, common[0]), noise),
+        phase_deg_uncertainty=angle(np.hypot(turn, common[1])),
+        deviation_percent=100.0 * (np.abs(ratio) - 1.0),
+        deviation_phase_deg=np.rad2deg(np.angle(ratio)) if known else unknown,
+        record=tuple(adequacy.record[i] for i in order),
+        magnitude_noise=_stated(size * noise, noise),
+        phase_deg_noise=angle(turn),
+        deviation_uncertainty_percent=_stated(100.0 * off[0][order], noise),
+        deviation_phase_uncertainty_deg=angle(off[-1][order]),
+    )
+
+
+def _stated(uncertainty: FloatArray, noise: FloatArray) -> FloatArray:
+    """NaN where nothing tells it."""
+    return np.where(np.isfinite(uncertainty) & (noise < NOTHING), uncertainty, np.nan)
+
+
+def fit_of_signals(evidence: Evidence, judgement: Judgement) -> Fit:
+    """Metrics of measured minus predicted response over all records."""
+    sums = np.zeros(4)
+    for record, series in zip(evidence.records, judgement.predicted, strict=True):
+        used = record.mask & np.isfinite(series)
+        response = record.response[used]
+        residual = response - series[used]
+        sums += _sums(residual, response - response.mean() if used.any() else response)
+    return _metrics(sums, judgement.adequacy)
+
+
+def fit_of_table(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> Fit:
+    """Metrics of measured minus model response over a table's points."""
+    measured = judgement.adequacy.measured
+    values = estimate.coordinates.values(estimate.z)
+    frequency = judgement.adequacy.frequency_hz
+    model = estimate.coordinates.model.frequency_response(values, frequency, evidence.quantity)
+    problem = evidence.first_look
+    assert problem is not None
+    residual = measured - model if problem.has_phase else np.abs(measured) - np.abs(model)
+    return _metrics(_sums(np.abs(residual), np.abs(measured - measured.mean())), judgement.adequacy)
+
+
+def _sums(residual: FloatArray, response: FloatArray) -> FloatArray:
+    """Number of points, Σ |residual|, and the squares of residual and response about its mean."""
+    return np.array([residual.size, np.sum(np.abs(residual)), residual @ residual, response @ response])
+
+
+def _metrics(sums: FloatArray, adequacy: Adequacy) -> Fit:
+    mae, mse, variance = (sums[1:] / (sums[0] or float("nan"))).tolist()
+    rmse = float(np.sqrt(mse))
+    ratio = rmse / np.sqrt(variance) if variance > 0 else float("nan")
+    return Fit(
+        rmse=rmse,
+        mae=mae,
+        mse=mse,
+        r2=float(1.0 - ratio**2),
+        rpd=float(1.0 / ratio) if ratio > 0 else float("inf"),
+        nrmse=float(ratio),
+        chi2_reduced=adequacy.chi2_reduced,
+        degrees_of_freedom=adequacy.degrees_of_freedom,
+        adequate=adequacy.adequate,
+    )
+
+
+def _excerpts(evidence: Evidence, predicted: tuple[FloatArray, ...]) -> tuple[Signal, ...]:
+    """A piece of every record from where its response is largest, a few periods long."""
+    signals = []
+    most = int(np.clip(MOST_SAMPLES // max(len(predicted), 1), 24, MOST_IN_ONE))
+    owners = (
+        {} if evidence.tones is None else dict(zip(evidence.tones.record, evidence.tones.frequency_hz, strict=True))
+    )
+    for index, (record, series) in enumerate(zip(evidence.records, predicted, strict=True)):
+        used = np.flatnonzero(record.mask & np.isfinite(series))
+        if used.size < 2:
+            continue
+        residual = record.response[used] - series[used]
+        deviation = float(np.std(record.response[used]))
+        rmse = float(np.sqrt(np.mean(residual**2)))
+        span = used.size
+        if index in owners:
+            span = int(np.clip(3.0 * record.sampling_rate_hz / owners[index], 16, used.size))
+        start = 0
+        if record.excitation == "shock":
+            peak = int(np.argmax(np.abs(record.response[used] - np.median(record.response[used]))))
+            span = min(used.size, max(64, used.size // 4))
+            start = int(np.clip(peak - span // 3, 0, used.size - span))
+        piece = used[start : start + span : max(1, -(-span // most))]
+        signals.append(
+            Signal(
+                record.name,
+                record.time_s[piece],
+                record.response[piece],
+                series[piece],
+                evidence.calibration.response_unit,
+                rmse,
+                rmse / deviation if deviation > 0 else 0.0,
+            )
+        )
+    return tuple(signals)

@@ -1,0 +1,279 @@
+"""Fit and judge; if the model is rejected, fit again from other starts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vibrident.base.errors import InputError, NotConverged
+from vibrident.base.memory import give_back_after
+from vibrident.data.records import FloatArray
+from vibrident.fit.estimators import Estimate, Estimator
+from vibrident.fit.estimators.canonical import in_one_form
+from vibrident.fit.estimators.optimise import Progress, silent
+from vibrident.fit.estimators.start import find_start
+from vibrident.fit.judge.adequacy import Judgement, judge_records, judge_table
+from vibrident.fit.judge.doubts import linearised
+from vibrident.fit.judge.effects import allowing_for_effects
+from vibrident.fit.measure import Finding
+from vibrident.fit.measure.explained import part_left
+from vibrident.fit.measure.response import ComplexArray
+from vibrident.fit.problem import Evidence, FrequencyProblem
+from vibrident.fit.problem.frequency_domain import response_residual
+from vibrident.fit.uncertainty.linearised import Linearised
+
+#: Number of other starts tried if the model is rejected.
+MORE_STARTS = 2
+#: Their cost is at most so many times that of the best start.
+COMPARABLE = 10.0
+#: Another fit is taken if its χ² is less than this part of the first one's.
+CLEARLY_LESS = 0.8
+#: … which says nothing where it leaves more than this part of the response's power: few bands then tell of it.
+MOST_LEFT = 0.5
+#: Other starts of an adequate fit that is not the optimum in the noise found: their cost is larger by this at most,
+#: five standard deviations of one parameter, …
+NO_WORSE = 25.0
+#: … and their χ² by this, three of them.
+ALIKE = 9.0
+#: Largest number of searches in the response that the network's residual shows.
+SEARCHES = 3
+#: A frequency that ran to the end of the range searched starts once more so many times outside the band of the data.
+OUTSIDE = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class Attempt:
+    """Data, the estimate from them, what it says of them, and how it was made; as :class:`Fitted` has them."""
+
+    evidence: Evidence
+    estimate: Estimate
+    judgement: Judgement
+    estimator: Estimator
+    progress: Progress
+    drifts: tuple[Finding, ...] = ()
+    phase_by_scatter: bool = False
+
+    @classmethod
+    def at(cls, evidence: Evidence, estimator: Estimator, progress: Progress) -> Attempt:
+        """The fit from the start values; where it explains nothing, the best from the other optima of their search.
+
+        Raises:
+            NotConverged: the start values lead to no finite fit.
+        """
+        best = cls(evidence, *_once(evidence, estimator, progress), estimator, progress)
+        begin = best.estimate.begin
+        if best.adequate and begin is not None and evidence.model.is_linear:
+            best = _better_weighted(best)
+        if best.adequate or begin is None or evidence.bands is None:
+            return best  # tones are searched with the residual that is fitted: no other start is better
+        weighed = _weighed_start(best)
+        best = best if weighed is None else _fitted_from(weighed, best)
+        best = _searched_again(best)
+        for start, cost in begin.others[:MORE_STARTS]:
+            if cost > COMPARABLE * begin.costs[-1] or best.adequate:
+                break
+            best = _tried(start, best)
+        start = _back_inside(best)
+        return best if start is None or best.adequate else _tried(start, best)
+
+    def anew(self, evidence: Evidence) -> Attempt:
+        """The same estimator's of other data."""
+        found = Attempt.at(evidence, self.estimator, self.progress)
+        return replace(found, drifts=self.drifts, phase_by_scatter=self.phase_by_scatter)
+
+    def once(self, evidence: Evidence) -> Attempt:
+        """The same estimator's of other data, by a single fit from their start values."""
+        estimate, judgement = _once(evidence, self.estimator, self.progress)
+        return replace(self, evidence=evidence, estimate=estimate, judgement=judgement)
+
+    def begun_at(self, start: Mapping[str, float]) -> Attempt:
+        """The same data fitted once, from other start values."""
+        return replace(self.once(replace(self.evidence, start=dict(start))), evidence=self.evidence)
+
+    @property
+    def adequate(self) -> bool:
+        """Whether the model explains the data."""
+        return self.judgement.adequacy.adequate
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """A calibration with its estimate, before anything is stated of it.
+
+    Attributes:
+        evidence: the data, without drift where there was one.
+        estimate: the fit.
+        judgement: what the estimate says of the data.
+        linear: the fit at all excited frequencies, linearised at the estimate.
+        estimator: that made it.
+        reason: why that one.
+        drifts: what was taken out.
+        phase_by_scatter: whether the uncertainty of a table's phase was read from its deviations.
+    """
+
+    evidence: Evidence
+    estimate: Estimate
+    judgement: Judgement
+    linear: Linearised
+    estimator: Estimator
+    reason: str
+    drifts: tuple[Finding, ...] = ()
+    phase_by_scatter: bool = False
+
+    def at(self, estimate: Estimate) -> Fitted:
+        """The same data judged at another estimate."""
+        judgement = judged(self.evidence, estimate)
+        linear = linearised(self.evidence, estimate, judgement)
+        return replace(self, estimate=estimate, judgement=judgement, linear=linear)
+
+    def again(self, values: Mapping[str, float], progress: Progress = silent) -> Fitted:
+        """The same data fitted once more, from these values of the parameters."""
+        return self.at(Attempt.at(replace(self.evidence, start=dict(values)), self.estimator, progress).estimate)
+
+
+def _better_weighted(best: Attempt) -> Attempt:
+    """A fit from another optimum of the start, where the first did not reach its optimum in the noise that was found.
+
+    Or where it reached the end of the range searched.
+
+    Such a fit, of equal weights, is drawn aside by noise of the reference, or has followed a line of the noise.
+    """
+    begin, weights = best.estimate.begin, _noise_weights(best.estimate)
+    settled = weights != "white" and (weights != "spectrum" or _back_inside(best) is None)
+    if settled or begin is None:
+        return best
+    least, first = _chi2(best.judgement) + ALIKE, best
+    starts = [start for start, cost in begin.others[:MORE_STARTS] if cost <= begin.costs[-1] + NO_WORSE]
+    weighed = _weighed_start(best)
+    for start in starts if weighed is None else [weighed, *starts]:
+        try:
+            other = best.begun_at(start)
+        except (NotConverged, InputError):
+            continue
+        reached = _noise_weights(other.estimate) == "spectrum" and other.adequate
+        if reached and _chi2(other.judgement) < least:
+            least, first = _chi2(other.judgement), other
+    return first
+
+
+def _noise_weights(estimate: Estimate) -> str:
+    """By what the lines of the residual count; empty without a network."""
+    network = estimate.findings.network
+    return "" if network is None else network.weights
+
+
+def _chi2(judgement: Judgement) -> float:
+    return float(judgement.adequacy.chi2_reduced or 0.0) * judgement.adequacy.degrees_of_freedom
+
+
+def _tried(start: Mapping[str, float], best: Attempt) -> Attempt:
+    """The fit from another start if it is better, else the best so far.
+
+    A start may lead to no fit: a delay beyond the record, for one.
+    """
+    begun = replace(best.evidence, start=dict(start))
+    try:
+        promising = best.estimator.may_improve(begun, best.estimate, best.progress)
+    except (NotConverged, InputError):
+        return best
+    return _fitted_from(start, best) if promising else best
+
+
+def _fitted_from(start: Mapping[str, float], best: Attempt) -> Attempt:
+    """The same, whatever equal weights say of the start: noise of the reference draws these aside.
+
+    A fit that predicts less of the response is tested in fewer bands, and meets those that are left the better.
+    """
+    try:
+        other = best.begun_at(start)
+    except (NotConverged, InputError):
+        return best
+    before, after = (one.judgement.adequacy.chi2_reduced for one in (best, other))
+    lost = part_left(other.evidence.records, other.judgement.predicted) > MOST_LEFT
+    return best if lost or not (after or np.inf) < CLEARLY_LESS * (before or 0.0) else other
+
+
+def _weighed_start(found: Attempt) -> Mapping[str, float] | None:
+    """Start values by a search with the noise of the bands as the model that was found shows it, if they are better.
+
+    Where the reference holds little but noise of its own, Σ Y X*/Σ |X|² is drawn to zero, and its own scatter is small.
+    What the model leaves of the response there is as large as that noise.
+    """
+    evidence, z, coordinates = found.evidence, found.estimate.z, found.estimate.coordinates
+    model, values = evidence.model, coordinates.values(z)
+
+    def response(frequency_hz: FloatArray) -> ComplexArray:
+        return np.asarray(model.frequency_response(values, frequency_hz, evidence.quantity), dtype=complex)
+
+    look = None if evidence.bands is None or not model.is_linear else evidence.look(response)
+    if look is None:
+        return None
+    try:
+        begin = find_start(look, model)
+    except (NotConverged, InputError):
+        return None
+    here = response_residual(z, coordinates, False, True, evidence.quantity, look.data)
+    return begin.values if begin.costs[-1] < float(here @ here) else None
+
+
+def _searched_again(best: Attempt) -> Attempt:
+    """The fit from a search in the response as the network's residual shows it, where that leads to a better one.
+
+    Free motion and what leaks over from other frequencies, which hide the response that the first search had, are gone
+    from it.
+    """
+    evidence = best.evidence
+    for _ in range(SEARCHES):
+        points, model, estimate = best.judgement.adequacy, evidence.model, best.estimate
+        if points.adequate or not model.is_linear or len(points.frequency_hz) <= len(estimate.z):
+            break
+        size = np.abs(points.measured)
+        data = (points.frequency_hz, np.ones(len(size), complex), points.measured, points.relative_deviation * size)
+        problem = FrequencyProblem(model, evidence.quantity, False, True, data)
+        try:
+            begin = find_start(problem, model)
+        except (NotConverged, InputError):
+            break
+        here = response_residual(estimate.z, estimate.coordinates, False, True, evidence.quantity, data)
+        if not begin.costs[-1] < CLEARLY_LESS * float(np.sum(np.square(here))):
+            break
+        other = _tried(begin.values, best)
+        if other is best:
+            break
+        best = other
+    return best
+
+
+def _back_inside(found: Attempt) -> dict[str, float] | None:
+    """The estimate with frequencies at the end of their range brought near the band: out there nothing leads back."""
+    evidence, z, coordinates = found.evidence, found.estimate.z, found.estimate.coordinates
+    values, (low, high) = coordinates.values(z), coordinates.edges
+    moved = dict(values)
+    for index, spec in enumerate(coordinates.model.parameters):
+        if spec.kind == "log" and not low[index] < z[index] < high[index]:
+            above = z[index] >= high[index]
+            moved[spec.name] = OUTSIDE * evidence.band_hz[1] if above else evidence.band_hz[0] / OUTSIDE
+    return moved if moved != values else None
+
+
+def judged(evidence: Evidence, estimate: Estimate) -> Judgement:
+    """What the estimate says of the data."""
+    judge = judge_table if evidence.calibration.table else judge_records
+    return allowing_for_effects(evidence, estimate, judge(evidence, estimate))
+
+
+def _once(evidence: Evidence, estimator: Estimator, progress: Progress) -> tuple[Estimate, Judgement]:
+    longest = max((record.samples for record in evidence.records), default=0)
+    give_back_after(longest)
+    found = estimator.fit(evidence, progress)
+    found = found if found.problem is None else replace(found, problem=found.problem.idle())
+    give_back_after(longest)
+    estimate = in_one_form(found)
+    judgement = judged(evidence, estimate)
+    give_back_after(longest)
+    if judgement.adequacy.adequate or (other := estimator.where_rejected(evidence, found, progress)) is None:
+        return estimate, judgement
+    estimate = in_one_form(other)
+    return estimate, judged(evidence, estimate)

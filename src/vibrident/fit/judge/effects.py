@@ -1,0 +1,140 @@
+"""The stated systematic effects in the verdict: the part of a fit's deviations that they explain, and its message."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from vibrident.base.amounts import amount, plain
+from vibrident.data.records import FloatArray, SystematicEffect
+from vibrident.fit.estimators import Estimate
+from vibrident.fit.judge.adequacy import Judgement, measured_curve
+from vibrident.fit.judge.doubts import linearised
+from vibrident.fit.measure.verdict import REJECTION, rejected
+from vibrident.fit.problem import Evidence
+from vibrident.fit.uncertainty.budget import DATA, BudgetRow, Explained, Weighted, effects_of, explain, patterns
+from vibrident.result import MeasuredCurve
+
+
+def all_effects(evidence: Evidence, judgement: Judgement) -> list[SystematicEffect]:
+    """Systematic effects as stated, and those that were found in the data."""
+    return [*effects_of(evidence.calibration), *judgement.found]
+
+
+def allowing_for_effects(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> Judgement:
+    """The same judgement, with the systematic effects that were stated in the covariance of the deviations.
+
+    Args:
+        evidence: the data.
+        estimate: the fit.
+        judgement: what noise alone says of it.
+    """
+    effects, adequacy = all_effects(evidence, judgement), judgement.adequacy
+    if not effects or not len(adequacy.frequency_hz) or adequacy.degrees_of_freedom <= 0:
+        return judgement
+    if not evidence.model.is_linear or (adequacy.chi2_reduced is None and judgement.scatter is None):
+        return judgement
+    linear = linearised(evidence, estimate, judgement)
+    shape = patterns(effects, linear, adequacy.frequency_hz)
+    weighted = _deviations(evidence, estimate, judgement)
+    covariance = estimate.covariance * (judgement.scatter or 1.0) ** 2
+    found = explain(weighted, effects, shape, linear, covariance)
+    if found is None:
+        return judgement
+    return _judged(judgement, effects, found, weighted(estimate.z, np.zeros(len(shape))))
+
+
+def _judged(
+    judgement: Judgement, effects: Sequence[SystematicEffect], found: Explained, deviations: FloatArray
+) -> Judgement:
+    adequacy, degrees = judgement.adequacy, judgement.adequacy.degrees_of_freedom
+    shown = tuple(zip(effects, found.amounts.tolist(), strict=True))
+    allowed = replace(judgement, effects=shown, removed=found.removed, without=found.z)
+    believed = found.probability >= REJECTION
+    if adequacy.chi2_reduced is None:  # no uncertainty was stated: the scatter of the points is all there is
+        return allowed
+    before = adequacy.chi2_reduced * degrees
+    chi2 = max(before - (float(deviations @ deviations) - found.chi2), 0.0)
+    freedom = np.concatenate([part.freedom for part in judgement.points]) if judgement.points else None
+    explained = not rejected(chi2, degrees, freedom) and believed
+    blamed = rejected(before, degrees, freedom) and not judgement.overtones
+    adequate = explained if adequacy.adequate or blamed else False
+    text = judgement.lack_of_fit
+    if blamed or adequacy.adequate:
+        text = _misfit(judgement, chi2 / degrees) if believed else _beyond(effects, found)
+    return replace(
+        allowed,
+        adequacy=replace(adequacy, chi2_reduced=chi2 / degrees, adequate=adequate),
+        lack_of_fit=text,
+        birge=max(judgement.birge * float(np.sqrt(chi2 / before)), 1.0) if before > 0 else judgement.birge,
+    )
+
+
+def _misfit(judgement: Judgement, chi2_reduced: float) -> str:
+    return (
+        f"The model does not explain the data: deviations are {plain(chi2_reduced**0.5, 3)} times what noise and the "
+        f"stated systematic effects explain together (χ²/dof = {plain(chi2_reduced, 4)}, "
+        f"{judgement.adequacy.degrees_of_freedom} degrees of freedom)."
+    )
+
+
+def _beyond(effects: Sequence[SystematicEffect], found: Explained) -> str:
+    index = int(np.argmax(np.abs(found.amounts)))
+    effect, size = effects[index], abs(float(found.amounts[index]))
+    seen, stated = (amount(times * effect.standard_uncertainty, effect.unit, 3) for times in (size, 1.0))
+    return (
+        f"The deviations have the shape of {effect.source} ({effect.kind}) of {seen}, {size:.2g} times the stated "
+        f"standard uncertainty of {stated}: that is too small, or the model lacks something of the same shape."
+    )
+
+
+def _deviations(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> Weighted:
+    """The deviations at all points over their noise, as a function of z and of a change of log H."""
+    coordinates, quantity, adequacy = estimate.coordinates, evidence.quantity, judgement.adequacy
+    problem = evidence.first_look
+
+    def model(z: FloatArray, change: np.ndarray) -> np.ndarray:
+        values = coordinates.values(z)
+        response = coordinates.model.frequency_response(values, adequacy.frequency_hz, quantity)
+        return np.asarray(response) * np.exp(change)
+
+    if evidence.calibration.table is not None and problem is not None:
+        scatter = judgement.scatter or 1.0
+        _, magnitude, phase, magnitude_u, phase_u = (np.asarray(part) for part in problem.data)
+
+        def of_table(z: FloatArray, change: np.ndarray) -> FloatArray:
+            response = model(z, change)
+            radial = (np.abs(response) - magnitude) / magnitude_u
+            turn = np.angle(response * np.exp(-1j * phase)) / phase_u
+            return (np.concatenate([radial, turn]) if problem.has_phase else radial) / scatter
+
+        return of_table
+    freedom = np.concatenate([part.freedom for part in judgement.points])
+    # As the verdict weighs them: noise of ν degrees of freedom makes squares larger by ν/(ν − 2).
+    weight = np.sqrt(np.maximum(1.0 - 2.0 / freedom, 0.1)) / (adequacy.relative_deviation * np.abs(adequacy.measured))
+
+    def of_points(z: FloatArray, change: np.ndarray) -> FloatArray:
+        error = weight * (adequacy.measured - model(z, change))
+        return np.concatenate([error.real, error.imag])
+
+    return of_points
+
+
+def measured(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> MeasuredCurve:
+    """The points of a fit, with the stated effects in their uncertainties."""
+    effects, linear = all_effects(evidence, judgement), linearised(evidence, estimate, judgement)
+    return measured_curve(estimate, judgement, evidence.quantity, effects, linear)
+
+
+def covered(rows: Sequence[BudgetRow]) -> list[str]:
+    """The systematic effects among the rows, in words."""
+    return list(dict.fromkeys(f"{row.source} ({row.kind})" for row in rows if row.kind != DATA))
+
+
+def seen(judgement: Judgement) -> dict[str, Any]:
+    """How much of each stated effect the deviations show, in its standard uncertainties."""
+    amounts = [{"source": e.source, "kind": e.kind, "amount_in_u": size} for e, size in judgement.effects]
+    return {"systematic_effects_seen": amounts} if amounts else {}

@@ -1,0 +1,235 @@
+"""A record's residual, and all that could change it, at the lines of its transform, for the end of training."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy import fft
+
+from vibrident.data.records import BoolArray, FloatArray
+from vibrident.fit.lines.normal import horner
+from vibrident.fit.lines.runs import MOST_KEPT, shifted_lines
+from vibrident.fit.lines.series import RunSeries
+from vibrident.fit.measure.lines import line_counts, power_of, waves
+from vibrident.fit.measure.response import ComplexArray
+
+#: Free responses of a record in pieces are not looked at beyond so many columns, or so many numbers: its samples keep
+#: equal weights.
+MOST_COLUMNS, LARGEST = 400, 1e8
+#: Step of the central differences of the response.
+STEP = 1e-5
+
+#: LinesAt at some lines, shape (m, lines) or (lines,).
+LinesAt = Callable[[slice], ComplexArray]
+#: What initial states and drift add at the lines; with True, their slopes over the record, too.
+FreeLines = Callable[[bool], LinesAt]
+
+
+@dataclass(frozen=True, eq=False)
+class ModelLines:
+    """The model's response H at the lines of a grid, and its slopes.
+
+    Attributes:
+        at: H at the lines for given z.
+        z: where the network was evaluated, shape (p,).
+        lines: number of lines; of many, nothing is kept.
+    """
+
+    at: Callable[[FloatArray], ComplexArray]
+    z: FloatArray
+    lines: int
+
+    def through(self) -> ComplexArray:
+        """H at z, shape (lines,)."""
+        return self._through if self.lines <= MOST_KEPT else self.at(self.z)
+
+    def power(self) -> FloatArray:
+        """|H|² at z, shape (lines,)."""
+        return self._power if self.lines <= MOST_KEPT else power_of(self.at(self.z))
+
+    def slopes(self) -> Iterable[ComplexArray]:
+        """∂H for each coordinate in turn, by central differences; each of shape (lines,)."""
+        return self._slopes if self.lines <= MOST_KEPT else self._made()
+
+    @functools.cached_property
+    def _through(self) -> ComplexArray:
+        return self.at(self.z)
+
+    @functools.cached_property
+    def _power(self) -> FloatArray:
+        return power_of(self._through)
+
+    @functools.cached_property
+    def _slopes(self) -> tuple[ComplexArray, ...]:
+        return tuple(self._made())
+
+    def _made(self) -> Iterator[ComplexArray]:
+        for end in np.eye(len(self.z)) * STEP:
+            yield (self.at(self.z + end) - self.at(self.z - end)) / (2.0 * STEP)
+
+
+@dataclass(frozen=True, eq=False)
+class RecordLines:
+    """One record from the first to the last sample that counts, in units of the noise that it was weighted by.
+
+    Whole samples only: zeros at the edges would be motion that no initial state explains, and leak over all lines.
+
+    Attributes:
+        residual: measured less network, shape (lines,).
+        predicted: the network's response at some lines, shape (lines,).
+        used: shape (n,).
+        twice: how often a line counts in a sum over all, zero beyond the band that counts, shape (lines,).
+        slopes: of the response with z, less what initial states could imitate, shape (p, lines).
+        free: columns of what is unknown beside z; None where they are too many to be looked at.
+        model: its response at the lines, which records of one grid share; None without a reference.
+        z: where the network was evaluated, shape (p,).
+        floor: lower limit of the residual's variance.
+        hum: places, in lines, of tones that no motion causes; they are taken out of residual and slopes.
+        rings_unseen: whether the sensor's free motion is all above half the sampling rate: what a record shows at the
+            aliases of it tells nothing.
+        colour: power of the reference's own noise over its mean, one or shape (lines,).
+    """
+
+    residual: ComplexArray
+    predicted: LinesAt
+    used: BoolArray
+    twice: FloatArray
+    slopes: ComplexArray
+    free: FreeLines | None
+    model: ModelLines | None
+    z: FloatArray
+    floor: float
+    hum: tuple[float, ...] = ()
+    rings_unseen: bool = False
+    colour: FloatArray | float = 1.0
+
+    @property
+    def samples(self) -> int:
+        """Number of samples from first to last."""
+        return int(self.used.shape[0])
+
+    @property
+    def count(self) -> float:
+        """Number of samples that are used."""
+        return float(self.used.sum())
+
+    def unknowns(self, *, edges: bool, tones: tuple[float, ...]) -> LinesAt:
+        """Lines of what is unknown beside the parameters, zero where they do not count.
+
+        Of a long record those asked for are made each time: all together need much memory.
+
+        Args:
+            edges: beside initial states, offset and drift of each run, the slopes of these.
+            tones: places, in lines, of tones; each with its slope with frequency.
+        """
+        columns = [] if self.free is None else [self.free(edges)]
+        if tones and self.samples:  # of a record without usable runs nothing is left
+            columns.append(_made(np.concatenate([self._tone(place) for place in tones])))
+
+        def some(part: slice) -> ComplexArray:
+            twice = self.twice[part]
+            found = np.concatenate([np.zeros((0, len(twice)), dtype=complex), *(made(part) for made in columns)])
+            found[:, twice == 0.0] = 0.0
+            return found
+
+        return some if self.samples > MOST_KEPT else _made(some(slice(None)))
+
+    def _tone(self, place: float) -> ComplexArray:
+        return np.asarray(fft.rfft(waves([place], self.samples) * self.used, axis=1))
+
+    def without_ringing(self) -> RecordLines:
+        """The slopes less what slopes of the initial states could imitate.
+
+        The states at the optimum hold noise, and their change with z would count as information.
+        """
+        columns, root = self.unknowns(edges=True, tones=self.hum)(slice(None)), np.sqrt(self.twice)
+        share, *_ = np.linalg.lstsq(*(((rows * root).view(float)).T for rows in (columns, self.slopes)), rcond=1e-9)
+        return replace(self, slopes=self.slopes - share.T @ columns)
+
+    def where_used(self, lines: ComplexArray) -> ComplexArray:
+        """Lines of the signal of these lines, set to zero where the record is not used."""
+        if self.used.all():
+            return lines
+        return np.asarray(fft.rfft(np.asarray(fft.irfft(lines, self.samples)) * self.used))
+
+
+def free_of_run(samples: int, denominator: FloatArray) -> FreeLines:
+    """What the n initial states and a drift of a whole run add: z w^k / a and z / w, n + 1 columns.
+
+    With their slopes over the record: z w^k / a² and z / w², which n more states and a curved drift would add.
+
+    Args:
+        samples: N.
+        denominator: a, ascending in w = z − 1, shape (n + 1,).
+    """
+    order = len(denominator) - 1
+
+    def lines(edges: bool, part: slice) -> ComplexArray:
+        w = shifted_lines(samples, part)
+        over = 1.0 / horner(denominator, w)
+        found = np.empty(((order + 1) * (2 if edges else 1), len(w)), dtype=complex)
+        np.multiply(1.0 + w, over, out=found[0])
+        for k in range(1, order):
+            np.multiply(found[k - 1], w, out=found[k])
+        w = np.where(w == 0.0, 1.0, w)  # line 0 does not count
+        np.divide(1.0 + w, w, out=found[order])
+        if edges:
+            np.multiply(found[:order], over, out=found[order + 1 : -1])
+            np.divide(found[order], w, out=found[-1])
+        return found
+
+    if samples > MOST_KEPT:
+        return lambda edges: functools.partial(lines, edges)
+    kept = functools.cache(functools.partial(lines, part=slice(None)))
+    return lambda edges: _made(kept(edges))
+
+
+def _made(columns: ComplexArray) -> LinesAt:
+    return lambda part: columns[:, part]
+
+
+def free_of_pieces(samples: int, pieces: Sequence[tuple[slice, RunSeries]]) -> FreeLines | None:
+    """The same of a record in pieces, or with samples left out, by transforms of signals in time.
+
+    Args:
+        samples: of the record, from first to last.
+        pieces: place of each run, and its series.
+    """
+    count = sum(len(series.free) + 1 for _, series in pieces)
+    if not pieces or count > MOST_COLUMNS or count * samples > LARGEST:
+        return None
+
+    def lines(edges: bool) -> LinesAt:
+        turn = np.arange(samples) / max(samples, 1)
+        columns = []
+        for place, series in pieces:
+            ramp = np.linspace(-1.0, 1.0, place.stop - place.start) * series.free[-1]
+            for row in (*series.free, ramp):
+                placed = np.zeros(samples)
+                placed[place] = row
+                columns += [placed, turn * placed] if edges else [placed]
+        return _made(np.asarray(fft.rfft(np.array(columns), axis=1)))
+
+    return lines
+
+
+def counted(samples: int, highest: float) -> FloatArray:
+    """Weight of each line in a sum over all: zero above ``highest``, a part of the sampling rate; do not write to it.
+
+    It is zero for line 0 too, which holds the offset.
+    """
+    return (_counted_kept if samples <= MOST_KEPT else _counted)(samples, highest)
+
+
+def _counted(samples: int, highest: float) -> FloatArray:
+    twice = line_counts(samples)
+    twice[:1] = 0.0
+    twice[int(highest * samples) + 1 :] = 0.0
+    twice.flags.writeable = False
+    return twice
+
+
+_counted_kept = functools.lru_cache(maxsize=8)(_counted)

@@ -1,0 +1,225 @@
+"""Records → unbroken runs of steps, and their transforms.
+
+The inputs of a step are weighted sums of the samples around it. Their transforms need no signals of their own: with
+A(z) the transform of the run's reference, Σ_s h_j[s] z^s that of the filter of input j, and the samples beyond either
+end of the run put in,
+
+    U_j(z) = A(z) Σ_s h_j[s] z^s + (a polynomial in z of as many coefficients as the filter has).
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy import fft
+from numpy.typing import NDArray
+
+from vibrident.base.fft_lengths import fast_below
+from vibrident.data.records import BoolArray, FloatArray, Record
+from vibrident.fit.measure.lines import MOST_KEPT
+from vibrident.fit.measure.response import ComplexArray
+from vibrident.fit.measure.rest import offset_of_reference
+from vibrident.physics.discretisation.inputs import StepFilters
+
+#: Shorter runs keep all their samples.
+WHOLE = 1 << 13
+
+
+@dataclass(frozen=True, eq=False)
+class Transforms:
+    """The transforms of a run, made when they are asked for.
+
+    Attributes:
+        record: the record.
+        span: the run, in samples of the response.
+        step: computes the inputs of its steps.
+    """
+
+    record: Record
+    span: slice
+    step: StepFilters
+
+    @functools.cached_property
+    def inputs(self) -> ComplexArray:
+        """Of the inputs of the steps, shape (q, L)."""
+        return input_lines(seen_by_network(self.record, centred=True)[0], self.span, self.step)
+
+    @functools.cached_property
+    def response(self) -> ComplexArray:
+        """Of the response, zero where it is not used, shape (L,)."""
+        return np.asarray(fft.rfft(np.where(self.record.mask[self.span], self.record.response[self.span], 0.0)))
+
+    def forget_inputs(self) -> None:
+        """Free those of a long run; they are made again when they are asked for."""
+        if self.span.stop - self.span.start > MOST_KEPT:
+            self.__dict__.pop("inputs", None)
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """An unbroken run of N steps of one record, at the L = N // 2 + 1 lines of its transform.
+
+    Attributes:
+        record: number of the record.
+        span: samples of the response.
+        transforms: of inputs and response.
+        used: which samples of the response are used, shape (N,); None: all of them.
+        hum: places of tones that no motion causes, in lines.
+    """
+
+    record: int
+    span: slice
+    transforms: Transforms
+    used: BoolArray | None = None
+    hum: tuple[float, ...] = ()
+
+    @property
+    def samples(self) -> int:
+        """Number of steps N."""
+        return int(self.span.stop - self.span.start)
+
+    @property
+    def inputs(self) -> ComplexArray:
+        """Transforms of the inputs of the steps, shape (q, L)."""
+        return self.transforms.inputs
+
+    @property
+    def response(self) -> ComplexArray:
+        """Transform of the response, shape (L,)."""
+        return self.transforms.response
+
+    def idle(self) -> Run:
+        """The same without its transforms, which are made again when they are asked for."""
+        return replace(self, transforms=replace(self.transforms))
+
+
+def shifted_lines(samples: int, part: slice = slice(None)) -> ComplexArray:
+    """W = z − 1 at the lines of a run of N samples, or at some, shape (lines,); do not write to it."""
+    if samples <= MOST_KEPT:
+        return _shifted_kept(samples)[part]
+    angle = 2.0 * np.pi / samples * np.arange(*part.indices(samples // 2 + 1))
+    return -2.0 * np.sin(0.5 * angle) ** 2 + 1j * np.sin(angle)
+
+
+@functools.lru_cache(maxsize=8)
+def _shifted_kept(samples: int) -> ComplexArray:
+    found: ComplexArray = np.expm1(2j * np.pi / samples * np.arange(samples // 2 + 1))
+    found.flags.writeable = False
+    return found
+
+
+def run_of(number: int, record: Record, span: slice, step: StepFilters) -> Run:
+    """A run with its transforms at all lines from 0 to half the sampling rate.
+
+    Args:
+        number: of the record.
+        record: the record; the reference is valid all over the run.
+        span: the run, in samples of the response.
+        step: computes the inputs of its steps.
+    """
+    used = record.mask[span]
+    hum = hum_of(record, len(used))
+    return Run(number, span, Transforms(record, span, step), None if used.all() else used, hum)
+
+
+def hum_of(record: Record, samples: int) -> tuple[float, ...]:
+    """Places of the record's tones of hum, in lines of so many samples."""
+    return tuple(hz * samples / record.sampling_rate_hz for hz in record.hum_hz)
+
+
+def seen_by_network(record: Record, *, centred: bool) -> tuple[FloatArray, BoolArray]:
+    """Reference as the network takes it, zero for a free decay and where it is not valid, and where it is valid."""
+    if record.reference is None:
+        return np.zeros(record.samples), np.ones(record.samples, dtype=bool)
+    used = record.reference_mask
+    if not used.any():
+        return np.zeros(record.samples), used
+    # A spring that is not linear is taken from rest, where it is in its middle.
+    offset = record.reference[used].mean() if centred else offset_of_reference(record)
+    return np.where(used, record.reference - offset, 0.0), used
+
+
+def unbroken(usable: BoolArray) -> list[slice]:
+    """Runs of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], usable, [False]]).astype(np.int8)))
+    return [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def transformable(span: slice) -> slice:
+    """The run, without its last samples where it is long and a length close by transforms many times faster."""
+    samples = span.stop - span.start
+    return span if samples <= WHOLE else slice(span.start, span.start + fast_below(samples))
+
+
+def input_lines(reference: FloatArray, span: slice, step: StepFilters) -> ComplexArray:
+    """Transforms of the inputs of the steps of a run at all lines, shape (q, L).
+
+    Args:
+        reference: the whole record's, shape (samples,).
+        span: the run; every sample that its steps need is there.
+        step: the filters, and their place.
+    """
+    samples = span.stop - span.start
+    taps = step.filters.shape[1]
+    late = step.first + taps // 2  # the middle of the filters is brought to the run's own samples
+    begin = span.start + late
+    before = taps // 2  # taps are at −before … taps − before − 1 relative to ``begin``
+    own = np.asarray(fft.rfft(reference[begin : begin + samples]))
+    # Samples behind the run less those at its begin, from ``before`` samples ahead of either.
+    ahead, behind = begin - before, begin + samples - before
+    reach = max(taps - 1, 1)
+    jump = _part(reference, behind, reach) - _part(reference, ahead, reach)
+    edges = _edges(step.filters, before, jump)
+    if samples <= MOST_KEPT:
+        found = _polynomial(edges, -before, samples)
+        found += own * _kept(step.filters.shape, step.filters.tobytes(), -before, samples)
+        return found
+    found = np.empty((len(edges), len(own)), dtype=complex)
+    for row, edge, taps_of_row in zip(found, edges, step.filters, strict=True):  # of a long run each copy counts
+        row[:] = _polynomial(taps_of_row, -before, samples)
+        row *= own
+        row += _polynomial(edge, -before, samples)
+    return found
+
+
+def _part(values: FloatArray, begin: int, count: int) -> FloatArray:
+    """``count`` values from ``begin`` on; beyond either end of the record no tap that counts ever looks."""
+    found = np.zeros(count)
+    first, last = max(begin, 0), min(begin + count, len(values))
+    if first < last:
+        found[first - begin : last - begin] = values[first:last]
+    return found
+
+
+def _edges(filters: FloatArray, before: int, jump: FloatArray) -> FloatArray:
+    """Coefficients g[j, p] of z^p, p = −before …, that the ends of the run add; shape (q, taps).
+
+    With e[i] = a[N + i] − a[i]: g[p] = Σ_{s ≥ p} h[s] e[s − p] for p ≥ 1, and −Σ_{s < p} h[s] e[s − p] for p ≤ 0.
+    """
+    places, signs = _edge_places(filters.shape[1], before)
+    return filters @ (signs * jump[places])
+
+
+@functools.lru_cache(maxsize=8)
+def _edge_places(taps: int, before: int) -> tuple[NDArray[np.int_], FloatArray]:
+    """Place of e[s − p] and its sign for every tap s and power p, both of shape (taps, taps)."""
+    s, p = np.meshgrid(np.arange(taps) - before, np.arange(taps) - before, indexing="ij")
+    signs = np.where((p >= 1) & (s >= p), 1.0, 0.0) - np.where((p <= 0) & (s < p), 1.0, 0.0)
+    return np.where(signs != 0.0, before + s - p, 0), signs
+
+
+def _polynomial(coefficients: FloatArray, first: int, samples: int) -> ComplexArray:
+    """Σ_i c[…, i] z^{first + i} at the lines of N samples, shape (…, L)."""
+    placed = np.zeros((*coefficients.shape[:-1], samples))
+    places = np.arange(first, first + coefficients.shape[-1]) % samples
+    np.add.at(placed.T, places, coefficients.T)  # z^N = 1: of a short run several coefficients meet
+    lines = np.asarray(fft.rfft(placed))
+    return np.conj(lines, out=lines)  # z^p, where a transform has z^{−p}
+
+
+@functools.lru_cache(maxsize=8)
+def _kept(shape: tuple[int, ...], known: bytes, first: int, samples: int) -> ComplexArray:
+    """The same of coefficients given as bytes."""
+    return _polynomial(np.frombuffer(known).reshape(shape), first, samples)

@@ -1,0 +1,104 @@
+"""Weights of one step → its transfer function in z, and its slopes with the sensor's parameters.
+
+With w = z − 1 and Ψ = Φ − I,
+
+    C (zI − Φ)⁻¹ Γ + D = Σ_k b_k w^k / a(w),    a(w) = det(wI − Ψ),
+
+where the b_k follow from the adjugate by Faddeev's and LeVerrier's recursion (Gantmacher 1959, ch. IV, § 5). Powers of
+z − 1, not of z: where the sensor is slow against the sampling rate, all its poles are near z = 1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from vibrident.data.records import FloatArray, Quantity
+from vibrident.physics.discretisation import Method, Weights
+from vibrident.physics.models import SensorModel
+from vibrident.physics.models.base import array_library
+from vibrident.physics.models.state_space import realise
+
+#: Imaginary step of the derivatives: its square is nothing beside one, so that they are exact to rounding.
+STEP = 1e-100
+
+
+class StepTransfer(NamedTuple):
+    """Transfer function of one step, a ratio of polynomials in w = z − 1 with ascending coefficients.
+
+    Attributes:
+        denominator: a, shape (n + 1,), the last one 1.
+        numerator: b, one column an input, shape (n + 1, q).
+    """
+
+    denominator: FloatArray
+    numerator: FloatArray
+
+
+def transfer_of(weights: Weights) -> StepTransfer:
+    """Transfer function of a step with these weights, of NumPy's or JAX's arrays; complex where they are."""
+    xp, order = array_library(weights.output), len(weights.output)
+    shifted = weights.transition - xp.eye(order)
+    coefficients = [xp.ones((), dtype=shifted.dtype)]
+    adjugate = [xp.eye(order, dtype=shifted.dtype)]  # the matrices of w^{n−1}, w^{n−2}, …
+    for k in range(1, order + 1):
+        product = shifted @ adjugate[-1]
+        coefficients.append(-xp.trace(product) / k)
+        adjugate.append(product + coefficients[-1] * xp.eye(order))
+    denominator = xp.stack(coefficients[::-1])
+    rows = [weights.output @ matrix @ weights.drive for matrix in adjugate[order - 1 :: -1]]
+    rows.append(xp.zeros_like(rows[0]))
+    return StepTransfer(denominator, xp.stack(rows) + denominator[:, None] * weights.feedthrough)
+
+
+@dataclass(frozen=True)
+class Trained:
+    """A sensor model as a network of a certain step: what turns parameters into a transfer function.
+
+    Attributes:
+        model: the sensor model, linear.
+        method: the discretisation.
+        quantity: what the reference is.
+        terms: inputs a step, q.
+    """
+
+    model: SensorModel
+    method: Method
+    quantity: Quantity
+    terms: int
+
+    @property
+    def order(self) -> int:
+        """Number of states n."""
+        ones = dict.fromkeys(self.model.parameter_names, 1.0)
+        return len(self.model.rational(ones, self.quantity).denominator) - 1
+
+    def weights(self, values: dict[str, float], interval_s: float, fraction: float, delay_s: float) -> Weights:
+        """Weights of a step; see :class:`vibrident.physics.discretisation.Weights`.
+
+        Args:
+            values: name → value of the parameters; a complex value makes the weights complex.
+            interval_s: sampling interval, s.
+            fraction: where in the step the output is read at the delay ``delay_s``.
+            delay_s: delay for which the inputs were made, s.
+        """
+        system = realise(self.model.rational(values, self.quantity))
+        if self.model.has_delay:
+            fraction = fraction - (self.model.delay_s(values) - delay_s) / interval_s
+        return self.method.weights(system, interval_s, fraction, self.terms)
+
+    def transfer(self, values: dict[str, float], interval_s: float, fraction: float, delay_s: float) -> StepTransfer:
+        """Transfer function of a step; arguments as of :meth:`weights`."""
+        return transfer_of(self.weights(values, interval_s, fraction, delay_s))
+
+    def slopes(self, values: dict[str, float], interval_s: float, fraction: float, delay_s: float) -> StepTransfer:
+        """Derivatives of :meth:`transfer` with each parameter, in a leading axis of P, by complex step."""
+        found = []
+        for name, value in values.items():
+            size = max(abs(value), 1e-30)
+            moved = {**values, name: complex(value, STEP * size)}
+            ahead = self.transfer(moved, interval_s, fraction, delay_s)
+            found.append(StepTransfer(*(np.imag(part) / (STEP * size) for part in ahead)))
+        return StepTransfer(*(np.stack(parts) for parts in zip(*found, strict=True)))

@@ -1,0 +1,177 @@
+"""The lines of a real signal's discrete Fourier transform."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy import fft
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from vibrident.data.records import BoolArray, FloatArray, Record
+from vibrident.data.records.basis import distinct
+
+#: Windows and transforms of filters are kept for signals of up to so many samples.
+MOST_KEPT = 1 << 16
+#: Lines that are worked on at once.
+AT_ONCE = 1 << 13
+#: Lines around one that tell its noise by their median: so many on either side, or a part of the line's own number.
+MEDIAN_LINES, MEDIAN_SHARE = 12, 1 / 6
+#: Of an exponential distribution, median over mean.
+MEDIAN_OF_POWER = float(np.log(2.0))
+
+
+def line_frequencies(samples: int, sampling_rate_hz: float, part: slice = slice(None)) -> FloatArray:
+    """Frequency of each line in Hz, shape (samples // 2 + 1,), or of some.
+
+    The line at zero is given the next one's: a reference in velocity has no response at zero, and an offset is fitted.
+    """
+    return np.maximum(np.arange(*part.indices(samples // 2 + 1)), 1) * (sampling_rate_hz / samples)
+
+
+def reference_colour(record: Record, samples: int) -> FloatArray | float:
+    """Power of the reference's own noise over its mean, at the lines of so many samples; one where it is white."""
+    order = record.reference_noise_order
+    if order == 0:
+        return 1.0
+    return (order + 1.0) * (2.0 * np.maximum(np.arange(samples // 2 + 1), 1) / max(samples, 1)) ** order
+
+
+def transforms(signals: Sequence[FloatArray] | FloatArray) -> NDArray[np.complex128]:
+    """Real transforms of signals of one length; of two or more side by side each takes half the time, but memory."""
+    if len(signals[0]) <= MOST_KEPT:
+        return np.asarray(fft.rfft(np.asarray(signals)), dtype=complex)
+    found = np.empty((len(signals), len(signals[0]) // 2 + 1), dtype=complex)
+    for row, signal in zip(found, signals, strict=True):
+        row[:] = fft.rfft(signal)
+    return found
+
+
+def power_of(lines: NDArray[np.complex128]) -> FloatArray:
+    """Squares of the magnitudes, without the roots that ``abs`` takes for them."""
+    found = lines.real**2
+    found += lines.imag**2
+    return found
+
+
+def in_blocks(lines: int) -> list[slice]:
+    """Blocks of so many lines that stay in the processor's cache."""
+    return [slice(begin, min(begin + AT_ONCE, lines)) for begin in range(0, lines, AT_ONCE)]
+
+
+def about_mean(values: FloatArray, used: BoolArray) -> FloatArray:
+    """Values about the mean of those that are used, zero where they are not, shape (samples,)."""
+    return values - values.mean() if used.all() else np.where(used, values - values[used].mean(), 0.0)
+
+
+def line_counts(samples: int) -> FloatArray:
+    """How often each line counts in a sum over the whole transform, shape (samples // 2 + 1,): its conjugate too."""
+    counts = np.full(samples // 2 + 1, 2.0)
+    counts[0] = 1.0
+    if samples % 2 == 0:
+        counts[-1] = 1.0
+    return counts
+
+
+def waves(places: Sequence[float] | FloatArray, samples: int) -> FloatArray:
+    """Cosines and sines of these places, in lines, and both growing with time; shape (4 tones, samples)."""
+    turn = np.arange(samples) / max(samples, 1)
+    angle = 2.0 * np.pi * np.outer(np.asarray(places, dtype=float), turn)
+    found = np.concatenate([np.cos(angle), np.sin(angle)])
+    return np.concatenate([found, (turn - 0.5) * found])
+
+
+def median(values: FloatArray) -> Any:
+    """As ``np.median`` along the last axis, in a sixth of its time.
+
+    That looks for two values at once, and for what is no number, for which it loads NumPy's masked arrays.
+    """
+    middle, ordered = values.shape[-1] // 2, values.copy()
+    ordered.partition(middle)
+    high = ordered[..., middle]
+    return high if values.shape[-1] % 2 else 0.5 * (np.max(ordered[..., :middle], axis=-1) + high)
+
+
+def mean_around(power: FloatArray, width: int, nearest: int) -> FloatArray:
+    """Mean over ``width`` lines on either side, the ``nearest`` and the line itself left out; mirrored at the ends.
+
+    Of too few lines for that, the mean of all.
+    """
+    width, lines = min(width, power.size - 2), power.size
+    if width <= nearest:
+        return np.full(power.shape, float(np.mean(power)))
+    total = np.empty(lines + 2 * width + 1)
+    total[0], total[1 : width + 1], total[width + 1 : -width] = 0.0, power[width:0:-1], power
+    total[-width:] = power[-2 : -width - 2 : -1]
+    del power  # of a long record each copy counts
+    np.cumsum(total, out=total)
+
+    def within(reach: int, part: slice) -> FloatArray:
+        far, near = width + reach + 1, width - reach
+        return total[far + part.start : far + part.stop] - total[near + part.start : near + part.stop]
+
+    found = np.empty(lines)
+    for part in in_blocks(lines):
+        found[part] = within(width, part) - within(nearest, part)
+    found /= 2.0 * (width - nearest)
+    return found
+
+
+def hann(samples: int) -> FloatArray:
+    """Hann window, shape (samples,); do not write to it."""
+    return (_hann_kept if samples <= MOST_KEPT else _hann)(samples)
+
+
+def _hann(samples: int) -> FloatArray:
+    """As ``np.hanning``, in place: of a long record each copy counts."""
+    window = np.arange(1.0 - samples, samples, 2.0)
+    window *= np.pi
+    window /= max(samples - 1, 1)
+    np.cos(window, out=window)
+    window *= 0.5
+    window += 0.5
+    return window
+
+
+_hann_kept = functools.lru_cache(maxsize=8)(_hann)
+
+
+def median_level(power: FloatArray) -> FloatArray:
+    """Noise power by the median of the lines around, at places evenly spread over the logarithm, joined by lines."""
+    windows = _windows(power.size)
+    values = [median(power[begin:end]) for begin, end in windows.first]
+    if windows.alike.size:
+        side_by_side = sliding_window_view(power, 2 * MEDIAN_LINES + 1)[windows.alike]
+        values += np.partition(side_by_side, MEDIAN_LINES, axis=1)[:, MEDIAN_LINES].tolist()
+    values += [median(power[begin:end]) for begin, end in windows.last]
+    smooth = np.log(np.maximum(np.array(values) / MEDIAN_OF_POWER, np.finfo(float).tiny))
+    return np.exp(np.interp(np.arange(power.size), windows.places, smooth))
+
+
+class _Windows(NamedTuple):
+    """Lines around the places at which a level is read.
+
+    Attributes:
+        places: in order.
+        first: begin and end of those with fewer lines before them than behind.
+        alike: begins of the next ones, which have the same reach: their windows are sorted side by side.
+        last: begin and end of the others.
+    """
+
+    places: NDArray[np.int_]
+    first: tuple[tuple[int, int], ...]
+    alike: NDArray[np.int_]
+    last: tuple[tuple[int, int], ...]
+
+
+@functools.lru_cache(maxsize=8)
+def _windows(count: int) -> _Windows:
+    places = distinct(np.geomspace(1, count, 160).astype(int)) - 1
+    reach = np.maximum(MEDIAN_LINES, (MEDIAN_SHARE * places).astype(int))
+    around = list(zip(np.maximum(places - reach, 0).tolist(), (places + reach + 1).tolist(), strict=True))
+    alike = (places >= MEDIAN_LINES) & (places < min(MEDIAN_LINES / MEDIAN_SHARE, count - MEDIAN_LINES))
+    first, both = int(np.sum(places < MEDIAN_LINES)), int(np.sum(alike))
+    return _Windows(places, tuple(around[:first]), places[alike] - MEDIAN_LINES, tuple(around[first + both :]))

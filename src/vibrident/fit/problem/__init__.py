@@ -1,0 +1,20 @@
+"""Data and model → one weighted residual that every estimator shares."""
+
+from __future__ import annotations
+
+from vibrident.fit.problem.coordinates import Coordinates
+from vibrident.fit.problem.evidence import Evidence
+from vibrident.fit.problem.frequency_domain import FrequencyProblem, Local
+from vibrident.fit.problem.line_problem import LineProblem
+from vibrident.fit.problem.network_problem import NetworkProblem, network_objective, network_of
+
+__all__ = [
+    "Coordinates",
+    "Evidence",
+    "FrequencyProblem",
+    "LineProblem",
+    "Local",
+    "NetworkProblem",
+    "network_objective",
+    "network_of",
+]

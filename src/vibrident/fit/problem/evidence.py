@@ -1,0 +1,156 @@
+"""A calibration made ready: fit records, the tones in them, the response by bands, and what was found on the way."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from vibrident.data.records import Calibration, FloatArray, Quantity, Record
+from vibrident.data.records.basis import distinct
+from vibrident.fit.decay import free_parts
+from vibrident.fit.measure import Finding, MeasuredResponse, find_tones, measure_bands, screen
+from vibrident.fit.measure.bands import uncorrelated_records
+from vibrident.fit.measure.clock import judge_clocks
+from vibrident.fit.measure.copies import without_copies
+from vibrident.fit.measure.quality import (
+    nothing_in_common,
+    refuse_other_motion,
+    short_records,
+    silent_channels,
+    silent_records,
+)
+from vibrident.fit.measure.response import ComplexArray
+from vibrident.fit.problem.frequency_domain import FrequencyProblem
+from vibrident.physics.models import SensorModel
+
+#: Lines as far apart as the inverse of a record's length repeat their phases after it: half of it is told from less.
+PART_LATE = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What an estimator gets.
+
+    Attributes:
+        calibration: as read.
+        model: the sensor model to identify.
+        records: records that passed the screening; empty for a table.
+        tones: what the sine records say at their frequencies; ``record`` counts in ``records``. None without sines.
+        bands: the same for other motion with a reference; None without.
+        findings: warnings about the data.
+        start: values of the parameters to begin with, where they are known; found in the response otherwise.
+    """
+
+    calibration: Calibration
+    model: SensorModel
+    records: tuple[Record, ...]
+    tones: MeasuredResponse | None
+    bands: MeasuredResponse | None
+    findings: tuple[Finding, ...]
+    start: Mapping[str, float] | None = None
+
+    @classmethod
+    def gather(cls, calibration: Calibration, model: SensorModel) -> Evidence:
+        """Screen the records and measure their nonparametric response.
+
+        Raises:
+            InputError: no record can be used, or a record stated to be a sine is not a sine.
+        """
+        if calibration.table is not None:
+            return cls(calibration, model, (), None, None, ())
+        optical = [f for r in calibration.records if r.optical is not None for f in r.optical.findings]
+        records, findings = screen(without_copies(calibration.records), calibration.units)
+        findings = (*(Finding(f.code, f.message) for f in optical), *findings)
+        records, more = judge_clocks(records)
+        records, changing = free_parts(records)
+        return cls._measured(calibration, model, records, (*findings, *more, *changing))
+
+    def with_records(self, records: tuple[Record, ...]) -> Evidence:
+        """The same with records that were worked on; measured anew."""
+        more = self.findings
+        return dataclasses.replace(self._measured(self.calibration, self.model, records, ()), findings=more)
+
+    @classmethod
+    def _measured(
+        cls, calibration: Calibration, model: SensorModel, records: tuple[Record, ...], findings: tuple[Finding, ...]
+    ) -> Evidence:
+        sines = [i for i, r in enumerate(records) if r.excitation == "sine"]
+        others = [i for i, r in enumerate(records) if r.excitation not in ("sine", "decay")]
+        tones = _renumbered(find_tones([records[i] for i in sines]), sines) if sines else None
+        bands = measure_bands([records[i] for i in others], calibration.quantity) if others else None
+        bands = _renumbered(bands, others) if bands is not None else None
+        more: list[Finding] = []
+        if tones is not None:
+            refuse_other_motion([records[i] for i in sines], tones)
+            more += short_records([records[i] for i in sines], tones.frequency_hz)
+            more += silent_channels(tones)
+        return cls(calibration, model, records, tones, bands, (*findings, *more))
+
+    def without_dead_records(self) -> Evidence | None:
+        """The same without records whose channels seem to have nothing in common; None where all or none seem so.
+
+        A suspicion only: what a sharp resonance kept from the motion before the record hides the answer to it, too.
+        """
+        dead: list[int] = []
+        for measured, suspects in ((self.bands, uncorrelated_records), (self.tones, silent_records)):
+            found = [] if measured is None else suspects(measured)
+            if measured is not None and len(found) < len(distinct(measured.record)):
+                dead += found
+        if not dead:
+            return None
+        kept = tuple(r for i, r in enumerate(self.records) if i not in dead)
+        left = self.with_records(kept)
+        findings = (*self.findings, *nothing_in_common([self.records[i] for i in dead]))
+        return dataclasses.replace(left, findings=findings)
+
+    @property
+    def quantity(self) -> Quantity:
+        """What the reference is."""
+        return self.calibration.quantity
+
+    @property
+    def only_sines(self) -> bool:
+        """True where every record is a sine."""
+        return bool(self.records) and all(r.excitation == "sine" for r in self.records)
+
+    @functools.cached_property
+    def first_look(self) -> FrequencyProblem | None:
+        """The response before any model, for start values; None where nothing but free decays was recorded."""
+        found = self.look()
+        if found is None:
+            return None
+        if self.bands is None or self.tones is not None:
+            return dataclasses.replace(found, start=self.start)
+        longest_s = max(record.duration_s for record in self.records)
+        return dataclasses.replace(found, start=self.start, longest_delay_s=PART_LATE * longest_s)
+
+    def look(self, response: Callable[[FloatArray], ComplexArray] | None = None) -> FrequencyProblem | None:
+        """The response before any model; its noise as the complex sensitivity ``response`` shows it, where given."""
+        if self.calibration.table is not None:
+            return FrequencyProblem.of_table(self.calibration.table, self.model, self.quantity)
+        parts = [m for m in (self.tones, self.bands) if m is not None]
+        if not parts:
+            return None
+        measured = MeasuredResponse.join(parts)
+        return FrequencyProblem.of_measured(measured, measured.error_deviation(response), self.model, self.quantity)
+
+    @property
+    def band_hz(self) -> tuple[float, float]:
+        """Lowest and highest frequency of the data."""
+        if self.first_look is not None:
+            return self.first_look.band_hz
+        longest = max(self.records, key=lambda r: r.duration_s)
+        return 1.0 / longest.duration_s, 0.4 * longest.sampling_rate_hz
+
+
+def _renumbered(measured: MeasuredResponse | None, records: list[int]) -> MeasuredResponse | None:
+    """Count records as in the whole list."""
+    if measured is None:
+        return None
+    fields = {name: getattr(measured, name) for name in measured.__dataclass_fields__}
+    fields["record"] = np.asarray(records)[measured.record]
+    return MeasuredResponse(**fields)

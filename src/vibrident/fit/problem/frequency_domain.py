@@ -1,0 +1,159 @@
+"""The residual in frequency: measured complex responses against the model's, weighted by their noise.
+
+Two kinds of data, one form. Records give complex amplitudes X (reference) and Y (response) of each tone; the
+residual Y − H X over its standard deviation is the errors-in-variables residual (Pintelon & Schoukens 2012, sec.
+9.11): its sum of squares is the maximum-likelihood cost once the unknown true X is eliminated. The deviation
+depends on H and is refreshed between fits. A table gives |H| and its phase with standard uncertainties u; the
+residual is in those coordinates, (|H| − m)/u_m and (arg H − φ)/u_φ.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from vibrident.data.records import FloatArray, Quantity, ResponseTable
+from vibrident.fit.measure import MeasuredResponse
+from vibrident.fit.measure.response import ComplexArray
+from vibrident.fit.problem.coordinates import Coordinates
+from vibrident.physics.models import SensorModel
+from vibrident.physics.models.base import array_library
+from vibrident.physics.models.slopes import response_and_slopes
+
+
+class Local(NamedTuple):
+    """A residual's cost, gradient Jᵀr (J = −∂r/∂z) and JᵀJ at a point."""
+
+    matrix: Any
+    gradient: Any
+    cost: Any
+
+    @classmethod
+    def of(cls, residual: FloatArray, jacobian: FloatArray) -> Local:
+        """Of a residual r, shape (n,), and ∂r/∂z, shape (n, p)."""
+        return cls(jacobian.T @ jacobian, -jacobian.T @ residual, float(residual @ residual))
+
+
+@dataclass(frozen=True, eq=False)
+class FrequencyProblem:
+    """Complex responses of one sensor at n points.
+
+    Attributes:
+        model: the sensor model.
+        quantity: what the reference is.
+        polar: True for a table, whose uncertainties belong to magnitude and phase.
+        has_phase: False for a table of magnitudes alone.
+        data: arrays of the residual, each of shape (n,): (f, X, Y, σ) or (f, m, φ, u_m, u_φ).
+        start: values of the parameters to begin with, where they are known.
+        longest_delay_s: longest delay between the channels that the data could show.
+    """
+
+    model: SensorModel
+    quantity: Quantity
+    polar: bool
+    has_phase: bool
+    data: tuple[Any, ...]
+    start: Mapping[str, float] | None = None
+    longest_delay_s: float = np.inf
+
+    @classmethod
+    def of_measured(
+        cls, measured: MeasuredResponse, deviation: FloatArray, model: SensorModel, quantity: Quantity
+    ) -> FrequencyProblem:
+        """The problem of what the records say; ``deviation`` is that of the real part of Y − H X, shape (n,)."""
+        data = (measured.frequency_hz, measured.reference, measured.response, deviation)
+        return cls(model, quantity, False, True, data)
+
+    @classmethod
+    def of_table(cls, table: ResponseTable, model: SensorModel, quantity: Quantity) -> FrequencyProblem:
+        """The problem of a table; without stated uncertainties, 1 % and 0.01 rad give equal relative weights."""
+        magnitude_u = table.magnitude_uncertainty
+        if magnitude_u is None:
+            magnitude_u = 0.01 * table.magnitude
+        has_phase = table.phase_rad is not None
+        phase = table.phase_rad if table.phase_rad is not None else np.zeros(table.points)
+        phase_u = table.phase_uncertainty_rad
+        if phase_u is None:
+            phase_u = magnitude_u / table.magnitude
+        return cls(model, quantity, True, has_phase, (table.frequency_hz, table.magnitude, phase, magnitude_u, phase_u))
+
+    def with_model_error(self, error: float) -> FrequencyProblem:
+        """The same problem of what records say, with a relative error of the model beside the noise."""
+        frequency, reference, response, deviation = self.data
+        return replace(self, data=(frequency, reference, response, np.hypot(deviation, error * np.abs(response))))
+
+    def normal(self, z: FloatArray, coordinates: Coordinates) -> Local:
+        """Cost, gradient and normal matrix of the weighted residual at ``z``, shape (p,)."""
+        at = (z, coordinates, self.polar, self.has_phase, self.quantity, self.data)
+        return Local.of(response_residual(*at), response_jacobian(*at))
+
+    @property
+    def points(self) -> int:
+        """Number of frequencies n, repeats counted."""
+        return int(self.data[0].shape[0])
+
+    @property
+    def equations(self) -> int:
+        """Number of real residuals: 2 n, or n without phase."""
+        return self.points * (2 if self.has_phase else 1)
+
+    @property
+    def band_hz(self) -> tuple[float, float]:
+        """Lowest and highest frequency."""
+        return float(np.min(self.data[0])), float(np.max(self.data[0]))
+
+    @property
+    def response(self) -> ComplexArray:
+        """Measured complex sensitivity, shape (n,)."""
+        if self.polar:
+            return self.data[1] * np.exp(1j * self.data[2])
+        return self.data[2] / self.data[1]
+
+    @property
+    def relative_deviation(self) -> FloatArray:
+        """Relative standard deviation of the measured sensitivity, shape (n,)."""
+        if self.polar:
+            return self.data[3] / self.data[1]
+        return self.data[3] / np.maximum(np.abs(self.data[2]), 1e-300)
+
+
+def response_residual(
+    z: Any, coordinates: Coordinates, polar: bool, has_phase: bool, quantity: Quantity, data: Any
+) -> Any:
+    """Weighted residual, shape (equations,); see the module's docstring."""
+    parameters = coordinates.physical(z)
+    if polar:
+        frequency, magnitude, phase, magnitude_u, phase_u = data
+        model = coordinates.model.frequency_response(parameters, frequency, quantity)
+        xp = array_library(model)
+        radial = (xp.abs(model) - magnitude) / magnitude_u
+        if not has_phase:
+            return radial
+        turn = xp.angle(model * xp.exp(-1j * phase))
+        return xp.concatenate([radial, turn / phase_u])
+    frequency, x, y, deviation = data
+    scaled = (y - coordinates.model.frequency_response(parameters, frequency, quantity) * x) / deviation
+    xp = array_library(scaled)
+    return xp.concatenate([xp.real(scaled), xp.imag(scaled)])
+
+
+def response_jacobian(
+    z: FloatArray,
+    coordinates: Coordinates,
+    polar: bool,
+    has_phase: bool,
+    quantity: Quantity,
+    data: tuple[FloatArray, ...],
+) -> FloatArray:
+    """Derivative of :func:`response_residual` by z, of NumPy arrays, shape (equations, p)."""
+    model, slopes = response_and_slopes(coordinates.model, coordinates.values(z), data[0], quantity)
+    slopes = slopes.T * coordinates.slopes(z)
+    if not polar:
+        scaled = -slopes * (data[1] / data[3])[:, None]
+        return np.concatenate([scaled.real, scaled.imag])
+    relative = slopes / model[:, None]
+    radial = relative.real * (np.abs(model) / data[3])[:, None]
+    return np.concatenate([radial, relative.imag / data[4][:, None]]) if has_phase else radial

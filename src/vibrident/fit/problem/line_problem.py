@@ -1,0 +1,386 @@
+"""The residual of a linear sensor at the lines of its runs' transforms: the same problem as in time, in NumPy.
+
+What remains of a run when its network is taken away, weighted by the noise of its record; the states of every run are
+eliminated. Lines above the band in which samples tell their signal are left out. A run whose response has samples that
+are not used is summed over its samples, as no transform of its response exists.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy import fft
+
+from vibrident.data.records import FloatArray, Quantity, Record
+from vibrident.fit.lines import (
+    Batch,
+    LineNormal,
+    RecordLines,
+    Run,
+    RunNormals,
+    RunSeries,
+    Step,
+    StepTransfer,
+    Trained,
+    add_batch,
+    add_series,
+    columns_of,
+    hum_of,
+    run_of,
+    seen_by_network,
+    series_of,
+    transformable,
+    unbroken,
+)
+from vibrident.fit.lines.normal import TONE_COLUMNS
+from vibrident.fit.lines.record import FreeLines, ModelLines, counted, free_of_pieces, free_of_run
+from vibrident.fit.measure.lines import MOST_KEPT, in_blocks, line_frequencies, reference_colour
+from vibrident.fit.measure.response import ComplexArray
+from vibrident.fit.problem.coordinates import Coordinates
+from vibrident.fit.problem.framing import Frame, noise_floor
+from vibrident.physics.discretisation import Method, Weights
+from vibrident.physics.discretisation.inputs import USABLE_BAND
+from vibrident.physics.models import SensorModel
+
+#: Lines of runs that are taken side by side.
+AT_ONCE = 1 << 14
+#: Largest growth of a network over a run, in nepers: a larger one would exceed the range of numbers in time.
+MOST_GROWTH = 300.0
+
+
+@dataclass(frozen=True, eq=False)
+class LineProblem:
+    """Runs of one linear sensor at the lines of their transforms.
+
+    Attributes:
+        records: the records, in order.
+        trained: the network of the sensor model.
+        frame: its shape, and the delay at which the inputs were interpolated.
+        runs: in order.
+        fractions: read-out fraction of each record at that delay.
+    """
+
+    records: tuple[Record, ...]
+    trained: Trained
+    frame: Frame
+    runs: tuple[Run, ...]
+    fractions: FloatArray
+
+    @classmethod
+    def build(
+        cls,
+        records: Sequence[Record],
+        model: SensorModel,
+        method: Method,
+        quantity: Quantity,
+        start: Mapping[str, float],
+    ) -> LineProblem:
+        """Transform all unbroken runs, with inputs interpolated at the expected delay.
+
+        Args: as of :meth:`vibrident.fit.problem.framing.Frame.of`; the model is linear.
+
+        Raises:
+            ModelError: the model is not rational.
+            InputError: no record is long enough.
+        """
+        frame = Frame.of(records, model, method, quantity, start)
+        steps = [
+            method.filters(seen_by_network(r, centred=True)[1], frame.terms, frame.delay_s * r.sampling_rate_hz)
+            for r in records
+        ]
+        runs = tuple(
+            run_of(number, record, span, step)
+            for number, (record, step) in enumerate(zip(records, steps, strict=True))
+            for span in map(transformable, unbroken(step.usable))
+            if record.mask[span].sum() > frame.fewest
+        )
+        if not runs:
+            raise frame.too_short(records)
+        trained = Trained(model, method, quantity, frame.terms)
+        return cls(tuple(records), trained, frame, runs, np.array([step.fraction for step in steps]))
+
+    def at_delay_of(self, values: Mapping[str, float]) -> LineProblem:
+        """The same with inputs interpolated at the delay of ``values``; itself where they nearly are."""
+        trained = self.trained
+        if self.frame.settled(float(trained.model.delay_s(values)), self.records):
+            return self
+        return LineProblem.build(self.records, trained.model, trained.method, trained.quantity, values)
+
+    def idle(self) -> LineProblem:
+        """The same without the transforms of long runs, which are made again when they are asked for."""
+        if all(run.samples <= MOST_KEPT for run in self.runs):
+            return self
+        return replace(self, runs=tuple(run.idle() for run in self.runs))
+
+    @property
+    def noise_floor(self) -> FloatArray:
+        """Lower limit of the standard deviation of each record's residual, response unit, shape (records,)."""
+        return self._noise_floor
+
+    @functools.cached_property
+    def _noise_floor(self) -> FloatArray:
+        return noise_floor(self.records)
+
+    @property
+    def highest(self) -> float:
+        """Highest line that counts, as a part of the sampling rate."""
+        return USABLE_BAND if self.trained.method.is_exact else 0.5
+
+    @property
+    def degrees_of_freedom(self) -> FloatArray:
+        """Numbers that count, less initial states and offset, for every record, shape (records,)."""
+        found = np.zeros(len(self.records))
+        for run in self.runs:
+            if run.used is None:
+                found[run.record] += counted(run.samples, self.highest).sum() - self.frame.order
+            else:
+                found[run.record] += run.used.sum() - (self.frame.order + 1.0)
+            found[run.record] -= TONE_COLUMNS * len(run.hum)
+        return found
+
+    def with_hum(self, hum_hz: Sequence[tuple[float, ...]]) -> LineProblem:
+        """The same with these tones of each record as unknowns, beside its initial states."""
+        records = tuple(replace(record, hum_hz=tones) for record, tones in zip(self.records, hum_hz, strict=True))
+        runs = tuple(replace(run, hum=hum_of(records[run.record], run.samples)) for run in self.runs)
+        return replace(self, records=records, runs=runs)
+
+    @property
+    def batches(self) -> Iterator[tuple[Batch, float, float]]:
+        """Whole runs of one rate and length side by side, their sampling interval and fraction."""
+        for numbers, interval, fraction in self._groups:
+            joined = self._joined.get(numbers)
+            yield joined or Batch.of([self.runs[i] for i in numbers], numbers), interval, fraction
+
+    @functools.cached_property
+    def _groups(self) -> tuple[tuple[tuple[int, ...], float, float], ...]:
+        groups: dict[tuple[float, float, int, tuple[float, ...]], list[int]] = {}
+        for number, run in enumerate(self.runs):
+            if run.used is None:
+                groups.setdefault((*self._step_of(run), run.samples, run.hum), []).append(number)
+        found = []
+        for (interval, fraction, samples, _), numbers in groups.items():
+            width = max(AT_ONCE // samples, 1)
+            for first in range(0, len(numbers), width):
+                found.append((tuple(numbers[first : first + width]), interval, fraction))
+        return tuple(found)
+
+    @functools.cached_property
+    def _joined(self) -> dict[tuple[int, ...], Batch]:
+        """Batches of several runs, for which these are copied."""
+        several = (numbers for numbers, *_ in self._groups if len(numbers) > 1)
+        return {numbers: Batch.of([self.runs[i] for i in numbers], numbers) for numbers in several}
+
+    def counts(self, samples: int) -> FloatArray:
+        """How each line of a run counts, shape (1, lines)."""
+        return (counted(samples, self.highest) / samples)[None, :]
+
+    def _step_of(self, run: Run) -> tuple[float, float]:
+        """Sampling interval and read-out fraction of a run."""
+        return self.records[run.record].sampling_interval_s, float(self.fractions[run.record])
+
+    def weights(self, values: Mapping[str, float]) -> Weights:
+        """Network weights, one set a sampling interval in order (leading axis)."""
+        steps = sorted({self._step_of(run) for run in self.runs})
+        found = [self.trained.weights(dict(values), *step, self.frame.delay_s) for step in steps]
+        return Weights(*(np.stack(parts) for parts in zip(*found, strict=True)))
+
+    def steps(self, values: dict[str, float], interval_s: float, fraction: float) -> tuple[StepTransfer, StepTransfer]:
+        """Transfer function of a step, and its slopes with the physical parameters."""
+        at = (values, interval_s, fraction, self.frame.delay_s)
+        return self.trained.transfer(*at), self.trained.slopes(*at)
+
+    def _all_steps(self, values: dict[str, float]) -> dict[tuple[float, float], tuple[StepTransfer, StepTransfer]]:
+        return {key: self.steps(values, *key) for key in self._all_kinds}
+
+    @functools.cached_property
+    def _all_kinds(self) -> set[tuple[float, float]]:
+        return {self._step_of(run) for run in self.runs}
+
+    def normal(self, z: FloatArray, coordinates: Coordinates, noise: FloatArray) -> LineNormal:
+        """Normal equations at coordinates ``z``; ``noise``: standard deviation of each record, shape (records,)."""
+        values = coordinates.values(z)
+        normals = self._normals(values)
+        return normals.weighed(noise[[run.record for run in self.runs]], coordinates.slopes(z))
+
+    def _normals(self, values: dict[str, float]) -> RunNormals:
+        """Normal equations of each run; the last ones are kept, because another noise level needs the same again."""
+        key = tuple(values.items())
+        if key not in self._last:
+            self._last.clear()
+            self._last[key] = self._made_normals(values)
+        return self._last[key]
+
+    @functools.cached_property
+    def _last(self) -> dict[tuple[tuple[str, float], ...], RunNormals]:
+        return {}
+
+    def _made_normals(self, values: dict[str, float]) -> RunNormals:
+        if not self._stable(values):
+            return RunNormals.of(len(self.runs), len(values), np.inf)
+        steps, normals = self._all_steps(values), RunNormals.of(len(self.runs), len(values))
+        made: dict[Any, Step] = {}
+        for batch, *key in self.batches:
+            add_batch(normals, batch, _step(made, batch, steps[key[0], key[1]], self.counts(batch.samples)[0]))
+        for number, run in enumerate(self.runs):
+            if run.used is not None:
+                add_series(normals, number, series_of(run, *steps[self._step_of(run)]))
+        return normals
+
+    def _stable(self, values: dict[str, float]) -> bool:
+        """Whether no state grows beyond all numbers over its run, as Euler's may."""
+        longest: dict[tuple[float, float], int] = {}
+        for run in self.runs:
+            longest[self._step_of(run)] = max(run.samples, longest.get(self._step_of(run), 0))
+        for step, samples in longest.items():
+            transition = self.trained.weights(values, *step, self.frame.delay_s).transition
+            if not np.all(np.isfinite(transition)):
+                return False
+            if samples * np.log(max(np.max(np.abs(np.linalg.eigvals(transition))), 1.0)) > MOST_GROWTH:
+                return False
+        return True
+
+    def record_noise(self, normal: LineNormal, noise: FloatArray) -> FloatArray:
+        """Standard deviation of each record's residual, shape (records,), of normal equations weighted by ``noise``."""
+        squares = np.bincount([run.record for run in self.runs], normal.squares, len(self.records)) * noise**2
+        return np.maximum(np.sqrt(squares / np.maximum(self.degrees_of_freedom, 1.0)), self.noise_floor)
+
+    def predict(self, coordinates: Coordinates, z: FloatArray) -> list[FloatArray]:
+        """Response of every record with the best initial states and offsets, NaN where the network gives no value.
+
+        Hum is no part of it.
+        """
+        values = coordinates.values(z)
+        found = [np.full(record.samples, np.nan) for record in self.records]
+        made = {step: self.trained.transfer(values, *step, self.frame.delay_s) for step in self._all_kinds}
+        kept: dict[Any, Step] = {}
+        for run in self.runs:
+            transfer = made[self._step_of(run)]
+            nothing = StepTransfer(np.zeros((0, len(transfer.denominator))), np.zeros((0, *transfer.numerator.shape)))
+            if run.used is not None:
+                found[run.record][run.span] = series_of(run, transfer, nothing).predicted
+                continue
+            batch, every = Batch.of([run], [0]), counted(run.samples, 0.5)  # all lines: line 0 holds the offset
+            left, _, hum = columns_of(batch, _step(kept, batch, (transfer, nothing), every))
+            left[:, 0] = 0.0
+            left[:, : hum.shape[1]] += hum  # no columns where there is none
+            own = self.records[run.record].response[run.span]
+            found[run.record][run.span] = own - np.asarray(fft.irfft(left[0], run.samples))
+        return found
+
+    def lines(self, z: FloatArray, coordinates: Coordinates, noise: FloatArray) -> list[RecordLines]:
+        """Every record at the lines of its transform, in order; one that no run reaches has no samples."""
+        steps = self._all_steps(coordinates.values(z))
+        turn = coordinates.slopes(z)[:, None]
+        lowest = self._lowest_ringing_hz(coordinates.values(z))
+        found: list[RecordLines] = []
+        models: dict[tuple[int, float], ModelLines] = {}
+        states: dict[tuple[int, float, float], FreeLines] = {}
+        kept: dict[Any, Step] = {}
+        for number, record in enumerate(self.records):
+            runs = [run for run in self.runs if run.record == number]
+            floor = float((self.noise_floor[number] / noise[number]) ** 2)
+            if len(runs) == 1 and runs[0].used is None:
+                key = runs[0].samples, *self._step_of(runs[0])
+                step = steps[self._step_of(runs[0])]
+                own: dict[str, Any] = self._whole(runs[0], step, turn, noise[number], kept)
+                own["free"] = states.setdefault(key, free_of_run(key[0], step[0].denominator))
+            else:
+                pieces = [(run.span, series_of(run, *steps[self._step_of(run)])) for run in runs]
+                own = _in_pieces(pieces, turn, noise[number], self.highest)
+            samples, model = len(own["used"]), None
+            if record.reference is not None and samples > 1:
+                grid = samples, record.sampling_rate_hz
+                models.setdefault(grid, self._response(coordinates, z, *grid))
+                model = models[grid]
+            unseen = lowest > 0.5 * record.sampling_rate_hz
+            made = RecordLines(
+                **own,
+                model=model,
+                z=z,
+                floor=floor,
+                hum=hum_of(record, samples),
+                rings_unseen=unseen,
+                colour=reference_colour(record, samples),
+            )
+            found.append(made.without_ringing() if unseen and made.free is not None else made)
+        return found
+
+    def _lowest_ringing_hz(self, values: dict[str, float]) -> float:
+        """Lowest frequency of a free oscillation, Hz; zero where the sensor has none."""
+        poles = np.roots(np.array(self.trained.model.rational(values).denominator[::-1], dtype=float))
+        ringing = np.abs(np.imag(poles[np.imag(poles) != 0.0]))
+        return float(np.min(ringing)) / (2.0 * np.pi) if ringing.size else 0.0
+
+    def _whole(
+        self,
+        run: Run,
+        step: tuple[StepTransfer, StepTransfer],
+        turn: FloatArray,
+        noise: float,
+        kept: dict[Any, Step],
+    ) -> dict[str, Any]:
+        """What the lines of a record say that is one whole run."""
+        twice, batch = counted(run.samples, self.highest), Batch.of([run], [0])
+        found = columns_of(batch, _step(kept, batch, step, twice))
+        run.transforms.forget_inputs()
+        left, own = found.residual[0], found.slopes[0]
+        left[0] = np.abs(left[1])  # an offset is no noise: the line is as the next one
+        left /= noise
+
+        def predicted(part: slice) -> ComplexArray:
+            explained = run.response[part] / noise - left[part]
+            return explained - found.hum[0, part] / noise if found.hum.size else explained
+
+        return {
+            "residual": left,
+            "predicted": predicted,
+            "used": np.broadcast_to(True, run.samples),
+            "twice": twice,
+            "slopes": np.multiply(own, turn / noise, out=own),
+        }
+
+    def _response(self, coordinates: Coordinates, z: FloatArray, samples: int, rate_hz: float) -> ModelLines:
+        """H at the lines of the transform of so many samples."""
+        lines, quantity = samples // 2 + 1, self.trained.quantity
+
+        def at(z: FloatArray) -> ComplexArray:
+            values, found = coordinates.values(z), np.empty(lines, dtype=complex)
+            for part in in_blocks(lines):  # of a long record each copy counts
+                frequency = line_frequencies(samples, rate_hz, part)
+                found[part] = coordinates.model.frequency_response(values, frequency, quantity)
+            return found
+
+        return ModelLines(at, z, lines)
+
+
+def _step(made: dict[Any, Step], batch: Batch, transfer: tuple[StepTransfer, StepTransfer], counts: FloatArray) -> Step:
+    """What a batch has in common with others; made once."""
+    key = batch.samples, batch.hum.tobytes(), id(transfer[0])
+    if key not in made:
+        made[key] = Step(batch.samples, *transfer, batch.hum, counts)
+    return made[key]
+
+
+def _in_pieces(
+    pieces: Sequence[tuple[slice, RunSeries]], turn: FloatArray, noise: float, highest: float
+) -> dict[str, Any]:
+    """What the lines of a record say that has samples left out."""
+    begin, end = (pieces[0][0].start, pieces[-1][0].stop) if pieces else (0, 0)
+    placed = [(slice(span.start - begin, span.stop - begin), series) for span, series in pieces]
+    signals, used = np.zeros((2 + len(turn), end - begin)), np.zeros(end - begin, dtype=bool)
+    for place, series in placed:
+        used[place] = series.free[-1] > 0.0
+        signals[:, place] = [series.residual, series.predicted * used[place], *(series.freed_slopes() * turn)]
+    lines = np.fft.rfft(signals / noise, axis=1) if end > begin else np.zeros((len(signals), 1), dtype=complex)
+    return {
+        "residual": lines[0],
+        "predicted": lines[1].__getitem__,
+        "used": used,
+        "twice": counted(end - begin, highest),
+        "slopes": lines[2:],
+        "free": free_of_pieces(end - begin, placed),
+    }

@@ -1,0 +1,94 @@
+"""The network of a sensor over its records, by whichever way it is run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+
+from vibrident.data.records import FloatArray, Quantity, Record
+from vibrident.fit.lines import RecordLines
+from vibrident.fit.problem.coordinates import Coordinates
+from vibrident.fit.problem.framing import Frame
+from vibrident.fit.problem.line_problem import LineProblem
+from vibrident.physics.discretisation import Method, Weights
+from vibrident.physics.models import SensorModel
+
+
+class NetworkProblem(Protocol):
+    """Measured response minus the network's, weighted by each record's noise; initial states and offsets eliminated."""
+
+    @property
+    def records(self) -> tuple[Record, ...]:
+        """In order."""
+        ...
+
+    @property
+    def frame(self) -> Frame:
+        """Shape of the network, and the delay at which its inputs were interpolated."""
+        ...
+
+    @property
+    def degrees_of_freedom(self) -> FloatArray:
+        """Numbers that count less initial states and offset, for every record, shape (records,)."""
+        ...
+
+    @property
+    def noise_floor(self) -> FloatArray:
+        """Lower limit of the standard deviation of each record's residual, response unit, shape (records,)."""
+        ...
+
+    def normal(self, z: FloatArray, coordinates: Coordinates, noise: FloatArray) -> Any:
+        """Cost, gradient and normal matrix at ``z``; ``noise``: standard deviation of each record, shape (records,)."""
+        ...
+
+    def record_noise(self, normal: Any, noise: FloatArray) -> FloatArray:
+        """Standard deviation of each record's residual, shape (records,), of normal equations weighted by ``noise``."""
+        ...
+
+    def lines(self, z: FloatArray, coordinates: Coordinates, noise: FloatArray) -> list[RecordLines]:
+        """Every record at the lines of its transform, in order."""
+        ...
+
+    def predict(self, coordinates: Coordinates, z: FloatArray) -> list[FloatArray]:
+        """Response of every record with the best initial states and offsets, NaN where the network gives no value."""
+        ...
+
+    def at_delay_of(self, values: Mapping[str, float]) -> NetworkProblem:
+        """The same with inputs interpolated at the delay of ``values``; itself where they nearly are."""
+        ...
+
+    def idle(self) -> NetworkProblem:
+        """The same with less memory, for rare use."""
+        ...
+
+    def weights(self, values: Mapping[str, float]) -> Weights:
+        """Network weights of the linear part, one set a sampling interval in order (leading axis)."""
+        ...
+
+
+def network_objective(z: FloatArray, args: tuple[Coordinates, NetworkProblem, FloatArray]) -> Any:
+    """The residual in the form of the optimisers; args: coordinates, problem, noise of each record."""
+    coordinates, problem, noise = args
+    return problem.normal(np.asarray(z, dtype=float), coordinates, noise)
+
+
+def network_of(
+    records: Sequence[Record],
+    model: SensorModel,
+    method: Method,
+    quantity: Quantity,
+    start: Mapping[str, float],
+) -> NetworkProblem:
+    """The network over records: at the lines of its transform where the model is linear, in time where not.
+
+    Raises:
+        ModelError: the model is not rational.
+        InputError: no record is long enough.
+    """
+    if model.is_linear:
+        return LineProblem.build(records, model, method, quantity, start)
+    from vibrident.fit.problem.time_domain import TimeProblem
+
+    return TimeProblem.build(records, model, method, quantity, start)

@@ -1,0 +1,19 @@
+"""Which estimators there are."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from vibrident.base.errors import ModelError
+from vibrident.base.registry import Registry
+
+AUTO = "auto"  # in place of an estimator's name: the one that suits the data
+#: ``vibrident.fit.estimators.base.Estimator`` objects, each with its settings at their defaults.
+ESTIMATORS: Registry[Any] = Registry(
+    "estimator",
+    "vibrident.estimators",
+    ("fit/estimators/kinds",),
+    ("vibrident.fit.estimators.base:Estimator",),
+    "estimator",
+    ModelError,
+)

@@ -1,0 +1,7 @@
+"""From an estimate's covariance to what a laboratory signs: parameters, curve, adequacy, what is not determined."""
+
+from vibrident.fit.uncertainty.adequacy import Adequacy, assess
+from vibrident.fit.uncertainty.curve import curve
+from vibrident.fit.uncertainty.parameters import correlation, doubts, parameter_table, with_reference
+
+__all__ = ["Adequacy", "assess", "correlation", "curve", "doubts", "parameter_table", "with_reference"]

@@ -1,0 +1,151 @@
+"""Does the model explain the data? Deviations at the excited frequencies against their uncertainty.
+
+With n complex points and p parameters, Σ |Y − H X|²/σ² is χ² with 2 n − p degrees of freedom when the model is
+right. For motion that is not a sine the points are narrow bands: the part of the time residual that is coherent
+with the predicted response, against the part that is not. The model is rejected below a probability of 10⁻³.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from vibrident.base.tails import f_tail
+from vibrident.data.records import FloatArray, Record
+from vibrident.fit.measure.lines import line_frequencies, reference_colour
+from vibrident.fit.measure.remainder import coherent_remainder
+from vibrident.fit.measure.response import ComplexArray, MeasuredResponse
+from vibrident.fit.measure.rounding import rounding_variance
+from vibrident.fit.measure.verdict import rejected
+
+if TYPE_CHECKING:
+    from vibrident.fit.decay.beside import DecayDeviation
+
+RANDOM_ENOUGH = 4.0  # most lag-one correlation, in standard deviations, of a table without uncertainties
+SMOOTH_TERMS = 6  # terms of the polynomial that such residuals must not follow
+PATTERN = 1e-5  # probability that random residuals are taken to follow it
+
+
+@dataclass(frozen=True, eq=False)
+class Adequacy:
+    """Points to compare, and the verdict."""
+
+    frequency_hz: FloatArray  # shape (n,)
+    measured: ComplexArray  # measured complex sensitivity, shape (n,)
+    relative_deviation: FloatArray  # standard deviation of its real part over its size, shape (n,)
+    record: tuple[str, ...]  # name of the record of each point
+    chi2_reduced: float | None  # None where nothing is known of the points' uncertainty
+    degrees_of_freedom: int  # 2 n − p (n − p for magnitudes)
+    adequate: bool  # the verdict
+    # standard deviation of the measured phase, rad, shape (n,); None: the relative deviation
+    phase_deviation: FloatArray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Points:
+    """Squared weighted deviations at n points; each has ``each`` real parts and a noise estimate of ``freedom``."""
+
+    frequency_hz: FloatArray
+    measured: ComplexArray
+    relative_deviation: FloatArray
+    record: tuple[str, ...]
+    squares: FloatArray
+    freedom: FloatArray
+
+
+def tone_points(
+    tones: MeasuredResponse, model_response: ComplexArray, deviation: FloatArray, names: Sequence[str]
+) -> Points:
+    """Points of sine records; ``deviation`` is that of the real part of Y − H X."""
+    error = np.abs(tones.response - model_response * tones.reference) ** 2 / deviation**2
+    relative = deviation / np.maximum(np.abs(tones.response), np.finfo(float).tiny)
+    owners = tuple(names[int(i)] for i in tones.record)
+    return Points(tones.frequency_hz, tones.ratio, relative, owners, error, tones.degrees_of_freedom)
+
+
+def band_points(
+    records: Sequence[Record],
+    predicted: Sequence[FloatArray],
+    response: Callable[[FloatArray], ComplexArray],
+    reference_noise: Sequence[float] = (),
+    hum_hz: Sequence[Sequence[float]] = (),
+) -> list[Points]:
+    """Points of records that are not sines: what of the residual is coherent with the prediction, band by band.
+
+    ``predicted``: predicted response of each, NaN where it is not defined; ``response``: function from frequencies to
+    the model's complex sensitivity; ``reference_noise``: standard deviation of the noise of each record's reference
+    channel itself; ``hum_hz``: tones of each record's response that do not come from the motion.
+    """
+    points = []
+    for index, (record, series) in enumerate(zip(records, predicted, strict=True)):
+
+        def gain_squares(record: Record = record) -> FloatArray:
+            return np.abs(response(line_frequencies(record.samples, record.sampling_rate_hz))) ** 2
+
+        unfelt = reference_noise[index] if len(reference_noise) else 0.0
+        colour = reference_colour(record, record.samples)
+        through = unfelt**2 * colour * gain_squares() if unfelt > 0.0 else None
+        hum = hum_hz[index] if len(hum_hz) else ()
+        found = coherent_remainder(record, series, through, hum, rounding_variance(record, gain_squares))
+        if found is None:
+            continue
+        frequency, remainder, deviation, freedom = found
+        model = response(frequency)
+        squares = np.abs(remainder) ** 2 / deviation**2
+        relative = deviation / np.abs(1.0 + remainder)
+        names = (record.name,) * len(frequency)
+        points.append(Points(frequency, model * (1.0 + remainder), relative, names, squares, freedom))
+    return points
+
+
+def assess(parts: Sequence[Points], parameters: int, decays: Sequence[DecayDeviation] = ()) -> Adequacy:
+    """Join points and free decays and judge.
+
+    Without points, or with no more of them than parameters, the model cannot be tested.
+    """
+    if not parts:
+        return Adequacy(np.zeros(0), np.zeros(0, complex), np.zeros(0), (), None, 0, adequate=False)
+    squares = np.concatenate([p.squares for p in parts])
+    freedom = np.concatenate([p.freedom for p in parts])
+    # Σ|e|²/s² with s² from ν degrees of freedom has mean 2 ν/(ν − 2): bring it back to χ².
+    chi2 = float(np.sum(squares * np.maximum(1.0 - 2.0 / freedom, 0.1)))
+    degrees = 2 * len(squares) - parameters + sum(decay.parts.degrees for decay in decays)
+    chi2 += sum(decay.parts.chi2 for decay in decays)
+    freedom = np.concatenate([freedom, [decay.parts.freedom for decay in decays]])
+    return Adequacy(
+        np.concatenate([p.frequency_hz for p in parts]),
+        np.concatenate([p.measured for p in parts]),
+        np.concatenate([p.relative_deviation for p in parts]),
+        tuple(name for p in parts for name in p.record),
+        chi2 / degrees if degrees > 0 else None,
+        degrees,
+        degrees > 0 and not rejected(chi2, degrees, freedom),
+    )
+
+
+def judge_residuals(residual: FloatArray, parameters: int) -> tuple[float | None, int, bool]:
+    """χ²/dof, degrees of freedom and verdict of residuals in units of their stated uncertainty."""
+    degrees = len(residual) - parameters
+    if degrees <= 0:
+        return None, degrees, False
+    chi2 = float(np.sum(residual**2))
+    return chi2 / degrees, degrees, not rejected(chi2, degrees)
+
+
+def looks_random(residual: FloatArray) -> bool:
+    """Whether residuals in order of frequency scatter without pattern, where no uncertainty was stated."""
+    n = len(residual)
+    power = float(np.sum(residual**2))
+    if n < 8 or power == 0.0:
+        return True
+    lagged = float(np.sum(residual[1:] * residual[:-1])) / power
+    # With few points that correlation has little power; an F test with a short polynomial has more.
+    terms = min(SMOOTH_TERMS, n // 4)
+    basis, _ = np.linalg.qr(np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, n), terms - 1))
+    smooth = float(np.sum((basis.T @ residual) ** 2))
+    rest = max(power - smooth, np.finfo(float).eps * power)
+    pattern = f_tail(terms, n - terms, smooth / terms / (rest / (n - terms))) < PATTERN
+    return lagged * np.sqrt(n) < RANDOM_ENOUGH and not pattern

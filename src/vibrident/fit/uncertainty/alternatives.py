@@ -1,0 +1,155 @@
+"""Is there another solution that fits as well? Then the data do not choose, and it is named.
+
+Two sources. Some parameters give exactly the same response (:mod:`vibrident.physics.models.labels`): a rule chose,
+which is said where the others mean another sensor, or where noise decides between the labels. And the search for start
+values met other optima: each is brought down the residual of the points once more, and counts where it explains them as
+well. Two modes beyond the band trade against each other along a curved valley, which leads further than the standard
+uncertainties say, as these know its direction at the estimate alone. There each parameter in turn is held far from its
+estimate and the others follow (the profile likelihood; Venzon & Moolgavkar 1988): what fits as well is a solution, too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vibrident.base.amounts import amount
+from vibrident.data.records import Quantity
+from vibrident.fit.estimators.search import Chart, Sought, descend, differences, information_at
+from vibrident.fit.estimators.start import Start
+from vibrident.fit.information import inverse_normal
+from vibrident.physics.models import SensorModel
+from vibrident.physics.models.labels import canonical, labels_of, relabellings
+from vibrident.physics.naming import in_words
+from vibrident.result import ResultWarning
+
+ALIKE = 9.0  # another optimum is as good where its χ² is larger by less: the true one in 1 of 370 cases …
+FAR = 5.0  # … and it is another one where a parameter differs by so many of its standard uncertainties …
+DIFFERENT = 0.01  # … and by this part of its value
+FAR_HELD = 6.0  # a parameter is held so many of its standard uncertainties away …
+KNOWN = 0.1  # … unless it is known to no better than this part: that is said already
+STEPS = 30  # steps on the way down
+MOST = 4  # other optima that are tried
+
+
+@dataclass(frozen=True)
+class Solution:
+    """An estimate, in the one form of its labels."""
+
+    values: Mapping[str, float]  # of the parameters, by name
+    uncertainty: Mapping[str, float]  # standard uncertainty of each
+
+
+def other_solutions(
+    model: SensorModel,
+    quantity: Quantity,
+    sought: Sought,
+    solution: Solution,
+    begin: Start | None,
+    units: Mapping[str, str],
+) -> Iterator[ResultWarning]:
+    """A warning ``weakly_determined`` for each solution that fits as well as the estimate.
+
+    ``model``: a linear model; ``quantity``: what the reference is; ``sought``: the points, with their deviations;
+    ``solution``: the estimate; ``begin``: the start, with the other optima that were met.
+    """
+    values, uncertainty = solution.values, solution.uncertainty
+    same = [{name: float(value) for name, value in change(values).items()} for change in relabellings(model, values)]
+    labels = labels_of(model)
+    if same and labels is not None and labels.undecided(values, uncertainty):
+        yield _same_response(labels.question, same, units)
+    found = [*_met(model, quantity, sought, solution, begin), *_along_the_valley(model, quantity, sought, solution)]
+    named: list[Mapping[str, float]] = [values]
+    for more, other in found:
+        mine = canonical(model, other)
+        delays = [spec.name for spec in model.parameters if spec.kind == "time"]
+        if more < ALIKE and all(_differ(mine, one, uncertainty, sought, delays) for one in named):
+            named.append(mine)
+            yield _as_good(mine, solution, more, units)
+
+
+def _chart(model: SensorModel, quantity: Quantity, sought: Sought) -> Chart:
+    unit = 1.0 / (2.0 * np.pi * float(np.max(sought.frequency_hz)))
+    return Chart(model, quantity, sought.frequency_hz, unit)
+
+
+def _met(
+    model: SensorModel, quantity: Quantity, sought: Sought, solution: Solution, begin: Start | None
+) -> Iterator[tuple[float, dict[str, float]]]:
+    """The optima that the search for start values met, and by how much their χ² is larger than the estimate's."""
+    if begin is None or not begin.others:
+        return
+    chart = _chart(model, quantity, sought)
+    placed = [chart.place(dict(at)) for at in (solution.values, *(at for at, _ in begin.others[:MOST]))]
+    u, sign = np.array([p for p, _ in placed]), np.array([s for _, s in placed])
+    front = descend(chart, u, sign, differences(sought), STEPS)
+    if np.isfinite(front.cost[0]):
+        for row in range(1, len(u)):
+            yield float(front.cost[row] - front.cost[0]), chart.named(front.u, front.sign, row)
+
+
+def _along_the_valley(
+    model: SensorModel, quantity: Quantity, sought: Sought, solution: Solution
+) -> Iterator[tuple[float, dict[str, float]]]:
+    """As :func:`_met`, the furthest first: optima with one parameter of two modes held beyond its uncertainty."""
+    if not model.shares:
+        return
+    chart, goal = _chart(model, quantity, sought), differences(sought)
+    u, sign = chart.place(dict(solution.values))
+    first = descend(chart, u[None], np.array([sign]), goal, 0)
+    here = descend(chart, u[None], np.array([sign]), goal, STEPS)
+    if not np.isfinite(first.cost[0]):
+        return
+    # The estimate is not the optimum of the points alone; what fits them as well as it does counts, up to a limit.
+    least = min(float(first.cost[0]), float(here.cost[0]) + ALIKE)
+    covariance = inverse_normal(information_at(chart, here.u, here.sign, goal)[0])
+    spread = np.sqrt(np.diag(covariance))
+    above, _ = chart.place({name: value + solution.uncertainty[name] for name, value in solution.values.items()})
+    stated = np.maximum(np.abs(above - u), spread)
+    known = np.flatnonzero(stated < KNOWN)
+    turns = [(k, side) for k in known.tolist() for side in (-1.0, 1.0)]
+    if not turns:
+        return
+    # The others begin where they would follow along a straight line.
+    moved = np.array([FAR_HELD * side * stated[k] / spread[k] ** 2 * covariance[k] for k, side in turns])
+    held = np.zeros(moved.shape, dtype=bool)
+    held[np.arange(len(turns)), [k for k, _ in turns]] = True
+    front = descend(chart, here.u + moved, np.full(len(turns), here.sign[0]), goal, STEPS, held)
+    for row in np.argsort(-np.max(np.abs(front.u - u) / stated, axis=1), kind="stable").tolist():
+        yield float(front.cost[row] - least), chart.named(front.u, front.sign, row)
+
+
+def _differ(
+    one: Mapping[str, float],
+    other: Mapping[str, float],
+    uncertainty: Mapping[str, float],
+    sought: Sought,
+    delays: Sequence[str],
+) -> bool:
+    """Whether these are two solutions; delays a period of the highest frequency apart are one, written twice."""
+    later = sum(one[name] - other[name] for name in delays)
+    if abs(later) * float(np.max(sought.frequency_hz)) > 0.4:
+        return False
+    return any(
+        abs(value - other[name]) > max(FAR * uncertainty[name], DIFFERENT * abs(other[name]))
+        for name, value in one.items()
+        if name not in delays
+    )
+
+
+def _same_response(question: str, same: Sequence[Mapping[str, float]], units: Mapping[str, str]) -> ResultWarning:
+    others = "; or ".join(_listed(other, units) for other in same)
+    return ResultWarning("weakly_determined", f"The response does not tell {question}. The same response: {others}.")
+
+
+def _as_good(other: Mapping[str, float], solution: Solution, more: float, units: Mapping[str, str]) -> ResultWarning:
+    values, uncertainty = solution.values, solution.uncertainty
+    changed = {n: v for n, v in other.items() if abs(v - values[n]) > min(1e-3 * abs(values[n]), 3.0 * uncertainty[n])}
+    text = f"Another solution explains the data as well (χ² larger by {max(more, 0.0):.2g}): {_listed(changed, units)}."
+    return ResultWarning("weakly_determined", f"{text} A wider band of frequencies would tell.")
+
+
+def _listed(values: Mapping[str, float], units: Mapping[str, str]) -> str:
+    return ", ".join(f"{in_words(name)} {amount(value, units[name])}" for name, value in values.items())

@@ -1,0 +1,233 @@
+"""The uncertainty budget: what each systematic contribution does to each parameter (GUM 5.1, type B).
+
+A contribution changes the measured response by a known pattern over frequency, with one unknown factor:
+
+| kind | change of log H for one unit | standard uncertainty |
+|---|---|---|
+| gain | 1 | relative (voltmeter, amplifier, reference) |
+| timing | −2πjf | s (skew between the channels) |
+| phase | −j | rad |
+| mounting | (f/f₀)² | relative, at f₀ = ``frequency_hz`` (a stiff mount well below its resonance) |
+| clock | −f ∂ log H/∂f | relative (sampling rate) |
+| ellipse, cyclic | tabulated by the interferometer's signals | relative |
+| rounding | tabulated by the records and their converters' steps | relative |
+
+The fit answers to it as to any other deviation: dz = (AᵀA)⁻¹ Aᵀ b. It is common to all points, so more data do not
+reduce it.
+
+Effects also explain deviations. Along the pattern d_k(f) of each acts one unknown factor a_k, whose prior is N(0, 1)
+in units of its standard uncertainty. The deviations from the right model then have the covariance
+Σ = Σ_noise + Σ_k d_k d_kᵀ, and the test of adequacy is the χ² in that metric. It is computed as the least sum of the
+squares of the weighted deviations and of the a_k, over the parameters and the a_k (the two are the same, Woodbury),
+with the model as it is, so that an effect may be large beside the noise. A pattern that the parameters can follow
+explains nothing, and nothing changes. The a_k are judged by themselves too, as many points would hide one of six: with
+S = DᵀD of the part of the patterns that no parameter follows, the covariance of the estimated a_k is S(1 + S)⁻¹.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibrident.data.records import Calibration, FloatArray, SystematicEffect
+from vibrident.fit.measure.verdict import probability
+from vibrident.fit.uncertainty.linearised import Linearised, log_slopes
+from vibrident.fit.uncertainty.parameters import reference_direction
+
+STEP = 1e-5  # relative step of the central difference in frequency
+DATA = "data"  # kind of a row of type A
+Weighted = Callable[[FloatArray, np.ndarray], FloatArray]  # of z and a change of log H at each point
+SEEN = 1e-3  # an effect is in the data if they reduce the prior variance of a_k by at least this part
+MOST_MOVED = 5.0  # largest shift of the estimate in its standard deviations: beyond is another optimum, no effect
+
+
+@dataclass(frozen=True, eq=False)
+class BudgetRow:
+    """A row of the budget."""
+
+    source: str  # of the contribution
+    kind: str  # as in the module's table; ``data`` for the type A part
+    standard_uncertainty: float | None  # of the effect, in ``unit``; None for the type A part
+    unit: str  # of that
+    degrees_of_freedom: float  # behind it; infinite where it is taken as known
+    covariance: FloatArray  # what it adds to the covariance of z, shape (p, p)
+
+
+def rows_of_effects(effects: Sequence[SystematicEffect], linear: Linearised) -> list[BudgetRow]:
+    """A row for each systematic effect, as the fit, linearised at the estimate, answers to it."""
+    rows: list[BudgetRow] = []
+    for effect in effects:
+        shift = shift_of_effect(effect, linear)
+        rows.append(row_of_effect(effect, np.outer(shift, shift)))
+        if len(rows) > 1 and effect.pattern and rows[-2].source == effect.source:  # parts of one source
+            last, before = rows.pop(), rows.pop()
+            u = float(np.hypot(before.standard_uncertainty or 0.0, effect.standard_uncertainty))
+            rows.append(replace(last, standard_uncertainty=u, covariance=before.covariance + last.covariance))
+    return rows
+
+
+def row_of_effect(effect: SystematicEffect, covariance: FloatArray) -> BudgetRow:
+    """The row of an effect that adds ``covariance``, shape (p, p)."""
+    freedom = effect.degrees_of_freedom
+    return BudgetRow(effect.source, effect.kind, effect.standard_uncertainty, effect.unit, freedom, covariance)
+
+
+def shift_of_effect(effect: SystematicEffect, linear: Linearised) -> FloatArray:
+    """What one standard uncertainty of the effect does to z, shape (p,)."""
+    u = effect.standard_uncertainty
+    if effect.kind == "gain":  # exact, even if the data do not determine the other parameters
+        return reference_direction(linear.z, linear.coordinates.model, u)
+    change = pattern(effect, linear, linear.frequency_hz)
+    part = np.where(linear.is_phase, np.imag(change), np.real(change))
+    shift, _ = replace(linear, rest=part * linear.weight).solve()
+    return u * shift
+
+
+def pattern(effect: SystematicEffect, linear: Linearised, frequency: FloatArray) -> NDArray[Any]:
+    """Change of log H for one unit of the effect, complex, shape (m,)."""
+    if effect.kind == "gain":
+        return np.ones(len(frequency), dtype=complex)
+    if effect.kind == "timing":
+        return -2j * np.pi * frequency
+    if effect.kind == "phase":
+        return np.full(len(frequency), -1j)
+    if effect.kind == "mounting":
+        return (frequency / float(effect.frequency_hz or 1.0)) ** 2 + 0j
+    if effect.pattern:
+        at, real, imaginary = np.array(effect.pattern).T
+        return np.interp(frequency, at, real) + 1j * np.interp(frequency, at, imaginary)
+    sensor = linear.coordinates, linear.z, linear.quantity
+    ahead, _ = log_slopes(*sensor, frequency * (1.0 + STEP))
+    behind, _ = log_slopes(*sensor, frequency * (1.0 - STEP))
+    return -np.log(ahead / behind) / (2.0 * STEP)
+
+
+def effective_degrees_of_freedom(rows: Sequence[BudgetRow]) -> FloatArray:
+    """Of each coordinate, by the Welch–Satterthwaite formula (GUM G.4.1), shape (p,)."""
+    variances = np.stack([np.diag(row.covariance) for row in rows])
+    shares = variances / np.maximum(np.sum(variances, axis=0), 1e-300)
+    freedom = np.array([row.degrees_of_freedom for row in rows])
+    divided = np.sum(shares**2 / freedom[:, None], axis=0)
+    return np.where(divided > 0, 1.0 / np.maximum(divided, 1e-300), np.inf)
+
+
+def effects_of(calibration: Calibration) -> list[SystematicEffect]:
+    """The systematic effects stated, the calibration of the reference first."""
+    relative = calibration.reference_standard_uncertainty
+    reference = [SystematicEffect("calibration of the reference", "gain", relative)] if relative > 0 else []
+    return [*reference, *calibration.effects]
+
+
+def as_settings(rows: Sequence[BudgetRow], names: Sequence[str], slopes: FloatArray) -> list[dict[str, Any]]:
+    """The budget as plain values: the contribution of each row to each parameter's standard uncertainty, in its unit.
+
+    ``rows``: the budget; ``slopes``: ∂parameter/∂z, shape (p,).
+    """
+    table = []
+    for row in rows:
+        parts: Mapping[str, float] = dict(
+            zip(names, (np.sqrt(np.maximum(np.diag(row.covariance), 0.0)) * np.abs(slopes)).tolist(), strict=True)
+        )
+        finite = np.isfinite(row.degrees_of_freedom)
+        table.append(
+            {
+                "source": row.source,
+                "type": "A" if row.kind == DATA else "B",
+                "kind": row.kind,
+                "standard_uncertainty": row.standard_uncertainty,
+                "unit": row.unit,
+                "degrees_of_freedom": float(row.degrees_of_freedom) if finite else None,
+                "contributions": parts,
+            }
+        )
+    return table
+
+
+@dataclass(frozen=True, eq=False)
+class Explained:
+    """What effects explain."""
+
+    amounts: FloatArray  # a_k of each effect, in its standard uncertainties, shape (K,)
+    chi2: float  # what is left of Σ squares, the a_k counted in
+    removed: np.ndarray  # factor on the measured response that takes the effects out of it, complex, shape (n,)
+    z: FloatArray  # the estimate that this response gives, shape (p,)
+    probability: float  # of a_k at least as large
+
+
+def patterns(effects: Sequence[SystematicEffect], linear: Linearised, frequency_hz: FloatArray) -> np.ndarray:
+    """Change of log H by one standard uncertainty of each effect, complex, shape (n, K)."""
+    columns = [e.standard_uncertainty * pattern(e, linear, frequency_hz) for e in effects]
+    return np.stack(columns, axis=1) if columns else np.zeros((len(frequency_hz), 0), complex)
+
+
+def explain(
+    weighted: Weighted,
+    effects: Sequence[SystematicEffect],
+    shape: np.ndarray,
+    linear: Linearised,
+    covariance: FloatArray,
+) -> Explained | None:
+    """Fit the effects beside the parameters; None where that leads to another optimum than the estimate.
+
+    ``weighted``: the deviations over their noise; ``effects``: K of them; ``shape``: their patterns at the points,
+    shape (n, K); ``linear``: the fit, linearised at the estimate; ``covariance``: of the estimate, by noise, shape (p,
+    p).
+    """
+    from scipy.optimize import least_squares  # slow to load
+
+    z, p = linear.z, len(linear.z)
+
+    def residual(x: FloatArray) -> FloatArray:
+        return np.concatenate([weighted(z + x[:p], shape @ x[p:]), x[p:]])
+
+    with np.errstate(all="ignore"):
+        found = least_squares(residual, np.zeros(p + shape.shape[1]), jac="3-point", max_nfev=60, xtol=1e-10)
+    shift, amounts = found.x[:p], found.x[p:]
+    moved = np.stack([shift_of_effect(e, linear) for e in effects], axis=1)
+    moved = moved * np.maximum(np.abs(amounts), 1.0)
+    allowed = MOST_MOVED * np.sqrt(np.maximum(np.diag(covariance), 0.0) + np.sum(moved**2, axis=1)) + 1e-9
+    if not np.all(np.isfinite(found.x)) or np.any(np.abs(shift) > allowed):
+        return None
+    jacobian = found.jac[: -shape.shape[1]]
+    stated = np.array([effect.kind != "rounding" for effect in effects])  # of the others the size is no claim
+    beside = np.concatenate([np.ones(p, dtype=bool), ~stated])
+    chance = _chance(amounts[stated], jacobian[:, beside], jacobian[:, ~beside])
+    return Explained(amounts, float(2.0 * found.cost), np.exp(-shape @ amounts), z + shift, chance)
+
+
+def _chance(amounts: FloatArray, slopes: FloatArray, effects: FloatArray) -> float:
+    """Probability of a_k at least as large where the stated uncertainties are right."""
+    left, size, _ = np.linalg.svd(slopes, full_matrices=False)
+    basis = left[:, size > 1e-9 * max(float(size.max(initial=0.0)), 1e-300)]
+    free = effects - basis @ (basis.T @ effects)
+    values, vectors = np.linalg.eigh(free.T @ free)
+    seen = values > SEEN
+    chi2 = float(np.sum((vectors.T @ amounts)[seen] ** 2 * (1.0 + values[seen]) / values[seen]))
+    return probability(chi2, int(seen.sum()))
+
+
+def deviation_uncertainty(linear: Linearised, shape: np.ndarray, scatter: float = 1.0) -> FloatArray:
+    """Standard uncertainty of the deviation between the points and a model that was fitted to them.
+
+    The model follows the points: noise by the leverage of each, and of an effect all that its parameters can imitate.
+    What it does not follow is left: (1 − h) of the noise's variance, and the rest of each pattern.
+
+    ``linear``: m rows, magnitudes first, phases (if any) after them; ``shape``: patterns of the effects at the n
+    points, shape (n, K); ``scatter``: standard deviation of the noise in units of the rows' weights.
+
+    Returns:
+        Of log H, shape (m,): relative for magnitudes, rad for phases; NaN for a point that any value would fit.
+    """
+    repeats = len(linear.frequency_hz) // max(len(shape), 1)
+    rows = np.tile(shape, (repeats, 1))
+    part = np.where(linear.is_phase[:, None], np.imag(rows), np.real(rows)) * linear.weight[:, None]
+    left, size, _ = np.linalg.svd(linear.matrix, full_matrices=False)
+    basis = left[:, size > 1e-9 * max(float(size.max(initial=0.0)), 1e-300)]
+    noise = 1.0 - np.sum(basis**2, axis=1)
+    effect = np.sum((part - basis @ (basis.T @ part)) ** 2, axis=1)
+    variance = np.where(noise > 1e-6, scatter**2 * noise + effect, np.nan)
+    return np.sqrt(variance) / linear.weight

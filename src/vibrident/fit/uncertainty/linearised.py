@@ -1,0 +1,157 @@
+"""The fit at the excited frequencies, linearised around an estimate: the estimate from a part of the data.
+
+With H the model and M the measured response, log(M/H) ≈ J dz + noise, J = ∂ log H/∂z. Solving for dz with all points,
+or some, shows where an estimate would move without fitting again.
+
+Whether the response depends on the amplitude is a score test of a cubic stiffness at the fundamentals. A spring force
+with the term k3 V³ changes the response to a sine of response amplitude |V| by ΔH/H = −(3/4) k3 |V|² H/S0 to first
+order (describing function; Nayfeh & Mook 1979, sec. 2.3). What of this the parameters cannot imitate is looked for in
+the deviations.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vibrident.data.records import BoolArray, FloatArray, Quantity
+from vibrident.fit.information import inverse_normal
+from vibrident.fit.measure.response import ComplexArray
+from vibrident.fit.problem import Coordinates
+from vibrident.fit.problem.frequency_domain import FrequencyProblem
+from vibrident.physics.models.slopes import response_and_slopes
+from vibrident.result.sensor import IdentifiedSensor
+
+SIGNIFICANT = 4.5  # the effect counts beyond this many standard deviations …
+LEAST = 1e-3  # … above this relative size …
+#: … where it leaves of χ² no more than this part of what it explains, or than noise does. A model that lacks something
+#: else misses tones near a resonance, which are the large ones.
+UNEXPLAINED = 0.1
+OF_NOISE = 4.0  # … in standard deviations of χ²
+#: The part of the effect's shape that the parameters cannot follow must be so many times, in squares, the part that
+#: noise of the amplitudes makes. For a sensor that is flat over the tones only the latter is left.
+CLEAR = 10.0
+
+
+@dataclass(frozen=True, eq=False)
+class Linearised:
+    """Weighted rows ``matrix @ dz ≈ rest``, two a point (magnitude, phase), or one where there is no phase."""
+
+    coordinates: Coordinates  # the map from z to parameters
+    z: FloatArray  # the estimate, shape (p,)
+    quantity: Quantity  # of the reference
+    frequency_hz: FloatArray  # of each row, shape (m,)
+    matrix: FloatArray  # shape (m, p), in standard deviations
+    rest: FloatArray  # what the measurement has beyond the model, in standard deviations, shape (m,)
+    is_phase: BoolArray  # whether a row is of the phase, shape (m,)
+    weight: FloatArray  # one over the standard deviation of log H, shape (m,)
+
+    @classmethod
+    def of_points(
+        cls,
+        coordinates: Coordinates,
+        z: FloatArray,
+        quantity: Quantity,
+        frequency_hz: FloatArray,
+        measured: ComplexArray,
+        relative_deviation: FloatArray,
+    ) -> Linearised:
+        """Rows of complex points with the relative standard deviation of their real part, each of shape (n,)."""
+        response, slopes = log_slopes(coordinates, z, quantity, frequency_hz)
+        ratio = measured / response - 1.0
+        scaled = slopes / relative_deviation[:, None]
+        rest = ratio / relative_deviation
+        return cls(
+            coordinates,
+            z,
+            quantity,
+            np.concatenate([frequency_hz, frequency_hz]),
+            np.concatenate([scaled.real, scaled.imag]),
+            np.concatenate([rest.real, rest.imag]),
+            np.repeat([False, True], len(frequency_hz)),
+            np.tile(1.0 / relative_deviation, 2),
+        )
+
+    @classmethod
+    def of_table(cls, coordinates: Coordinates, z: FloatArray, problem: FrequencyProblem) -> Linearised:
+        """Rows of a table's magnitudes, and of its phases where it has them."""
+        frequency, magnitude, phase, magnitude_u, phase_u = (np.asarray(part) for part in problem.data)
+        response, slopes = log_slopes(coordinates, z, problem.quantity, frequency)
+        size = np.abs(response)
+        weight = [size / magnitude_u]
+        matrix = [slopes.real * weight[0][:, None]]
+        rest = [(magnitude - size) / magnitude_u]
+        if problem.has_phase:
+            weight.append(1.0 / phase_u)
+            matrix.append(slopes.imag / phase_u[:, None])
+            rest.append(np.angle(np.exp(1j * phase) / (response / size)) / phase_u)
+        count = len(matrix)
+        kind = np.repeat([False, True][:count], len(frequency))
+        rows = np.concatenate(matrix), np.concatenate(rest), kind, np.concatenate(weight)
+        return cls(coordinates, z, problem.quantity, np.tile(frequency, count), *rows)
+
+    def solve(self, keep: BoolArray | None = None) -> tuple[FloatArray, FloatArray]:
+        """Least-squares shift dz of the rows, shape (p,), and its covariance, shape (p, p)."""
+        matrix, rest = (self.matrix, self.rest) if keep is None else (self.matrix[keep], self.rest[keep])
+        covariance = inverse_normal(matrix.T @ matrix)
+        return covariance @ (matrix.T @ rest), covariance
+
+
+def log_slopes(
+    coordinates: Coordinates, z: FloatArray, quantity: Quantity, frequency_hz: FloatArray
+) -> tuple[ComplexArray, ComplexArray]:
+    """Model response, shape (n,), and ∂ log H/∂z, shape (n, p)."""
+    response, slopes = response_and_slopes(coordinates.model, coordinates.values(z), frequency_hz, quantity)
+    return response, slopes.T * coordinates.slopes(z) / response[:, None]
+
+
+def fitted_sensor(
+    coordinates: Coordinates, z: FloatArray, covariance: FloatArray, quantity: Quantity
+) -> IdentifiedSensor:
+    """The sensor that a fit found, with the covariance of z carried over to its parameters."""
+    slopes = coordinates.slopes(z)
+    values = coordinates.values(z)
+    return IdentifiedSensor(coordinates.model, values, covariance * np.outer(slopes, slopes), quantity)
+
+
+@dataclass(frozen=True)
+class AmplitudeDependence:
+    """An effect found."""
+
+    largest: float  # its largest relative size at any tone
+    sigma: float  # its size in standard deviations
+
+
+def amplitude_dependence(
+    linear: Linearised, model: ComplexArray, response: ComplexArray, relative_deviation: FloatArray
+) -> AmplitudeDependence | None:
+    """The effect, if it is significant.
+
+    ``linear``: the tones, linearised at the estimate; ``model``: the model's sensitivity at the tones, shape (n,);
+    ``response``: measured amplitudes, shape (n,); ``relative_deviation``: of the measured sensitivity's real part,
+    shape (n,).
+    """
+    count, parameters = len(model), linear.matrix.shape[1]
+    if 2 * count < parameters + 4:
+        return None
+    effect = np.abs(response) ** 2 * model
+    effect /= np.max(np.abs(effect))
+    column = np.concatenate([(effect / relative_deviation).real, (effect / relative_deviation).imag])
+    basis, _ = np.linalg.qr(linear.matrix)
+    free = column - basis @ (basis.T @ column)
+    rest = linear.rest - basis @ (basis.T @ linear.rest)
+    power = float(free @ free)
+    noise = 2.0 * np.abs(effect)  # of the column: |V|² is measured, and off by 2 σ of V
+    if power <= CLEAR * float(noise @ noise):
+        return None
+    amount = float(free @ rest) / power
+    explained = amount**2 * power
+    sigma = np.sqrt(explained)
+    freedom = 2.0 * count - parameters - 1.0
+    noise_left = freedom + OF_NOISE * np.sqrt(2.0 * freedom)
+    if sigma < SIGNIFICANT or abs(amount) < LEAST:
+        return None
+    if float(rest @ rest) - explained > max(UNEXPLAINED * explained, noise_left):
+        return None
+    return AmplitudeDependence(abs(amount), float(sigma))

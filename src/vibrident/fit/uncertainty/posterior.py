@@ -1,0 +1,239 @@
+"""The posterior distribution of the parameters, by Markov chain Monte Carlo, where the linearised one may mislead.
+
+The likelihood is that of the measured complex responses, not linearised: for tones Student's t in two dimensions, whose
+degrees of freedom are those of the noise estimated beside the tone; normal for the stated uncertainties of a table. The
+priors are flat in the optimiser's coordinates (``problem.coordinates``) within the range that a fit searches, but for
+damping ratios (half-Cauchy of scale one) and the share of a second mode (Cauchy of scale one): they are proper in every
+direction that data may leave open. Sampled by the no-U-turn sampler (Hoffman & Gelman 2014) from NumPyro, the extra
+``bayes``. It uses separate coordinates without bounds: a logarithm within its range goes through the logistic
+function, and a core's damping is taken over the natural frequency, because that is what the phase below resonance shows
+when it shows neither. The linearised covariance makes them round.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from vibrident.base import extras
+from vibrident.base.backend import jax, jnp
+from vibrident.base.errors import InputError
+from vibrident.data.records import FloatArray
+from vibrident.fit.estimators import Estimate
+from vibrident.fit.estimators.likelihood import solved_problem
+from vibrident.fit.problem import Coordinates, Evidence, FrequencyProblem
+from vibrident.fit.problem.frequency_domain import response_residual
+
+WIDEST = 3.0  # largest standard deviation that scales the coordinates; an open direction has no finite one
+AGREE = 1.02  # chains agree where the largest R̂ is below this (Vehtari et al. 2021) …
+MOST_DIVERGING = 0.01  # … and a smaller part of the steps than this diverges
+COVERAGE = 0.95  # probability of a credible interval
+NEAR = 0.05  # draws are near an end of the range searched within this part of it
+ENDED = 0.01  # the range, and not the data, ends a distribution of which more than this part is near an end
+PRIOR = (
+    "flat in the logarithm of frequencies and of a boxcar's length, within the range that a fit searches; flat in gain "
+    "and delay; half-Cauchy of scale 1 for damping ratios; Cauchy of scale 1 for the share of a second mode"
+)
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """Settings of the sampler.
+
+    Attributes:
+        chains: side by side, from starts spread by the linearised covariance.
+        warm_up: steps of each that adapt the sampler and are thrown away.
+        draws: steps of each that are kept.
+        seed: of all of them.
+    """
+
+    chains: int = 4
+    warm_up: int = 500
+    draws: int = 1000
+    seed: int = 0
+
+
+def sampler(module: str = "numpyro") -> Any:
+    """A module of the sampler's library.
+
+    Raises:
+        InputError: it is not installed; the remedy installs it.
+    """
+    return extras.library(
+        module, "bayes", "Sampling the posterior needs a library that is not installed.", "--posterior"
+    )
+
+
+def sample_posterior(evidence: Evidence, estimate: Estimate, scale: float, sampling: Sampling) -> dict[str, Any]:
+    """Draw from the posterior and sum it up, as plain values for a result.
+
+    Args:
+        evidence: the data.
+        estimate: of maximum likelihood.
+        scale: factor on the data's standard deviations that the result's uncertainties carry too.
+        sampling: settings.
+
+    Returns:
+        Settings and diagnostics, the parameters that the prior bounds in place of the data (``ends_by_prior``), and
+        for every parameter mean, standard deviation, 95 % credible interval (equal tails), R̂ and effective sample
+        size, in the units of the result's parameters.
+
+    Raises:
+        InputError: the estimator is another, or NumPyro is not installed.
+    """
+    if estimate.criterion != "likelihood":
+        raise InputError(
+            "The posterior is sampled from the likelihood of the responses in frequency.",
+            expected="sine records or a table, with an estimator of maximum likelihood",
+            found=f"estimator {estimate.estimator!r}",
+            where="--posterior",
+            remedy="add --estimator ml, or leave --posterior out",
+        )
+    infer, diagnostics = sampler("numpyro.infer"), sampler("numpyro.diagnostics")
+    coordinates, middle = estimate.coordinates, np.asarray(estimate.z)
+    free = _Unbounded.of(coordinates, middle)
+    first, root = free.round(middle, np.asarray(estimate.covariance) * scale**2)
+    density = _log_density(coordinates, solved_problem(estimate, evidence), _freedom(estimate), scale)
+
+    def potential(w: Any) -> Any:
+        v = first + root @ w
+        return -density(free.bounded(v)) - free.log_volume(v)
+
+    key, spread = jax.random.split(jax.random.PRNGKey(sampling.seed))
+    starts = jax.random.normal(spread, (sampling.chains, len(middle)))
+    kernel = infer.NUTS(potential_fn=potential, dense_mass=True, target_accept_prob=0.98)
+    chain = infer.MCMC(
+        kernel,
+        num_warmup=sampling.warm_up,
+        num_samples=sampling.draws,
+        num_chains=sampling.chains,
+        chain_method="vectorized",
+        progress_bar=False,
+    )
+    chain.run(key, init_params=starts, extra_fields=("diverging",))
+    w = np.asarray(chain.get_samples(group_by_chain=True))
+    diverging = float(np.mean(np.asarray(chain.get_extra_fields()["diverging"])))
+    drawn = np.asarray(jax.vmap(free.bounded)(first + w.reshape(-1, len(middle)) @ root.T)).reshape(w.shape)
+    table = {name: _summary(values, diagnostics) for name, values in _physical(coordinates, drawn).items()}
+    worst = max(row["r_hat"] for row in table.values())
+    return {
+        "sampler": f"NUTS (numpyro {sampler('numpyro').__version__})",
+        "chains": sampling.chains,
+        "warm_up": sampling.warm_up,
+        "draws": sampling.draws,
+        "seed": sampling.seed,
+        "prior": PRIOR,
+        "covers": "the data's noise or stated uncertainties; systematic contributions are in the parameters alone",
+        "diverging": diverging,
+        "converged": worst < AGREE and diverging < MOST_DIVERGING,
+        "ends_by_prior": free.ended(drawn, coordinates.model.parameter_names),
+        "parameters": table,
+    }
+
+
+@dataclass(frozen=True, eq=False)
+class _Unbounded:
+    """The sampler's coordinates v, without bounds, and the optimiser's z."""
+
+    low: FloatArray  # lowest z, shape (p,); −∞ where there is no bound
+    high: FloatArray  # highest z, likewise
+    damping: int  # index of the core's damping ratio; −1 if it has no damping ratio
+    frequency: int  # index of its natural frequency
+    at: float  # z of the natural frequency that damping is taken over
+
+    @classmethod
+    def of(cls, coordinates: Coordinates, z: FloatArray) -> _Unbounded:
+        """Those of a model, ``at`` an estimate."""
+        names = list(coordinates.model.parameter_names)
+        pair = coordinates.model.core.oscillator
+        low, high = coordinates.edges
+        if pair is None:
+            return cls(low, high, -1, -1, 0.0)
+        frequency, damping = (names.index(name) for name in pair)
+        return cls(low, high, damping, frequency, float(z[frequency]))
+
+    def bounded(self, v: Any) -> Any:
+        """Optimiser's z of v, shape (p,)."""
+        closed = np.isfinite(self.low)
+        low, high = np.where(closed, self.low, 0.0), np.where(closed, self.high, 1.0)
+        z = jnp.where(closed, low + (high - low) * jax.nn.sigmoid(v), v)
+        if self.damping >= 0:
+            z = z.at[self.damping].multiply(jnp.exp(z[self.frequency] - self.at))
+        return z
+
+    def ended(self, z: FloatArray, names: Sequence[str]) -> list[str]:
+        """Parameters of which the range searched, and not the data, ends the distribution."""
+        closed = np.isfinite(self.low)
+        low, high = np.where(closed, self.low, 0.0), np.where(closed, self.high, 1.0)
+        margin = NEAR * (high - low)
+        part = np.mean(closed & ((z < low + margin) | (z > high - margin)), axis=(0, 1))
+        return [name for name, share in zip(names, part, strict=True) if share > ENDED]
+
+    def log_volume(self, v: Any) -> Any:
+        """Logarithm of |∂z/∂v|, which keeps a density of z one of v."""
+        return jnp.linalg.slogdet(jax.jacfwd(self.bounded)(v))[1]
+
+    def round(self, z: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The v of z, and L with L Lᵀ the covariance of v, no direction wider than ``WIDEST``."""
+        closed = np.isfinite(self.low)
+        share = (z[closed] - self.low[closed]) / (self.high[closed] - self.low[closed])
+        share = np.clip(share, 1e-3, 1.0 - 1e-3)
+        v = np.array(z, dtype=float)  # damping is its own there
+        v[closed] = np.log(share / (1.0 - share))
+        back = np.linalg.inv(np.asarray(jax.jacfwd(self.bounded)(jnp.asarray(v))))
+        moved = back @ covariance @ back.T
+        values, vectors = np.linalg.eigh(0.5 * (moved + moved.T))
+        return v, vectors * np.clip(np.sqrt(np.maximum(values, 0.0)), 1e-12, WIDEST)
+
+
+def _freedom(estimate: Estimate) -> FloatArray | None:
+    """Degrees of freedom behind the deviation of each tone; None where it is known: stated, or as the misfit has it."""
+    if estimate.tones is None or estimate.findings.model_error is not None:
+        return None
+    return estimate.tones.degrees_of_freedom
+
+
+def _log_density(
+    coordinates: Coordinates, problem: FrequencyProblem, freedom: FloatArray | None, scale: float
+) -> Callable[[Any], Any]:
+    """Log posterior density of the coordinates z, up to a constant."""
+    kind = (problem.polar, problem.has_phase, problem.quantity)
+
+    def likelihood(z: Any) -> Any:
+        residual = response_residual(z, coordinates, *kind, problem.data) / scale
+        if freedom is None:
+            return -0.5 * jnp.sum(residual**2)
+        squares = jnp.sum(residual.reshape(2, -1) ** 2, axis=0)
+        return -jnp.sum(0.5 * (freedom + 2.0) * jnp.log1p(squares / freedom))
+
+    def prior(z: Any) -> Any:
+        wide = [i for i, spec in enumerate(coordinates.model.parameters) if spec.kind in ("positive", "ratio")]
+        return -sum((jnp.log1p(z[i] ** 2) for i in wide), start=jnp.zeros(()))
+
+    return lambda z: likelihood(z) + prior(z)
+
+
+def _physical(coordinates: Coordinates, z: FloatArray) -> dict[str, FloatArray]:
+    """Every parameter of every draw, estimated and derived; z of shape (chains, draws, p), values (chains, draws)."""
+    moved = np.moveaxis(z, -1, 0)
+    values = {name: np.asarray(value) for name, value in coordinates.physical(moved).items()}
+    flat = [dict(zip(values, draw, strict=True)) for draw in zip(*(v.ravel() for v in values.values()), strict=True)]
+    for quantity in coordinates.model.core.derived:
+        if all(quantity.exists(draw) for draw in flat):
+            values[quantity.name] = np.asarray(quantity.value(values))
+    return values
+
+
+def _summary(values: FloatArray, diagnostics: Any) -> dict[str, Any]:
+    tail = 50.0 * (1.0 - COVERAGE)
+    low, high = np.percentile(values, [tail, 100.0 - tail])
+    return {
+        "mean": float(np.mean(values)),
+        "standard_deviation": float(np.std(values, ddof=1)),
+        "interval_95": [float(low), float(high)],
+        "r_hat": float(diagnostics.split_gelman_rubin(values)),
+        "effective_sample_size": float(diagnostics.effective_sample_size(values)),
+    }

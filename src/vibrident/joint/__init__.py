@@ -1,5 +1,0 @@
-"""One joint fit of several calibrations of one sensor."""
-
-from vibrident.joint.identification import identify_together
-
-__all__ = ["identify_together"]

@@ -1,0 +1,1 @@
+"""Many sensors, and their years."""

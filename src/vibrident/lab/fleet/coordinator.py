@@ -1,0 +1,298 @@
+"""The steps of a run: find calibrations, hash them, have them identified in batches, write table and page."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import time
+import uuid
+from collections import Counter, deque
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from vibrident.base import memory
+from vibrident.base.errors import InputError
+from vibrident.lab.fleet import parts, patterns
+from vibrident.lab.fleet.batch import Done, fingerprints, lost, work_off
+from vibrident.lab.fleet.key import Fingerprint
+from vibrident.lab.fleet.limits import Specification
+from vibrident.lab.fleet.orders import Orders
+from vibrident.lab.fleet.page import write_page
+from vibrident.lab.fleet.schedulers import Reply, Scheduler
+from vibrident.lab.fleet.table import Tally, identified_keys, index_of, write_table
+
+BATCH_S = 10.0  # seconds of work in a batch: long against the time to send one, short against an acceptable loss
+_LEAST_BATCH_S = 0.5  # shortest batch, in seconds: the last calibrations are divided among all workers
+_MOST_IN_A_BATCH = 1000  # most calibrations of a batch, however short they are
+_NEWEST_SHARE = 0.5  # share of the newest batch in a shape's time
+
+Task = tuple[str, str]  # path, key
+
+
+@dataclass
+class Batches:
+    """Waiting calibrations, by shape, and the time that one of each shape takes."""
+
+    waiting: dict[str, deque[Task]] = field(default_factory=dict)
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return sum(len(tasks) for tasks in self.waiting.values())
+
+    def add(self, shape: str, task: Task) -> None:
+        """Add a calibration to the waiting ones."""
+        self.waiting.setdefault(shape, deque()).append(task)
+
+    def measured(self, shape: str, seconds: float, calibrations: int) -> None:
+        """Update the time of a shape from a finished batch."""
+        each = seconds / calibrations
+        self.seconds[shape] = (1 - _NEWEST_SHARE) * self.seconds.get(shape, each) + _NEWEST_SHARE * each
+
+    def ahead_s(self) -> float:
+        """Seconds of waiting work; a calibration of a shape without a measured time counts as one second."""
+        return sum(len(tasks) * self.seconds.get(shape, 1.0) for shape, tasks in self.waiting.items())
+
+    def take(self, workers: int) -> tuple[str, list[Task]]:
+        """The next batch, of the shape with most waiting work; at least one calibration must be waiting.
+
+        Of a shape without a measured time, the batch is one calibration.
+        """
+        shape = max(self.waiting, key=lambda name: len(self.waiting[name]) * self.seconds.get(name, 1.0))
+        tasks, each = self.waiting[shape], self.seconds.get(shape)
+        wanted_s = min(BATCH_S, max(_LEAST_BATCH_S, self.ahead_s() / (2 * max(workers, 1))))
+        size = 1 if each is None else max(1, min(_MOST_IN_A_BATCH, round(wanted_s / max(each, 1e-6))))
+        batch = [tasks.popleft() for _ in range(min(size, len(tasks)))]
+        if not tasks:
+            del self.waiting[shape]
+        return shape, batch
+
+
+WINDOW = 2  # calls a worker has at once: one that it works on, one that waits for it
+_FIRST_PATHS = 8  # calibrations hashed by each of the first calls, so that work begins at once
+_MOST_PATHS = 100  # calibrations hashed by a later call
+_TURN_S = 0.5  # seconds between updates of the number of workers and of the progress
+_MOST_LOST = 4  # how often a calibration is sent again after its worker was lost
+_MOST_MOVES = 3  # how often it is hashed again after its files changed
+
+
+@dataclass(frozen=True)
+class Asked:
+    """The request for a run."""
+
+    patterns: Sequence[str]  # files, folders and globs
+    orders: Orders  # how each calibration is identified, and the folder
+    specification: Specification = field(default_factory=Specification)  # limits of the parameters, by type
+    fresh: bool = False  # compute everything again instead of continuing
+
+
+@dataclass(frozen=True)
+class RunProgress:
+    """Progress of a run."""
+
+    done: int  # calibrations that have a row, including those of earlier runs
+    total: int  # calibrations
+    rate: float  # calibrations finished in this run, per second
+    left_s: float | None  # seconds left at that rate; None before a rate is known
+    workers: int  # at work now
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Outcome of a run."""
+
+    tally: Tally  # of the table's rows
+    files: list[Path]  # written: the table, then the page
+    computed: int  # calibrations that this run computed; those of equal content, or of an earlier run, were not
+    left_out: int  # TOML files, in folders, that hold no section of a calibration
+    seconds: float  # of the run
+    folder: Path  # of the whole results
+
+    def results(self) -> Iterator[Path]:
+        """Path of each identified calibration's result, each once; the files exist if ``results`` was set."""
+        return (self.folder / f"{key}.json" for key in identified_keys(self.files[0]))
+
+
+def run(asked: Asked, scheduler: Scheduler, progress: Callable[[RunProgress], None] = lambda _: None) -> Outcome:
+    """Identify all calibrations that are not on the disk yet; write ``fleet.parquet`` and ``fleet.html``.
+
+    Args:
+        asked: the request.
+        scheduler: runs the work; it is closed at the end.
+        progress: called about twice a second.
+
+    Raises:
+        InputError: a pattern names nothing, the folder cannot be written, or the connection to the scheduler is lost.
+    """
+    begin = time.monotonic()
+    began_at = time.time()
+    orders = replace(asked.orders, folder=os.path.abspath(asked.orders.folder), run=uuid.uuid4().hex)
+    try:
+        named = patterns.found(asked.patterns)
+        _prepare(orders, fresh=asked.fresh)
+        index = index_of(orders)
+        work = _Work(named, orders, set(index.keys[index.stands].tolist()), scheduler, progress)
+        del index
+        try:
+            work.do()
+        finally:
+            scheduler.close(orders.run)
+        seconds, computed = time.monotonic() - begin, work.computed
+        known = work.keys != b""
+        names, keys = itertools.compress(named.paths, known.tolist()), work.keys[known]
+        table, left_out = Path(orders.folder) / "fleet.parquet", int(np.sum(~known))
+        del work
+        memory.give_back()
+        tally = write_table(table, names, keys, orders)
+        memory.give_back()
+        page = write_page(table.with_suffix(".html"), table, tally, asked.specification, began_at)
+    except OSError as error:
+        raise parts.unwritable(error, orders.folder) from error
+    return Outcome(tally, [table, page], computed, left_out, seconds, orders.results_folder)
+
+
+def _prepare(orders: Orders, *, fresh: bool) -> None:
+    orders.parts_folder.mkdir(parents=True, exist_ok=True)
+    for folder, ending in ((orders.parts_folder, ".parquet"), (orders.results_folder, ".json")):
+        if folder.is_dir():
+            parts.remove_left(folder)
+            for path in folder.glob(f"*{ending}") if fresh else ():
+                if len(path.stem) == 64 and set(path.stem) <= set("0123456789abcdef"):  # ours, by its name
+                    path.unlink(missing_ok=True)
+    if orders.results:
+        orders.results_folder.mkdir(exist_ok=True)
+    trial = orders.parts_folder / ".trial"
+    parts.write_whole(trial, b"")
+    trial.unlink(missing_ok=True)
+
+
+def _not_seen(path: str) -> InputError:
+    return InputError(
+        "A worker does not see the calibrations.",
+        expected="the same files under the same names on all machines",
+        found="no file of that name, where the worker runs",
+        where=os.path.abspath(path),
+        remedy="put data and output on a drive that all machines share, or start the workers on this machine",
+    )
+
+
+class _Work:
+    """The open calls, and the remaining work."""
+
+    def __init__(
+        self,
+        named: patterns.Found,
+        orders: Orders,
+        there: set[bytes],
+        scheduler: Scheduler,
+        progress: Callable[[RunProgress], None],
+    ) -> None:
+        self.named, self.orders, self.scheduler, self.progress = named, orders, scheduler, progress
+        self.keys = np.zeros(len(named.paths), dtype=parts.PACKED)  # empty: not hashed yet, or no calibration
+        self.computed = 0
+        self._lost: Counter[str] = Counter()
+        self._moves: Counter[int] = Counter()
+        self._there = there  # or on the way
+        self._batches = Batches()
+        self._hashing: dict[int, list[int]] = {}
+        self._work: dict[int, tuple[str, list[Task]]] = {}
+        self._next, self._seen, self._waiting_for = 0, 0, 0
+        self._begin = time.monotonic()
+
+    def do(self) -> None:
+        """Run until every calibration has a row."""
+        told = 0.0
+        while self._next < len(self.named.paths) or self._hashing or self._batches or self._work:
+            self._send()
+            if (reply := self.scheduler.next_reply(_TURN_S)) is not None:
+                self._take(reply)
+            if time.monotonic() - told >= _TURN_S:
+                told = time.monotonic()
+                self._tell()
+        self._tell()
+
+    def _send(self) -> None:
+        workers = max(self.scheduler.workers(), 1)  # an adaptive cluster starts workers only once work is submitted
+        while len(self._hashing) + len(self._work) < WINDOW * workers:
+            ahead = self._batches.ahead_s() >= WINDOW * workers * BATCH_S
+            if self._next < len(self.named.paths) and not ahead and len(self._hashing) <= workers // 2:
+                self._send_paths()
+            elif self._batches:
+                shape, tasks = self._batches.take(workers)
+                self._work[self.scheduler.submit(work_off, tasks, self.orders)] = (shape, tasks)
+            else:
+                return
+
+    def _send_paths(self) -> None:
+        size = _FIRST_PATHS if self._seen < WINDOW * _MOST_PATHS else _MOST_PATHS
+        places = list(range(self._next, min(self._next + size, len(self.named.paths))))
+        self._next = places[-1] + 1
+        self._hash(places)
+
+    def _hash(self, places: list[int]) -> None:
+        paths = [os.path.abspath(self.named.paths[place]) for place in places]
+        self._hashing[self.scheduler.submit(fingerprints, paths, self.orders)] = places
+
+    def _take(self, reply: Reply) -> None:
+        if reply.error is not None:
+            raise reply.error
+        if reply.call in self._hashing:
+            places = self._hashing.pop(reply.call)
+            self._hash(places) if reply.lost else self._seen_are(places, reply.value)
+            return
+        shape, tasks = self._work.pop(reply.call)
+        if not reply.lost:
+            self._done(shape, tasks, reply.value)
+        elif len(tasks) == 1 and self._lost[tasks[0][1]] >= _MOST_LOST:
+            row = lost(*tasks[0], self.orders)
+            part = parts.write_part(self.orders.parts_folder, [row], self.orders.time_limit_s, None)
+            self._done(shape, tasks, Done(part, {row["status"]: 1}, 0.0, {}))
+        else:  # in halves: one of them holds the calibration that ended the workers
+            self._lost.update(key for _, key in tasks)
+            middle = (len(tasks) + 1) // 2
+            for half in filter(None, (tasks[:middle], tasks[middle:])):
+                self._work[self.scheduler.submit(work_off, half, self.orders)] = (shape, half)
+
+    def _seen_are(self, places: list[int], found: list[Fingerprint]) -> None:
+        for place, one in zip(places, found, strict=True):
+            self._seen += 1
+            if self.named.in_folder[place] and not one.calibration:
+                continue
+            if not one.there and os.path.exists(self.named.paths[place]):
+                raise _not_seen(self.named.paths[place])
+            self.keys[place] = key = parts.packed([one.key])[0]
+            if key not in self._there:
+                self._there.add(bytes(key))
+                self._waiting_for += 1
+                self._batches.add(one.shape, (os.path.abspath(self.named.paths[place]), one.key))
+
+    def _done(self, shape: str, tasks: list[Task], done: Done) -> None:
+        self.computed += len(tasks)
+        self._waiting_for -= len(tasks)
+        self._batches.measured(shape, done.seconds, len(tasks))
+        for before, after in done.moved.items():
+            self._moved(before, after)
+
+    def _moved(self, before: str, after: str) -> None:
+        """Files changed after they were hashed: hash again all calibrations that had the same key."""
+        old, new = parts.packed([before, after]).tolist()
+        self._there.discard(old)
+        self._there.add(new)
+        places = np.flatnonzero(self.keys == old).tolist()
+        again = [place for place in places if self._moves[place] < _MOST_MOVES]
+        for place in set(places) - set(again):  # its files keep changing: use the latest row
+            self.keys[place] = new
+        self._moves.update(again)
+        self._seen -= len(again)
+        if again:
+            self._hash(again)
+
+    def _tell(self) -> None:
+        elapsed = time.monotonic() - self._begin
+        rate = self.computed / elapsed if elapsed > 0 else 0.0
+        left = len(self.named.paths) - self._seen + self._waiting_for
+        left_s = left / rate if rate > 0 else None
+        workers = self.scheduler.workers()
+        self.progress(RunProgress(len(self.named.paths) - left, len(self.named.paths), rate, left_s, workers))

@@ -1,0 +1,135 @@
+"""The limits file: the limits of parameters, by type of sensor, and the verdict on values."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from vibrident.base.errors import InputError, did_you_mean
+from vibrident.data.io.schema_errors import schema_error
+from vibrident.data.io.toml_text import read_toml
+from vibrident.physics.naming import parameter_names
+
+K = 2.0  # coverage factor of the uncertainty in a verdict
+
+
+class Limit(BaseModel):
+    """One [[limits]] entry."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+    type: str | None = Field(default=None, min_length=1, description="a sensor's type in quotes, not empty")
+    parameter: str = Field(min_length=1, description="a parameter's name in quotes")
+    nominal: Annotated[float, Field(allow_inf_nan=False, description="a finite number")]
+    tolerance: float | None = Field(default=None, gt=0, allow_inf_nan=False, description="a finite number above 0")
+    tolerance_percent: float | None = Field(
+        default=None, gt=0, allow_inf_nan=False, description="a finite number above 0"
+    )
+    unit: str | None = Field(default=None, min_length=1, description="a unit in quotes, not empty")
+
+    @property
+    def half_width(self) -> float:
+        """Tolerance in the unit of the parameter."""
+        percent = self.tolerance_percent or 0.0
+        return self.tolerance if self.tolerance is not None else abs(self.nominal) * percent / 100
+
+    @property
+    def lower(self) -> float:
+        """The lower limit."""
+        return self.nominal - self.half_width
+
+    @property
+    def upper(self) -> float:
+        """The upper limit."""
+        return self.nominal + self.half_width
+
+    def inside(self, values: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Which values are within the limits, without regard to uncertainty; same shape."""
+        return np.abs(values - self.nominal) <= self.half_width
+
+    def certain(self, values: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Which verdicts hold for all values within U = 2 u (ISO 14253-1); same shape."""
+        margin = np.abs(np.abs(values - self.nominal) - self.half_width)
+        return margin >= K * u
+
+
+class Specification(BaseModel):
+    """A limits file, checked."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+    limits: list[Limit] = Field(default=[], description="one or more [[limits]], in double brackets")
+
+    def limit(self, type_: str | None, parameter: str) -> Limit | None:
+        """The limit for a parameter of a type of sensor: that of the type, else that of all types."""
+        for wanted in (type_, None):
+            for one in self.limits:
+                if one.parameter == parameter and one.type == wanted:
+                    return one
+        return None
+
+
+def read_limits(path: Path) -> Specification:
+    """Read a limits file.
+
+    Raises:
+        InputError: the file cannot be read, or a key or value is not valid.
+    """
+    document = read_toml(path, "limits")
+    try:
+        found = Specification.model_validate(document)
+    except ValidationError as error:
+        wrong = schema_error(error, Specification, str(path))
+        said = wrong.problem.replace("the calibration file", "the limits file")
+        raise InputError(**{**vars(wrong), "problem": said}) from None
+    if not found.limits:
+        raise InputError(
+            "The limits file holds no limit.",
+            expected="one or more [[limits]] with parameter, nominal and tolerance",
+            found="none",
+            where=str(path),
+            remedy="add one, or leave --limits out",
+        )
+    _check(found, str(path))
+    return found
+
+
+def _check(found: Specification, where: str) -> None:
+    seen: dict[tuple[str | None, str], int] = {}
+    for number, one in enumerate(found.limits, start=1):
+        here = f"{where}, [[limits]] entry {number}"
+        if one.parameter not in parameter_names():
+            raise InputError(
+                "There is no such parameter.",
+                expected="one of " + ", ".join(parameter_names()),
+                found=repr(one.parameter),
+                where=here,
+                remedy=did_you_mean(one.parameter, parameter_names()),
+            )
+        if (one.tolerance is None) == (one.tolerance_percent is None):
+            raise InputError(
+                "A limit has one tolerance.",
+                expected="tolerance (in the parameter's unit) or tolerance_percent (of the nominal value)",
+                found="neither" if one.tolerance is None else "both",
+                where=here,
+                remedy="keep one of the two",
+            )
+        if one.half_width == 0:
+            raise InputError(
+                "A per cent of zero is zero.",
+                expected="tolerance, in the parameter's unit, where nominal is 0",
+                found=f"tolerance_percent = {one.tolerance_percent!r}",
+                where=here,
+                remedy="give tolerance",
+            )
+        other = seen.setdefault((one.type, one.parameter), number)
+        if other != number:
+            raise InputError(
+                "Two limits are for the same.",
+                expected="one limit for each type and parameter",
+                found=f"{one.parameter!r} of {one.type or 'every type'}, as in entry {other}",
+                where=here,
+                remedy="remove one of the two",
+            )

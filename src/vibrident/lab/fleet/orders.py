@@ -1,0 +1,80 @@
+"""Orders to a worker: how to identify, within which limits, and where to write the outcome."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Any
+
+from vibrident.base.version import __version__
+
+TIME_LIMIT_S = 300.0  # default time limit of one calibration, in seconds
+_GROUPS = ("vibrident.models", "vibrident.estimators", "vibrident.readers")
+_LEAST_BYTES = 4_000_000_000
+_SHARE = 0.8
+
+
+def plug_ins() -> tuple[str, ...]:
+    """Installed packages, with their versions, that add models, estimators or readers."""
+    points = (point for group in _GROUPS for point in entry_points(group=group))
+    return tuple(sorted({f"{point.dist.name} {point.dist.version}" for point in points if point.dist}))
+
+
+@dataclass(frozen=True)
+class Orders:
+    """The same for all calibrations of a run."""
+
+    folder: str  # absolute path for results and parts
+    model: str | None = None  # of all calibrations; None for the one that each calibration states
+    estimator: str = "auto"  # a name, or ``auto``
+    time_limit_s: float = TIME_LIMIT_S  # longest time of one calibration
+    # largest memory of one process; None: a share of the machine's, see ``memory_limit``
+    memory_limit_bytes: int | None = None
+    results: bool = True  # whether whole results are written
+    version: str = __version__  # of this package; a remote worker must have the same
+    plug_ins: Sequence[str] = field(default_factory=plug_ins)  # packages that may change an outcome
+    run: str = ""  # name of this run; it distinguishes its processes from those of another run
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """The settings that change the numbers of an outcome."""
+        chosen = {"model": self.model, "estimator": self.estimator, "uncertainty": "auto"}
+        return {**chosen, "version": self.version, "plug_ins": list(self.plug_ins)}
+
+    @property
+    def parts_folder(self) -> Path:
+        """Folder for rows."""
+        return Path(self.folder) / "parts"
+
+    @property
+    def results_folder(self) -> Path:
+        """Folder for whole results."""
+        return Path(self.folder) / "results"
+
+
+def memory_limit(orders: Orders) -> int | None:
+    """Most bytes of a process that identifies, on this machine; None if the machine's memory is not known.
+
+    Unless it is stated, each processor's share of four fifths of the memory, but at least 4 GB, because one large
+    calibration is rarely beside another; and never more than the four fifths.
+    """
+    if orders.memory_limit_bytes is not None:
+        return orders.memory_limit_bytes
+    total = _machine_bytes()
+    if total is None:
+        return None
+    return int(min(_SHARE * total, max(_LEAST_BYTES, _SHARE * total / (os.cpu_count() or 1))))
+
+
+def _machine_bytes() -> int | None:
+    """Memory of this machine, or of the container that this process is in."""
+    found = []
+    with suppress(AttributeError, ValueError, OSError):  # not on Windows
+        found.append(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
+    with suppress(OSError, ValueError):  # "max" is no number
+        found.append(int(Path("/sys/fs/cgroup/memory.max").read_text(encoding="ascii")))
+    return min(found, default=None)

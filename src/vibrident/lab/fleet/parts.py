@@ -1,0 +1,237 @@
+"""Rows on the disk, one file per batch, indexed by key; a later run finds them again."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import math
+import os
+import sys
+import time
+import uuid
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibrident.base.errors import InputError
+from vibrident.lab.fleet.row import FAILED, IDENTIFIED, Row
+
+#: Columns of a part beside those of parameters; units are JSON, limits are stated for failed calibrations.
+_TEXTS = ("key", "status", "message", "serial_number", "type", "model", "estimator", "units")
+_NUMBERS = ("chi2_reduced", "seconds", "finished", "time_limit_s", "memory_limit_bytes")
+_FLAGS = ("adequate", "passing")
+_LEFT_S = 3600.0  # age after which an unfinished file is taken to be left by a process that has ended
+_ENDING = ".part"
+PACKED = np.dtype("S32")  # type of an array of keys
+
+
+#: A row on the disk: its key, where it is, and what decides between rows of one key.
+_PLACE = np.dtype(
+    [
+        ("key", PACKED),
+        ("part", "i4"),
+        ("row", "i4"),
+        ("seconds", "f4"),
+        ("memory", "f4"),
+        ("ended", "?"),
+        ("stands", "?"),
+    ]
+)
+
+
+def load_arrow() -> None:
+    """Load pyarrow for a command: with a pool that returns memory, and without pandas.
+
+    The first array that pyarrow makes loads pandas, in a quarter of a second and 30 MB, for nothing that is done here.
+    It tries once; its ``to_pandas`` tries again.
+    """
+    os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
+    import pyarrow as pa
+
+    sys.meta_path.insert(0, SimpleNamespace(find_spec=_no_pandas))  # type: ignore[arg-type]
+    try:
+        pa.array([0])
+    finally:
+        del sys.meta_path[0]
+
+
+def _no_pandas(name: str, *_: object) -> None:
+    if name == "pandas":
+        raise ImportError(name)
+
+
+@dataclass(frozen=True, eq=False)
+class Index:
+    """The place of each key's row. Of several rows of a key, a finished one is used, else the latest."""
+
+    keys: NDArray[np.bytes_]  # sorted, each once, as ``packed`` gives them; shape (keys,)
+    part: NDArray[np.int32]  # number of the part in ``parts``; shape (keys,)
+    row: NDArray[np.int32]  # number of the row in it; shape (keys,)
+    stands: NDArray[np.bool_]  # False if the row has to be computed again; shape (keys,)
+    parts: list[str]  # names of the files
+    parameters: list[tuple[str, ...]]  # that each part has columns for
+
+    def places(self, keys: NDArray[np.bytes_]) -> NDArray[np.intp]:
+        """Position of these keys in the index; −1 for a key that is not in it."""
+        if not self.keys.size:
+            return np.full(keys.shape, -1)
+        found = np.minimum(np.searchsorted(self.keys, keys), self.keys.size - 1)
+        return np.where(self.keys[found] == keys, found, -1)
+
+
+def packed(keys: Sequence[str]) -> NDArray[np.bytes_]:
+    """Keys, as hexadecimal digits, in 32 bytes each."""
+    return np.frombuffer(bytes.fromhex("".join(keys)), dtype=PACKED)
+
+
+def digits(keys: NDArray[np.bytes_]) -> list[str]:
+    """The hexadecimal digits of packed keys."""
+    return [one.ljust(32, b"\0").hex() for one in keys.tolist()]  # NumPy leaves out zeros at the end
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a file that appears whole or not at all, even if this process is ended.
+
+    If the power fails, files that the system had not yet written are missing or empty, and are computed again. There is
+    no fsync: on a busy disk it takes longer than a batch.
+    """
+    partial = path.with_name(f".{uuid.uuid4().hex}{_ENDING}")
+    try:
+        partial.write_bytes(content)
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def remove_left(folder: Path) -> None:
+    """Remove unfinished files of processes that were killed."""
+    for path in folder.glob(f".*{_ENDING}"):
+        with contextlib.suppress(OSError):
+            if time.time() - path.stat().st_mtime > _LEFT_S:
+                path.unlink()
+
+
+def as_table(rows: Sequence[Row], time_limit_s: float, memory_limit_bytes: int | None) -> Any:
+    """Rows as a table of pyarrow, with the limits on time and memory that applied to them."""
+    import pyarrow as pa
+
+    columns: dict[str, Any] = {field: pa.array([text(row.get(field)) for row in rows], pa.string()) for field in _TEXTS}
+    columns["units"] = pa.array([_units(row) for row in rows], pa.string())
+    limits = {"time_limit_s": time_limit_s, "memory_limit_bytes": memory_limit_bytes}
+    for field in _NUMBERS:
+        columns[field] = pa.array([{**row, **limits}[field] for row in rows], pa.float64())
+    for field in _FLAGS:
+        columns[field] = pa.array([row[field] for row in rows], pa.bool_())
+    columns["warnings"] = pa.array([row["warnings"] for row in rows], pa.list_(pa.string()))
+    for parameter in dict.fromkeys(parameter for row in rows for parameter in row["parameters"]):
+        found = [row["parameters"].get(parameter, (None, None)) for row in rows]
+        columns[parameter] = pa.array([one[0] for one in found], pa.float64())
+        columns[f"{parameter}_u"] = pa.array([one[1] for one in found], pa.float64())
+    return pa.table(columns)
+
+
+def write_part(folder: Path, rows: Sequence[Row], time_limit_s: float, memory_limit_bytes: int | None) -> str:
+    """Write rows into a part; return its name, a hash of the keys: the same rows never make two parts."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    name = _name([row["key"] for row in rows])
+    sink = pa.BufferOutputStream()
+    table = as_table(rows, time_limit_s, memory_limit_bytes)
+    pq.write_table(table, sink, compression="zstd", write_page_checksum=True)
+    write_whole(folder / name, sink.getvalue().to_pybytes())
+    return name
+
+
+def _name(keys: Sequence[str]) -> str:
+    return hashlib.sha256("".join(sorted(keys)).encode()).hexdigest() + ".parquet"
+
+
+def text(value: str | None) -> str | None:
+    """Text that can be written as UTF-8; a file's name may hold other bytes."""
+    return None if value is None else value.encode("utf-8", "backslashreplace").decode("utf-8")
+
+
+def _units(row: Row) -> str:
+    return json.dumps({name: one[2] for name, one in row["parameters"].items()}, separators=(",", ":"))
+
+
+def parameters_of(columns: Sequence[str]) -> tuple[str, ...]:
+    """Names of the parameters that a part has columns for."""
+    known = {*_TEXTS, *_NUMBERS, *_FLAGS, "warnings"}
+    return tuple(name for name in columns if name not in known and f"{name}_u" in columns)
+
+
+def index(folder: Path, results: Path | None, time_limit_s: float, memory_limit_bytes: int | None) -> Index:
+    """Index all rows on the disk. A part that cannot be read is ignored.
+
+    A row has to be computed again if its whole result is wanted and missing, if the calibration failed within tighter
+    limits than these, or if another attempt may have another outcome.
+
+    Args:
+        folder: of the parts.
+        results: folder of the whole results; None: not wanted.
+        time_limit_s: of this run.
+        memory_limit_bytes: of this run; None: no limit.
+    """
+    there = None if results is None else {entry.name for entry in os.scandir(results) if entry.stat().st_size}
+    names, parameters, blocks = [], [], [np.zeros(0, dtype=_PLACE)]
+    for path in sorted(folder.glob("*.parquet")):
+        if (read := _read(path)) is None:
+            continue
+        columns, found = read
+        block = np.zeros(len(found["key"]), dtype=_PLACE)
+        block["key"], block["part"], block["row"] = packed(found["key"]), len(names), np.arange(block.size)
+        failed, passing = np.array(found["status"]) == FAILED, np.array(found["passing"])
+        seconds = np.array(found["time_limit_s"], dtype=float)
+        memory = np.array([math.inf if one is None else one for one in found["memory_limit_bytes"]], dtype=float)
+        ended, wanted = ~failed & ~passing, math.inf if memory_limit_bytes is None else memory_limit_bytes
+        stands = ended | (failed & ~passing & (time_limit_s <= seconds) & (wanted <= memory))
+        if there is not None:
+            pairs = zip(found["key"], found["status"], strict=True)
+            stands &= [status != IDENTIFIED or f"{key}.json" in there for key, status in pairs]
+        block["ended"], block["seconds"], block["memory"], block["stands"] = ended, seconds, memory, stands
+        blocks.append(block)
+        names.append(path.name)
+        parameters.append(parameters_of(columns))
+    every = np.concatenate(blocks)
+    del blocks
+    every = every[np.lexsort([every[name] for name in ("memory", "seconds", "ended", "key")])]
+    last = np.ones(every.size, dtype=bool)
+    last[:-1] = every["key"][1:] != every["key"][:-1]
+    every = every if last.all() else every[last]
+    key, part, row, stands = (np.ascontiguousarray(every[name]) for name in ("key", "part", "row", "stands"))
+    return Index(key, part, row, stands, names, parameters)
+
+
+def _read(path: Path) -> tuple[list[str], dict[str, list[Any]]] | None:
+    """Names of a part's columns, and those that an index needs; None for a file that is damaged, or no part."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        with pq.ParquetFile(path, page_checksum_verification=True) as file:
+            table = file.read()
+        columns = ("key", "status", "passing", "time_limit_s", "memory_limit_bytes")
+        found = {name: table[name].to_pylist() for name in columns}
+        return (table.column_names, found) if path.name == _name(found["key"]) else None
+    except (pa.ArrowException, OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def unwritable(error: OSError, folder: str) -> InputError:
+    """The error of a folder that cannot be written."""
+    return InputError(
+        "The output cannot be written.",
+        expected="a folder that can be written, with room for the files",
+        found=f"{type(error).__name__}: {error}",
+        where=folder,
+        remedy="free disk space or correct the permissions (remote workers need the folder under the same name), "
+        "then run the same command again: it continues where it stopped",
+    )

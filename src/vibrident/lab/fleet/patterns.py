@@ -1,0 +1,132 @@
+"""From the patterns of the command line to calibration files."""
+
+from __future__ import annotations
+
+import glob
+import hashlib
+import os
+import zlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vibrident.base.errors import InputError
+
+_ENDING = ".toml"
+_BLOCK = 256  # paths that are compressed together
+_MOST_OPENED = 8  # blocks that are kept open
+_MARK = 16  # bytes of the hash by which equal paths are found
+
+
+class Paths:
+    """Paths in about ten bytes each, because there may be millions: added, and then read in order."""
+
+    def __init__(self) -> None:
+        self._blocks: list[bytes] = []
+        self._last: list[str] = []  # not compressed yet
+        self._opened: dict[int, list[str]] = {}
+
+    def __len__(self) -> int:
+        return _BLOCK * len(self._blocks) + len(self._last)
+
+    def __getitem__(self, place: int) -> str:
+        number, within = divmod(place, _BLOCK)
+        if number >= len(self._blocks):
+            return self._last[within]
+        if number not in self._opened:
+            if len(self._opened) >= _MOST_OPENED:
+                self._opened.clear()
+            self._opened[number] = [os.fsdecode(one) for one in zlib.decompress(self._blocks[number]).split(b"\0")]
+        return self._opened[number][within]
+
+    def __iter__(self) -> Iterator[str]:
+        return (self[place] for place in range(len(self)))
+
+    def add(self, path: str) -> None:
+        """Add a path at the end."""
+        self._last.append(path)
+        if len(self._last) == _BLOCK:
+            self._blocks.append(zlib.compress(b"\0".join(map(os.fsencode, self._last))))
+            self._last = []
+
+
+@dataclass(frozen=True)
+class Found:
+    """Files to be identified, in order; two columns, because there may be millions."""
+
+    paths: Paths  # as they were found from the patterns
+    # 1 for a file found in a named folder, 0 for a file named itself: the former is left out if it is no calibration
+    # file
+    in_folder: bytearray
+
+
+def found(patterns: Sequence[str]) -> Found:
+    """The calibration files that the patterns name, each once, pattern by pattern and then by name.
+
+    A folder names every ``.toml`` file in it and below it, also behind links to folders elsewhere, and a glob the files
+    and folders that match.
+
+    Raises:
+        InputError: a pattern names nothing.
+    """
+    every, marks = Found(Paths(), bytearray()), bytearray()
+    for pattern in patterns:
+        before = len(every.paths)
+        for path, in_folder in _named(pattern):
+            marks += hashlib.blake2b(os.fsencode(os.path.abspath(path)), digest_size=_MARK).digest()
+            every.paths.add(path)
+            every.in_folder.append(in_folder)
+        if len(every.paths) == before:
+            raise _nothing(pattern)
+    _, first = np.unique(np.frombuffer(marks, dtype=f"S{_MARK}"), return_index=True)
+    if first.size == len(every.paths):
+        return every
+    files, wanted = Found(Paths(), bytearray()), np.zeros(len(every.paths), dtype=bool)
+    wanted[first] = True
+    for path, in_folder, is_first in zip(every.paths, every.in_folder, wanted.tolist(), strict=True):
+        if is_first:
+            files.paths.add(path)
+            files.in_folder.append(in_folder)
+    return files
+
+
+def _named(pattern: str) -> Iterator[tuple[str, bool]]:
+    if os.path.lexists(pattern):
+        yield from _of(pattern)
+        return
+    for match in sorted(glob.iglob(pattern, recursive=True)):
+        yield from _of(match)
+
+
+def _of(path: str) -> Iterator[tuple[str, bool]]:
+    if not os.path.isdir(path):
+        yield path, False
+        return
+    roots, places = [path], [os.path.realpath(path)]
+    for root in roots:  # links to folders elsewhere are roots too, after the folder that has them
+        for folder, below, files in os.walk(root):
+            below[:] = sorted(name for name in below if not name.startswith("."))
+            for name in sorted(files):
+                if name.lower().endswith(_ENDING) and not name.startswith("."):
+                    yield os.path.join(folder, name), True
+            for link in filter(os.path.islink, (os.path.join(folder, name) for name in below)):
+                place, here = os.path.realpath(link), os.path.realpath(folder)
+                if not _within(here, place) and not any(_within(place, other) for other in places):
+                    roots.append(link)
+                    places.append(place)
+
+
+def _within(place: str, folder: str) -> bool:
+    return os.path.join(place, "").startswith(os.path.join(folder, ""))
+
+
+def _nothing(pattern: str) -> InputError:
+    folder = os.path.isdir(pattern)
+    return InputError(
+        "No calibration file is there.",
+        expected="a calibration file, a folder that holds some, or a glob that matches some",
+        found=f"a folder without a {_ENDING} file" if folder else "nothing of that name",
+        where=repr(pattern),
+        remedy="check the path; quote a glob, so that the shell does not expand it",
+    )

@@ -1,0 +1,86 @@
+"""One calibration's outcome as plain values: a row of the table."""
+
+from __future__ import annotations
+
+import math
+import time
+import traceback
+from pathlib import Path
+from typing import Any
+
+from vibrident.base.errors import InputError, VibridentError
+from vibrident.result import Result
+
+IDENTIFIED, REFUSED, FAILED = "identified", "refused", "failed"
+
+#: Fields: key, status, message, serial_number, type, model, estimator, parameters, adequate, chi2_reduced, warnings,
+#: seconds as in the table, ``parameters`` being name → [value, u, unit]; ``finished``: when, in seconds since 1970;
+#: ``passing``: True if the next run is to try again, because another attempt may have another outcome.
+Row = dict[str, Any]
+
+
+def identified(key: str, result: Result, seconds: float) -> Row:
+    """The row of a result."""
+    parameters = {
+        name: [_finite(one.value), _finite(one.standard_uncertainty), one.unit]
+        for name, one in result.parameters.items()
+    }
+    return {
+        **_row(key, IDENTIFIED, "", dict(result.sensor), seconds),
+        "model": result.model,
+        "estimator": result.estimator,
+        "parameters": parameters,
+        "adequate": bool(result.fit.adequate),
+        "chi2_reduced": _finite(result.fit.chi2_reduced),
+        "warnings": list(result.warning_codes),
+    }
+
+
+def refused(key: str, error: VibridentError, sensor: dict[str, str], model: str | None, seconds: float) -> Row:
+    """The row of data that cannot be used, with the whole message. A fit that did not converge has failed."""
+    status = REFUSED if isinstance(error, InputError) else FAILED
+    row = _row(key, status, str(error), sensor, seconds)
+    row["model"] = model or sensor.get("model")
+    row["passing"] = isinstance(error, InputError) and error.remedy.startswith("pip install")
+    return row
+
+
+def failed(key: str, error: InputError, sensor: dict[str, str], model: str | None, seconds: float) -> Row:
+    """The row of a calibration that was not completed."""
+    return {**refused(key, error, sensor, model, seconds), "status": FAILED}
+
+
+def fault(error: Exception) -> InputError:
+    """The message for a fault of this program."""
+    frames = traceback.extract_tb(error.__traceback__)
+    last = frames[-1] if frames else None
+    return InputError(
+        "Identifying this calibration met a fault of the program.",
+        expected="a result, or a message that says what is wrong with the data",
+        found=f"{type(error).__name__}: {error}"[:500],
+        where=f"{Path(last.filename).name}, line {last.lineno}" if last else "",
+        remedy="identify it by itself with `vibrident identify`, and report what it prints",
+    )
+
+
+def _row(key: str, status: str, message: str, sensor: dict[str, str], seconds: float) -> Row:
+    return {
+        "key": key,
+        "status": status,
+        "message": message,
+        "serial_number": sensor.get("serial_number"),
+        "type": sensor.get("type"),
+        "model": None,
+        "estimator": None,
+        "parameters": {},
+        "adequate": None,
+        "chi2_reduced": None,
+        "warnings": [],
+        "seconds": seconds,
+        "finished": time.time(),
+        "passing": False,
+    }
+
+
+def _finite(value: float | None) -> float | None:
+    return None if value is None or not math.isfinite(value) else float(value)

@@ -1,0 +1,191 @@
+"""Schedulers: threads of this process, each with a process beside it, or the workers of a Dask cluster."""
+
+from __future__ import annotations
+
+import contextlib
+import queue
+import time
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from vibrident.base.errors import InputError
+from vibrident.base.extras import library
+from vibrident.lab.fleet.batch import end_processes
+
+
+@dataclass(frozen=True)
+class Reply:
+    """The end of a call."""
+
+    call: int  # number passed to ``submit``
+    value: Any = None  # returned by the function; None if it did not return
+    error: BaseException | None = None  # exception that it raised
+    lost: bool = False  # True if its workers ended for an unknown reason
+
+
+class Scheduler(Protocol):
+    """Runs importable functions in other threads or processes and reports their end."""
+
+    def workers(self) -> int:
+        """Number of calls that can run at present."""
+        ...
+
+    def submit(self, function: Callable[..., Any], *args: Any) -> int:
+        """Submit a call of a function; the number identifies the call."""
+        ...
+
+    def next_reply(self, seconds: float) -> Reply | None:
+        """The next answer; None if no answer arrives within so many seconds.
+
+        Raises:
+            InputError: no answer can arrive any more.
+        """
+        ...
+
+    def close(self, run: str) -> None:
+        """End all work of this run that is still in progress."""
+        ...
+
+
+class Local:
+    """A number of processes on this machine.
+
+    A thread waits for each. So it is known which batch a process has, and the end of one does not affect the others. A
+    pool of processes (loky's, ``concurrent.futures``) is broken as a whole when one of them ends.
+    """
+
+    def __init__(self, workers: int) -> None:
+        self._workers = workers
+        self._pool = ThreadPoolExecutor(workers, thread_name_prefix="fleet")
+        self._replies: queue.SimpleQueue[Reply] = queue.SimpleQueue()
+        self._calls = 0
+
+    def workers(self) -> int:
+        """As asked for."""
+        return self._workers
+
+    def submit(self, function: Callable[..., Any], *args: Any) -> int:
+        """As the protocol."""
+        self._calls += 1
+        call = self._calls
+
+        def reply(future: Future[Any]) -> None:
+            if not future.cancelled():
+                error = future.exception()
+                self._replies.put(Reply(call, None if error else future.result(), error))
+
+        self._pool.submit(function, *args).add_done_callback(reply)
+        return call
+
+    def next_reply(self, seconds: float) -> Reply | None:
+        """As the protocol."""
+        with contextlib.suppress(queue.Empty):
+            return self._replies.get(timeout=seconds)
+        return None
+
+    def close(self, run: str) -> None:
+        """End the processes."""
+        self._pool.shutdown(wait=False, cancel_futures=True)
+        end_processes(run)
+        self._pool.shutdown(wait=True)
+
+
+class Dask:
+    """A running Dask scheduler; each thread of its workers has a process beside it.
+
+    Args:
+        where: address, such as ``tcp://host:8786``, or the scheduler's file (``.json``).
+
+    Raises:
+        InputError: Dask is not installed, or no scheduler answers there.
+    """
+
+    #: Seconds to wait for the scheduler, and seconds for which a count of workers is reused.
+    _PATIENCE_S, _COUNT_S = 20.0, 1.0
+
+    def __init__(self, where: str) -> None:
+        missing = "A scheduler needs Dask, which is not installed."
+        distributed = library("distributed", "cluster", missing, f"--scheduler {where}")
+        self._where, self._futures, self._calls = where, {}, 0
+        self._replies: queue.SimpleQueue[Reply] = queue.SimpleQueue()
+        self._count, self._counted = 0, -self._COUNT_S
+        in_file = where.endswith(".json")
+        if in_file and not Path(where).is_file():
+            raise self._unreachable("no file of that name")
+        if not in_file and "/" not in where.partition("://")[2] and not where.rpartition(":")[2].isdigit():
+            raise self._unreachable("no port")  # Dask would wait for it at the end
+        place = {"scheduler_file": where} if in_file else {"address": where}
+        try:
+            self._client = distributed.Client(**place, timeout=self._PATIENCE_S, set_as_default=False)
+        except (OSError, ValueError, TimeoutError, KeyError, ImportError) as error:
+            raise self._unreachable(f"{type(error).__name__}: {error}") from error
+
+    def workers(self) -> int:
+        """Threads of all present workers."""
+        if time.monotonic() - self._counted >= self._COUNT_S:
+            with contextlib.suppress(OSError, TimeoutError):
+                self._count, self._counted = sum(self._client.nthreads().values()), time.monotonic()
+        return self._count
+
+    def submit(self, function: Callable[..., Any], *args: Any) -> int:
+        """As the protocol."""
+        self._calls += 1
+        call = self._calls
+        future = self._client.submit(function, *args, pure=False)
+        self._futures[call] = future  # Dask drops a call without a reference to its future
+        future.add_done_callback(lambda done: self._replies.put(self._reply(call, done)))
+        return call
+
+    def _reply(self, call: int, future: Any) -> Reply:
+        if future.status == "finished":
+            return Reply(call, future.result())
+        error = future.exception() if future.status == "error" else None
+        if isinstance(error, ImportError):
+            error = InputError(
+                "The workers of the scheduler cannot load vibrident.",
+                expected="vibrident installed where the workers run, in the same version",
+                found=str(error),
+                where=self._where,
+                remedy="install it there, and start the workers again",
+            )
+        killed = error is None or type(error).__name__ == "KilledWorker"
+        return Reply(call, None, None if killed else error, lost=killed)
+
+    def next_reply(self, seconds: float) -> Reply | None:
+        """As the protocol."""
+        try:
+            reply = self._replies.get(timeout=seconds)
+        except queue.Empty:
+            reply = None
+        if self._client.status in ("closing", "closed", "connecting"):
+            raise InputError(
+                "The connection to the scheduler is lost.",
+                expected="a scheduler that answers",
+                found=f"a connection that is {self._client.status}",
+                where=self._where,
+                remedy="start it and its workers again; then run the same command again: it continues where it stopped",
+            )
+        if reply is not None:
+            self._futures.pop(reply.call, None)
+        return reply
+
+    def close(self, run: str) -> None:
+        """End the processes beside the workers, and disconnect from the scheduler."""
+        with contextlib.suppress(Exception):
+            self._client.cancel(list(self._futures.values()))
+        with contextlib.suppress(Exception):
+            self._client.run(end_processes, run)
+        with contextlib.suppress(Exception):
+            self._client.close(timeout=5)
+
+    def _unreachable(self, found: str) -> InputError:
+        return InputError(
+            "No scheduler answers there.",
+            expected="the address of a Dask scheduler, such as tcp://host:8786, or its file (.json)",
+            found=found,
+            where=f"--scheduler {self._where}",
+            remedy="start it with `dask scheduler`, and copy the address that it prints",
+        )

@@ -1,0 +1,347 @@
+"""Statistics of the table: distributions, outliers and yield, one column after another."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import NormalDist
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibrident.lab.fleet.limits import Limit, Specification
+from vibrident.lab.fleet.row import IDENTIFIED
+from vibrident.lab.fleet.table import Tally
+
+FEWEST = 20  # fewest values for a search for outliers
+FALSE_ALARM = 0.01  # false-alarm probability of that search, for a normal distribution of any size
+_TO_SD = 1.482602218505602  # from the median absolute deviation to the standard deviation of a normal distribution
+_SMALL = 12.0  # the spread of few values is uncertain: the limit is wider by a factor 1 + _SMALL / n. By simulation
+MOST_GROUPS = 12  # groups shown
+MOST_OUTLIERS = 200  # outliers listed
+_MARGIN = 0.06  # margin drawn outside a limit, relative to the width between the limits
+_FEWEST_BINS = 8  # bins of a histogram
+_MOST_BINS = 48
+_ROWS = 4096  # rows read at the same time
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Histogram:
+    """Counts between edges, and counts outside the ends; shapes (bins + 1,) and (bins,)."""
+
+    edges: FloatArray
+    counts: NDArray[np.intp]
+    below: int
+    above: int
+
+
+@dataclass(frozen=True, eq=False)
+class Distribution:
+    """One parameter of one group.
+
+    Attributes:
+        parameter: its name.
+        unit: of all that follows.
+        count: values.
+        median, sd, least, greatest: of the values.
+        median_u: of the standard uncertainties; None if no uncertainty is stated.
+        histogram: of the values.
+        limit: for these values; None if there is no limit, or it is in another unit.
+        conforming: values within the limit.
+        certain: verdicts that hold for all values within U.
+        capability: Cpk, the distance of the mean from the nearer limit in units of 3 sd; None without a limit.
+    """
+
+    parameter: str
+    unit: str
+    count: int
+    median: float
+    sd: float
+    least: float
+    greatest: float
+    median_u: float | None
+    histogram: Histogram
+    limit: Limit | None
+    conforming: int
+    certain: int
+    capability: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """Sensors of one type, one model and one set of units."""
+
+    type: str | None
+    model: str
+    count: int
+    distributions: tuple[Distribution, ...]
+
+
+@dataclass(frozen=True)
+class Outlier:
+    """An outlier, or a value that does not conform."""
+
+    row: int  # number in the table
+    group: int  # number in the statistics
+    parameter: str  # its name
+    unit: str  # of value and u
+    value: float  # of the parameter
+    u: float | None  # its standard uncertainty; None if it is not stated
+    distance: float  # from the median, in robust standard deviations
+    outside: bool  # it does not conform to a limit
+
+
+@dataclass(frozen=True)
+class Yield:
+    """Conforming sensors of a type: within all its limits or, if it has none, identified without a warning."""
+
+    type: str | None
+    calibrations: int
+    identified: int
+    conforming: int
+    certain: int
+
+
+@dataclass(frozen=True, eq=False)
+class Statistics:
+    """The statistics of a fleet."""
+
+    groups: tuple[Group, ...]  # the largest first
+    more: int  # groups that are not shown
+    outliers: tuple[Outlier, ...]  # the farthest first
+    more_outliers: int  # that are not listed
+    yields: tuple[Yield, ...]  # by type, in the order of their numbers
+    limited: bool  # whether any limit applies
+
+
+def statistics(table: Path, tally: Tally, specification: Specification) -> Statistics:
+    """Read a fleet's table and count."""
+    columns = _Columns(table)
+    identified = columns.is_text("status", IDENTIFIED)
+    types, models = columns.codes("type"), columns.codes("model")
+    kinds, group = _grouped((types.numbers, models.numbers, tally.units_of), identified)
+    units = [tally.units[number] for number in kinds[2].tolist()]
+    sizes = np.bincount(group[identified], minlength=len(units))
+    found: list[list[Distribution]] = [[] for _ in units[:MOST_GROUPS]]
+    outliers: list[Outlier] = []
+    verdict = _Verdict(identified, group)
+    for parameter in columns.parameters:
+        values, u = columns.numbers(parameter), columns.numbers(f"{parameter}_u")
+        of_type = [types.name(number) for number in kinds[0].tolist()]
+        limits = [_limit(specification, *one) for one in zip(of_type, [parameter] * len(units), units, strict=True)]
+        verdict.judge(values, u, limits)
+        for number, distributions in enumerate(found):
+            rows = np.flatnonzero((group == number) & np.isfinite(values))
+            if rows.size:
+                sample = _Sample(parameter, units[number].get(parameter, ""), values[rows], u[rows], limits[number])
+                distributions.append(_distribution(sample))
+                outliers += _outliers(sample, rows, number)
+    whole = columns.boolean("adequate") & ~columns.filled("warnings")
+    outliers.sort(key=lambda one: (not one.outside, -one.distance, one.row))
+    groups = [
+        Group(
+            types.name(int(kinds[0, number])), models.name(int(kinds[1, number])) or "", int(sizes[number]), tuple(one)
+        )
+        for number, one in enumerate(found)
+    ]
+    return Statistics(
+        tuple(groups),
+        len(units) - len(groups),
+        tuple(outliers[:MOST_OUTLIERS]),
+        max(0, len(outliers) - MOST_OUTLIERS),
+        tuple(_yields(types, identified, *verdict.of_all(whole))),
+        bool(verdict.limited.any()),
+    )
+
+
+def _grouped(
+    parts: tuple[NDArray[np.int32], ...], identified: NDArray[np.bool_]
+) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+    """Kinds that occur, the most frequent first, shape (parts, kinds); each row's kind, −1 if it is not identified."""
+    sizes = tuple(int(part.max(initial=-1)) + 2 for part in parts)  # −1 is a number too
+    kind = np.ravel_multi_index(tuple(part[identified] + 1 for part in parts), sizes)
+    distinct, of_row, counts = np.unique(kind, return_inverse=True, return_counts=True)
+    order = np.argsort(-counts, kind="stable")
+    rank = np.empty(order.size, dtype=np.int32)
+    rank[order] = np.arange(order.size)
+    group = np.full(identified.size, -1, dtype=np.int32)
+    group[identified] = rank[of_row]
+    return np.stack(np.unravel_index(distinct[order], sizes)) - 1, group
+
+
+class _Verdict:
+    """Which rows conform to all their limits."""
+
+    def __init__(self, identified: NDArray[np.bool_], group: NDArray[np.int32]) -> None:
+        self._identified, self._group = identified, group
+        self._conforming, self._certain = identified.copy(), identified.copy()
+        self.limited = np.zeros(identified.size, dtype=bool)
+
+    def judge(self, values: FloatArray, u: FloatArray, limits: Sequence[Limit | None]) -> None:
+        """One parameter of all rows, by the limit of each row's group."""
+        for number, limit in enumerate(limits):
+            if limit is not None:
+                here = self._group == number
+                inside = limit.inside(values[here])
+                self.limited |= here
+                self._conforming[here] &= inside
+                self._certain[here] &= inside & limit.certain(values[here], np.nan_to_num(u[here], nan=np.inf))
+
+    def of_all(self, whole: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Rows that conform, and rows that conform for all values within U; without limits, the sound rows."""
+        plain = self._identified & whole
+        return np.where(self.limited, self._conforming, plain), np.where(self.limited, self._certain, plain)
+
+
+@dataclass(frozen=True, eq=False)
+class _Sample:
+    """Values of one parameter in one group, with their standard uncertainties; shapes (values,)."""
+
+    parameter: str
+    unit: str
+    values: FloatArray
+    u: FloatArray
+    limit: Limit | None
+
+
+def outlier_limit(count: int) -> float:
+    """Distance from the median, in robust standard deviations, above which one of so many values is an outlier."""
+    return NormalDist().inv_cdf(1 - FALSE_ALARM / (2 * count)) * (1 + _SMALL / count)
+
+
+def _limit(specification: Specification, type_: str | None, parameter: str, units: dict[str, str]) -> Limit | None:
+    limit = specification.limit(type_, parameter)
+    return limit if limit is None or limit.unit is None or limit.unit == units.get(parameter) else None
+
+
+def _distribution(sample: _Sample) -> Distribution:
+    values, limit = sample.values, sample.limit
+    stated = sample.u[np.isfinite(sample.u)]
+    mean, sd = float(np.mean(values)), float(np.std(values, ddof=1)) if values.size > 1 else 0.0
+    capability, conforming, certain = None, 0, 0
+    if limit is not None:
+        conforming = int(limit.inside(values).sum())
+        certain = int(limit.certain(values, np.nan_to_num(sample.u, nan=np.inf)).sum())
+        capability = min(limit.upper - mean, mean - limit.lower) / (3 * sd) if sd > 0 else None
+    return Distribution(
+        parameter=sample.parameter,
+        unit=sample.unit,
+        count=values.size,
+        median=float(np.median(values)),
+        sd=sd,
+        least=float(values.min()),
+        greatest=float(values.max()),
+        median_u=float(np.median(stated)) if stated.size else None,
+        histogram=_histogram(values, limit),
+        limit=limit,
+        conforming=conforming,
+        certain=certain,
+        capability=capability,
+    )
+
+
+def _histogram(values: FloatArray, limit: Limit | None) -> Histogram:
+    """By Freedman and Diaconis (1981), over the central values and the limit; the others are counted separately."""
+    low, first, third, high = (float(one) for one in np.quantile(values, [0.0, 0.25, 0.75, 1.0]))
+    spread = third - first
+    if spread > 0:
+        low, high = max(low, first - 4 * spread), min(high, third + 4 * spread)
+    if limit is not None and spread > 0:  # a limit far from the values is not drawn
+        margin = _MARGIN * (limit.upper - limit.lower)
+        low = min(low, max(limit.lower - margin, first - 12 * spread))
+        high = max(high, min(limit.upper + margin, third + 12 * spread))
+    if not high > low:
+        margin = 0.01 * abs(low) or 1.0
+        low, high = low - margin, high + margin
+    width = 2 * spread / values.size ** (1 / 3)
+    bins = math.ceil((high - low) / width) if width > 0 else _FEWEST_BINS
+    counts, edges = np.histogram(values, min(max(bins, _FEWEST_BINS), _MOST_BINS), (low, high))
+    return Histogram(edges, counts, int((values < low).sum()), int((values > high).sum()))
+
+
+def _outliers(sample: _Sample, rows: NDArray[np.intp], group: int) -> list[Outlier]:
+    values, none = sample.values, np.zeros(sample.values.size, dtype=bool)
+    median = float(np.median(values))
+    spread = _TO_SD * float(np.median(np.abs(values - median)))
+    distance = np.abs(values - median) / spread if spread > 0 else np.zeros(values.size)
+    apart = distance > outlier_limit(values.size) if values.size >= FEWEST else none
+    outside = none if sample.limit is None else ~sample.limit.inside(values)
+    return [
+        Outlier(
+            row=int(rows[i]),
+            group=group,
+            parameter=sample.parameter,
+            unit=sample.unit,
+            value=float(values[i]),
+            u=float(sample.u[i]) if np.isfinite(sample.u[i]) else None,
+            distance=float(distance[i]),
+            outside=bool(outside[i]),
+        )
+        for i in np.flatnonzero(apart | outside)
+    ]
+
+
+def _yields(
+    types: _Codes, identified: NDArray[np.bool_], conforming: NDArray[np.bool_], certain: NDArray[np.bool_]
+) -> list[Yield]:
+    numbers, of_type = np.unique(types.numbers, return_inverse=True)
+    counts = [np.bincount(of_type, weights=one, minlength=numbers.size) for one in (identified, conforming, certain)]
+    total = np.bincount(of_type, minlength=numbers.size)
+    found = [
+        Yield(types.name(int(number)), int(total[i]), *(int(one[i]) for one in counts))
+        for i, number in enumerate(numbers)
+    ]
+    return sorted(found, key=lambda one: -one.calibrations)
+
+
+@dataclass(frozen=True, eq=False)
+class _Codes:
+    """A column of texts as numbers; shape (rows,)."""
+
+    numbers: NDArray[np.int32]
+    texts: Sequence[str]
+
+    def name(self, number: int) -> str | None:
+        return self.texts[number] if number >= 0 else None
+
+
+class _Columns:
+    """Columns of the table, each read when it is used, in pieces."""
+
+    def __init__(self, path: Path) -> None:
+        import pyarrow.parquet as pq
+
+        self._file = pq.ParquetFile(path)
+        names = self._file.schema_arrow.names
+        self.parameters = [name for name in names if f"{name}_u" in names]
+
+    def _column(self, name: str, kind: type, of: Callable[[Any], Any]) -> NDArray[Any]:
+        found, begin = np.empty(self._file.metadata.num_rows, dtype=kind), 0
+        for batch in self._file.iter_batches(_ROWS, columns=[name]):
+            found[begin : begin + batch.num_rows] = of(batch.column(0))
+            begin += batch.num_rows
+        return found
+
+    def numbers(self, name: str) -> FloatArray:
+        return self._column(name, float, lambda part: part.to_numpy(zero_copy_only=False))  # null as NaN
+
+    def boolean(self, name: str) -> NDArray[np.bool_]:
+        return self._column(name, bool, lambda part: part.fill_null(False).to_numpy(zero_copy_only=False))
+
+    def filled(self, name: str) -> NDArray[np.bool_]:
+        """Lists that are not empty."""
+        return self._column(name, bool, lambda part: [bool(one) for one in part.to_pylist()])
+
+    def is_text(self, name: str, text: str) -> NDArray[np.bool_]:
+        return self._column(name, bool, lambda part: [one == text for one in part.to_pylist()])
+
+    def codes(self, name: str) -> _Codes:
+        texts: dict[str | None, int] = {None: -1}
+        numbers = self._column(
+            name, np.int32, lambda part: [texts.setdefault(t, len(texts) - 1) for t in part.to_pylist()]
+        )
+        return _Codes(numbers, [text for text in texts if text is not None])

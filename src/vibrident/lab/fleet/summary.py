@@ -1,0 +1,45 @@
+"""The summary of a fleet for the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from vibrident.lab.fleet.coordinator import Outcome
+from vibrident.lab.fleet.row import FAILED, IDENTIFIED, REFUSED
+from vibrident.lab.fleet.table import Tally
+from vibrident.show import words
+from vibrident.show.media.console import shown, written
+from vibrident.show.views import Column, Sentence, Table, columns
+
+if TYPE_CHECKING:
+    from rich.console import Group
+
+
+def summary(outcome: Outcome) -> Group:
+    """Rows by status and warning, the rate, and the files."""
+    from rich.console import Group
+
+    whole = max(outcome.tally.rows, 1)
+    rows = tuple((what, str(count), f"{100 * count / whole:.4g} %") for what, count in _lines(outcome.tally))
+    table = Table((Column(""), *columns("calibrations", "share", kind="number")), rows, title="Fleet")
+    return Group(shown(table, Sentence(_rate(outcome))), written(outcome.files))
+
+
+def _lines(tally: Tally) -> Iterator[tuple[str, int]]:
+    yield "identified", tally.statuses[IDENTIFIED]
+    if tally.doubtful:
+        yield "  with a doubt", tally.doubtful
+    for code, count in tally.warnings.most_common():
+        yield f"    {code}: {words.explain(code).title}", count
+    yield "refused", tally.statuses[REFUSED]
+    yield "failed", tally.statuses[FAILED]
+
+
+def _rate(outcome: Outcome) -> str:
+    there = outcome.tally.rows - outcome.computed
+    kept = f"; {there} were there, or are the same as others" if there > 0 else ""
+    if not outcome.computed:
+        return "Nothing was left to compute."
+    rate = outcome.computed / max(outcome.seconds, 1e-9)
+    return f"Computed {outcome.computed} in {outcome.seconds:.3g} s, {rate:.3g} a second{kept}."

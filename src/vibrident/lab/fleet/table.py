@@ -1,0 +1,208 @@
+"""``fleet.parquet``: one row per calibration of this run, in order, assembled from the parts block by block."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import uuid
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibrident.base.errors import InputError
+from vibrident.lab.fleet import parts
+from vibrident.lab.fleet.orders import Orders, memory_limit
+from vibrident.lab.fleet.row import FAILED, IDENTIFIED, REFUSED
+from vibrident.physics.naming import parameter_names
+
+_BLOCK = 4096  # rows in memory at the same time
+_BEFORE = ("calibration", "key", "status", "message", "serial_number", "type", "model", "estimator")
+_AFTER = ("adequate", "chi2_reduced", "warnings", "seconds")
+UNITS = b"vibrident.units"  # key in the file's metadata: parameter → its units, one in most cases
+
+
+@dataclass(eq=False)
+class Tally:
+    """Counts of the table's rows."""
+
+    statuses: Counter[str] = field(default_factory=Counter)  # rows by status
+    warnings: Counter[str] = field(default_factory=Counter)  # identified rows by code of warning
+    doubtful: int = 0  # identified rows that carry a warning, or whose model is not adequate
+    units: list[dict[str, str]] = field(default_factory=list)  # each set of units that occurs, parameter → unit
+    # number of its set, for each row; shape (rows,)
+    units_of: NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, dtype=np.int32))
+    # when, in seconds since 1970, for each row; shape (rows,)
+    finished: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def rows(self) -> int:
+        """How many calibrations."""
+        return self.statuses.total()
+
+    @property
+    def doubts(self) -> int:
+        """Rows that ``--strict`` does not let pass."""
+        return self.statuses[REFUSED] + self.statuses[FAILED] + self.doubtful
+
+    @property
+    def units_of_parameters(self) -> dict[str, list[str]]:
+        """Parameter → the units that it has in one row or another."""
+        found: dict[str, dict[str, None]] = {}
+        for units in self.units:
+            for name, unit in units.items():
+                found.setdefault(name, {})[unit] = None
+        return {name: list(units) for name, units in found.items()}
+
+
+def index_of(orders: Orders) -> parts.Index:
+    """All rows that are on the disk."""
+    results = orders.results_folder if orders.results else None
+    return parts.index(orders.parts_folder, results, orders.time_limit_s, memory_limit(orders))
+
+
+def write_table(path: Path, names: Iterable[str], keys: NDArray[np.bytes_], orders: Orders) -> Tally:
+    """Write the table, whole or not at all.
+
+    ``path``: of the file; ``names``: of the rows, in order; ``keys``: of the rows, packed (see ``parts``), shape
+    (rows,); ``orders``: of the run.
+
+    Raises:
+        InputError: the row of a calibration has gone from the parts.
+    """
+    import pyarrow.parquet as pq
+
+    rows = _Rows(orders)
+    places = rows.index.places(keys)
+    rows.require_all(places)
+    schema = _schema(rows.parameters(places))
+    partial = path.with_name(f".{uuid.uuid4().hex}.part")
+    count = _Count()
+    try:
+        with pq.ParquetWriter(partial, schema, compression="zstd") as writer:
+            named = iter(names)
+            for start in range(0, keys.size, _BLOCK):
+                stop = start + _BLOCK
+                block = rows.block(places[start:stop], schema)
+                count.add(block)
+                some = [parts.text(name) for name in itertools.islice(named, block.num_rows)]
+                writer.write_table(_with_names(block, some, schema))
+            tally = count.tally()
+            writer.add_key_value_metadata({UNITS.decode(): json.dumps(tally.units_of_parameters)})
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
+    return tally
+
+
+def identified_keys(path: Path) -> list[str]:
+    """Keys of a table's identified rows, each once, in their order."""
+    import pyarrow.parquet as pq
+
+    with pq.ParquetFile(path) as file:
+        found = [np.zeros(0, dtype=parts.PACKED)]
+        for batch in file.iter_batches(_BLOCK, columns=["key", "status"]):
+            pairs = zip(*batch.to_pydict().values(), strict=True)
+            found.append(parts.packed([key for key, status in pairs if status == IDENTIFIED]))
+    return parts.digits(np.unique(np.concatenate(found)))
+
+
+class _Rows:
+    """Rows from the parts, by key."""
+
+    def __init__(self, orders: Orders) -> None:
+        self.folder = orders.parts_folder
+        self.index = index_of(orders)
+
+    def require_all(self, places: NDArray[np.intp]) -> None:
+        missing = int(np.sum(places < 0))
+        if missing:
+            raise InputError(
+                "Rows were removed during the run.",
+                expected="parts that stay where they are",
+                found=f"{missing} rows that were written, and are not there",
+                where=str(self.folder),
+                remedy="do not use --fresh while another run works in this folder; then give the same command again",
+            )
+
+    def parameters(self, places: NDArray[np.intp]) -> list[str]:
+        """All that the rows have, the estimated ones first, in the order of the documentation."""
+        used = np.unique(self.index.part[places]).tolist()
+        found = dict.fromkeys(name for part in used for name in self.index.parameters[part])
+        known = [name for name in parameter_names() if name in found]
+        return [*known, *sorted(name for name in found if name not in known)]
+
+    def block(self, places: NDArray[np.intp], schema: Any) -> Any:
+        """Rows at these places of the index, with all columns, those for the tally among them."""
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        pieces, where, part = [], [], self.index.part[places]
+        for number in np.unique(part).tolist():
+            where.append(np.flatnonzero(part == number))
+            with pq.ParquetFile(self.folder / self.index.parts[number]) as file:  # read_table would load far more
+                table = file.read()
+            pieces.append(_completed(table.take(pa.array(self.index.row[places[where[-1]]])), schema))
+        order = np.argsort(np.concatenate(where), kind="stable")
+        return pa.concat_tables(pieces).take(pa.array(order))
+
+
+class _Count:
+    """A tally in the making."""
+
+    def __init__(self) -> None:
+        self._tally = Tally()
+        self._sets: dict[str, int] = {}
+        self._units_of: list[NDArray[np.int32]] = []
+        self._finished: list[NDArray[np.float64]] = []
+
+    def add(self, block: Any) -> None:
+        found = {name: block[name].to_pylist() for name in ("status", "adequate", "warnings", "units")}
+        tally = self._tally
+        tally.statuses.update(found["status"])
+        rows = zip(found["status"], found["adequate"], found["warnings"], strict=True)
+        tally.doubtful += sum(one == IDENTIFIED and (not adequate or bool(codes)) for one, adequate, codes in rows)
+        tally.warnings.update(code for codes in found["warnings"] for code in sorted(set(codes)))
+        numbers = [self._sets.setdefault(units, len(self._sets)) for units in found["units"]]
+        self._units_of.append(np.array(numbers, dtype=np.int32))
+        self._finished.append(np.asarray(block["finished"].to_numpy(), dtype=float))
+
+    def tally(self) -> Tally:
+        tally = self._tally
+        tally.units = [json.loads(units) for units in self._sets]
+        if self._units_of:
+            tally.units_of, tally.finished = np.concatenate(self._units_of), np.concatenate(self._finished)
+        return tally
+
+
+def _schema(parameters: Sequence[str]) -> Any:
+    import pyarrow as pa
+
+    texts = [(name, pa.string()) for name in _BEFORE]
+    numbers = [(f"{name}{ending}", pa.float64()) for name in parameters for ending in ("", "_u")]
+    kinds = (pa.bool_(), pa.float64(), pa.list_(pa.string()), pa.float64())
+    return pa.schema([*texts, *numbers, *zip(_AFTER, kinds, strict=True)])
+
+
+def _completed(table: Any, schema: Any) -> Any:
+    """A part's columns in the order of the schema, null for missing ones, and those that the tally needs."""
+    import pyarrow as pa
+
+    wanted = [*((one.name, one.type) for one in schema if one.name != "calibration")]
+    wanted += [("units", pa.string()), ("finished", pa.float64())]
+    arrays = [
+        table[name].cast(kind) if name in table.column_names else pa.nulls(table.num_rows, kind)
+        for name, kind in wanted
+    ]
+    return pa.table(arrays, names=[name for name, _ in wanted])
+
+
+def _with_names(block: Any, names: Sequence[str | None], schema: Any) -> Any:
+    import pyarrow as pa
+
+    found = {**{name: block[name] for name in block.column_names}, "calibration": pa.array(names, pa.string())}
+    return pa.table([found[one.name] for one in schema], schema=schema)

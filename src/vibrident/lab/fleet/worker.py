@@ -1,0 +1,94 @@
+"""What happens in a process that identifies: calibrations in, their rows out.
+
+What it writes is written under another name first, so that nothing half-written stays under its own.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from vibrident.base.errors import VibridentError
+from vibrident.data.io.columns import unreadable
+from vibrident.lab.fleet import row as rows
+from vibrident.lab.fleet.key import Fingerprint, fingerprint, sensor_text
+from vibrident.lab.fleet.orders import Orders
+from vibrident.lab.fleet.parts import unwritable, write_whole
+
+_MOST_TRIES = 3  # how often a calibration is begun again whose files change while it is read
+#: Path and key.
+Task = tuple[str, str]
+
+
+def ready() -> None:
+    """Load all that linear sensors need."""
+
+
+def fingerprints(paths: Sequence[str], orders: Orders) -> list[Fingerprint]:
+    """Key and shape of each calibration."""
+    return [fingerprint(path, orders) for path in paths]
+
+
+def identified(task: Task, orders: Orders) -> tuple[rows.Row, int]:
+    """The row of a calibration, and the bytes that this process holds.
+
+    Raises:
+        InputError: a result cannot be written.
+    """
+    path, key = task
+    try:
+        for _ in range(_MOST_TRIES):
+            begin = time.perf_counter()
+            row = _row(path, key, _outcome(path, orders), orders, time.perf_counter() - begin)
+            if (now := fingerprint(path, orders).key) == key:
+                break
+            key = now  # the files changed while they were read
+    except OSError as error:
+        raise unwritable(error, orders.folder) from error
+    return row, _held_bytes()
+
+
+def _outcome(path: str, orders: Orders) -> Any:
+    """The result, or the exception that was raised. It does not depend on the folder of the files."""
+    from vibrident.data.io import read
+    from vibrident.fit.identification import identify
+
+    folder, name = os.path.split(path)
+    try:
+        _enter(folder, path)
+        return identify(read(name), orders.model, orders.estimator)
+    except MemoryError:
+        raise
+    except Exception as error:
+        return error
+
+
+def _row(path: str, key: str, found: Any, orders: Orders, seconds: float) -> rows.Row:
+    """The row of a result or an exception."""
+    if isinstance(found, VibridentError):
+        return rows.refused(key, found, sensor_text(path), orders.model, seconds)
+    if isinstance(found, Exception):
+        return rows.failed(key, rows.fault(found), sensor_text(path), orders.model, seconds)
+    if orders.results:
+        text = json.dumps(found.to_dict(), allow_nan=False, separators=(",", ":"))
+        write_whole(orders.results_folder / f"{key}.json", text.encode("ascii"))
+    return rows.identified(key, found, seconds)
+
+
+def _enter(folder: str, path: str) -> None:
+    try:
+        os.chdir(folder)
+    except OSError as error:
+        raise unreadable(path, error, "a calibration file") from error
+
+
+def _held_bytes() -> int:
+    """Memory of this process now, where the system says it."""
+    try:
+        return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    except (OSError, ValueError, AttributeError):
+        return 0

@@ -1,0 +1,272 @@
+"""The content of ``history show`` and ``history due`` as plain values: for JSON, the terminal, the page and figures."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from vibrident.base.errors import InputError
+from vibrident.lab.history import control, query
+from vibrident.lab.history.drift import Mixture
+from vibrident.lab.history.due import RISK, Due, Tolerance, due, interval_in_force, later
+from vibrident.lab.history.life import Entry, Life, covariance, life, years_between
+from vibrident.lab.history.query import StoredSensor
+from vibrident.lab.history.schema import REFERENCE_SENSITIVITY
+from vibrident.lab.history.store import Store
+from vibrident.result import Result
+from vibrident.use.comparison import COVERAGE_FACTOR
+
+SCHEMA = "vibrident.lab.history/1"
+K = COVERAGE_FACTOR
+#: Number of dates, from the last calibration to the latest prediction, at which a figure shows the prediction.
+_CURVE = 25
+
+
+@dataclass(frozen=True)
+class Question:
+    """A question to a history."""
+
+    quantity: str = REFERENCE_SENSITIVITY  # name of a parameter, or the sensitivity at the reference frequency
+    # nominal frequency, for the sensitivity there instead of that at the reference frequency
+    frequency_hz: float | None = None
+    until: datetime.date | None = None  # date to predict for; None for the end of the interval in force
+    tolerance: Tolerance | None = None  # of all sensors; None for no due date
+    interval_years: float | None = None  # in force; None for the time between the last two calibrations
+    today: datetime.date | None = None  # the date that counts as today
+    # where sensors differ, the tolerance of each; None for no due date of that sensor
+    tolerances: Callable[[StoredSensor], Tolerance | None] | None = None
+
+
+def _of(sensor: StoredSensor, question: Question) -> Question:
+    """The question for one sensor, with its own tolerance."""
+    return question if question.tolerances is None else replace(question, tolerance=question.tolerances(sensor))
+
+
+def of_sensor(store: Store, sensor: StoredSensor, question: Question = Question()) -> dict[str, Any]:
+    """The whole document of one sensor.
+
+    Raises:
+        InputError: no calibration of the sensor has the quantity.
+    """
+    question = _of(sensor, question)
+    entries = query.entries(store, sensor.id, question.quantity, question.frequency_hz).get(sensor.id, [])
+    if all(entry.value is None for entry in entries):
+        raise _no_such_quantity(store, sensor, question)
+    found = life(entries, query.events(store, sensor.id).get(sensor.id, []))
+    return {
+        "schema": SCHEMA,
+        "store": store.shown,
+        "sensor": sensor.as_dict(),
+        "quantity": _quantity(found, question.quantity),
+        "calibrations": _calibrations(found),
+        "events": [_plain(asdict(event)) for event in found.events],
+        "series": _series(found),
+        "drift": _drift(found, question) if found.entries else {"why": "no calibration counts"},
+        "control": _control(found),
+        "due": _due(found, question),
+    }
+
+
+def of_result(store: Store, result: Result) -> dict[str, Any] | None:
+    """The document of the sensor of a result; None if there is no store or it holds no calibration of this sensor."""
+    if store.revision() is None:
+        return None
+    sensor = query.known(store, result.sensor)
+    return None if sensor is None else of_sensor(store, sensor)
+
+
+def _no_such_quantity(store: Store, sensor: StoredSensor, question: Question) -> InputError:
+    at = question.frequency_hz
+    known = (
+        query.quantities(store, sensor.id) if at is None else map("{:g}".format, query.frequencies(store, sensor.id))
+    )
+    return InputError(
+        "No calibration of this sensor has such a quantity.",
+        expected=", ".join(known),
+        found=question.quantity if at is None else f"{at:g} Hz",
+        where=sensor.name,
+        remedy=f"give one of these as {'--quantity' if at is None else '--frequency'}",
+    )
+
+
+def all_due(
+    store: Store, question: Question, type_name: str | None = None, sensor_id: int | None = None
+) -> list[dict[str, Any]]:
+    """The due date of every sensor that has the quantity, or of those of a type, or of one; the earliest first."""
+    events = query.events(store, sensor_id)
+    sensors = {overview.sensor.id: overview.sensor for overview in query.overviews(store, type_name)}
+    rows = []
+    for key, entries in query.entries(store, sensor_id, question.quantity, question.frequency_hz).items():
+        if key not in sensors or all(entry.value is None for entry in entries):
+            continue
+        found = life(entries, events.get(key, []))
+        told = _due(found, _of(sensors[key], question)) or _without_risk(found, question)
+        last = {"last": found.entries[-1].date.isoformat() if found.entries else None}
+        rows.append(sensors[key].as_dict() | last | {"calibrations": len(found.entries)} | told)
+    return sorted(rows, key=lambda row: (row["date"] or row["by_interval"] or "9", row["serial_number"]))
+
+
+def _without_risk(found: Life, question: Question) -> dict[str, Any]:
+    """The due date without a tolerance: that of the interval in force; none if no calibration counts."""
+    unknown = dict.fromkeys(("date", "risk_today", "risk_at_end", "staircase_years", "by_staircase"))
+    if not found.entries:
+        return unknown | {"why": "no calibration counts", "interval_years": None, "by_interval": None}
+    interval = question.interval_years or interval_in_force(found)
+    by_interval = later(found.entries[-1].date, interval).isoformat()
+    return unknown | {"why": "no tolerance for its type", "interval_years": interval, "by_interval": by_interval}
+
+
+def _quantity(found: Life, name: str) -> dict[str, Any]:
+    entries = found.entries or [entry for entry, _ in found.left_out if entry.value is not None]
+    present = entries[-1]
+    return {"name": name, "unit": present.unit, "frequency_hz": present.frequency_hz, "coverage_factor": K}
+
+
+def _calibrations(found: Life) -> list[dict[str, Any]]:
+    counted = {entry.id: i for i, entry in enumerate(found.entries)}
+    reasons = {entry.id: reason for entry, reason in found.left_out}
+    entries = sorted([*found.entries, *(entry for entry, _ in found.left_out)], key=lambda e: (e.date, e.id))
+    rows = []
+    for entry in entries:
+        place = counted.get(entry.id)
+        row = _calibration(entry) | {"counts": place is not None, "left_out": reasons.get(entry.id, "")}
+        row["series"] = None if place is None else int(found.group[place]) + 1
+        row["en"] = asdict(found.agreement(place)) if place else None
+        rows.append(row)
+    return rows
+
+
+def _calibration(entry: Entry) -> dict[str, Any]:
+    return {
+        "id": entry.id,
+        "date": entry.date.isoformat(),
+        "value": entry.value,
+        "u": entry.u,
+        "U": None if entry.u is None else K * entry.u,
+        "u_own": entry.u_own,
+        "unit": entry.unit,
+        "standing": entry.standing or "added",
+        "shared": dict(entry.shared),
+        **entry.facts,
+    }
+
+
+def _series(found: Life) -> list[dict[str, Any]]:
+    starts = [(0, "the first calibration"), *((item.index, item.why) for item in found.breaks)]
+    return [
+        {"series": number, "from": found.entries[index].date.isoformat(), "why": why}
+        for number, (index, why) in enumerate(starts, 1)
+        if found.entries
+    ]
+
+
+def _drift(found: Life, question: Question) -> dict[str, Any]:
+    drift = found.drift
+    if drift is None:
+        return {"why": found.without_drift}
+    interval = question.interval_years or interval_in_force(found)
+    last = found.entries[-1]
+    until = question.until or later(last.date, interval)
+    if until < last.date:
+        raise InputError(
+            "The date to predict for lies before the last calibration.",
+            expected=f"a date from {last.date} on",
+            found=str(until),
+            where="--at",
+            remedy="give a later date",
+        )
+    rate, size = drift.rate(), abs(float(found.value[-1])) or 1.0
+    return {
+        "why": "",
+        "rate_per_year": _mixture(rate) | {"relative": rate.value / size, "relative_u": rate.u / size},
+        "random_walk_per_root_year": drift.wandering(),
+        "probability": drift.probability,
+        "prediction": {"date": until.isoformat()} | _mixture(_at(found, until)) | _next_reading(found, until),
+        "curve": _curve(found, until),
+    }
+
+
+def _at(found: Life, date: datetime.date) -> Mixture:
+    assert found.drift is not None
+    return found.drift.sensitivity(_year(found, date))
+
+
+def _year(found: Life, date: datetime.date) -> float:
+    return years_between(found.entries[0].date, date)
+
+
+def _next_reading(found: Life, date: datetime.date) -> dict[str, Any]:
+    """Prediction for a calibration of the same quality as the last one, with the same reference."""
+    assert found.drift is not None
+    last = found.entries[-1]
+    shared = np.array([covariance(entry, last._replace(id=-1)) for entry in found.entries])
+    return {"reading": _mixture(found.drift.reading(_year(found, date), shared, float(last.u or 0.0)))}
+
+
+def _curve(found: Life, until: datetime.date) -> list[dict[str, Any]]:
+    """Prediction from the last calibration on."""
+    first = found.entries[-1].date.toordinal()
+    dates = sorted({round(day) for day in np.linspace(first, until.toordinal(), _CURVE)})
+    points = []
+    for day in dates:
+        date = datetime.date.fromordinal(day)
+        points.append({"date": date.isoformat()} | _mixture(_at(found, date)))
+    return points
+
+
+def _mixture(mixture: Mixture) -> dict[str, Any]:
+    low, high = mixture.interval_95
+    u = (high - low) / 4  # as ``Mixture.u``, without the quantiles once more
+    return {"value": mixture.value, "u": u, "U": K * u, "interval_95": [low, high]}
+
+
+def _control(found: Life) -> dict[str, Any] | None:
+    """Both charts over all series; each series restarts them."""
+    residuals, restart, places = [], [], []
+    for number in np.unique(found.group):
+        places_of = np.flatnonzero(found.group == number)
+        if places_of.size > 1:
+            part = np.ix_(places_of, places_of)
+            residuals += control.recursive_residuals(found.value[places_of], found.covariance[part]).tolist()
+            restart += [True] + [False] * (places_of.size - 2)
+            places += places_of[1:].tolist()
+    if not residuals:
+        return None
+    dates = [found.entries[i].date.isoformat() for i in places]
+    charts = control.charts(np.array(residuals), np.array(restart))
+    return {
+        "false_alarm_probability": control.FALSE_ALARM,
+        "false_alarm_over": control.LIFE,
+        "dates": dates,
+        "residuals": residuals,
+        "charts": [asdict(chart) | {"alarm_dates": [dates[i] for i in chart.alarm]} for chart in charts],
+    }
+
+
+def _due(found: Life, question: Question) -> dict[str, Any] | None:
+    if question.tolerance is None or not found.entries:
+        return None
+    told: Due = due(found, question.tolerance, question.interval_years, question.today or datetime.date.today())
+    low, high = question.tolerance.limits(found)
+    return _plain(asdict(told)) | {"risk": RISK, "limits": [low, high], "tolerance": question.tolerance.relative}
+
+
+def _plain(values: dict[str, Any]) -> dict[str, Any]:
+    return {key: value.isoformat() if isinstance(value, datetime.date) else value for key, value in values.items()}
+
+
+def listed(overviews: Sequence[query.Overview]) -> list[dict[str, Any]]:
+    """The sensors of a store."""
+    return [
+        {
+            **overview.sensor.as_dict(),
+            "calibrations": overview.calibrations,
+            "first": overview.first.isoformat(),
+            "last": overview.last.isoformat(),
+        }
+        for overview in overviews
+    ]

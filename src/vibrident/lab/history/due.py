@@ -1,0 +1,113 @@
+"""When the next calibration is due: by the risk of being outside a tolerance, and by the staircase of ILAC-G24."""
+
+from __future__ import annotations
+
+import datetime
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from vibrident.lab.history.life import DAYS_A_YEAR, Life
+
+RISK = 0.05  # probability of being outside the tolerance at which a calibration is due
+FARTHEST_YEARS = 20.0  # latest date considered, in years after the last calibration
+_LOOKS = 24  # number of coarse dates at which the risk is computed, before the date is found between two of them
+#: ILAC-G24 / OIML D 10, method 1: found within this part of the tolerance, the interval is extended, else reduced.
+STAIRCASE_PART = 0.8
+STAIRCASE_LONGER = 1.25
+STAIRCASE_SHORTER = 0.7
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """Permitted deviation of a sensor from the value it is used with."""
+
+    relative: float  # half width, relative to the nominal value
+    nominal: float | None = None  # the value it is used with; None for that of its last calibration
+
+    def limits(self, life: Life) -> tuple[float, float]:
+        """Lower and upper limit, in the quantity's unit."""
+        centre = self.nominal if self.nominal is not None else float(life.value[-1])
+        return centre - self.relative * abs(centre), centre + self.relative * abs(centre)
+
+
+@dataclass(frozen=True)
+class Due:
+    """When a sensor is due."""
+
+    # by the risk; None if that stays below ``RISK`` for ``FARTHEST_YEARS``, or for the reason in ``why``
+    date: datetime.date | None
+    why: str  # reason if there is no date, such as a sensor that was recalled; else empty
+    risk_today: float | None  # probability of being outside the tolerance today
+    risk_at_end: float | None  # at the end of the interval in force
+    interval_years: float  # the interval in force
+    by_interval: datetime.date  # date by that
+    staircase_years: float | None  # interval by ILAC-G24's staircase; None with fewer than two dates in the series
+    by_staircase: datetime.date | None  # date by that
+
+
+def due(life: Life, tolerance: Tolerance, interval_years: float | None, today: datetime.date) -> Due:
+    """When the next calibration is due.
+
+    Args:
+        life: with at least one calibration.
+        tolerance: for the sensor.
+        interval_years: in force; None for the time between the last two calibrations, a year if there is only one.
+        today: date for the present risk.
+    """
+    last = life.entries[-1].date
+    force = interval_years or interval_in_force(life)
+    by_interval = later(last, force)
+    stairs = staircase(life, tolerance, force)
+    by_stairs = None if stairs is None else later(last, stairs)
+    if why := life.recalled or life.without_drift:
+        return Due(None, why, None, None, force, by_interval, stairs, by_stairs)
+    now, end = (risk(life, tolerance, date) for date in (max(today, last), by_interval))
+    found = _first_date(life, tolerance)
+    why = "" if found is not None else f"the risk stays below {100 * RISK:g} % for {FARTHEST_YEARS:g} years"
+    return Due(found, why, now, end, force, by_interval, stairs, by_stairs)
+
+
+def risk(life: Life, tolerance: Tolerance, date: datetime.date) -> float:
+    """Probability that the sensor is outside the tolerance at a date."""
+    assert life.drift is not None
+    at = np.array([life.years[-1] + (date - life.entries[-1].date).days / DAYS_A_YEAR])
+    return float(life.drift.outside(at, *tolerance.limits(life))[0])
+
+
+def _first_date(life: Life, tolerance: Tolerance) -> datetime.date | None:
+    """First date at which the risk reaches its limit: the day of the calibration if it is reached already."""
+    assert life.drift is not None
+    looks, limits = np.concatenate([[0.0], np.geomspace(1 / 24, FARTHEST_YEARS, _LOOKS)]), tolerance.limits(life)
+    while True:
+        reached = life.drift.outside(life.years[-1] + looks, *limits) >= RISK
+        if not reached.any():
+            return None
+        first = int(np.argmax(reached))
+        if first == 0 or looks[first] - looks[first - 1] < 0.5 / DAYS_A_YEAR:
+            return later(life.entries[-1].date, float(looks[first]))
+        looks = np.linspace(looks[first - 1], looks[first], _LOOKS)
+
+
+def interval_in_force(life: Life) -> float:
+    """Time between the last two dates of calibration, to a tenth of a year; a year where there is only one."""
+    gaps = np.diff(np.unique(life.years))
+    return max(round(float(gaps[-1]), 1), 0.1) if gaps.size else 1.0
+
+
+def staircase(life: Life, tolerance: Tolerance, interval_years: float) -> float | None:
+    """The next interval by ILAC-G24's staircase, from how far the sensor was found from the value it was used with."""
+    before = np.flatnonzero((life.years < life.years[-1]) & (life.group == life.group[-1]))
+    if not before.size:
+        return None
+    used = tolerance.nominal if tolerance.nominal is not None else float(life.value[before[-1]])
+    found = abs(float(life.value[-1]) / used - 1.0) if used else math.inf
+    factor = STAIRCASE_LONGER if found <= STAIRCASE_PART * tolerance.relative else STAIRCASE_SHORTER
+    return factor * interval_years
+
+
+def later(date: datetime.date, years: float) -> datetime.date:
+    """A date so many years later, at most the last one that Python can represent."""
+    days = min(round(years * DAYS_A_YEAR), (datetime.date.max - date).days)
+    return date + datetime.timedelta(days=days)

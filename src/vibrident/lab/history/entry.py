@@ -1,0 +1,296 @@
+"""The rows that the store keeps of a result, and how results are added: each whole or not at all, and only once."""
+
+from __future__ import annotations
+
+import datetime
+import getpass
+import hashlib
+import itertools
+import json
+import math
+import zlib
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import sqlalchemy as sa
+
+from vibrident.base.errors import InputError
+from vibrident.lab.history import query, schema
+from vibrident.lab.history.query import StoredSensor
+from vibrident.lab.history.schema import calibration, event
+from vibrident.lab.history.store import Store
+from vibrident.result import Result
+from vibrident.show.history import date_of
+from vibrident.show.numbers import unit_of_sensitivity
+from vibrident.show.points import nominal_points, reference_point
+from vibrident.use.comparison import shared_sources
+
+_AT_ONCE = 20  # results in one transaction: few, so that other writers wait for milliseconds only
+_FILE_DIGITS = 20  # digits kept of the SHA-256 of a data file: enough to recognise results of the same data
+_SENSOR_KEYS = ("manufacturer", "type", "serial_number", "axis")
+
+DatabaseRow = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class ResultRows:
+    """A result as rows by table, without the keys that the database gives."""
+
+    sensor: DatabaseRow
+    calibration: DatabaseRow
+    parameters: list[DatabaseRow]
+    points: list[DatabaseRow]
+
+
+def rows_of(result: Result, serial_number: str | None = None, date: datetime.date | None = None) -> ResultRows:
+    """The rows of a result.
+
+    ``result``: the result; ``serial_number``: if the result states no serial number; ``date``: of the calibration, if
+    the result states no date.
+
+    Raises:
+        InputError: the serial number or the date is in neither the result nor the arguments.
+    """
+    text = result.to_json()
+    sensor = {key: str(result.sensor.get(key) or "").strip() for key in _SENSOR_KEYS}
+    sensor["serial_number"] = _serial_number(sensor["serial_number"], serial_number)
+    stated, when = result.certificate.get("date_of_calibration"), date_of(result)
+    when = when if date is None or (stated is not None and when is not None) else date
+    if when is None:
+        key = '[certificate] date_of_calibration = "2025-03-31"'
+        raise _missing("date of its calibration", key, "--date", "none" if stated is None else repr(stated))
+    calibration = {
+        "sha256": hashlib.sha256(text.encode()).hexdigest(),
+        "date": when,
+        "date_stated": stated is not None or date is not None,
+        "model": result.model,
+        "estimator": result.estimator,
+        "adequate": result.fit.adequate,
+        "chi2_reduced": _number(result.fit.chi2_reduced),
+        "warnings": json.dumps(result.warning_codes),
+        "laboratory": str(result.certificate.get("laboratory") or ""),
+        "certificate_number": str(result.certificate.get("number") or ""),
+        "data_files": json.dumps(_data_files(result)),
+        "document": zlib.compress(text.encode()),
+    }
+    return ResultRows(sensor, calibration, [*_reference_sensitivity(result), *_parameters(result)], _points(result))
+
+
+def _serial_number(stated: str, given: str | None) -> str:
+    given = (given or "").strip()
+    if given and stated and given != stated:
+        raise InputError(
+            "The serial number is not that of the result.",
+            expected=f"{stated}, as the result states",
+            found=given,
+            where="--serial",
+            remedy="leave the option away, or give the result of that sensor",
+        )
+    if not (stated or given):
+        raise _missing("serial number", '[sensor] serial_number = "4711"', "--serial")
+    return stated or given
+
+
+def _missing(what: str, key: str, option: str, found: str = "none") -> InputError:
+    return InputError(
+        f"The result does not state the {what}, so it cannot be added to a history.",
+        expected=key.split(" ", 1)[1].partition(" =")[0],
+        found=found,
+        where="result.json, sensor and certificate",
+        remedy=f"state {key} in the calibration file, or give {option}",
+    )
+
+
+def _data_files(result: Result) -> list[str]:
+    hashes = (str(entry.get("sha256") or "") for entry in result.provenance.get("files") or ())
+    return sorted({text[:_FILE_DIGITS] for text in hashes if text})
+
+
+def _reference_sensitivity(result: Result) -> list[DatabaseRow]:
+    """The magnitude of the sensitivity at the reference frequency as a parameter; empty if it is not known."""
+    chosen, _ = reference_point(result)
+    if chosen is None or not math.isfinite(chosen.magnitude):
+        return []
+    return [
+        {
+            "name": schema.REFERENCE_SENSITIVITY,
+            "value": chosen.magnitude,
+            "unit": unit_of_sensitivity(result),
+            "standard_uncertainty": _number(chosen.magnitude_uncertainty),
+            "identifiable": True,
+            "derived": True,
+            "frequency_hz": chosen.frequency_hz,
+            "shared": json.dumps(shared_sources(result, sensitivity=chosen.magnitude)),
+        }
+    ]
+
+
+def _parameters(result: Result) -> list[DatabaseRow]:
+    return [
+        {
+            "name": name,
+            "value": _number(parameter.value),
+            "unit": parameter.unit,
+            "standard_uncertainty": _number(parameter.standard_uncertainty),
+            "identifiable": parameter.identifiable,
+            "derived": parameter.derived,
+            "frequency_hz": None,
+            "shared": json.dumps(shared_sources(result, parameter=name)),
+        }
+        for name, parameter in result.parameters.items()
+    ]
+
+
+def _points(result: Result) -> list[DatabaseRow]:
+    return [
+        {
+            "nominal_hz": float(point.nominal),
+            "frequency_hz": point.frequency_hz,
+            "magnitude": point.magnitude,
+            "magnitude_uncertainty": _number(point.magnitude_uncertainty),
+            "phase_deg": _number(point.phase_deg),
+            "phase_deg_uncertainty": _number(point.phase_deg_uncertainty),
+        }
+        for point in nominal_points(result)
+        if math.isfinite(point.magnitude)
+    ]
+
+
+def _number(value: float | None) -> float | None:
+    return float(value) if value is not None and math.isfinite(value) else None
+
+
+def add_all(
+    store: Store,
+    results: Iterable[Result],
+    *,
+    serial_number: str | None = None,
+    date: datetime.date | None = None,
+) -> Iterator[tuple[bool, int]]:
+    """Add results; yield for each whether it was new, and its calibration's number in the store.
+
+    Raises:
+        InputError: as :func:`rows_of`; the results before this one are then in the store.
+    """
+    store.begin()
+    prepared = (rows_of(result, serial_number, date) for result in results)
+    while batch := list(itertools.islice(prepared, _AT_ONCE)):
+        with store.writing() as connection:
+            added = [_insert(store, connection, rows) for rows in batch]
+        yield from added
+
+
+def _insert(store: Store, connection: sa.Connection, rows: ResultRows) -> tuple[bool, int]:
+    sensor_id = _sensor_id(store, connection, rows.sensor)
+    key = connection.execute(
+        store.insert(schema.calibration)
+        .values(rows.calibration | {"sensor_id": sensor_id})
+        .on_conflict_do_nothing()
+        .returning(schema.calibration.c.id)
+    ).scalar_one_or_none()
+    if key is None:
+        same = schema.calibration.c.sha256 == rows.calibration["sha256"]
+        return False, connection.execute(sa.select(schema.calibration.c.id).where(same)).scalar_one()
+    for table, found in ((schema.parameter, rows.parameters), (schema.point, rows.points)):
+        if found:
+            connection.execute(sa.insert(table), [row | {"calibration_id": key} for row in found])
+    record(connection, {"sensor_id": sensor_id, "calibration_id": key, "kind": "added"})
+    return True, key
+
+
+def _sensor_id(store: Store, connection: sa.Connection, identity: Mapping[str, str]) -> int:
+    wanted = sa.select(schema.sensor.c.id).where(
+        sa.and_(*(schema.sensor.c[key] == value for key, value in identity.items()))
+    )
+    found = connection.execute(wanted).scalar_one_or_none()
+    if found is not None:
+        return found
+    new = store.insert(schema.sensor).values(identity).on_conflict_do_nothing().returning(schema.sensor.c.id)
+    found = connection.execute(new).scalar_one_or_none()
+    return connection.execute(wanted).scalar_one() if found is None else found
+
+
+def record(connection: sa.Connection, event: Mapping[str, Any]) -> None:
+    """Add an event with the time and user of its entry; the date is today's unless given."""
+    now = datetime.datetime.now(datetime.UTC)
+    known = {"date": now.date(), "recorded": now.isoformat(timespec="seconds"), "by": user(), "note": ""}
+    connection.execute(sa.insert(schema.event), [known | {k: v for k, v in event.items() if v is not None}])
+
+
+def user() -> str:
+    """Name of the account that runs the program; empty if the system gives no name."""
+    try:
+        return getpass.getuser()
+    except (OSError, KeyError, ImportError):
+        return ""
+
+
+def add_event(
+    store: Store,
+    sensor: StoredSensor,
+    kind: str,
+    *,
+    date: datetime.date | None = None,
+    calibration_id: int | None = None,
+    by: str | None = None,
+    note: str = "",
+) -> None:
+    """Record that a sensor was repaired or recalled, or one of its calibrations recalled or superseded.
+
+    Raises:
+        InputError: the calibration is not one of this sensor, or the kind needs one.
+    """
+    if kind == "superseded" and calibration_id is None:
+        raise InputError(
+            "It is not said which calibration is superseded.",
+            expected="the number of a calibration",
+            found="none",
+            where="--calibration",
+            remedy="vibrident history show SERIAL lists the numbers",
+        )
+    with store.writing() as connection:
+        if calibration_id is not None:
+            asked = sa.select(calibration.c.id).where(
+                calibration.c.id == calibration_id, calibration.c.sensor_id == sensor.id
+            )
+            if connection.execute(asked).scalar_one_or_none() is None:
+                raise query.no_calibration(store, calibration_id)
+        told = {"sensor_id": sensor.id, "calibration_id": calibration_id, "kind": kind, "date": date}
+        record(connection, told | {"by": by, "note": note})
+
+
+def approve(store: Store, calibration_id: int, *, by: str | None = None, note: str = "") -> list[int]:
+    """Approve a calibration; other evaluations of the same data are superseded, and their numbers returned.
+
+    Raises:
+        InputError: there is no such calibration, or it was recalled.
+    """
+    with store.writing() as connection:
+        columns = calibration.c
+        asked = sa.select(columns.sensor_id, columns.data_files).where(columns.id == calibration_id)
+        row = connection.execute(asked).one_or_none()
+        if row is None:
+            raise query.no_calibration(store, calibration_id)
+        newest = sa.select(event.c.kind).where(event.c.calibration_id == calibration_id).order_by(event.c.id.desc())
+        if connection.execute(newest.limit(1)).scalar_one_or_none() == "recalled":
+            raise InputError(
+                "This calibration was recalled.",
+                expected="a calibration that counts",
+                found=f"calibration {calibration_id}, recalled",
+                where=store.shown,
+                remedy="calibrate again, and add the new result",
+            )
+        files = set(json.loads(row.data_files))
+        others = connection.execute(
+            sa.select(columns.id, columns.data_files).where(
+                columns.sensor_id == row.sensor_id, columns.id != calibration_id
+            )
+        ).all()
+        same = [other.id for other in others if files & set(json.loads(other.data_files))]
+        common = {"sensor_id": row.sensor_id, "by": by}
+        for other in same:
+            why = f"calibration {calibration_id} of the same data was approved"
+            record(connection, common | {"calibration_id": other, "kind": "superseded", "note": why})
+        record(connection, common | {"calibration_id": calibration_id, "kind": "approved", "note": note})
+    return same

@@ -1,0 +1,103 @@
+"""Points, shared sources of uncertainty and the reference sensitivity, from the stored results; rows are read-only."""
+
+from __future__ import annotations
+
+import datetime
+import json
+import zlib
+
+import sqlalchemy as sa
+from alembic import op
+
+revision = "0002"
+down_revision = "0001"
+
+_TABLES = ("sensor", "calibration", "parameter", "point", "event")
+
+
+def upgrade() -> None:
+    """Add the tables and columns, fill them, then forbid changes of rows."""
+    op.create_table(
+        "point",
+        sa.Column("calibration_id", sa.Integer, sa.ForeignKey("calibration.id"), primary_key=True),
+        sa.Column("nominal_hz", sa.Float, primary_key=True),
+        sa.Column("frequency_hz", sa.Float, nullable=False),
+        sa.Column("magnitude", sa.Float, nullable=False),
+        sa.Column("magnitude_uncertainty", sa.Float),
+        sa.Column("phase_deg", sa.Float),
+        sa.Column("phase_deg_uncertainty", sa.Float),
+    )
+    op.add_column("calibration", sa.Column("data_files", sa.Text, nullable=False, server_default="[]"))
+    op.add_column("parameter", sa.Column("frequency_hz", sa.Float))
+    op.add_column("parameter", sa.Column("shared", sa.Text, nullable=False, server_default="{}"))
+    op.create_index("calibration_by_sensor", "calibration", ["sensor_id", "date"])
+    op.create_index("parameter_by_name", "parameter", ["name", "calibration_id"])
+    op.create_index("event_by_sensor", "event", ["sensor_id", "kind"])
+    op.create_index("event_by_calibration", "event", ["calibration_id"])
+    _fill(op.get_bind())
+    (_triggers_of_sqlite if op.get_bind().dialect.name == "sqlite" else _triggers_of_postgresql)()
+
+
+def _fill(connection: sa.Connection) -> None:
+    """Fill the new columns and tables for existing calibrations."""
+    from vibrident.lab.history.entry import rows_of
+    from vibrident.result import Result
+
+    table = {name: sa.table(name, *map(sa.column, columns)) for name, columns in _COLUMNS.items()}
+    calibration, parameter = table["calibration"], table["parameter"]
+    for (key,) in connection.execute(sa.select(calibration.c.id).order_by(calibration.c.id)).all():
+        packed = connection.execute(sa.select(calibration.c.document).where(calibration.c.id == key)).scalar_one()
+        result = Result.from_dict(json.loads(zlib.decompress(packed)))
+        unnamed = None if result.sensor.get("serial_number") else "unnamed"  # name and date may have been given with it
+        found = rows_of(result, unnamed, datetime.date.min)
+        files = {"data_files": found.calibration["data_files"]}
+        connection.execute(sa.update(calibration).where(calibration.c.id == key).values(files))
+        connection.execute(sa.delete(parameter).where(parameter.c.calibration_id == key))
+        for name, rows in (("parameter", found.parameters), ("point", found.points)):
+            kept = [{k: row[k] for k in _COLUMNS[name] if k in row} | {"calibration_id": key} for row in rows]
+            if kept:
+                connection.execute(sa.insert(table[name]), kept)
+
+
+_PARAMETER = "calibration_id name value unit standard_uncertainty identifiable derived frequency_hz shared"
+_POINT = "calibration_id nominal_hz frequency_hz magnitude magnitude_uncertainty phase_deg phase_deg_uncertainty"
+_COLUMNS = {
+    "calibration": ["id", "document", "data_files"],
+    "parameter": _PARAMETER.split(),
+    "point": _POINT.split(),
+}
+
+_SAME_ROW = {
+    "sensor": "id = NEW.id OR (serial_number = NEW.serial_number AND manufacturer = NEW.manufacturer "
+    "AND type = NEW.type AND axis = NEW.axis)",
+    "calibration": "id = NEW.id OR sha256 = NEW.sha256",
+    "parameter": "calibration_id = NEW.calibration_id AND name = NEW.name",
+    "point": "calibration_id = NEW.calibration_id AND nominal_hz = NEW.nominal_hz",
+    "event": "id = NEW.id",
+}
+
+
+def _triggers_of_sqlite() -> None:
+    for name in _TABLES:
+        for action in ("UPDATE", "DELETE"):
+            op.execute(
+                f"CREATE TRIGGER {name}_no_{action.lower()} BEFORE {action} ON {name} "
+                f"BEGIN SELECT RAISE(ABORT, 'the history is append-only'); END"
+            )
+    for name, same in _SAME_ROW.items():  # INSERT OR REPLACE would remove a row without an error
+        op.execute(
+            f"CREATE TRIGGER {name}_no_replace BEFORE INSERT ON {name} WHEN EXISTS (SELECT 1 FROM {name} WHERE {same}) "
+            f"BEGIN SELECT RAISE(IGNORE); END"
+        )
+
+
+def _triggers_of_postgresql() -> None:
+    op.execute(
+        "CREATE FUNCTION vibrident_append_only() RETURNS trigger LANGUAGE plpgsql AS "
+        "$$ BEGIN RAISE EXCEPTION 'the history is append-only'; END $$"
+    )
+    for name in _TABLES:
+        op.execute(
+            f"CREATE TRIGGER {name}_append_only BEFORE UPDATE OR DELETE OR TRUNCATE ON {name} "
+            "FOR EACH STATEMENT EXECUTE FUNCTION vibrident_append_only()"
+        )

@@ -1,0 +1,261 @@
+"""Queries of the store: sensors, the calibrations and events of one or of all, and a stored result."""
+
+from __future__ import annotations
+
+import datetime
+import json
+import zlib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import sqlalchemy as sa
+
+from vibrident.base.errors import InputError, did_you_mean
+from vibrident.base.nominal import SAME
+from vibrident.lab.history.life import Entry, Event
+from vibrident.lab.history.schema import REFERENCE_SENSITIVITY, calibration, event, parameter, point, sensor
+from vibrident.lab.history.store import Store
+from vibrident.result import Result
+from vibrident.show.numbers import sensor_name
+
+_STANDINGS = ("approved", "superseded", "recalled")
+
+
+@dataclass(frozen=True)
+class StoredSensor:
+    """A sensor, as its results name it."""
+
+    id: int
+    manufacturer: str
+    type: str
+    serial_number: str
+    axis: str
+
+    @property
+    def name(self) -> str:
+        """Manufacturer, type, serial number and axis in one line."""
+        name = sensor_name({key: getattr(self, key) for key in ("manufacturer", "type", "serial_number")})
+        return f"{name}, axis {self.axis}" if self.axis else name
+
+    def as_dict(self) -> dict[str, str]:
+        """As a result has it."""
+        named = ("manufacturer", "type", "serial_number", "axis")
+        return {key: getattr(self, key) for key in named if getattr(self, key)}
+
+
+@dataclass(frozen=True)
+class Overview:
+    """A sensor in the list of all: how often it was calibrated and when last."""
+
+    sensor: StoredSensor
+    calibrations: int
+    first: datetime.date
+    last: datetime.date
+
+
+def overviews(store: Store, type_name: str | None = None) -> list[Overview]:
+    """All sensors, by type and serial number."""
+    columns, date_min, date_max = sensor.c, sa.func.min(calibration.c.date), sa.func.max(calibration.c.date)
+    asked = (
+        sa.select(*columns, sa.func.count().label("times"), date_min.label("first"), date_max.label("last"))
+        .join(calibration, calibration.c.sensor_id == columns.id)
+        .group_by(*columns)
+        .order_by(columns.type, columns.serial_number, columns.manufacturer, columns.axis)
+    )
+    if type_name is not None:
+        asked = asked.where(columns.type == type_name)
+    with store.reading() as connection:
+        return [Overview(_sensor(row), row.times, row.first, row.last) for row in connection.execute(asked)]
+
+
+def find(
+    store: Store,
+    serial_number: str,
+    type_name: str | None = None,
+    axis: str | None = None,
+    manufacturer: str | None = None,
+) -> StoredSensor:
+    """The sensor of a serial number; of several by type, axis and manufacturer.
+
+    Raises:
+        InputError: no sensor has this serial number, or more than one has it.
+    """
+    asked = sa.select(sensor).where(sensor.c.serial_number == serial_number.strip())
+    named = ((sensor.c.type, type_name), (sensor.c.axis, axis), (sensor.c.manufacturer, manufacturer))
+    for column, wanted in named:
+        asked = asked if wanted is None else asked.where(column == wanted)
+    with store.reading() as connection:
+        found = [_sensor(row) for row in connection.execute(asked)]
+        if len(found) == 1:
+            return found[0]
+        known = [] if found else connection.execute(sa.select(sensor.c.serial_number)).scalars().all()
+    if found:
+        raise InputError(
+            f"{len(found)} sensors have this serial number.",
+            expected="one of " + "; ".join(one.name for one in found),
+            found=serial_number,
+            where=store.shown,
+            remedy="give --type, --axis or --manufacturer as well",
+        )
+    raise InputError(
+        "The store holds no such sensor.",
+        expected=f"one of its {len(known)} serial numbers",
+        found=serial_number,
+        where=store.shown,
+        remedy=did_you_mean(serial_number, known, "see vibrident history list"),
+    )
+
+
+def known(store: Store, told: Mapping[str, object]) -> StoredSensor | None:
+    """The sensor that a result names; None if the store holds no calibration of it."""
+    named = [column == str(told.get(column.name) or "").strip() for column in sensor.c if column.name != "id"]
+    with store.reading() as connection:
+        row = connection.execute(sa.select(sensor).where(*named)).one_or_none()
+    return None if row is None else _sensor(row)
+
+
+def _sensor(row: Any) -> StoredSensor:
+    return StoredSensor(row.id, row.manufacturer, row.type, row.serial_number, row.axis)
+
+
+def entries(
+    store: Store,
+    sensor_id: int | None = None,
+    quantity: str = REFERENCE_SENSITIVITY,
+    frequency_hz: float | None = None,
+) -> dict[int, list[Entry]]:
+    """The calibrations of a sensor with all their columns, or of all sensors without these; by sensor.
+
+    Args:
+        store: the store.
+        sensor_id: of one sensor.
+        quantity: name of a parameter; the entries hold its value and uncertainty.
+        frequency_hz: nominal frequency, for the magnitude of the sensitivity at that frequency instead.
+    """
+    asked = _asked(quantity, frequency_hz, told=sensor_id is not None)
+    asked = asked if sensor_id is None else asked.where(calibration.c.sensor_id == sensor_id)
+    standings = _standings(store, sensor_id)
+    found: dict[int, list[Entry]] = {}
+    with store.reading() as connection:
+        for row in map(tuple, connection.execute(asked).all()):
+            sensor_key, key, date, files, value, u, unit, frequency, shared, *more = row
+            base, told = (value, more) if frequency_hz is None else (more[0], more[1:])
+            facts: dict[str, object] = dict(zip(_TOLD, told, strict=True)) if told else {}
+            if told:
+                facts["warnings"] = json.loads(told[-1])
+            sources = _shared(shared or "{}")
+            if base != value and base and value is not None:  # relative contributions are equal
+                sources = {name: abs(size * value / base) for name, size in sources.items()}
+            standing = standings.get(key, "")
+            entry = Entry(key, date, value, u, unit or "", frequency, sources, files, standing, facts)
+            found.setdefault(sensor_key, []).append(entry)
+    return found
+
+
+def _asked(quantity: str, frequency_hz: float | None, *, told: bool) -> Any:
+    """Each calibration with value and uncertainty, its sources, and the value to which these refer."""
+    c, p, at = calibration.c, parameter.c, point.c
+    joined = calibration.outerjoin(parameter, sa.and_(p.calibration_id == c.id, p.name == quantity))
+    values = [p.value, p.standard_uncertainty, p.unit, p.frequency_hz]
+    if frequency_hz is not None:
+        near = at.nominal_hz.between(frequency_hz * (1 - SAME), frequency_hz * (1 + SAME))
+        joined = joined.outerjoin(point, sa.and_(at.calibration_id == c.id, near))
+        values = [at.magnitude, at.magnitude_uncertainty, p.unit, at.frequency_hz]
+    more = [*([] if frequency_hz is None else [p.value.label("base")]), *([c[name] for name in _TOLD] if told else [])]
+    kept = [c.sensor_id, c.id, c.date, c.data_files, *values, p.shared, *more]
+    return sa.select(*kept).select_from(joined)
+
+
+_TOLD = ("sha256", "date_stated", "model", "estimator", "adequate", "laboratory", "certificate_number", "warnings")
+
+
+@lru_cache(maxsize=10_000)
+def _shared(text: str) -> Mapping[str, float]:
+    return json.loads(text)
+
+
+def _standings(store: Store, sensor_id: int | None) -> dict[int, str]:
+    """The newest event that decides whether a calibration is valid, by calibration."""
+    asked = sa.select(event.c.calibration_id, event.c.kind).where(
+        event.c.kind.in_(_STANDINGS), event.c.calibration_id.is_not(None)
+    )
+    asked = asked if sensor_id is None else asked.where(event.c.sensor_id == sensor_id)
+    with store.reading() as connection:
+        return {row.calibration_id: row.kind for row in connection.execute(asked.order_by(event.c.id))}
+
+
+def events(store: Store, sensor_id: int | None = None) -> dict[int, list[Event]]:
+    """The events of a sensor, or of all; by sensor."""
+    asked = sa.select(event).order_by(event.c.date, event.c.id)
+    if sensor_id is None:
+        asked = asked.where(event.c.kind != "added")  # as many as calibrations, and nothing follows from them
+    else:
+        asked = asked.where(event.c.sensor_id == sensor_id)
+    found: dict[int, list[Event]] = {}
+    with store.reading() as connection:
+        for row in connection.execute(asked):
+            told = Event(row.id, row.kind, row.date, row.calibration_id, row.by, row.note, row.recorded)
+            found.setdefault(row.sensor_id, []).append(told)
+    return found
+
+
+def quantities(store: Store, sensor_id: int) -> list[str]:
+    """Names of the quantities that the calibrations of a sensor have."""
+    return _distinct(store, sensor_id, parameter.c.name)
+
+
+def frequencies(store: Store, sensor_id: int) -> list[float]:
+    """Nominal frequencies, Hz, at which the calibrations of a sensor have a sensitivity."""
+    return _distinct(store, sensor_id, point.c.nominal_hz)
+
+
+def _distinct(store: Store, sensor_id: int, column: Any) -> list[Any]:
+    asked = sa.select(column).join(calibration).where(calibration.c.sensor_id == sensor_id).distinct()
+    with store.reading() as connection:
+        return sorted(connection.execute(asked).scalars())
+
+
+def result(store: Store, calibration_id: int) -> Result:
+    """A stored result, whole.
+
+    Raises:
+        InputError: no calibration has this number.
+    """
+    asked = sa.select(calibration.c.document).where(calibration.c.id == calibration_id)
+    with store.reading() as connection:
+        packed = connection.execute(asked).scalar_one_or_none()
+    if packed is None:
+        raise no_calibration(store, calibration_id)
+    return Result.from_dict(json.loads(zlib.decompress(packed)))
+
+
+def no_calibration(store: Store, calibration_id: int) -> InputError:
+    """The error for a number without a calibration."""
+    return InputError(
+        "The store holds no such calibration.",
+        expected="the number of a calibration",
+        found=str(calibration_id),
+        where=store.shown,
+        remedy="vibrident history show SERIAL lists the numbers",
+    )
+
+
+def rows(store: Store) -> Iterator[dict[str, Any]]:
+    """One row per calibration for export: sensor, calibration, and every parameter as NAME and NAME_u."""
+    c, s = calibration.c, sensor.c
+    kept = [column for column in c if column.name not in ("document", "data_files", "sensor_id")]
+    named = [s.manufacturer, s.type, s.serial_number, s.axis]
+    standings = _standings(store, None)
+    with store.reading() as connection:
+        values: dict[int, dict[str, Any]] = {}
+        for row in connection.execute(sa.select(parameter)):
+            found = values.setdefault(row.calibration_id, {})
+            found |= {row.name: row.value, f"{row.name}_u": row.standard_uncertainty}
+            if row.frequency_hz is not None:
+                found["reference_frequency_hz"] = row.frequency_hz
+        asked = sa.select(*named, *kept).join(calibration, c.sensor_id == s.id).order_by(s.serial_number, c.date, c.id)
+        for row in connection.execute(asked).mappings():
+            warnings = {"warnings": json.loads(row["warnings"]), "standing": standings.get(row["id"], "added")}
+            yield dict(row) | warnings | values.get(row["id"], {})

@@ -1,0 +1,257 @@
+"""The store: one connection at a time, transactions, the version of its schema, and its errors."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sqlite3
+from collections.abc import Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import sqlalchemy as sa
+from sqlalchemy import event, exc
+from sqlalchemy.dialects import postgresql, sqlite
+
+from vibrident.base.errors import InputError
+from vibrident.lab.history import schema
+from vibrident.lab.history.location import FORMS, chosen, printable, sqlite_file, without_secrets
+
+PATIENCE_S = 60  # how long a writer waits for another one
+_SCHEMA_LOCK = 8_247_163_905  # number of PostgreSQL's advisory lock for changes of the schema
+#: What a database says; the problem, and what to do about it.
+_CAUSES = (
+    (("append-only",), "Rows of the history cannot be changed.", "add an event"),
+    (("locked", "lock timeout", "deadlock"), "The store is held by another program.", "try again later"),
+    (
+        ("readonly", "read-only", "permission denied"),
+        "The store can only be read.",
+        "take an account that may write there, for a file in its folder too",
+    ),
+    (("",), "The store cannot be used.", "check that the database runs, the address, and the account"),
+)
+
+
+class Store:
+    """A history in a SQL database; closes with the ``with`` block.
+
+    Args:
+        url: SQLAlchemy URL or path of a SQLite file; None for the default.
+
+    Raises:
+        InputError: the URL names no store, or its driver is not installed.
+    """
+
+    def __init__(self, url: str | None = None) -> None:
+        self.url = chosen(url)
+        self._engine = self._connected_lazily()
+        self.is_sqlite = self._engine.dialect.name == "sqlite"
+        if self.is_sqlite:
+            event.listen(self._engine, "connect", _prepare_sqlite)
+            event.listen(self._engine, "do_connect", _read_only)
+            event.listen(self._engine, "begin", _begin_sqlite)
+        self._checked = False
+
+    def __enter__(self) -> Store:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._engine.dispose()
+
+    def _connected_lazily(self) -> sa.Engine:
+        file = sqlite_file(self.url)
+        try:  # as a path, because releases of SQLAlchemy differ in how they unescape a URL
+            url = self.url if file is None else sa.URL.create("sqlite", database=str(file))
+            return sa.create_engine(url, **self._options())
+        except ModuleNotFoundError as error:
+            raise self._failed(
+                "The driver of the store's database is not installed.", error, "pip install 'vibrident[postgres]'"
+            ) from None
+        except (exc.ArgumentError, ValueError) as error:
+            raise self._failed("The store's URL cannot be read.", error, "escape special characters as %40") from None
+
+    @property
+    def shown(self) -> str:
+        """The store for print: the path of a file, else the URL without a password."""
+        file = sqlite_file(self.url)
+        return printable(self.url) if file is None else str(file)
+
+    @contextlib.contextmanager
+    def reading(self) -> Iterator[sa.Connection]:
+        """A connection that reads one consistent state of the store.
+
+        Raises:
+            InputError: there is no store, its schema is another version's, or the database fails.
+        """
+        with self._connected() as connection:
+            self._require_revision(connection)
+            yield connection
+
+    @contextlib.contextmanager
+    def writing(self) -> Iterator[sa.Connection]:
+        """A connection whose changes are all committed at the end, or all rolled back.
+
+        Raises:
+            InputError: there is no store, its schema is another version's, or the database fails.
+        """
+        with self._connected(writes=True) as connection, connection.begin():
+            self._require_revision(connection)
+            yield connection
+
+    @contextlib.contextmanager
+    def _connected(self, **options: Any) -> Iterator[sa.Connection]:
+        with self._explained():
+            if self.is_sqlite and not self._file().exists():
+                raise self._absent()
+            with self._engine.connect().execution_options(**options) as connection:
+                yield connection
+
+    def insert(self, table: sa.Table) -> Any:
+        """An INSERT in this database's dialect, with a clause for existing rows."""
+        return sqlite.insert(table) if self.is_sqlite else postgresql.insert(table)
+
+    def revision(self) -> str | None:
+        """The migration that the store is at; None if there is no store."""
+        with self._explained():
+            if self.is_sqlite and not self._file().exists():
+                return None
+            with self._engine.connect() as connection:
+                return _revision(connection)
+
+    def upgrade(self, revision: str = schema.REVISION) -> tuple[str | None, str]:
+        """Bring the schema to a revision, with its data; return the revision before and after.
+
+        Raises:
+            InputError: the store is newer than this version of vibrident, or the database fails.
+        """
+        with self._explained():
+            self._make_folder()
+            with self._engine.connect().execution_options(writes=True) as connection, connection.begin():
+                if not self.is_sqlite:  # SQLite's transaction for writing is such a lock
+                    connection.execute(sa.text("SELECT pg_advisory_xact_lock(:key)"), {"key": _SCHEMA_LOCK})
+                before = _revision(connection)
+                if before is not None and before > schema.REVISION:
+                    raise self._other(before)
+                if before is None or before < revision:
+                    _migrate(connection, revision)
+                return before, _revision(connection) or ""
+
+    def begin(self) -> None:
+        """Create the tables of a new store; an existing one stays unchanged.
+
+        Raises:
+            InputError: the database fails.
+        """
+        if self.revision() is None:
+            self.upgrade()
+
+    def _make_folder(self) -> None:
+        if self.is_sqlite:
+            try:
+                self._file().parent.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise self._failed("The store cannot be used.", error, "check the path and your rights to it") from None
+
+    def _require_revision(self, connection: sa.Connection) -> None:
+        if self._checked:
+            return
+        found = _revision(connection)
+        if found is None:
+            raise self._absent()
+        if found != schema.REVISION:
+            raise self._other(found)
+        self._checked = True
+
+    def _options(self) -> dict[str, Any]:
+        if self.url.startswith("sqlite"):
+            return {"connect_args": {"timeout": PATIENCE_S}}
+        return {"connect_args": {"connect_timeout": 10, "options": f"-c lock_timeout={PATIENCE_S}s"}}
+
+    def _file(self) -> Path:
+        return Path(self._engine.url.database or "")
+
+    def _absent(self) -> InputError:
+        return InputError(
+            "There is no history here yet.",
+            expected="a store that `vibrident history add` began",
+            found="none",
+            where=self.shown,
+            remedy="check --store, or add a result: vibrident history add result.json",
+        )
+
+    def _other(self, found: str) -> InputError:
+        newer = found > schema.REVISION
+        remedy = "install the newer version" if newer else "vibrident history upgrade; keep a copy of the store before"
+        return InputError(
+            f"The store was laid out by {'a newer' if newer else 'an older'} version of vibrident.",
+            expected=f"schema {schema.REVISION}",
+            found=f"schema {found}",
+            where=self.shown,
+            remedy=remedy,
+        )
+
+    @contextlib.contextmanager
+    def _explained(self) -> Iterator[None]:
+        """An error of the database or its driver, as a message for the user."""
+        try:
+            yield
+        except exc.DataError as error:
+            raise self._failed("A text cannot be kept in this database.", error.orig, "shorten or correct it") from None
+        except exc.DBAPIError as error:
+            said = str(error.orig).lower()
+            problem, remedy = next(told for words, *told in _CAUSES if any(word in said for word in words))
+            raise self._failed(problem, error.orig, remedy) from None
+
+    def _failed(self, problem: str, error: object, remedy: str) -> InputError:
+        found = " ".join(without_secrets(str(error), self.url).split())[:300]
+        return InputError(problem, expected=FORMS, found=found, where=self.shown, remedy=remedy)
+
+
+def _read_only(_: Any, __: Any, arguments: list[Any], options: dict[str, Any]) -> None:
+    """Open a file that this account cannot write for reading; SQLite would make files beside it."""
+    file = Path(arguments[0])
+    if file.exists() and not (os.access(file, os.W_OK) and os.access(file.parent, os.W_OK)):
+        writers = file.with_name(f"{file.name}-wal").exists()
+        arguments[0] = f"{file.absolute().as_uri()}?mode=ro{'' if writers else '&immutable=1'}"
+        options["uri"] = True
+
+
+def _prepare_sqlite(connection: Any, _: Any) -> None:
+    """Set SQLite to allow readers beside a writer, to enforce foreign keys, and to begin transactions explicitly."""
+    connection.isolation_level = None
+    with contextlib.suppress(sqlite3.OperationalError):  # of a file that can only be read
+        connection.execute("PRAGMA journal_mode = WAL")
+    for pragma in ("synchronous = FULL", "foreign_keys = ON", "recursive_triggers = ON"):
+        connection.execute(f"PRAGMA {pragma}")
+
+
+def _begin_sqlite(connection: sa.Connection) -> None:
+    """Take the lock for writing at the beginning: two writers that read first would block each other."""
+    connection.exec_driver_sql("BEGIN IMMEDIATE" if connection.get_execution_options().get("writes") else "BEGIN")
+
+
+def _revision(connection: sa.Connection) -> str | None:
+    if not sa.inspect(connection).has_table(schema.VERSION_TABLE):
+        return None
+    return connection.execute(sa.text(f"SELECT version_num FROM {schema.VERSION_TABLE}")).scalar_one_or_none()
+
+
+def _migrate(connection: sa.Connection, revision: str) -> None:
+    """Run the migrations up to a revision, within the connection's transaction."""
+    from alembic.config import Config
+    from alembic.runtime.environment import EnvironmentContext
+    from alembic.script import ScriptDirectory
+
+    settings = Config()
+    settings.set_main_option("script_location", "vibrident.lab.history:migrations")
+    scripts = ScriptDirectory.from_config(settings)
+
+    def steps(now: Any, _: Any) -> Any:
+        return scripts._upgrade_revs(revision, now)
+
+    with EnvironmentContext(settings, scripts, fn=steps, destination_rev=revision) as environment:
+        environment.configure(connection=connection, version_table=schema.VERSION_TABLE, transactional_ddl=False)
+        environment.run_migrations()

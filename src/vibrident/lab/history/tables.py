@@ -1,0 +1,218 @@
+"""A history as tables, lists and sentences, made from its document alone."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from vibrident.base.amounts import Scale, scaled
+from vibrident.physics.naming import in_words
+from vibrident.show.numbers import NONE, frequency_text, pair, plain
+from vibrident.show.views import Column, Facts, Sentence, Table, columns
+from vibrident.use.comparison import COVERAGE_FACTOR as K
+
+Document = Mapping[str, Any]
+
+
+def quantity_name(document: Document) -> str:
+    """The quantity in words, with its frequency."""
+    quantity = document["quantity"]
+    if quantity["frequency_hz"] is None:
+        return in_words(quantity["name"])
+    return f"sensitivity at {frequency_text(quantity['frequency_hz'])}"
+
+
+def scale_of(document: Document) -> Scale:
+    """The scale from the quantity's unit to one with a suitable prefix."""
+    unit = document["quantity"]["unit"]
+    sizes = [abs(row["value"]) for row in document["calibrations"] if row["unit"] == unit and row["value"]]
+    return scaled(unit, sizes[-1] if sizes else 0.0)
+
+
+def calibrations(document: Document) -> Table:
+    """Every calibration with U and E_n to the one before; those that are not valid with the reason."""
+    scale = scale_of(document)
+    rows = []
+    for row in document["calibrations"]:
+        value, expanded = _value(row, scale) if row["unit"] == document["quantity"]["unit"] else (NONE, NONE)
+        en = row["en"] or {}
+        rows.append(
+            (
+                str(row["id"]),
+                row["date"] + ("" if row["date_stated"] else " (evaluated)"),
+                value,
+                expanded,
+                "" if row["series"] is None else str(row["series"]),
+                _en(en.get("correlated")) if en else "",
+                _en(en.get("ordinary")) if en else "",
+                row["left_out"] if row["left_out"] not in ("", row["standing"]) else "",
+                row["standing"],
+                ", ".join(row["warnings"]) or "none",
+            )
+        )
+    heads = (
+        Column("id", "number"),
+        Column("date"),
+        Column("value", "number", scale.printed),
+        *columns("U", "series", "E_n", "ordinary E_n", kind="number"),
+        *columns("left out", "standing", "warnings"),
+    )
+    notes = (
+        "U has k = 2. E_n is to the calibration before, with U of the difference: what both share (the same reference, "
+        "the same stated source) is no part of it. Ordinary E_n takes them as independent, and is too small where they "
+        "are not. |E_n| > 1 is a change that the uncertainties do not explain.",
+    )
+    return Table(heads, tuple(rows), notes=notes).telling()
+
+
+def _value(row: Mapping[str, Any], scale: Scale) -> tuple[str, str]:
+    """Value and U; the value is rounded by its unshared uncertainty, because changes are compared with that."""
+    sizes = (row["value"], K * (row["u_own"] or row["u"] or 0.0), row["U"])
+    value, own, expanded = (None if size is None else size * scale.factor for size in sizes)
+    return pair(value, own)[0], pair(value, expanded)[1]
+
+
+def _en(value: float | None) -> str:
+    return NONE if value is None else f"{value:+.2f}".replace("-0.00", "+0.00")
+
+
+def chart(document: Document, width: int = 54) -> Facts | None:
+    """The values as text, by date: the unshared part of U as a bar, and the prediction; None for a single value."""
+    rows = [
+        (row["date"], row["value"], K * (row["u_own"] or row["u"])) for row in document["calibrations"] if row["counts"]
+    ]
+    if len(rows) < 2:
+        return None
+    if not document["drift"]["why"]:
+        ahead = document["drift"]["prediction"]
+        rows.append((f"{ahead['date']} expected", ahead["reading"]["value"], ahead["reading"]["U"]))
+    low, high = min(value - half for _, value, half in rows), max(value + half for _, value, half in rows)
+
+    def place(value: float) -> int:
+        return round((width - 1) * (value - low) / (high - low)) if high > low else 0
+
+    lines = []
+    for date, value, half in rows:
+        left, middle, right = place(value - half), place(value), place(value + half)
+        bar = ["─" if left <= i <= right else " " for i in range(width)]
+        bar[left], bar[right], bar[middle] = "├", "┤", "●"
+        lines.append((date, "".join(bar).rstrip()))
+    return Facts(tuple(lines), "Each with the part of U that it does not share")
+
+
+def series(document: Document) -> list[Sentence]:
+    """A sentence for each series after the first."""
+    rows = document["series"][1:]
+    return [Sentence(f"Series {row['series']} begins on {row['from']}: {row['why']}.") for row in rows]
+
+
+def drift(document: Document) -> Facts:
+    """The drift, and the prediction."""
+    found, scale = document["drift"], scale_of(document)
+    if found["why"]:
+        return Facts((("drift", f"not known: {found['why']}"),), "Drift")
+    rate, prediction = found["rate_per_year"], found["prediction"]
+    percent = "; ({} ± {}) %/a".format(*pair(100 * rate["relative"], 200 * rate["relative_u"]))
+    likely = ", ".join(f"{name} {100 * share:.0f} %" for name, share in found["probability"].items())
+    rows = (
+        ("steady drift, if there is one", f"{_with_u(rate, scale, '/a')}{percent}"),
+        ("random walk, if it is one", f"{plain(found['random_walk_per_root_year'] * scale.factor, 2)} {scale.unit}/√a"),
+        ("probability", likely),
+        (f"sensor on {prediction['date']}", _with_u(prediction, scale)),
+        (f"calibration on {prediction['date']}", f"{_with_u(prediction['reading'], scale)}, by the same reference"),
+    )
+    return Facts(rows, "Drift")
+
+
+def _with_u(values: Mapping[str, Any], scale: Scale, per: str = "") -> str:
+    value, expanded = pair(values["value"] * scale.factor, values["U"] * scale.factor)
+    unit = f"{scale.printed}{per}" if scale.printed else per.replace("/", "1/")
+    return f"({value} ± {expanded}) {unit}".rstrip()
+
+
+def control(document: Document) -> Facts | None:
+    """What the control charts say; None without charts."""
+    found = document["control"]
+    if found is None:
+        return None
+    over = f"{100 * found['false_alarm_probability']:g} % over {found['false_alarm_over']} comparisons"
+    rows = []
+    for chart in found["charts"]:
+        length = f"mean {chart['average_run_length']:.0f} to a false alarm"
+        said = f"alarm on {', '.join(chart['alarm_dates'])}" if chart["alarm"] else "no alarm"
+        rows.append((chart["name"], f"{said} (false alarms: {over}; {length})"))
+    return Facts(tuple(rows), "Control charts")
+
+
+def due(document: Document) -> Facts | None:
+    """The due date; None where none was asked for."""
+    found, scale = document["due"], scale_of(document)
+    if found is None:
+        return None
+    low, high = (plain(limit * scale.factor, 6) for limit in found["limits"])
+    rows = [
+        ("tolerance", f"±{100 * found['tolerance']:g} %: {low} to {high} {scale.unit}"),
+        (f"due by a risk of {100 * found['risk']:g} %", found["date"] or found["why"]),
+        ("due by the interval in force", f"{found['by_interval']} ({found['interval_years']:g} a)"),
+    ]
+    if found["by_staircase"]:
+        rows.append(("due by the staircase", f"{found['by_staircase']} ({found['staircase_years']:.3g} a)"))
+    if found["risk_today"] is not None:
+        rows.append(("risk today", _percent(found["risk_today"])))
+        rows.append((f"risk on {found['by_interval']}", _percent(found["risk_at_end"])))
+    return Facts(tuple(rows), "Next calibration")
+
+
+def _percent(value: float | None) -> str:
+    if value is None:
+        return NONE
+    return f"{100 * value:.2g} %" if 1e-4 <= value < 0.995 else "100 %" if value >= 0.995 else "below 0.01 %"
+
+
+def events(document: Document) -> Table | None:
+    """The events, except added calibrations."""
+    rows = tuple(
+        (event["date"], event["kind"], str(event["calibration_id"] or ""), event["by"], event["note"])
+        for event in document["events"]
+        if event["kind"] != "added"
+    )
+    return Table(columns("date", "event", "calibration", "by", "note"), rows) if rows else None
+
+
+def all_due(rows: Sequence[Mapping[str, Any]]) -> Table:
+    """The due dates of many sensors."""
+    heads = columns("last", "due by risk", "by interval", "by staircase", "risk today")
+    cells = (
+        (
+            row["last"] or NONE,
+            row["date"] or row["why"],
+            row["by_interval"] or NONE,
+            row["by_staircase"] or NONE,
+            _percent(row["risk_today"]),
+        )
+        for row in rows
+    )
+    return _sensors(rows, ("type",), heads, cells)
+
+
+def listed(rows: Sequence[Mapping[str, Any]]) -> Table:
+    """The sensors of a store."""
+    return _sensors(rows, ("type", "manufacturer"), columns("first", "last"), ((r["first"], r["last"]) for r in rows))
+
+
+def _sensors(
+    rows: Sequence[Mapping[str, Any]],
+    told: tuple[str, ...],
+    heads: tuple[Column, ...],
+    cells: Iterable[tuple[str, ...]],
+) -> Table:
+    """A row a sensor: what it is, its number of calibrations, and further cells."""
+    body = (
+        (_named(row), *(row.get(key, "") for key in told), str(row["calibrations"]), *more)
+        for row, more in zip(rows, cells, strict=True)
+    )
+    return Table((*columns("serial number", *told), Column("calibrations", "number"), *heads), tuple(body))
+
+
+def _named(row: Mapping[str, Any]) -> str:
+    return row["serial_number"] + (f" {row['axis']}" if row.get("axis") else "")

@@ -1,0 +1,160 @@
+"""Many sensors, in one process or several; memory does not grow with their number."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections import deque
+from collections.abc import Iterable, Iterator
+from concurrent.futures import Future
+from typing import TYPE_CHECKING, Any, Literal, overload
+
+from vibrident.base.errors import VibridentError
+from vibrident.base.memory import ONE_THREAD
+from vibrident.data.records import Calibration
+from vibrident.result import Result
+
+if TYPE_CHECKING:
+    from concurrent.futures import ProcessPoolExecutor
+
+Given = Calibration | str | os.PathLike[str]  # a calibration, or the path of its file
+_Waiting = tuple[Given, "Future[Result | VibridentError]"]
+WINDOW = 2  # calibrations in work or waiting, for each worker
+_START_S = 1.0  # seconds that a process takes to start
+
+
+@overload
+def identify_many(
+    calibrations: Iterable[Given],
+    model: str | None = ...,
+    estimator: Any = ...,
+    *,
+    uncertainty: Literal["auto", "noise", "inflated"] = ...,
+    workers: int = ...,
+    refused: Literal["raise"] = ...,
+) -> Iterator[Result]: ...
+
+
+@overload
+def identify_many(
+    calibrations: Iterable[Given],
+    model: str | None = ...,
+    estimator: Any = ...,
+    *,
+    uncertainty: Literal["auto", "noise", "inflated"] = ...,
+    workers: int = ...,
+    refused: Literal["return"],
+) -> Iterator[Result | VibridentError]: ...
+
+
+def identify_many(
+    calibrations: Iterable[Given],
+    model: str | None = None,
+    estimator: Any = "auto",
+    *,
+    uncertainty: Literal["auto", "noise", "inflated"] = "auto",
+    workers: int = 1,
+    refused: Literal["raise", "return"] = "raise",
+) -> Iterator[Result | VibridentError]:
+    """Identify sensors in turn: the results of :func:`vibrident.identify`, in the order of the calibrations.
+
+    Args:
+        calibrations: calibrations, or paths of calibration files, taken one by one as results are asked for, so that
+            only a few are in memory.
+        model: as for :func:`vibrident.identify`, the same for all.
+        estimator: as for :func:`vibrident.identify`, the same for all.
+        uncertainty: as for :func:`vibrident.identify`, the same for all.
+        workers: processes, this one among them; the others have one thread of arithmetic each. A script that asks for
+            more than 1 needs the usual ``if __name__ == "__main__":``.
+        refused: on an error of input or model: ``raise`` it, which ends the iteration, or ``return`` it in place of the
+            result.
+
+    Raises:
+        ValueError: ``workers`` is below one, or ``refused`` is something else.
+    """
+    if workers < 1 or refused not in ("raise", "return"):
+        raise ValueError(f"workers of 1 or more and refused 'raise' or 'return' are needed, not {workers}, {refused!r}")
+    given = {"model": model, "estimator": estimator, "uncertainty": uncertainty}
+    found = (_identified(one, given) for one in calibrations) if workers == 1 else _beside(calibrations, given, workers)
+    return _told(found, refused)
+
+
+def _told(found: Iterable[Result | VibridentError], refused: str) -> Iterator[Result | VibridentError]:
+    for one in found:
+        if isinstance(one, VibridentError) and refused == "raise":
+            raise one
+        yield one
+
+
+def _identified(calibration: Given, given: dict[str, Any]) -> Result | VibridentError:
+    from vibrident.fit.identification import identify
+
+    try:
+        return identify(calibration, **given)
+    except VibridentError as error:
+        return error
+
+
+def _beside(calibrations: Iterable[Given], given: dict[str, Any], workers: int) -> Iterator[Result | VibridentError]:
+    """Here and in further processes, a few calibrations ahead of the caller.
+
+    The others are started once this one has worked as long as that takes, which a few small sensors do not need; and
+    this one works on meanwhile, and where it would wait for one of them.
+    """
+    rest, spent_s = iter(calibrations), 0.0
+    for calibration in rest:
+        begin = time.perf_counter()
+        found = _identified(calibration, given)
+        spent_s += time.perf_counter() - begin
+        yield found
+        if spent_s >= _START_S:
+            break
+    else:
+        return
+    waiting: deque[_Waiting] = deque()
+    pool = _started(workers - 1)
+    try:
+        for calibration in rest:
+            waiting.append((calibration, pool.submit(_identified, calibration, given)))
+            if len(waiting) >= WINDOW * workers:
+                yield _next(waiting, given)
+        while waiting:
+            yield _next(waiting, given)
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _started(processes: int) -> ProcessPoolExecutor:
+    """Processes with one thread of arithmetic each, which is read when they start."""
+    import multiprocessing
+    from concurrent.futures import ProcessPoolExecutor
+
+    before = {name: os.environ.get(name) for name in ONE_THREAD}
+    os.environ.update(ONE_THREAD)
+    try:
+        pool = ProcessPoolExecutor(processes, multiprocessing.get_context("spawn"))
+        for _ in range(processes + 1):  # a pool takes one call more than it can work on, and does not give it back
+            pool.submit(_load)
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+    return pool
+
+
+def _load() -> None:
+    import vibrident.fit.identification  # noqa: F401
+
+
+def _next(waiting: deque[_Waiting], given: dict[str, Any]) -> Result | VibridentError:
+    """The outcome of the first; until it is there, those that no process has begun are identified here."""
+    for place, (calibration, future) in enumerate(tuple(waiting)):
+        if waiting[0][1].done():
+            break
+        if future.cancel():
+            here: Future[Result | VibridentError] = Future()
+            here.set_result(_identified(calibration, given))
+            waiting[place] = calibration, here
+    return waiting.popleft()[1].result()

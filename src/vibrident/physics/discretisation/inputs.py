@@ -1,0 +1,189 @@
+"""The network's inputs in each step: Legendre coefficients of the input signal over the step.
+
+They do not depend on the sensor's parameters and are computed once, before training. For a record taken through an
+anti-alias filter the signal between samples is the band-limited one; its coefficients over the step from t_k to
+t_{k+1} are weighted sums of the samples around it:
+
+    c_j(k) = (2j + 1) ∫₀¹ a(t_k + x Ts) P_j(2x − 1) dx = Σ_n h_j[n] a_{k+n},
+
+with h_j from the Kaiser-windowed sinc (Oppenheim & Schafer 2010, sec. 7.5). The Legendre series of a signal below
+0.4 fs converges for every sensor, however stiff: the j-th coefficient of a tone falls like the spherical Bessel
+function j_j(ω Ts/2), and the sensor's own j_j(λ Ts/2) multiplies it.
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy import fft
+from numpy.polynomial import legendre
+from numpy.typing import NDArray
+
+from vibrident.base.fft_lengths import fast_length
+from vibrident.data.records import BoolArray, FloatArray
+
+USABLE_BAND = 0.4  # highest frequency, as a fraction of the sampling rate, for which band-limited inputs are accurate
+HALF_WIDTH = 40  # samples used on either side of a step
+KAISER_BETA = 20.0  # Kaiser β for the half width above: interpolation error below 1e-6 up to 0.43 of the sampling rate
+SERIES_TOLERANCE = 1e-10  # truncation error allowed for the Legendre series, relative to the response
+MAX_TERMS = 12
+
+
+@dataclass(frozen=True)
+class StepInputs:
+    """Legendre coefficients of the input over each step, aligned with the response samples.
+
+    Step k's output, read at ``fraction`` of the step, belongs to response sample k.
+    """
+
+    coefficients: FloatArray  # shape (steps, terms)
+    usable: BoolArray  # shape (steps,), False where a sample that the coefficients need is missing or invalid
+    fraction: float  # where in the step the output is read, in [0, 1)
+
+
+@dataclass(frozen=True)
+class StepFilters:
+    """The filters of these coefficients: input j of step k is Σ_i filters[j, i] samples[k + first + i]."""
+
+    filters: FloatArray  # shape (terms, taps)
+    first: int  # sample of the first tap, counted from the step's
+    usable: BoolArray  # shape (steps,); see :class:`StepInputs`
+    fraction: float  # see :class:`StepInputs`
+
+
+def terms_needed(rate_times_step: float) -> int:
+    """Number of Legendre terms for a sensor whose fastest rate is |λ|, given |λ| Ts.
+
+    The truncation error is bounded by j_q(ω Ts/2) j_q(|λ| Ts/2) (2q + 1) for the largest ω in the usable band, with the
+    second factor at most one.
+    """
+    highest = math.pi * USABLE_BAND  # ω Ts / 2
+    for q in range(2, MAX_TERMS):
+        # |j_q| of a complex rate is bounded by the modified function over its exponential growth.
+        sensor = _spherical_bessel(q, rate_times_step / 2, 1.0)
+        if (2 * q + 1) * abs(_spherical_bessel(q, highest, -1.0)) * sensor < SERIES_TOLERANCE:
+            return q
+    return MAX_TERMS
+
+
+def _spherical_bessel(order: int, x: float, sign: float) -> float:
+    """j_q(x) for sign −1, and i_q(x), but one at most, for sign 1, by their series (DLMF 10.53)."""
+    term = math.prod(x / k for k in range(3, 2 * order + 2, 2))
+    total = term
+    for k in itertools.count(1):
+        term *= sign * 0.5 * x * x / (k * (2 * order + 2 * k + 1))
+        total += term
+        if not total <= 1.0 or abs(term) < 1e-17 * abs(total):
+            return min(1.0, total)
+    raise AssertionError
+
+
+@functools.lru_cache(maxsize=64)
+def _filters(terms: int, half_width: int, shift: float) -> NDArray[np.float64]:
+    """h_j[n] for n = 1 − half_width … half_width and a step that starts ``shift`` in [0, 1) samples late."""
+    offsets = np.arange(1 - half_width, half_width + 1) - shift
+    nodes, node_weights = legendre.leggauss(terms + 24)
+    x = 0.5 * (nodes + 1.0)
+    distance = x[:, None] - offsets[None, :]
+    inside = np.clip(1.0 - (distance / half_width) ** 2, 0.0, None)
+    beta = KAISER_BETA * half_width / HALF_WIDTH
+    window = np.i0(beta * np.sqrt(inside)) / np.i0(beta)
+    kernel = np.sinc(distance) * window * (np.abs(distance) <= half_width)
+    basis = legendre.legvander(nodes, terms - 1)  # (nodes, terms)
+    filters = (2 * np.arange(terms) + 1)[:, None] * (0.5 * node_weights[:, None] * basis).T @ kernel
+    filters.flags.writeable = False
+    return filters
+
+
+@functools.lru_cache(maxsize=8)
+def _spectra(terms: int, half_width: int, shift: float, size: int) -> NDArray[np.complex128]:
+    """Spectra of the reversed filters: their product with a signal's is a correlation; shape (terms, size/2 + 1)."""
+    return np.asarray(fft.rfft(_filters(terms, half_width, shift)[:, ::-1], size, axis=-1))
+
+
+def half_width_for(samples: int) -> int:
+    """Half width of the interpolation for a record of that many samples: short records get a shorter one."""
+    return int(min(HALF_WIDTH, max(4, samples // 5)))
+
+
+def band_limited_inputs(samples: FloatArray, valid: BoolArray, terms: int, delay_samples: float) -> StepInputs:
+    """Legendre coefficients of the band-limited signal through ``samples``, ``delay_samples`` ago.
+
+    ``samples``: shape (samples,), equally spaced; ``valid``: shape (samples,); steps whose interpolation would need an
+    invalid sample are not usable; ``terms``: number of coefficients a step; ``delay_samples``: delay of the response
+    channel after the input, in samples; any sign.
+    """
+    n = samples.shape[0]
+    half = half_width_for(n)
+    whole = math.ceil(delay_samples)  # step k starts at sample k − whole + shift
+    shift = whole - delay_samples
+    clean = np.where(valid, samples, 0.0)
+    size = fast_length(n + 2 * half)
+    spectrum = np.asarray(fft.rfft(clean, size))
+    kernels = _spectra(terms, half, shift, size)
+    convolved = np.asarray(fft.irfft(spectrum * kernels, size, axis=-1))
+    # The reversed filter's last sample belongs to offset 1 − half, so the step that starts at k sits at k + half.
+    coefficients = convolved[:, half : half + n].T
+    return _delayed(coefficients, _supported(valid, half), whole, 0.0)
+
+
+def band_limited_filters(valid: BoolArray, terms: int, delay_samples: float) -> StepFilters:
+    """The filters of :func:`band_limited_inputs`; invalid samples count as zero."""
+    half = half_width_for(valid.shape[0])
+    whole = math.ceil(delay_samples)
+    usable = _usable(_supported(valid, half), whole)
+    return StepFilters(_filters(terms, half, whole - delay_samples), 1 - half - whole, usable, 0.0)
+
+
+def _supported(valid: BoolArray, half: int) -> BoolArray:
+    bad = np.concatenate([[0], np.cumsum(~valid)])
+    n = valid.shape[0]
+    k = np.arange(n)
+    first, last = k + 1 - half, k + half + 1
+    inside = (first >= 0) & (last <= n)
+    usable = np.zeros(n, dtype=bool)
+    usable[inside] = bad[last[inside]] == bad[first[inside]]
+    return usable
+
+
+def sampled_inputs(samples: FloatArray, valid: BoolArray, terms: int, delay_samples: float) -> StepInputs:
+    """Inputs that are held (terms = 1) or joined by straight lines (terms = 2) between samples."""
+    whole = math.ceil(delay_samples)
+    fraction = whole - delay_samples
+    if terms == 1:
+        return _delayed(samples[:, None], valid, whole, fraction)
+    following = np.append(samples[1:], samples[-1])
+    coefficients = np.stack([0.5 * (samples + following), 0.5 * (following - samples)], axis=1)
+    return _delayed(coefficients, valid & np.append(valid[1:], False), whole, fraction)
+
+
+def sampled_filters(valid: BoolArray, terms: int, delay_samples: float) -> StepFilters:
+    """The filters of :func:`sampled_inputs`."""
+    whole = math.ceil(delay_samples)
+    filters = np.ones((1, 1)) if terms == 1 else np.array([[0.5, 0.5], [-0.5, 0.5]])
+    usable = valid if terms == 1 else valid & np.append(valid[1:], False)
+    return StepFilters(filters, -whole, _usable(usable, whole), whole - delay_samples)
+
+
+def _usable(usable: BoolArray, whole: int) -> BoolArray:
+    """``usable``, moved ``whole`` steps later."""
+    moved = np.zeros_like(usable)
+    n = usable.shape[0]
+    if abs(whole) < n:
+        moved[max(whole, 0) : n + min(whole, 0)] = usable[max(-whole, 0) : n - max(whole, 0)]
+    return moved
+
+
+def _delayed(coefficients: FloatArray, usable: BoolArray, whole: int, fraction: float) -> StepInputs:
+    """Move steps ``whole`` samples later, so that step k meets response sample k."""
+    n = usable.shape[0]
+    source = np.arange(n) - whole
+    inside = (source >= 0) & (source < n)
+    source = np.clip(source, 0, n - 1)
+    if whole:
+        coefficients, usable = coefficients[source], usable[source] & inside
+    return StepInputs(np.ascontiguousarray(coefficients), usable.copy(), fraction)

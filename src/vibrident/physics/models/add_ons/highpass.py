@@ -1,0 +1,72 @@
+"""First-order high-pass behind the sensor, as a charge amplifier or an AC-coupled input has: s/(s + 2π fh).
+
+Behind an overdamped sensor (δ > 1, two real poles) the response does not say which of three real poles is the
+high-pass's: the lowest is. A pole p of the sensor for the corner c: ωn'² = c q with q the other pole,
+δ' = (c + q)/(2 ωn'), and the gain times ωn²/ωn'² where it is the static one. Beside a second mode the poles cannot be
+exchanged: the numerator would not fit.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from vibrident.physics.models.base import AddOn, Core, Labels, Parameters, ParameterSpec, Rational, Relabelling, Values
+
+
+def _rational(parameters: Parameters, system: Rational) -> Rational:
+    corner = 2.0 * np.pi * parameters[_CORNER]
+    low = system.denominator
+    product = [corner * low[0]]
+    product += [corner * low[k] + low[k - 1] for k in range(1, len(low))]
+    return Rational(system.gain, (0.0, *system.numerator), (*product, low[-1]), system.angular_scale)
+
+
+_CORNER = "highpass_frequency"
+_QUESTION = "which of its three real poles is the high-pass's; the lowest was taken"
+
+
+def _others(core: Core, values: Values) -> tuple[Relabelling, ...]:
+    if core.oscillator is None or core.output == "other" or not values[core.oscillator[1]] > 1.0:
+        return ()
+    return _exchanged(core, -1.0), _exchanged(core, 1.0)
+
+
+def _exchanged(core: Core, side: float) -> Relabelling:
+    """The corner for the sensor's lower (``side`` −1) or upper real pole."""
+    assert core.oscillator is not None
+    frequency, ratio = core.oscillator
+    gain = core.parameters[0].name if core.output == "displacement" else None
+
+    def exchange(values: Values) -> dict[str, Any]:
+        natural, damping, corner = (values[name] for name in (frequency, ratio, _CORNER))
+        root = (damping * damping - 1.0) ** 0.5
+        mine, other = natural * (damping + side * root), natural * (damping - side * root)
+        now = (corner * other) ** 0.5
+        found = dict(values) | {frequency: now, ratio: (corner + other) / (2.0 * now), _CORNER: mine}
+        if gain is not None:
+            found[gain] = values[gain] * (natural / now) ** 2
+        return found
+
+    return exchange
+
+
+HIGHPASS = AddOn(
+    name="highpass",
+    title="first-order high-pass",
+    parameters=(
+        ParameterSpec(
+            _CORNER,
+            "Hz",
+            "log",
+            guesses=(0.03, 0.3, 3.0, 30.0),
+            guess_at="lowest",
+            words="high-pass frequency",
+            symbol="fhp",
+        ),
+    ),
+    rational=_rational,
+    corner=_CORNER,
+    labels=Labels(_others, lambda values, other: other[_CORNER] >= values[_CORNER], lambda values, u: True, _QUESTION),
+)

@@ -1,0 +1,113 @@
+"""A second mode beside the first, such as a mounting resonance.
+
+    gain · [N(s)/D(s) + g₂ ω₂²/(s² + 2 δ₂ ω₂ s + ω₂²)]
+
+g₂ is the second mode's share of the response at low frequency, of either sign.
+
+The response does not say which of two modes is the first: the main one is the one with the larger share of the static
+response, |g₂| ≤ 1. Exchanged, the modes swap frequency and damping, the gain becomes gain · g₂ and the share its
+inverse. (The modes of a displacement pickup only: those of a velocity pickup are no equals, its first one vanishes at
+low frequency.)
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from vibrident.physics.models.base import AddOn, Core, Labels, Parameters, ParameterSpec, Rational, Relabelling, Values
+
+
+def _rational(parameters: Parameters, system: Rational) -> Rational:
+    w2 = 2.0 * np.pi * parameters["mode2_frequency"]
+    second = (w2 * w2, 2.0 * parameters["mode2_damping"] * w2, 1.0)
+    return in_parallel(system, parameters["mode2_gain"] * w2 * w2, second)
+
+
+def in_parallel(system: Rational, share: Any, denominator: tuple[Any, ...]) -> Rational:
+    """The system gain · [N(s)/D(s) + share/denominator(s)], coefficients in ascending powers."""
+    numerator = _sum(_product(system.numerator, denominator), tuple(share * c for c in system.denominator))
+    return Rational(system.gain, numerator, _product(system.denominator, denominator), system.angular_scale)
+
+
+def _product(one: tuple[Any, ...], other: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Product of two polynomials, ascending coefficients."""
+    total: list[Any] = [0.0] * (len(one) + len(other) - 1)
+    for i, a in enumerate(one):
+        for j, b in enumerate(other):
+            total[i + j] = total[i + j] + a * b
+    return tuple(total)
+
+
+def _sum(one: tuple[Any, ...], other: tuple[Any, ...]) -> tuple[Any, ...]:
+    size = max(len(one), len(other))
+    padded = [p + (0.0,) * (size - len(p)) for p in (one, other)]
+    return tuple(a + b for a, b in zip(*padded, strict=True))
+
+
+_MODE = ("mode2_frequency", "mode2_damping")
+_QUESTION = "which mode is the main one; the shares of the static response are equal within their uncertainty"
+UNDECIDED = 3.0  # shares nearer to equal than so many standard uncertainties leave open which mode is the main one
+
+
+def _others(core: Core, values: Values) -> tuple[Relabelling, ...]:
+    if core.output != "displacement" or core.oscillator is None or values["mode2_gain"] == 0.0:
+        return ()
+    gain, (frequency, damping), (frequency_2, damping_2) = core.parameters[0].name, core.oscillator, _MODE
+
+    def exchange(values: Values) -> dict[str, Any]:
+        return dict(values) | {
+            gain: values[gain] * values["mode2_gain"],
+            frequency: values[frequency_2],
+            damping: values[damping_2],
+            frequency_2: values[frequency],
+            damping_2: values[damping],
+            "mode2_gain": 1.0 / values["mode2_gain"],
+        }
+
+    return (exchange,)
+
+
+def _in_order(values: Values, other: Values) -> bool:
+    share = abs(values["mode2_gain"])
+    return not (share > 1.0 or (share == 1.0 and values["mode2_frequency"] < other["mode2_frequency"]))
+
+
+def _undecided(values: Values, uncertainty: Values) -> bool:
+    return abs(abs(values["mode2_gain"]) - 1.0) <= UNDECIDED * uncertainty["mode2_gain"]
+
+
+MODE2 = AddOn(
+    name="mode2",
+    title="second mode",
+    parameters=(
+        ParameterSpec(
+            "mode2_frequency",
+            "Hz",
+            "log",
+            guesses=tuple(np.linspace(-0.1, 1.2, 53).tolist()),
+            guess_at="band",
+            words="second-mode frequency",
+            symbol="f2",
+            describes="oscillator",
+        ),
+        ParameterSpec(
+            "mode2_damping",
+            "1",
+            "positive",
+            guesses=(0.01, 0.05),
+            words="second-mode damping ratio",
+            symbol="δ2",
+            describes="oscillator",
+        ),
+        ParameterSpec(
+            "mode2_gain", "1", "ratio", guesses=(-0.2, -0.02, 0.02, 0.2), words="second-mode gain", symbol="g2"
+        ),
+    ),
+    rational=_rational,
+    in_series=False,
+    oscillator=_MODE,
+    share="mode2_gain",
+    labels=Labels(_others, _in_order, _undecided, _QUESTION),
+)

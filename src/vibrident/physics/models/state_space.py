@@ -1,0 +1,66 @@
+"""State space of a rational transfer function, with states scaled to keep every number near one.
+
+The companion form in the scaled variable σ = s/w (w: the system's angular scale) has states x, dx/d(wt), …; for an
+accelerometer these are V and V̇/ωn, and ``in_physical_states`` gives back the paper's V and V̇ (eq. 4).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from vibrident.physics.models.base import Rational, array_library
+
+
+@dataclass(frozen=True)
+class StateSpace:
+    """ẋ = A x + B a,  y = C x + Σ_m D_m dᵐa/dtᵐ."""
+
+    a: Any  # shape (n, n), 1/s
+    b: Any  # shape (n,)
+    c: Any  # shape (n,)
+    # tuple of scalars D_0, D_1, …; empty where the system is strictly proper. D_1 and on appear where a velocity pickup
+    # is fed with displacement: its response then contains the derivative of the input.
+    d: tuple[Any, ...]
+    scale: Any  # w, rad/s
+
+    @property
+    def order(self) -> int:
+        """Number of states n."""
+        return int(self.b.shape[0])
+
+
+def realise(system: Rational) -> StateSpace:
+    """Companion realisation of ``system``; the gain sits in B, as in the paper.
+
+    Arrays are of NumPy where every coefficient is, complex where one is; of JAX otherwise.
+    """
+    xp = array_library(system.gain, system.angular_scale, *system.numerator, *system.denominator)
+    order = len(system.denominator) - 1
+    w = system.angular_scale
+    den = [coefficient * w ** (k - order) for k, coefficient in enumerate(system.denominator[:-1])]
+    remainder = [coefficient * w ** (k - order) for k, coefficient in enumerate(system.numerator)]
+    direct: list[Any] = []  # quotient of the polynomial division N/D, highest power first
+    while len(remainder) > order:
+        lead = remainder.pop()
+        direct.append(lead)
+        shift = len(remainder) - order
+        for k, coefficient in enumerate(den):
+            remainder[shift + k] = remainder[shift + k] - lead * coefficient
+    remainder += [0.0] * (order - len(remainder))
+    last = -_vector(den, xp)
+    a = w * xp.concatenate([np.eye(order)[1:], last[None, :]], axis=0)
+    b = xp.concatenate([np.zeros(order - 1), _vector([w * system.gain], xp)])
+    d = tuple(system.gain * value * w ** (-m) for m, value in enumerate(reversed(direct)))
+    return StateSpace(a, b, _vector(remainder, xp), d, w)
+
+
+def _vector(values: list[Any], xp: Any) -> Any:
+    return xp.stack([xp.asarray(value) * 1.0 for value in values])
+
+
+def state_scaling(system: StateSpace) -> Any:
+    """Factors t with (paper's states) = t · (scaled states), shape (n,): 1, w, w², …."""
+    return system.scale ** np.arange(system.order, dtype=float)

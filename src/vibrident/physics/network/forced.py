@@ -1,0 +1,193 @@
+"""The unrolled network of a sensor with a force: the same chunks, joined by Newton's method.
+
+A nonlinear recursion does not split into "from rest" and "free response". It is cut by multiple shooting (Bock & Plitt
+1984): every chunk runs from a guess of its state, with the derivative of its end and outputs by that
+state; a step of Newton's method then moves all guesses so that each chunk begins at the end of the one before, and each
+segment's initial state and offset to their least-squares values. The guess is the linear network's, and three or four
+steps converge to rounding.
+
+The derivative by the parameters is forward-mode differentiation of the recursion within each chunk, carried from
+chunk to chunk; initial states and offsets are then projected out as for the linear network.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from vibrident.base.backend import jax, jnp, lax
+from vibrident.physics.discretisation.forced import ForcedWeights
+from vibrident.physics.network.sensitivity import Normal
+from vibrident.physics.network.unroll import (
+    Lanes,
+    dot,
+    fit_nuisance,
+    free_part,
+    free_response,
+    from_rest,
+    inverse_of_segments,
+    per_lane,
+    projection,
+    start_states,
+)
+
+MOST_STEPS = 20  # most Newton steps
+SETTLED = 1e-12  # relative change of the states that ends them
+
+Force = Callable[[Any], Any]
+
+
+def forced_response(
+    weights: ForcedWeights, force: Force, lanes: Lanes, starts: Any, rounds: tuple[int, int]
+) -> tuple[Any, Any]:
+    """Every lane from its start state, shape (n, M); returns outputs, shape (L, M), and end states, shape (n, M).
+
+    ``weights``: one set a sampling interval (leading axis R); ``force``: F of the response V at the nodes, elementwise;
+    ``starts``: shape (n, M); ``rounds``: repetitions for the force at the nodes, without and with derivative: each of
+    the latter adds one order of the derivative's series.
+    """
+    settling, slope_rounds = rounds
+    linear, w = weights.linear, weights
+    phi, gamma = per_lane(linear.transition, lanes.rate), per_lane(linear.drive, lanes.rate)
+    c, d = per_lane(linear.output, lanes.rate), per_lane(linear.feedthrough, lanes.rate)
+    pull, pull_output = per_lane(w.force, lanes.rate), per_lane(w.force_output, lanes.rate)
+    at_state, at_drive = per_lane(w.node_state, lanes.rate), per_lane(w.node_drive, lanes.rate)
+    among = per_lane(w.node_force, lanes.rate)
+
+    def product(matrix: Any, vector: Any) -> Any:  # (a, k, M) and (k, M) → (a, M), written out over k
+        return dot([matrix[..., k, :] for k in range(matrix.shape[-2])], [vector[k] for k in range(vector.shape[0])])
+
+    def step(x: Any, u: Any) -> tuple[Any, Any]:
+        alone = product(at_state, x) + product(at_drive, u)
+        fixed = lax.stop_gradient((alone, among))
+        f = lax.fori_loop(0, settling, lambda _, f: force(fixed[0] + product(fixed[1], f)), force(fixed[0]))
+        f = lax.stop_gradient(f)
+        for _ in range(slope_rounds):
+            f = force(alone + product(among, f))
+        y = product(c, x) + product(d, u) + product(pull_output, f)
+        return product(phi, x) + product(gamma, u) + product(pull, f), y
+
+    ends, outputs = lax.scan(step, starts, lanes.inputs)
+    return outputs, ends
+
+
+class _Shots(NamedTuple):
+    """Guessed start states, shape (n, M), offsets, shape (S,), last relative change, and steps taken."""
+
+    starts: Any
+    offset: Any
+    change: Any
+    steps: Any
+
+
+def forced_normal(
+    simulate: Callable[[Any, Any], tuple[Any, Any]], z: Any, linear: Any, lanes: Lanes, noise: Any, segments: int
+) -> Normal:
+    """Normal equations of a nonlinear network, as :func:`vibrident.physics.network.sensitivity.normal_equations`.
+
+    ``simulate``: (parameters (P,), start states (n, M)) → outputs (L, M), end states (n, M); ``z``: parameters, shape
+    (P,); ``linear``: weights of the linear part, for the first guess (leading axis R); ``noise``: standard deviation of
+    the response noise, by lane, shape (M,).
+    """
+    n, p = linear.output.shape[-1], z.shape[0]
+    shots = _settled(simulate, z, _first_guess(linear, lanes, segments), lanes, segments)
+
+    def shifted(y: Any, shift: Any) -> tuple[Any, Any]:
+        found = simulate(y, shots.starts + shift[:, None])
+        return found, found[0]
+
+    slopes, outputs = jax.jacfwd(shifted, argnums=(0, 1), has_aux=True)(z, jnp.zeros(n))
+    (by_z, by_start), (ends_z, ends_start) = slopes
+    carry = _chain(ends_start, jnp.zeros((n, n, lanes.first.shape[0])), lanes.first, jnp.eye(n))  # (n, n, M)
+    states_z = _chain(ends_start, jnp.moveaxis(ends_z, 1, -1), lanes.first, jnp.zeros((n, p)))  # (n, P, M)
+    scale = lanes.weight / noise
+    response = outputs + shots.offset[lanes.segment]
+    residual = (lanes.response - response) * scale
+    columns = [
+        (by_z[..., a] + dot([by_start[..., i] for i in range(n)], [states_z[i, a] for i in range(n)])) * scale
+        for a in range(p)
+    ]
+    rows = _nuisance_rows(by_start, carry, lanes)
+    inverse = inverse_of_segments(_gram(rows, lanes, segments))
+    removed = []
+    for column in columns:
+        share = jnp.einsum("sij,sj->si", inverse, _moments(rows, column, lanes, segments))
+        removed.append(column - lanes.weight * dot(rows, [share[lanes.segment, i] for i in range(n + 1)]))
+    matrix = jnp.stack([jnp.stack([jnp.vdot(removed[a], removed[b]) for b in range(p)]) for a in range(p)])
+    gradient = jnp.stack([jnp.vdot(column, residual) for column in removed])
+    squares = jax.ops.segment_sum(noise**2 * jnp.sum(residual**2, axis=0), lanes.segment, segments)
+    cost = jnp.where(shots.change < 1e-6, jnp.vdot(residual, residual), jnp.nan)
+    return Normal(matrix, gradient, cost, squares, response, removed)
+
+
+def _first_guess(linear: Any, lanes: Lanes, segments: int) -> Any:
+    """Start states of the chunks by the linear network, shape (n, M)."""
+    proj = projection(linear, lanes, segments)
+    _, power = free_response(linear, lanes.response.shape[0])
+    forced, ends = from_rest(linear, lanes)
+    at_rest = start_states(power, ends, lanes, jnp.zeros((segments, linear.output.shape[-1])))
+    nuisance = fit_nuisance(proj, lanes, lanes.response - forced - free_part(proj.rows, lanes.rate, at_rest))
+    return start_states(power, ends, lanes, nuisance.state)
+
+
+def _settled(simulate: Any, z: Any, starts: Any, lanes: Lanes, segments: int) -> _Shots:
+    """Newton's method on the chunks' start states, the segments' initial states and offsets."""
+    n = starts.shape[0]
+
+    def step(shots: _Shots) -> _Shots:
+        def shifted(shift: Any) -> tuple[Any, Any]:
+            found = simulate(z, shots.starts + shift[:, None])
+            return found, found
+
+        (by_start, ends_start), (outputs, ends) = jax.jacfwd(shifted, has_aux=True)(jnp.zeros(n))
+        carry = _chain(ends_start, jnp.zeros((n, n, lanes.first.shape[0])), lanes.first, jnp.eye(n))
+        gaps = ends - jnp.roll(shots.starts, -1, axis=1)  # to the next chunk's start; never used at a segment's end
+        moved = _chain(ends_start, gaps[:, None, :], lanes.first, jnp.zeros((n, 1)))[:, 0]
+        rows = _nuisance_rows(by_start, carry, lanes)
+        joined = outputs + dot([by_start[..., i] for i in range(n)], list(moved))
+        inverse = inverse_of_segments(_gram(rows, lanes, segments))
+        wanted = _moments(rows, (lanes.response - joined) * lanes.weight, lanes, segments)
+        solved = jnp.einsum("sij,sj->si", inverse, wanted)
+        moved = moved + jnp.einsum("iam,ma->im", carry, solved[:, :n][lanes.segment])
+        size = jnp.max(jnp.abs(shots.starts)) + jnp.max(jnp.abs(outputs))
+        return _Shots(shots.starts + moved, solved[:, n], jnp.max(jnp.abs(moved)) / size, shots.steps + 1)
+
+    def unsettled(shots: _Shots) -> Any:
+        return (shots.steps < MOST_STEPS) & (shots.change > SETTLED)  # NaN ends the loop and shows in the cost
+
+    return lax.while_loop(unsettled, step, _Shots(starts, jnp.zeros(segments), jnp.asarray(jnp.inf), 0))
+
+
+def _chain(matrix: Any, ends: Any, first: Any, initial: Any) -> Any:
+    """X at every chunk's start from X' = M X + E at its end, X = ``initial`` at a segment's start.
+
+    ``matrix``: M, ∂end/∂start of every chunk, shape (n, M, n); ``ends``: E, shape (n, K, M); ``first``: shape (M,);
+    ``initial``: shape (n, K).
+    """
+
+    def step(carried: Any, lane: Any) -> tuple[Any, Any]:
+        m, end, is_first = lane
+        state = jnp.where(is_first, initial, carried)
+        return dot([m[:, k, None] for k in range(m.shape[1])], list(state)) + end, state
+
+    lane = (jnp.moveaxis(matrix, 1, 0), jnp.moveaxis(ends, -1, 0), first)
+    _, states = lax.scan(step, jnp.zeros_like(initial), lane)
+    return jnp.moveaxis(states, 0, -1)
+
+
+def _nuisance_rows(by_start: Any, carry: Any, lanes: Lanes) -> list[Any]:
+    """Derivatives of the response by a segment's initial state and offset: n + 1 of shape (L, M)."""
+    n = carry.shape[0]
+    states = [dot([by_start[..., i] for i in range(n)], [carry[i, a] for i in range(n)]) for a in range(n)]
+    return [*states, jnp.ones_like(lanes.response)]
+
+
+def _moments(rows: list[Any], signal: Any, lanes: Lanes, segments: int) -> Any:
+    """Products of the rows with ``signal``, by segment, shape (S, n + 1)."""
+    sums = jnp.stack([jnp.sum(row * signal * lanes.weight, axis=0) for row in rows], axis=-1)
+    return jax.ops.segment_sum(sums, lanes.segment, segments)
+
+
+def _gram(rows: list[Any], lanes: Lanes, segments: int) -> Any:
+    """Products of the rows with each other, by segment, shape (S, n + 1, n + 1)."""
+    return jnp.stack([_moments(rows, row, lanes, segments) for row in rows], axis=1)

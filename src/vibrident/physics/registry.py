@@ -1,0 +1,18 @@
+"""Which sensor models and add-ons there are."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from vibrident.base.errors import ModelError
+from vibrident.base.registry import Registry
+
+#: ``vibrident.physics.models.base.Core`` and ``AddOn`` objects.
+MODELS: Registry[Any] = Registry(
+    "sensor model",
+    "vibrident.models",
+    ("physics/models/cores", "physics/models/add_ons"),
+    ("vibrident.physics.models.base:Core", "vibrident.physics.models.base:AddOn"),
+    "model",
+    ModelError,
+)

@@ -1,0 +1,291 @@
+"""A simulated calibration: sensor, excitations, truth, channels.
+
+A shock has corners, hence content above half the sampling rate. Sampled without a filter, that content aliases; with it
+the records are band-limited, like recorded ones. The same filter on both channels leaves the sensor's response to the
+reference unchanged.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, Literal
+
+import numpy as np
+from scipy import fft
+
+from vibrident.base.fft_lengths import fast_length
+from vibrident.data.records import QUANTITIES, Calibration, FloatArray, Provenance, Quantity, Record
+from vibrident.physics.models import parse
+from vibrident.physics.simulation.checks import require, require_choice, require_positive
+from vibrident.physics.simulation.excitation import Sine
+from vibrident.physics.simulation.motion import Motion
+from vibrident.physics.simulation.noise import ChannelNoise
+from vibrident.physics.simulation.rk4 import rk4_response
+from vibrident.physics.simulation.scheme import ExcitationNoiseLevel, Plan, Seed, Take, one_third_octave, stream
+from vibrident.physics.simulation.sensors import Sensor, sensor_named
+from vibrident.physics.simulation.truth import Start, exact_reference, exact_response
+
+OVERSAMPLING = 64  # simulated rate over the sampling rate: a corner's aliasing at 1/f² falls with its square
+PASS_BAND = 0.32  # edge of the pass band over the sampling rate
+STOP_BAND = 0.42  # edge of the stop band over the sampling rate
+DEPTH_DB = 160.0  # attenuation of the stop band, dB
+
+
+@functools.cache
+def _filter() -> FloatArray:
+    """Kaiser-windowed sinc at the fine rate, odd length, sum one."""
+    width = 2.0 * np.pi * (STOP_BAND - PASS_BAND) / OVERSAMPLING
+    half = int(np.ceil((DEPTH_DB - 8.0) / (2.285 * width) / 2.0))
+    n = np.arange(-half, half + 1)
+    cut = (PASS_BAND + STOP_BAND) / OVERSAMPLING  # twice the band's middle, in cycles per fine sample
+    taps = cut * np.sinc(cut * n) * np.kaiser(2 * half + 1, 0.1102 * (DEPTH_DB - 8.7))
+    return taps / taps.sum()
+
+
+def margin_samples() -> int:
+    """Samples that the filter looks ahead, at the sampling rate."""
+    return -(-(len(_filter()) // 2) // OVERSAMPLING)
+
+
+def filtered(fine: Callable[[float, int], FloatArray], sampling_rate_hz: float, samples: int) -> FloatArray:
+    """A channel sampled behind the filter; at rest before its first sample.
+
+    ``fine``: from (sampling rate, number of samples) to the channel's values, from t = 0 on.
+    """
+    taps = _filter()
+    half = len(taps) // 2
+    count = (samples + margin_samples()) * OVERSAMPLING
+    values = fine(sampling_rate_hz * OVERSAMPLING, count)
+    size = fast_length(count + 2 * half)
+    spectrum = np.asarray(fft.rfft(values, size)) * np.asarray(fft.rfft(taps, size))
+    smooth = np.asarray(fft.irfft(spectrum, size))
+    return smooth[half : half + samples * OVERSAMPLING : OVERSAMPLING].copy()
+
+
+def simulate(
+    sensor: str | Sensor | tuple[str, Mapping[str, float]] = "paper",
+    excitation: str | Motion | Sequence[Motion] = "sine",
+    *,
+    frequencies_hz: Sequence[float] | FloatArray | None = None,
+    sampling_rate_hz: float | None = None,
+    samples: int = 16000,
+    amplitude: float | None = None,
+    repeats: int = 1,
+    excitation_snr_db: float | None = None,
+    excitation_noise_band_hz: tuple[float, float] | None = None,
+    reference_noise: float | ChannelNoise = 0.0,
+    response_noise: float | ChannelNoise = 0.0,
+    start: Start = "rest",
+    quantity: Quantity = "acceleration",
+    method: Literal["exact", "rk4"] = "exact",
+    substeps: int = 1,
+    antialias: bool | None = None,
+    seed: Seed = 0,
+    keep_takes: list[Take] | None = None,
+) -> Calibration:
+    """Simulate a calibration. The defaults are the paper's (section 4), without its noise.
+
+    Args:
+        sensor: name in ``SENSORS``, a ``Sensor``, or (model, parameters), SI units, frequencies in Hz.
+        excitation: ``sine`` (a record for every frequency), ``multisine``, ``sweep`` (log), ``random``, ``shock``,
+            ``decay`` (one record each), or motions of your own, one a record.
+        frequencies_hz: of the sines; lowest and highest are the band of sweep and random. None: exact one-third-octave
+            frequencies in the sensor's usual band.
+        sampling_rate_hz: samples per second; None: the sensor's usual.
+        samples: of every record.
+        amplitude: peak of sine, sweep and shock, and static value before a decay, m/s²; multisine and random have the
+            rms of a sine of this peak. None: the sensor's usual.
+        repeats: how often every motion is recorded, each time with noise of its own.
+        excitation_snr_db: excitation's rms within the record over that of noise motion of the base, dB (paper: 20).
+        excitation_noise_band_hz: of that noise, lowest and highest; None: all up to 0.4 of the sampling rate. In
+            velocity or displacement its lowest frequencies dominate.
+        reference_noise: of the reference channel: white, as a fraction of each record's rms, or a ``ChannelNoise``.
+        response_noise: of the response channel, likewise.
+        start: ``rest`` (as in the paper) or ``steady`` (as in a laboratory).
+        quantity: of the reference.
+        method: ``exact``, or ``rk4`` (the paper's) with ``substeps`` steps a sample.
+        substeps: for ``rk4``.
+        antialias: whether both channels pass an anti-alias filter, as in a laboratory; None: only a shock, whose
+            corners would alias. Needs ``exact`` and the start from rest.
+        seed: of everything random; every record and purpose has a stream of its own.
+        keep_takes: a list to which the motions and their sampling are appended.
+
+    Returns:
+        Calibration with records in physical units; ``provenance.history`` of each says what was made.
+
+    Raises:
+        InputError: a setting cannot be used; the message says which.
+        ModelError: the model is unknown, or the parameters are not those of the model.
+    """
+    chosen = _sensor(sensor)
+    require_choice("The start", start, ("rest", "steady"))
+    require_choice("The method", method, ("exact", "rk4"))
+    require_choice("The reference quantity", quantity, QUANTITIES)
+    rate = chosen.sampling_rate_hz if sampling_rate_hz is None else float(sampling_rate_hz)
+    peak = chosen.amplitude if amplitude is None else float(amplitude)
+    natural = parse(chosen.model).typical_frequency(chosen.parameters)
+    plan = Plan(_frequencies(frequencies_hz, chosen), rate, samples, peak, natural, seed)
+    level = ExcitationNoiseLevel(excitation_snr_db, excitation_noise_band_hz)
+    takes = [level.added_to(take, index, seed) for index, take in enumerate(plan.takes(excitation, repeats))]
+    if keep_takes is not None:
+        keep_takes.extend(takes)
+    behind = _behind_filter(takes, antialias, method, start)
+    responses = _responses(chosen, takes, start, method, substeps, behind)
+    values = ", ".join(f"{name} {value:.9g}" for name, value in chosen.parameters.items())
+    made = f"simulated: {chosen.model} ({values}); {method} response, start {start}, seed {_seed_words(seed)}"
+    records = [_record(take, row, quantity, made, b) for take, row, b in zip(takes, responses, behind, strict=True)]
+    about = {"manufacturer": "simulated", "type": chosen.title}
+    unit = chosen.response_unit
+    calibration = Calibration(tuple(records), None, chosen.model, quantity, response_unit=unit, sensor=about)
+    return with_noise(calibration, reference_noise=reference_noise, response_noise=response_noise, seed=seed)
+
+
+def _behind_filter(takes: list[Take], antialias: bool | None, method: str, start: Start) -> list[bool]:
+    """Which records pass an anti-alias filter."""
+    if antialias:
+        require_choice("With antialias the method", method, ("exact",))
+        require_choice("With antialias the start", start, ("rest",))
+    possible = antialias is not False and method == "exact" and start == "rest"
+    return [possible and (bool(antialias) or take.motion.kind == "shock") for take in takes]
+
+
+def with_noise(
+    calibration: Calibration,
+    *,
+    reference_noise: float | ChannelNoise = 0.0,
+    response_noise: float | ChannelNoise = 0.0,
+    seed: Seed = 0,
+) -> Calibration:
+    """The same calibration with noise on its channels: one draw of a Monte Carlo over one truth.
+
+    ``with_noise(simulate(…, seed=s), response_noise=e, seed=s)`` holds the samples of
+    ``simulate(…, response_noise=e, seed=s)``.
+
+    Args:
+        calibration: with records.
+        reference_noise: white, as a fraction of each record's rms, or a ``ChannelNoise``.
+        response_noise: likewise.
+        seed: of the noise; take another for every draw.
+
+    Raises:
+        InputError: the calibration is a table, or a level cannot be used.
+    """
+    require(
+        calibration.table is None,
+        "Channel noise needs records.",
+        expected="a calibration with records",
+        found="a table",
+        where=calibration.source or "calibration in memory",
+        remedy="simulate records",
+    )
+    noises = {"reference": _channel_noise(reference_noise), "response": _channel_noise(response_noise)}
+    noises = {channel: noise for channel, noise in noises.items() if noise.words}
+    if not noises:
+        return calibration
+    records = [_noisy(record, index, noises, seed) for index, record in enumerate(calibration.records)]
+    return replace(calibration, records=tuple(records))
+
+
+def _noisy(record: Record, index: int, noises: Mapping[str, ChannelNoise], seed: Seed) -> Record:
+    changed = record
+    for channel, noise in noises.items():
+        truth = getattr(record, channel)
+        if truth is None:  # a free decay has no reference
+            continue
+        values = noise.applied(truth, record.sampling_rate_hz, stream(seed, index, channel))
+        changes: dict[str, Any] = {channel: values}
+        if noise.full_scale is not None:
+            changes[f"{channel}_full_scale"] = noise.full_scale
+        step = f"{channel} channel: {noise.words}, seed {_seed_words(seed)}"
+        changed = replace(changed, **changes, provenance=changed.provenance.then(step))
+    return changed
+
+
+def _channel_noise(noise: float | ChannelNoise) -> ChannelNoise:
+    return noise if isinstance(noise, ChannelNoise) else ChannelNoise(white=float(noise))
+
+
+def _sensor(sensor: str | Sensor | tuple[str, Mapping[str, float]]) -> Sensor:
+    if isinstance(sensor, Sensor):
+        return sensor
+    if isinstance(sensor, str):
+        return sensor_named(sensor)
+    model, parameters = sensor
+    return Sensor("custom", "sensor of the given parameters", model, parameters)
+
+
+def _frequencies(frequencies_hz: Sequence[float] | FloatArray | None, sensor: Sensor) -> FloatArray:
+    if frequencies_hz is None:
+        return one_third_octave(*sensor.band_hz)
+    frequencies = np.atleast_1d(np.asarray(frequencies_hz, dtype=float))
+    require(
+        frequencies.ndim == 1 and frequencies.size > 0,
+        "There are no frequencies.",
+        expected="a list of at least one frequency, Hz",
+        found=f"shape {frequencies.shape}",
+        where="simulate, frequencies_hz",
+        remedy="give one_third_octave(low_hz, high_hz), say",
+    )
+    for frequency in frequencies:
+        require_positive("simulate, frequencies_hz", frequency_hz=float(frequency))
+    return frequencies
+
+
+def _responses(
+    sensor: Sensor, takes: list[Take], start: Start, method: str, substeps: int, behind: list[bool]
+) -> list[FloatArray]:
+    model = parse(sensor.model)
+    if method == "rk4":
+        rows = rk4_response(
+            model,
+            sensor.parameters,
+            [take.motion for take in takes],
+            sampling_rates_hz=[take.sampling_rate_hz for take in takes],
+            samples=takes[0].samples,
+            start=start,
+            substeps=substeps,
+        )
+        return list(rows)
+
+    def exact(take: Take, rate: float, samples: int) -> FloatArray:
+        return exact_response(
+            model, sensor.parameters, take.motion, sampling_rate_hz=rate, samples=samples, start=start
+        )
+
+    return [_sampled(functools.partial(exact, take), take, b) for take, b in zip(takes, behind, strict=True)]
+
+
+def _sampled(channel: Callable[[float, int], FloatArray], take: Take, behind: bool) -> FloatArray:
+    """A channel's samples, ``behind`` an anti-alias filter or as they are."""
+    if behind:
+        return filtered(channel, take.sampling_rate_hz, take.samples)
+    return channel(take.sampling_rate_hz, take.samples)
+
+
+def _record(take: Take, response: FloatArray, quantity: Quantity, made: str, behind: bool) -> Record:
+    motion = take.motion
+    base = getattr(motion, "parts", (motion,))[0]
+    reference = None
+    if motion.kind != "decay":
+
+        def exact(rate: float, samples: int) -> FloatArray:
+            return exact_reference(motion, quantity, sampling_rate_hz=rate, samples=samples)
+
+        reference = _sampled(exact, take, behind)
+    return Record(
+        take.name,
+        reference,
+        response,
+        take.sampling_rate_hz,
+        motion.kind,
+        frequency_hz=base.frequency_hz if isinstance(base, Sine) else None,
+        provenance=Provenance(history=(made, f"motion: {motion.words}", *(("anti-alias filter",) if behind else ()))),
+    )
+
+
+def _seed_words(seed: Seed) -> str:
+    if isinstance(seed, np.random.SeedSequence):
+        return f"{seed.entropy}{list(seed.spawn_key) or ''}"
+    return str(seed)

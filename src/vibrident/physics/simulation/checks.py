@@ -1,0 +1,50 @@
+"""Checks of the simulator's settings."""
+
+from __future__ import annotations
+
+import math
+
+from vibrident.base.errors import InputError
+
+
+def require(condition: bool, problem: str, *, expected: str, found: object, where: str, remedy: str) -> None:
+    """Raise InputError unless ``condition`` holds."""
+    if not condition:
+        raise InputError(problem, expected=expected, found=str(found), where=where, remedy=remedy)
+
+
+def require_usable(usable: bool, name: str, value: object, expected: str, where: str) -> None:
+    """Raise InputError unless the setting ``name`` has a usable value."""
+    require(
+        usable, f"{name} is not usable.", expected=expected, found=repr(value), where=where, remedy=f"correct {name}"
+    )
+
+
+def require_positive(where: str, **values: float) -> None:
+    """Every value is a finite number above zero."""
+    for name, value in values.items():
+        require_usable(math.isfinite(value) and value > 0, name, value, "a finite number above 0", where)
+
+
+def require_not_negative(where: str, **values: float) -> None:
+    """Every value is a finite number, zero or above."""
+    for name, value in values.items():
+        require_usable(math.isfinite(value) and value >= 0, name, value, "a finite number, 0 or above", where)
+
+
+def require_finite(where: str, **values: float) -> None:
+    """Every value is a finite number."""
+    for name, value in values.items():
+        require_usable(math.isfinite(value), name, value, "a finite number", where)
+
+
+def require_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
+    """``value`` is one of ``choices``."""
+    require(
+        value in choices,
+        f"{name} is not known.",
+        expected=" | ".join(choices),
+        found=repr(value),
+        where="simulate",
+        remedy="name one of the expected",
+    )

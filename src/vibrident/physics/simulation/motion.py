@@ -1,0 +1,216 @@
+"""Motion of the base: instants, sums of tones, the interface of every excitation, and sums of motions."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibrident.data.records import Excitation, FloatArray
+
+_COINCIDENT = 1e-9  # an instant this close to a sample, in samples, is that sample
+ComplexArray = NDArray[np.complex128]
+_BLOCK = 4096  # tones evaluated at once; bounds the memory
+_FFT_FROM = 64  # from this many tones on, harmonics of a fundamental that fits the grid are summed by FFT
+_LONGEST_FFT = 2**24
+
+
+@dataclass(frozen=True)
+class SampleGrid:
+    """``samples`` instants start_s + k/rate_hz."""
+
+    start_s: float
+    rate_hz: float
+    samples: int
+
+    @property
+    def interval_s(self) -> float:
+        """Time between instants, s."""
+        return 1.0 / self.rate_hz
+
+    @property
+    def times_s(self) -> FloatArray:
+        """The instants, s, shape (samples,)."""
+        return self.start_s + np.arange(self.samples) / self.rate_hz
+
+    def first_from(self, time_s: float) -> int:
+        """Index of the first instant at or after ``time_s``, at most ``samples``."""
+        index = math.ceil((time_s - self.start_s) * self.rate_hz - _COINCIDENT)
+        return min(max(index, 0), self.samples)
+
+    def since(self, time_s: float) -> SampleGrid:
+        """The instants at or after ``time_s``, counted from ``time_s``."""
+        first = self.first_from(time_s)
+        start = self.start_s + first / self.rate_hz - time_s
+        return SampleGrid(max(start, 0.0), self.rate_hz, self.samples - first)
+
+
+@dataclass(frozen=True, eq=False)
+class Tones:
+    """a(t) = Re Σ_m p_m e^{j 2π f_m t}."""
+
+    frequency_hz: FloatArray  # f_m, shape (tones,), positive
+    phasor: ComplexArray  # p_m, complex, shape (tones,), in the unit of the signal (peak, not rms)
+    # the frequency of which all f_m are distinct whole multiples, if any; else None
+    fundamental_hz: float | None = None
+
+    def scaled_by(self, factor: ComplexArray) -> Tones:
+        """The same tones with phasors multiplied by ``factor``, shape (tones,): the output of a linear system."""
+        return replace(self, phasor=self.phasor * factor)
+
+    def at(self, time_s: FloatArray) -> FloatArray:
+        """Values at any instants, s; the result has the shape of ``time_s``."""
+        instants = np.asarray(time_s, dtype=float)
+        flat = instants.ravel()
+        value = np.zeros(flat.shape)
+        for part in _blocks(flat.size, max(1, 2**20 // max(1, self.frequency_hz.size))):
+            value[part] = (_turn(np.outer(flat[part], self.frequency_hz)) @ self.phasor).real
+        return value.reshape(instants.shape)
+
+    def on(self, grid: SampleGrid) -> FloatArray:
+        """Values on a grid, shape (samples,): by FFT if the tones' period is a whole number of samples."""
+        period = self._period_samples(grid.rate_hz)
+        return self._by_blocks(grid) if period is None else self._by_fft(grid, period)
+
+    def _period_samples(self, rate_hz: float) -> int | None:
+        if self.fundamental_hz is None or self.frequency_hz.size < _FFT_FROM:
+            return None
+        period = rate_hz / self.fundamental_hz
+        whole = round(period)
+        fits = abs(period - whole) < 1e-9 * period and whole <= _LONGEST_FFT
+        return whole if fits and np.max(self.frequency_hz) < 0.5 * rate_hz * (1.0 - 1e-9) else None
+
+    def _by_fft(self, grid: SampleGrid, period: int) -> FloatArray:
+        assert self.fundamental_hz is not None  # it has a period
+        harmonic = np.rint(self.frequency_hz / self.fundamental_hz).astype(int)
+        spectrum = np.zeros(period // 2 + 1, dtype=complex)
+        spectrum[harmonic] = 0.5 * self.phasor * _turn(self.frequency_hz * grid.start_s)
+        return np.resize(np.fft.irfft(spectrum, period, norm="forward"), grid.samples)
+
+    def _by_blocks(self, grid: SampleGrid) -> FloatArray:
+        """e^{jω(t0 + (b B + i) h)} = e^{jω(t0 + b B h)} e^{jω i h}: two short lists of turns and one product."""
+        inner = max(1, math.isqrt(grid.samples))
+        outer = -(-grid.samples // inner)
+        fine = np.arange(inner) / grid.rate_hz
+        coarse = grid.start_s + np.arange(outer) * inner / grid.rate_hz
+        value = np.zeros((outer, inner))
+        for part in _blocks(self.frequency_hz.size, _BLOCK):
+            frequency = self.frequency_hz[part]
+            left = _turn(np.outer(coarse, frequency)) * self.phasor[part]
+            right = _turn(np.outer(frequency, fine))
+            value += left.real @ right.real - left.imag @ right.imag
+        return value.ravel()[: grid.samples]
+
+
+def _turn(cycles: FloatArray) -> ComplexArray:
+    """e^{j 2π cycles}, reduced to a fraction of a cycle first."""
+    return np.exp(2j * np.pi * (cycles - np.rint(cycles)))
+
+
+def _blocks(total: int, length: int) -> list[slice]:
+    return [slice(start, min(start + length, total)) for start in range(0, total, length)]
+
+
+class Motion(Protocol):
+    """An acceleration that is known at every instant; anything with these members can be simulated.
+
+    ``breaks_s`` are the instants between which the acceleration is smooth; a motion that is not a sum of tones is zero
+    before t = 0. ``highest_hz`` is the highest frequency that the sampling must resolve; 0 for none.
+    """
+
+    @property
+    def kind(self) -> Excitation:
+        """Name of the excitation in the record."""
+        ...
+
+    @property
+    def words(self) -> str:
+        """Description for a record's history."""
+        ...
+
+    @property
+    def highest_hz(self) -> float:
+        """Highest frequency, Hz."""
+        ...
+
+    @property
+    def breaks_s(self) -> tuple[float, ...]:
+        """Instants at which the acceleration or one of its derivatives jumps, s."""
+        ...
+
+    def value(self, time_s: FloatArray) -> FloatArray:
+        """Acceleration in m/s² at any instants (s), in their shape."""
+        ...
+
+
+class Said:
+    """A motion that is described by a template of its fields."""
+
+    template: str
+
+    @property
+    def words(self) -> str:
+        """Description for a record's history."""
+        return self.template.format(self)
+
+
+class Tonal(ABC):
+    """A motion that is a sum of tones, without beginning (t < 0 included); it has a steady response."""
+
+    breaks_s: tuple[float, ...] = ()
+
+    @property
+    @abstractmethod
+    def tones(self) -> Tones:
+        """The tones, acceleration in m/s²."""
+
+    @property
+    def highest_hz(self) -> float:
+        """Highest frequency, Hz."""
+        return float(np.max(self.tones.frequency_hz))
+
+    def value(self, time_s: FloatArray) -> FloatArray:
+        """Acceleration in m/s² at any instants (s), in their shape."""
+        return self.tones.at(time_s)
+
+
+@dataclass(frozen=True)
+class Superposition:
+    """The sum of several motions; ``kind`` is the first one's."""
+
+    parts: tuple[Motion, ...]
+
+    @property
+    def kind(self) -> Excitation:
+        """Kind of the first part."""
+        return self.parts[0].kind
+
+    @property
+    def words(self) -> str:
+        """All parts in words."""
+        return "; ".join(part.words for part in self.parts)
+
+    @property
+    def highest_hz(self) -> float:
+        """Highest frequency of all parts, Hz."""
+        return max(part.highest_hz for part in self.parts)
+
+    @property
+    def breaks_s(self) -> tuple[float, ...]:
+        """Breaks of all parts, s."""
+        return tuple(sorted(instant for part in self.parts for instant in part.breaks_s))
+
+    def value(self, time_s: FloatArray) -> FloatArray:
+        """Acceleration in m/s² at any instants (s), in their shape."""
+        return np.sum([part.value(time_s) for part in self.parts], axis=0)
+
+
+def acceleration_on(motion: Motion, grid: SampleGrid) -> FloatArray:
+    """Acceleration in m/s² on a grid, shape (samples,): ``value`` at its instants, by FFT where that is faster."""
+    if isinstance(motion, Superposition):
+        return np.sum([acceleration_on(part, grid) for part in motion.parts], axis=0)
+    return motion.tones.on(grid) if isinstance(motion, Tonal) else motion.value(grid.times_s)

@@ -1,8 +1,0 @@
-"""Planning a calibration: the expected uncertainty, and the best frequencies for a given number of them."""
-
-from __future__ import annotations
-
-from vibrident.planning.calibration import Plan, plan, plan_document
-from vibrident.planning.points import Recording
-
-__all__ = ["Plan", "Recording", "plan", "plan_document"]

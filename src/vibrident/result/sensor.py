@@ -1,0 +1,125 @@
+"""An identified sensor to compute with: its model with values, their covariance, and the response with its uncertainty.
+
+A result gives it (:meth:`vibrident.Result.to_sensor`), and so does a fit. It serves correction, prediction, planning,
+report and export.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from vibrident.base.binding import bound
+from vibrident.base.brief import brief
+from vibrident.base.errors import InputError
+from vibrident.base.extras import library
+from vibrident.data.records import FloatArray, Quantity
+from vibrident.physics.models import SensorModel
+from vibrident.physics.models.slopes import ComplexArray, response_and_slopes
+
+if TYPE_CHECKING:
+    from control import TransferFunction
+    from scipy.signal import ZerosPolesGain
+
+
+@dataclass(frozen=True, eq=False)
+class IdentifiedSensor:
+    """A sensor model with values and their covariance.
+
+    Attributes:
+        model: the sensor model.
+        values: name → value, SI units, frequencies in Hz.
+        covariance: of the values in the model's order, shape (parameters, parameters); NaN if not stated.
+        quantity: what the sensitivity is per: acceleration, or the drive that the sensor was identified with.
+        band_hz: lowest and highest frequency of the data; None where nothing tells.
+        response_unit: unit of the response.
+        input_unit: unit of ``quantity``.
+        degrees_of_freedom: behind the covariance.
+        misfit: relative error of a model that its calibration rejected, as large as at the measured points; else 0.
+    """
+
+    model: SensorModel
+    values: Mapping[str, float]
+    covariance: FloatArray
+    quantity: Quantity = "acceleration"
+    band_hz: tuple[float, float] | None = None
+    response_unit: str = "V"
+    input_unit: str = "m/s^2"
+    degrees_of_freedom: float = np.inf
+    misfit: float = 0.0
+
+    __repr__ = brief
+
+    def frequency_response(self, frequency_hz: FloatArray, quantity: Quantity | None = None) -> ComplexArray:
+        """Complex sensitivity for e^{+jωt}, shape (points,).
+
+        Args:
+            frequency_hz: shape (points,).
+            quantity: reference quantity; None: the sensor's own.
+        """
+        at = np.asarray(frequency_hz, dtype=float)
+        return np.asarray(self.model.frequency_response(self.values, at, quantity or self.quantity), dtype=complex)
+
+    def slopes(self, frequency_hz: FloatArray, quantity: Quantity | None = None) -> ComplexArray:
+        """Derivative of the sensitivity by each parameter, shape (parameters, points)."""
+        return response_and_slopes(self.model, self.values, frequency_hz, quantity or self.quantity)[1]
+
+    def uncertainty(self, frequency_hz: FloatArray, quantity: Quantity | None = None) -> tuple[FloatArray, FloatArray]:
+        """Standard uncertainties of magnitude, relative, and of phase, rad; each of shape (points,)."""
+        response, slopes = response_and_slopes(self.model, self.values, frequency_hz, quantity or self.quantity)
+        relative = slopes / response
+        variance = [np.einsum("ik,ij,jk->k", part, self.covariance, part) for part in (relative.real, relative.imag)]
+        return np.sqrt(np.maximum(variance[0], 0.0)), np.sqrt(np.maximum(variance[1], 0.0))
+
+    def to_scipy(self) -> ZerosPolesGain:
+        """As a ``scipy.signal.ZerosPolesGain``, rad/s; a delay or an average over a window by poles and zeros.
+
+        Raises:
+            InputError: the model is not linear, or poles and zeros cannot hold it over the band of its data.
+        """
+        from scipy.signal import ZerosPolesGain
+
+        found = bound("zeros_and_poles")(self)
+        return ZerosPolesGain(found.zeros, found.poles, found.gain)
+
+    def to_control(self) -> TransferFunction:
+        """As a ``control.TransferFunction`` of python-control (extra ``control``), like :meth:`to_scipy`.
+
+        Raises:
+            InputError: as :meth:`to_scipy`, or python-control is not installed.
+        """
+        control = library("control", "control", "A sensor of python-control needs that library.", "to_control")
+        return control.TransferFunction(*bound("zeros_and_poles")(self).polynomials())
+
+    @property
+    def zeros_at_rest(self) -> int:
+        """How many times the response to acceleration vanishes at frequency zero: 0, 1 or 2."""
+        numerator = self.model.rational(self.values).numerator
+        return next((power for power, c in enumerate(numerator) if c != 0.0), len(numerator))
+
+    def require_linear(self) -> None:
+        """Refuse a sensor that has no linear inverse."""
+        if not self.model.is_linear:
+            raise InputError(
+                "A sensor with a cubic stiffness has no linear inverse.",
+                expected="a result of a linear model",
+                found=repr(self.model.name),
+                where="result, model",
+                remedy="identify with a model without 'cubic', at the level of the motion to be corrected",
+            )
+
+    def require_uncertainty(self) -> None:
+        """Refuse a sensor whose parameters' covariance is not stated."""
+        known = np.isfinite(self.covariance)
+        if not known.all():
+            names = [name for name, row in zip(self.model.parameter_names, known, strict=True) if not row.all()]
+            raise InputError(
+                "The result does not state the uncertainty of a parameter, or its correlation with another one.",
+                expected=f"standard uncertainty and correlation of {', '.join(self.model.parameter_names)}",
+                found="none for " + ", ".join(names),
+                where="result, parameters and correlation",
+                remedy="run `vibrident identify` again",
+            )

@@ -1,0 +1,298 @@
+"""Several results beside each other: values, their differences from the first, E_n, and their curves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from decimal import Decimal
+
+import numpy as np
+
+from vibrident.base.amounts import Scale, pretty, scaled
+from vibrident.base.nominal import Nominal
+from vibrident.physics.naming import described, parameter_name
+from vibrident.result import Result
+from vibrident.show import axes, words
+from vibrident.show.curves import continuous, numbers, principal
+from vibrident.show.numbers import (
+    COVERAGE_FACTOR,
+    NONE,
+    pair,
+    percent,
+    plain,
+    reference_unit,
+    sensitivity_scale,
+    sensor_name,
+)
+from vibrident.show.points import Point, nominal_points, reference_point, sensitivity_at
+from vibrident.show.views import LINES, Column, Figure, Panel, Series, Stack, Table, columns
+from vibrident.use.comparison import normalized_error, not_comparable, shared_covariance, shared_sources
+
+MOST_COLUMNS = 5  # results in one table, including the first; more results need further tables
+_LEAST_FIXED = 1e-7  # differences smaller than this carry a power of ten
+EN = (
+    "E_n = (value − first)/√(U² + U_first² − 2 k² cov) with the expanded uncertainties U, k = 2: |E_n| ≤ 1 says that "
+    "the two agree within their uncertainties. The covariance is that of the stated sources which both share, such as "
+    "the same reference. None is given for two evaluations of the same data, nor for different sensors."
+)
+
+
+@dataclass(frozen=True)
+class Value:
+    """A quantity of one result: value and standard uncertainty in the unit of the whole row."""
+
+    value: float  # best estimate
+    u: float | None  # None where not known
+    shared: Mapping[str, float] = field(default_factory=dict)  # what of u other results may share, by source
+
+    @property
+    def expanded(self) -> float | None:
+        """U, k = 2."""
+        return None if self.u is None else COVERAGE_FACTOR * self.u
+
+
+@dataclass(frozen=True)
+class ComparedQuantity:
+    """One quantity over several results, all in one unit."""
+
+    label: str  # what it is
+    scale: Scale  # factor from the result's unit to the printed one, and that
+    values: tuple[Value | None, ...]  # one a result; None where the result has no such quantity in this unit
+    relative: bool = True  # its differences are relative ones (not those of a phase or of a delay near zero)
+
+
+def quantities(results: Sequence[Result]) -> list[ComparedQuantity]:
+    """The sensitivity at the reference frequency, then every parameter that at least two results have."""
+    found = []
+    same = len({_sensitivity_kind(result) for result in results}) == 1
+    points = [reference_point(result)[0] if same else None for result in results]
+    at_one = _at_the_same(points)
+    if sum(point is not None for point in at_one) > 1:
+        name = next(point.nominal for point in at_one if point is not None)
+        found.append(_magnitudes(f"|S| at {name} Hz", at_one, results))
+    names = dict.fromkeys(key for result in results for key in result.parameters)
+    for key in names:
+        having = [result.parameters.get(key) for result in results]
+        unit = next(parameter.unit for parameter in having if parameter is not None)
+        values = [
+            Value(p.value, p.standard_uncertainty, shared_sources(result, parameter=key))
+            if p is not None and p.unit == unit
+            else None
+            for result, p in zip(results, having, strict=True)
+        ]
+        known = [abs(value.value) for value in values if value is not None and value.value]
+        if sum(value is not None for value in values) > 1:
+            scale, relative = scaled(unit, known[0] if known else 0.0), getattr(described(key), "kind", "") != "time"
+            found.append(ComparedQuantity(parameter_name(key).words, scale, tuple(values), relative))
+    return found
+
+
+def _sensitivity_kind(result: Result) -> tuple[str, str]:
+    return result.response_unit, reference_unit(result)
+
+
+def _magnitudes(label: str, points: Sequence[Point | None], results: Sequence[Result]) -> ComparedQuantity:
+    values = (
+        None
+        if point is None
+        else Value(point.magnitude, point.magnitude_uncertainty, shared_sources(result, sensitivity=point.magnitude))
+        for point, result in zip(points, results, strict=True)
+    )
+    return ComparedQuantity(label, sensitivity_scale(results[0]), tuple(values))
+
+
+def comparison_tables(results: Sequence[Result], names: Sequence[str]) -> tuple[tuple[str, Table], ...]:
+    """Titles and tables: what the results are, their parameters, and their sensitivities at nominal frequencies.
+
+    Args:
+        results: at least two; differences are from the first.
+        names: what to call each.
+    """
+    found = []
+    reasons = [not_comparable(results[0], result) for result in results]
+    for chunk in _chunks(len(results)):
+        chosen, called = [results[i] for i in chunk], [names[i] for i in chunk]
+        part = "" if len(results) <= MOST_COLUMNS else f" ({', '.join(called)})"
+        found.append((f"What is compared{part}", _subjects(chosen, called)))
+    rows = quantities(results)
+    for chunk in _chunks(len(results)) if rows else []:
+        called = [names[i] for i in chunk]
+        part = "" if len(results) <= MOST_COLUMNS else f" ({', '.join(called)})"
+        body = tuple(line for row in rows for line in _lines(row, chunk, reasons))
+        heads = (*columns("quantity", "unit", ""), *columns(*called, kind="number"))
+        found.append((f"Parameters{part}", Table(heads, body, notes=(EN,))))
+    for result, name, reason in list(zip(results, names, reasons, strict=True))[1:]:
+        table = _at_nominal(results[0], result, (names[0], name), reason)
+        if table is not None:
+            found.append((f"Sensitivity of {name} beside {names[0]}", table))
+    return tuple(found)
+
+
+def _chunks(count: int) -> list[list[int]]:
+    """The first result beside up to four others, as often as needed."""
+    step = MOST_COLUMNS - 1
+    return [[0, *range(start, min(start + step, count))] for start in range(1, count, step)]
+
+
+def _subjects(results: Sequence[Result], names: Sequence[str]) -> Table:
+    rows = (
+        ("sensor", *(sensor_name(result.sensor) or NONE for result in results)),
+        ("model", *(result.model for result in results)),
+        ("estimator", *(result.estimator for result in results)),
+        ("sensitivity in", *(f"{pretty(r.response_unit)} per {pretty(reference_unit(r))}" for r in results)),
+        ("date of calibration", *(str(r.certificate.get("date_of_calibration") or NONE) for r in results)),
+        ("evaluated", *(str(r.provenance.get("time") or NONE) for r in results)),
+        ("χ²/ν", *(plain(r.fit.chi2_reduced, 4) for r in results)),
+        ("NRMSE", *(plain(r.fit.nrmse, 4) for r in results)),
+        ("model adequate", *("yes" if r.fit.adequate else "no" for r in results)),
+        ("warnings", *(", ".join(r.warning_codes) or "none" for r in results)),
+    )
+    return Table(columns("", *names), rows)
+
+
+def _at_nominal(first: Result, other: Result, names: tuple[str, str], reason: str) -> Table | None:
+    """Magnitude and phase of two results at every nominal frequency that both have; None if they share none."""
+    if _sensitivity_kind(first) != _sensitivity_kind(other):
+        return None
+    scale = sensitivity_scale(first)
+    beside = {point.nominal: point for point in nominal_points(other)}
+    rows = []
+    for point in nominal_points(first):
+        pair_of_points = _at_the_same([point, beside.get(point.nominal)])
+        if pair_of_points[1] is None:
+            continue
+        magnitudes = _magnitudes("", pair_of_points, (first, other))
+        row = [point.nominal, *(text for value in magnitudes.values for text in printed_value(value, scale.factor))]
+        row += _compared(magnitudes, reason)
+        phases = ComparedQuantity("", Scale(1.0, "°"), tuple(_phase(p, point) for p in pair_of_points), relative=False)
+        rows.append((*row, *_compared(phases, reason)))
+    if not rows:
+        return None
+    values = [
+        column for name in names for column in (Column(f"{name}: |S|", "number", scale.unit), Column("U", "number"))
+    ]
+    heads = (Column("nominal", "number", "Hz"), *values, *columns("difference", "E_n", kind="number"))
+    heads += (Column("phase difference", "number", "°"), Column("E_n of phase", "number"))
+    table = Table(heads, tuple(rows), notes=("Values are those of each identified model.",))
+    return table if any(row[-2] != NONE for row in rows) else table.select(tuple(range(len(heads) - 2)))
+
+
+def _phase(point: Point | None, near: Point) -> Value | None:
+    if point is None or point.phase_deg is None or near.phase_deg is None:
+        return None
+    return Value(near.phase_deg + (point.phase_deg - near.phase_deg + 180) % 360 - 180, point.phase_deg_uncertainty)
+
+
+def _compared(row: ComparedQuantity, reason: str) -> tuple[str, str]:
+    """Difference of the second value from the first, and E_n."""
+    first, second = row.values
+    if first is None or second is None:
+        return NONE, NONE
+    return difference(second, first, row), reason or error(second, first)
+
+
+def _at_the_same(points: Sequence[Point | None]) -> list[Point | None]:
+    """Those at the frequency of the first: nominal 160 Hz may be 160.00 or 158.49 Hz, where S is not the same."""
+    first = next((point.frequency_hz for point in points if point is not None), 1.0)
+    return [p if p is not None and abs(p.frequency_hz / first - 1) < 1e-6 else None for p in points]
+
+
+def _lines(row: ComparedQuantity, chunk: Sequence[int], reasons: Sequence[str]) -> list[tuple[str, ...]]:
+    values = [row.values[i] for i in chunk]
+    printed = [printed_value(value, row.scale.factor) for value in values]
+    unit = row.scale.printed
+    lines = [(row.label, unit, "value ± U", *(text if u == NONE else f"{text} ± {u}" for text, u in printed))]
+    if values[0] is None:
+        return lines
+    first = values[0]
+    off = [difference(value, first, row) for value in values[1:]]
+    en = [reasons[i] or error(value, first) for i, value in zip(chunk[1:], values[1:], strict=True)]
+    return [*lines, ("", "" if row.relative else unit, "difference", "", *off), ("", "", "E_n", "", *en)]
+
+
+def printed_value(value: Value | None, factor: float) -> tuple[str, str]:
+    """Value and U as text, the value to the place of U."""
+    if value is None:
+        return NONE, NONE
+    return pair(value.value * factor, None if value.expanded is None else value.expanded * factor)
+
+
+def difference(value: Value | None, base: Value, row: ComparedQuantity) -> str:
+    """Difference from the base, relative where the quantity allows it."""
+    if value is None:
+        return NONE
+    relative = bool(row.relative and base.value)
+    off = value.value - base.value
+    factor = 100.0 / base.value if relative else row.scale.factor
+    joint = _joint(value, base, abs(factor))
+    if relative and not joint:
+        return percent(off * factor)
+    text = _fixed_point(pair(off * factor, joint)[0])
+    signed = text if text.startswith("-") or not text.strip("0.") else f"+{text}"
+    return f"{signed} %" if relative else signed
+
+
+def _fixed_point(text: str) -> str:
+    """Without a power of ten where few zeros do: numbers below each other are compared."""
+    if "e" not in text or abs(float(text)) < _LEAST_FIXED:
+        return text
+    return f"{Decimal(text):f}"
+
+
+def _joint(value: Value, base: Value, factor: float) -> float | None:
+    if value.expanded is None or base.expanded is None:
+        return None
+    both = COVERAGE_FACTOR**2 * shared_covariance(value.shared, base.shared)
+    return max(value.expanded**2 + base.expanded**2 - 2 * both, 0.0) ** 0.5 * factor
+
+
+def error(value: Value | None, base: Value) -> str:
+    """E_n as text."""
+    if value is None or value.expanded is None or base.expanded is None:
+        return NONE
+    both = shared_covariance(value.shared, base.shared)
+    en = normalized_error(value.value, value.expanded, base.value, base.expanded, both)
+    return NONE if en is None else f"{en:+.2f}".replace("-0.00", "+0.00")
+
+
+def beside(results: Sequence[Result], names: Sequence[str]) -> Figure | None:
+    """Curves of results over each other, magnitude and phase, and their differences from the first; None for one."""
+    first = results[0]
+    alike = [
+        (result, name)
+        for result, name in zip(results, names, strict=True)
+        if len(result.response.frequency_hz) > 1 and _sensitivity_kind(result) == _sensitivity_kind(first)
+    ]
+    if len(alike) < 2:
+        return None
+    scale = sensitivity_scale(first)
+    parts: list[list[Series]] = [[], [], [], []]
+    for i, (result, name) in enumerate(alike):
+        curve, look = result.response, replace(LINES[i % len(LINES)], marker="", width=1.6)
+        x, magnitude, phase = (
+            curve.frequency_hz,
+            curve.magnitude,
+            continuous(curve.phase_deg),
+        )
+        base = [sensitivity_at(first, Nominal(f, f)) for f in curve.frequency_hz]
+        ratio = magnitude / numbers([None if point is None else point.magnitude for point in base])
+        turned = principal(phase - numbers([None if point is None else point.phase_deg for point in base]))
+        label = name if name not in [other for _, other in alike[:i]] else f"{name} ({i + 1})"
+        for part, y in zip(parts, (magnitude * scale.factor, phase, 100.0 * (ratio - 1.0), turned), strict=True):
+            part.append(Series(x, y, label, look))
+    x_axis = axes.frequency(np.concatenate([result.response.frequency_hz for result, _ in alike]))
+    values = [np.concatenate([one.y for one in part]) for part in parts]
+    y_axes = (
+        axes.size(f"|S|\nin {scale.unit}", values[0]),
+        axes.angle("Phase\nin °", values[1]),
+        axes.about_zero("Difference\nin %", values[2], floor=1e-3),
+        axes.about_zero("Difference\nin °", values[3], floor=1e-3),
+    )
+    titles = ("", "", f"Magnitude, difference from {names[0]}", f"Phase, difference from {names[0]}")
+    panels = [
+        Panel(x_axis, y, tuple(part), height, title, rules=(0.0,) if title else ())
+        for part, y, height, title in zip(parts, y_axes, (2.0, 1.3, 1.2, 1.2), titles, strict=True)
+    ]
+    shown = tuple(panel for panel, value in zip(panels, values, strict=True) if np.isfinite(value).any())
+    caption = f"Sensitivity of each result's model, and its difference from {names[0]}. {words.PHASE}"
+    return Figure("curves", "Sensitivity", (Stack(shown),), "", caption)

@@ -1,0 +1,61 @@
+"""What U = k u covers: the coverage probability that belongs to k and the effective degrees of freedom (GUM G.3)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from vibrident.base.tails import f_tail
+from vibrident.result import Result
+from vibrident.show.numbers import COVERAGE_FACTOR, plain
+
+_KEY = "effective_degrees_of_freedom"
+_NEARLY_NORMAL = 60.0  # effective degrees of freedom from which k = 2 covers 95 %
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """Coverage of an expanded uncertainty."""
+
+    factor: float  # k
+    degrees_of_freedom: float | None  # effective ones; infinite where the distribution is normal, None where not stated
+    probability: float  # of the interval value ± U
+
+    @property
+    def text(self) -> str:
+        """All of it in a sentence."""
+        percent = f"{100 * self.probability:.1f} %"
+        if self.degrees_of_freedom is None:
+            return f"k = {self.factor:g}: coverage probability {percent} for a normal distribution."
+        if math.isinf(self.degrees_of_freedom):
+            return f"k = {self.factor:g}: coverage probability {percent} (normal distribution, ν_eff = ∞)."
+        freedom = plain(self.degrees_of_freedom, 3)
+        return f"k = {self.factor:g}: coverage probability {percent} (Student's t with ν_eff = {freedom})."
+
+
+def coverage(result: Result) -> Coverage:
+    """Coverage of every U of a result."""
+    k = COVERAGE_FACTOR
+    if _KEY not in result.settings:
+        return Coverage(k, None, math.erf(k / math.sqrt(2.0)))
+    freedom = result.settings[_KEY]
+    if freedom is None or not math.isfinite(freedom) or freedom > 1e6:  # JSON has no infinity: it is written as null
+        return Coverage(k, math.inf, math.erf(k / math.sqrt(2.0)))
+    return Coverage(k, float(freedom), 1.0 - f_tail(1.0, float(freedom), k**2))
+
+
+def parameter_factor(result: Result) -> float:
+    """K of the parameters' U: 2, or the larger one of Student's t if few degrees of freedom require it."""
+    k, freedom = result.settings.get("coverage_factor"), coverage(result).degrees_of_freedom
+    if not isinstance(k, int | float) or freedom is None or freedom >= _NEARLY_NORMAL:
+        return COVERAGE_FACTOR
+    return max(float(k), COVERAGE_FACTOR)
+
+
+def interval_text(result: Result) -> str:
+    """Which k the parameters' U and intervals have, where that is not 2; else empty."""
+    k = parameter_factor(result)
+    if k == COVERAGE_FACTOR:
+        return ""
+    freedom = plain(coverage(result).degrees_of_freedom, 3)
+    return f"U and 95 % interval of the parameters are u times k = {plain(k, 3)} (Student's t with ν_eff = {freedom})."

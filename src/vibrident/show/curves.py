@@ -1,0 +1,106 @@
+"""Values of results as arrays, and the curves of a model drawn so that no peak is missed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from vibrident.base.amounts import scaled
+from vibrident.result import Curve, MeasuredCurve, Result
+from vibrident.show.views import FloatArray, K
+
+
+def numbers(values: Sequence[float | None]) -> FloatArray:
+    """Values as an array, None as NaN; shape (values,)."""
+    return np.array([np.nan if value is None else value for value in values], dtype=np.float64)
+
+
+def column(curve: Curve, name: str) -> FloatArray:
+    """Values of a curve, one to each frequency; NaN where one is not known, or all are absent."""
+    values, points = getattr(curve, name), len(curve.frequency_hz)
+    return values if values.size == points else np.full(points, np.nan)
+
+
+def expanded(curve: Curve, quantity: str) -> FloatArray:
+    """U (k = 2) of a curve's ``magnitude`` or ``phase_deg``; NaN where it is not known."""
+    return K * column(curve, f"{quantity}_uncertainty")
+
+
+def bars_of_deviation(measured: MeasuredCurve) -> tuple[FloatArray, FloatArray]:
+    """U (k = 2) of the deviations, percent and degrees: their own where the result has it, else that of the points."""
+    percent = column(measured, "deviation_uncertainty_percent")
+    if np.isfinite(percent).any():
+        return K * percent, K * column(measured, "deviation_phase_uncertainty_deg")
+    return 100.0 * expanded(measured, "magnitude") / column(measured, "magnitude"), expanded(measured, "phase_deg")
+
+
+def continuous(phase_deg: FloatArray) -> FloatArray:
+    """Phase without jumps of a whole turn, starting in (−180°, 180°]; NaN stays."""
+    out = phase_deg.copy()
+    usable = np.isfinite(out)
+    if usable.any():
+        unwrapped = np.unwrap(out[usable], period=360.0)
+        out[usable] = unwrapped - 360.0 * np.ceil((unwrapped[0] - 180.0) / 360.0)
+    return out
+
+
+def nearest_turn(phase_deg: FloatArray, near_deg: FloatArray) -> FloatArray:
+    """Phase in degrees, moved by whole turns to where it is nearest to another."""
+    return phase_deg + 360.0 * np.round((near_deg - phase_deg) / 360.0)
+
+
+def principal(phase_deg: FloatArray) -> FloatArray:
+    """Phase in degrees in [−180°, 180°)."""
+    return (phase_deg + 180.0) % 360.0 - 180.0
+
+
+def spread(count: int, limit: int) -> list[int]:
+    """At most ``limit`` indices spread evenly over ``count`` things, first and last among them."""
+    if count <= limit:
+        return list(range(count))
+    return [round(i * (count - 1) / (limit - 1)) for i in range(limit)]
+
+
+def envelope(time: FloatArray, values: FloatArray, bins: int = 1500) -> tuple[FloatArray, FloatArray]:
+    """Thin a long line without losing its peaks: least and largest value of each bin, in the order of time.
+
+    ``time``: shape (samples,); ``values``: shape (samples,); ``bins``: number of bins.
+
+    Returns:
+        time and values, both of shape (at most 2 bins + rest,).
+    """
+    if len(values) <= 2 * bins:
+        return time, values
+    width = len(values) // bins
+    blocks = values[: bins * width].reshape(bins, width)
+    picks = np.sort(np.stack([blocks.argmin(axis=1), blocks.argmax(axis=1)], axis=1), axis=1)
+    index = np.concatenate([(picks + width * np.arange(bins)[:, None]).ravel(), np.arange(bins * width, len(values))])
+    return time[index], values[index]
+
+
+def largest(*values: FloatArray) -> float:
+    """Largest finite magnitude; zero if no value is finite."""
+    return max((float(np.abs(v[np.isfinite(v)]).max(initial=0.0)) for v in values), default=0.0)
+
+
+def unit_of_time(time: FloatArray) -> tuple[float, str]:
+    """Factor and unit for times in seconds that span so much."""
+    scale = scaled("s", float(np.ptp(time)) if time.size else 0.0)
+    return scale.factor, scale.unit
+
+
+def record_frequencies(result: Result) -> dict[str, float]:
+    """Frequency of each record that was excited at one frequency alone, Hz."""
+    found: dict[str, set[float]] = {}
+    for name, frequency in zip(result.measured.record, result.measured.frequency_hz.tolist(), strict=False):
+        found.setdefault(name, set()).add(frequency)
+    return {name: next(iter(frequencies)) for name, frequencies in found.items() if len(frequencies) == 1}
+
+
+def from_start(time_s: FloatArray) -> tuple[FloatArray, str]:
+    """Times for an axis and its label; those of a clock that counts from an epoch are counted from the first."""
+    factor, unit = unit_of_time(time_s)
+    if time_s.size and abs(time_s[0]) > 100.0 * max(float(np.ptp(time_s)), 1e-12):
+        return (time_s - time_s[0]) * factor, f"Time from {time_s[0]:.12g} s in {unit}"
+    return time_s * factor, f"Time in {unit}"

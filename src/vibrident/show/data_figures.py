@@ -1,0 +1,190 @@
+"""Pictures of calibration data before anything is identified: records, the tabulated response, raw light."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from vibrident.base.amounts import scaled
+from vibrident.data.records import Calibration, Record, ResponseTable
+from vibrident.result import Curve
+from vibrident.show import axes, words
+from vibrident.show.curves import envelope, from_start, spread
+from vibrident.show.numbers import frequency_text, sensitivity_unit, subject
+from vibrident.show.response_figures import response_panels
+from vibrident.show.views import BLACK, BLUE, LINES, VERMILION, Figure, FloatArray, Look, Panel, Series, Stack
+
+if TYPE_CHECKING:
+    from vibrident.data.interferometer.ellipse import Ellipse  # loads SciPy, which the other pictures do not need
+
+MOST = 6  # most records in a picture
+MOST_LIGHT = 4  # most records in a picture of raw light
+PERIODS = 5.0  # periods of a sine in an excerpt
+ROUND = 361  # points of an ellipse
+
+
+def inspection(calibration: Calibration) -> Figure:
+    """Excerpts of at most six records with the samples that are left out, or the table with U (k = 2)."""
+    if calibration.table is not None:
+        return _table(calibration, calibration.table)
+    chosen, faulty = _chosen(calibration)
+    stacks = tuple(_record(record, calibration) for record in chosen)
+    left_out = f"× left out of every fit ({faulty} records affected)." if faulty else ""
+    shown = f"{len(chosen)} of {len(calibration.records)} records shown. " * (len(chosen) < len(calibration.records))
+    caption = (
+        f"{shown}Upper panel: reference ({calibration.quantity}); lower panel: response. Sines, shocks and decays: an "
+        f"excerpt. {left_out}"
+    )
+    return Figure(
+        "inspect", "Calibration data", stacks, subject(calibration.model, calibration.sensor), caption, choice=True
+    )
+
+
+def _table(calibration: Calibration, table: ResponseTable) -> Figure:
+    points = Curve(
+        frequency_hz=table.frequency_hz,
+        magnitude=table.magnitude,
+        phase_deg=_degrees(table.phase_rad, table.points),
+        magnitude_uncertainty=_optional(table.magnitude_uncertainty, table.points),
+        phase_deg_uncertainty=_degrees(table.phase_uncertainty_rad, table.points),
+    )
+    unit = sensitivity_unit(calibration.response_unit, calibration.reference_unit)
+    panels = response_panels(None, points, unit, calibration.quantity, "table")
+    bars = "Bars: expanded uncertainty U, k = 2. " if table.magnitude_uncertainty is not None else ""
+    caption = f"{bars}{words.PHASE if table.phase_rad is not None else ''}"
+    return Figure(
+        "inspect", "Calibration data", (Stack(panels),), subject(calibration.model, calibration.sensor), caption
+    )
+
+
+def _optional(values: FloatArray | None, points: int) -> FloatArray:
+    return np.full(points, np.nan) if values is None else values
+
+
+def _degrees(values: FloatArray | None, points: int) -> FloatArray:
+    return _optional(None if values is None else np.rad2deg(values), points)
+
+
+def _chosen(calibration: Calibration) -> tuple[list[Record], int]:
+    """Records to show, those that need a look among them, and how many do."""
+    records = sorted(calibration.records, key=lambda record: sine_frequency(record) or 0.0)
+    faulty = [not record.mask.all() for record in records]
+    return _some(records, faulty, MOST), sum(faulty)
+
+
+def _some(records: Sequence[Record], first: Sequence[bool], most: int) -> list[Record]:
+    """At most so many records, in their order: half of them those that come first, where there are others."""
+    ahead, others = ([i for i, chosen in enumerate(first) if chosen == kind] for kind in (True, False))
+    kept = [ahead[i] for i in spread(len(ahead), most // 2 if others else most)]
+    kept += [others[i] for i in spread(len(others), most - len(kept))]
+    return [records[i] for i in sorted(kept)]
+
+
+def _record(record: Record, calibration: Calibration) -> Stack:
+    part = excerpt(record)
+    time, clock = from_start(record.time_s[part] + record.start_time_s)
+    x = axes.linear(clock, time, most=4, margin=0.02)
+    panels = []
+    channels = (
+        ("Reference", record.reference, calibration.reference_unit, LINES[0]),
+        ("Response", record.response, calibration.response_unit, LINES[1]),
+    )
+    for word, values, unit, look in channels:
+        if values is None:
+            continue
+        scale = scaled(unit, float(np.abs(values[part]).max()))
+        shown, bad = values[part] * scale.factor, ~record.mask[part]
+        series = [Series(*envelope(time, shown), look=Look(look.colour, width=1.0))]
+        if bad.any():
+            series.append(Series(time[bad], shown[bad], "", Look(BLACK, marker="x"), "points"))
+        panels.append(Panel(x, axes.linear(f"{word}\nin {scale.unit}", shown, most=4), tuple(series), 0.9))
+    kind = frequency_text(record.frequency_hz) if record.frequency_hz else record.excitation
+    rate, length = scaled("Hz", record.sampling_rate_hz), scaled("s", record.duration_s)
+    size = f"{record.samples} samples, {record.sampling_rate_hz * rate.factor:.6g} {rate.unit}, "
+    size += f"{record.duration_s * length.factor:.3g} {length.unit}"
+    return Stack(tuple(panels), f"{' · '.join(dict.fromkeys((kind, record.name)))}\n{size}")
+
+
+def light(calibration: Calibration) -> Figure:
+    """The signals of at most four records over each other, with the ellipse, and a piece of the displacement."""
+    records = [record for record in calibration.records if record.optical is not None]
+    doubtful = [record.optical is not None and bool(record.optical.findings) for record in records]
+    chosen = _some(records, doubtful, MOST_LIGHT)
+    stacks = tuple(stack for record in chosen for stack in (_lissajous(record), _displacement(record)))
+    shown = f"{len(chosen)} of {len(records)} records shown. " if len(chosen) < len(records) else ""
+    caption = f"{shown}Left: the two signals over each other and the ellipse. Right: the displacement."
+    return Figure("light", "Interferometer", stacks, subject(calibration.model, calibration.sensor), caption, across=2)
+
+
+def _lissajous(record: Record) -> Stack:
+    optical = record.optical
+    assert optical is not None
+    panel = lissajous(optical.points, optical.ellipse)
+    return Stack((panel,), f"{record.name}\n{optical.fringes:.4g} fringes")
+
+
+def lissajous(points: FloatArray, ellipse: Ellipse | None) -> Panel:
+    """Two photodetector signals, shape (2, n), over each other; with their ellipse if there is one."""
+    series, seen = [Series(points[0], points[1], "", Look(BLUE, marker="."), "points")], points
+    if ellipse is not None:
+        turn = np.linspace(0.0, 2.0 * np.pi, ROUND)
+        around = ellipse.centre[:, None] + ellipse.matrix @ np.stack([np.cos(turn), np.sin(turn)])
+        series.append(Series(around[0], around[1], "", Look(VERMILION, width=0.8)))
+        seen = np.append(points, around, axis=1)
+    x, y = (axes.linear(f"{word} signal", one, most=4) for word, one in zip(("First", "Second"), seen, strict=True))
+    return Panel(x, y, tuple(series), 1.7, square=True)
+
+
+def _displacement(record: Record) -> Stack:
+    optical = record.optical
+    assert optical is not None
+    time, clock = from_start(optical.excerpt_s)
+    size = scaled("m", float(np.nanmax(np.abs(optical.excerpt_m), initial=0.0)))
+    series = Series(time, optical.excerpt_m * size.factor, look=Look(BLUE, width=0.8))
+    y = axes.linear(f"Displacement\nin {size.unit}", series.y, most=4)
+    lost = f"{optical.gaps} gaps, {100 * optical.left_out:.2g} % left out" if optical.gaps else "nothing left out"
+    title = f"{lost};\nphase noise {optical.phase_noise_rad:.2g} rad"
+    return Stack((Panel(axes.linear(clock, time, margin=0.02), y, (series,), 1.7),), title, 1.6)
+
+
+def sine_frequency(record: Record) -> float | None:
+    """Frequency of a sine record for the choice of an excerpt: as stated, or its largest spectral line; else None."""
+    if record.excitation != "sine":
+        return None
+    if record.frequency_hz is not None:
+        return record.frequency_hz
+    motion = record.response if record.reference is None else record.reference
+    lines = np.abs(np.fft.rfft(motion - motion.mean()))
+    best = int(lines.argmax())
+    return best * record.sampling_rate_hz / record.samples if best else None
+
+
+def excerpt(record: Record) -> slice:
+    """Samples to show: a few periods of a sine (where samples are left out, if any are), a shock's event, or all."""
+    frequency = sine_frequency(record)
+    if record.excitation in ("shock", "decay"):
+        return _event(record)
+    if frequency is None:
+        return slice(0, record.samples)
+    length = max(8, math.ceil(PERIODS * record.sampling_rate_hz / frequency) + 1)
+    left_out = np.flatnonzero(~record.mask)
+    centre = int(left_out[0]) if left_out.size else length // 2
+    start = min(max(0, centre - length // 2), max(0, record.samples - length))
+    return slice(start, min(start + length, record.samples))
+
+
+def _event(record: Record) -> slice:
+    """Where a channel is above 2 % of its peak, and a quarter of that length on both sides."""
+    busy = np.zeros(record.samples, dtype=bool)
+    for values in (record.reference, record.response):
+        if values is not None:
+            swing = np.abs(values - np.median(values))
+            busy |= swing > 0.02 * swing.max()
+    index = np.flatnonzero(busy)
+    if index.size == 0:
+        return slice(0, record.samples)
+    margin = max(4, (int(index[-1]) - int(index[0])) // 4)
+    return slice(max(0, int(index[0]) - margin), min(record.samples, int(index[-1]) + margin + 1))

@@ -1,0 +1,159 @@
+"""The report of one result, and of several beside each other, as documents with their sections."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from vibrident.physics.naming import parameter_name
+from vibrident.result import Result
+from vibrident.show import certificate, figures, tables
+from vibrident.show.comparison import beside, comparison_tables
+from vibrident.show.coverage import parameter_factor
+from vibrident.show.history import drift, drift_table, histories
+from vibrident.show.numbers import NONE, plain, sensor_name, stated
+from vibrident.show.residual_tests import residual_tests
+from vibrident.show.setting_tables import budget, light
+from vibrident.show.views import (
+    Block,
+    Card,
+    Cards,
+    Document,
+    Fact,
+    Facts,
+    Folded,
+    Section,
+    Sentence,
+    Table,
+    columns,
+    count,
+    document,
+    section,
+)
+
+MOST_FILES = 100  # data files listed in a report; the result lists them all
+
+
+def report(result: Result, more: Sequence[Section] = ()) -> Document:
+    """The report of one result, with more sections before its settings."""
+    name = sensor_name(result.sensor)
+    sections = [
+        section("warnings", "Warnings", *(tables.doubts(result) or (Sentence("None."),))),
+        section("parameters", "Parameters", tables.parameters(result)),
+        *(_curves(result) if result.has_gain else []),  # free decays alone have neither gain nor curve
+        section("signals", "Signals", figures.signals(result)),
+        section("residuals", "Residuals", residual_tests(result), figures.residuals(result)),
+        section("fit", "Fit", tables.fit(result)),
+        section("budget", "Uncertainty budget", *_budget(result)),
+        section("interferometer", "Interferometer", light(result)),
+        section("correlation", "Correlation of the estimated parameters", tables.correlation(result)),
+        section("training", "Training", *_training(result)),
+        *([section("certificate", "Certificate", *_certificate(result))] if result.certificate else []),
+        *more,
+        section("settings", "Settings", *_settings(result)),
+        section("provenance", "Provenance", *_provenance(result)),
+    ]
+    return document(f"Calibration of {name}" if name else "Calibration", head(result), sections)
+
+
+def comparison(results: Sequence[Result], names: Sequence[str]) -> Document:
+    """Several results beside each other, and the drift of each sensor that was calibrated more than once."""
+    sections = []
+    for number, history in enumerate(histories(results, names), 1):
+        found = drift(history, f"drift{number}")
+        sections.append(section(f"drift{number}", f"Drift of {history.sensor}", found, drift_table(history)))
+    for number, (title, table) in enumerate(comparison_tables(results, names), 1):
+        folded = title.startswith("Sensitivity of ")
+        body: Block = Folded("Table at nominal frequencies", (table,)) if folded else table
+        sections.append(section(f"table{number}", title, body))
+        if number == 1:
+            sections.append(section("curves", "Sensitivity", beside(results, names)))
+    return document(f"Comparison of {len(results)} calibrations", (), sections)
+
+
+def head(result: Result) -> tuple[Block, ...]:
+    """The verdict, what was calibrated and how, and the numbers that most readers look for."""
+    return (verdict(result), Facts(tables.facts(result)), cards(result))
+
+
+def verdict(result: Result) -> Sentence:
+    """Whether the model describes the data, and the number of warnings."""
+    fine = result.fit.adequate and not result.warnings
+    said = "The model is adequate for these data" if result.fit.adequate else "The model does not describe the data"
+    doubts = f"{count(len(result.warnings), 'warning')}, explained below" if result.warnings else "no warnings"
+    return Sentence(f"{doubts}.", "fine" if fine else "doubt", f"{said};")
+
+
+def cards(result: Result) -> Cards:
+    """The sensitivity at the reference frequency, and the estimated parameters."""
+    found = []
+    (_, chosen), *values = certificate.reference(result).rows if result.has_gain else (("", None),)
+    if chosen:
+        frequency = chosen.split(";")[0]
+        found += [(f"{label} at {frequency}", text or NONE) for label, text in values]
+    k = parameter_factor(result)
+    for name, parameter in result.parameters.items():
+        if not parameter.derived:
+            number = stated(parameter, k)
+            value = f"{number.value} {number.unit}".strip()
+            bar = "" if number.expanded == NONE else f", U = {number.expanded} {number.unit}".rstrip()
+            found.append((parameter_name(name).words, f"{value}{bar}{f' (k = {plain(k, 3)})' if bar else ''}"))
+    return Cards(tuple(_card(label, text) for label, text in found))
+
+
+def _card(label: str, text: str) -> Card:
+    value, _, rest = text.partition(", U = ")
+    return Card(label[:1].upper() + label[1:], value, f"U = {rest}" if rest else "U not known")
+
+
+def _curves(result: Result) -> list[Section]:
+    nominal, measured = certificate.sensitivity(result), tables.measured(result)
+    folded = (
+        None if nominal is None else Folded("Table at nominal frequencies", (nominal,)),
+        None if measured is None else Folded("Table of measured points", (measured,)),
+    )
+    return [
+        section("sensitivity", "Sensitivity", figures.sensitivity(result), folded[0]),
+        section("deviation", "Deviation", figures.deviation(result), folded[1]),
+    ]
+
+
+def _budget(result: Result) -> Sequence[Block]:
+    """The contribution of each source; a budget of another form is shown unchanged."""
+    if (table := budget(result)) is not None:
+        return (table,)
+    return tables.values({key: value for key, value in result.settings.items() if "budget" in key and value})
+
+
+def _training(result: Result) -> tuple[Block | None, ...]:
+    sentence, weights = tables.training(result), tables.weights(result)
+    folded = None if weights is None else Folded("Weights of the network (the paper's Table 1)", (weights,))
+    return Sentence(sentence) if sentence else None, figures.training(result), folded
+
+
+def _settings(result: Result) -> Sequence[Block]:
+    others = {key: value for key, value in result.settings.items() if "budget" not in key and key != "interferometer"}
+    return tables.values(others)
+
+
+def _certificate(result: Result) -> tuple[Block | None, ...]:
+    """What the certificate says besides the numbers; blanks are left as blanks."""
+    head, instruments = certificate.letterhead(result), certificate.instruments(result)
+    rows: list[Fact] = [("Number", head.number), ("Laboratory", ", ".join(head.lines) or None)]
+    rows += [row for group in certificate.groups(result) for row in group.rows]
+    rows += [("Traceability", result.certificate.get("traceability")), *certificate.signatures(result)]
+    rows += [("Remark", remark) for remark in certificate.remarks(result)]
+    return Facts(tuple(rows)), (instruments if instruments.rows else None)
+
+
+def _provenance(result: Result) -> tuple[Block, ...]:
+    """Versions and times, and the files in a table of their own."""
+    files = [entry for entry in result.provenance.get("files") or () if isinstance(entry, Mapping)]
+    others = {key: value for key, value in result.provenance.items() if key != "files" or not files}
+    more = (f"and {len(files) - MOST_FILES} more, listed in result.json",) if len(files) > MOST_FILES else ()
+    told = [(str(f.get("file") or NONE), str(f.get("sha256") or NONE)) for f in files[:MOST_FILES]]
+    steps = ["; ".join(map(str, entry.get("history") or ())) for entry in files[:MOST_FILES]]
+    alike = len(steps) > 1 and len(set(steps)) == 1 and steps[0] != ""
+    rows = tuple((*names, "" if alike else history) for names, history in zip(told, steps, strict=True))
+    notes = (*more, *((f"History of each: {steps[0]}.",) if alike else ()))
+    table = Table(columns("data file", "SHA-256", "history"), rows, notes=notes).telling()
+    return (*tables.values(others), *((Folded(f"Data files ({len(files)})", (table,)),) if files else ()))

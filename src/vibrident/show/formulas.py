@@ -1,0 +1,53 @@
+"""The few formulas among our words, ``E_n`` or ``e^{jωt}``, and how a medium sets what is below or above the line."""
+
+from __future__ import annotations
+
+import functools
+import re
+from collections.abc import Callable, Mapping
+
+from vibrident.physics.naming import parameter_name, parameter_names
+
+
+def symbol(name: str) -> str:
+    """Symbol of a parameter: ``f_n``; empty if it has no symbol."""
+    known = parameter_name(name).symbol
+    return f"{known[0]}_{known[1:]}" if len(known) > 1 else known
+
+
+_BELOW = str.maketrans("0123456789n", "₀₁₂₃₄₅₆₇₈₉ₙ")
+
+
+@functools.cache
+def formulas() -> Mapping[str, tuple[str, str, str]]:
+    """As it is written → its base, what is below or above the line, and which of the two: ``sub`` or ``sup``."""
+    symbols: list[str] = sorted({symbol(name) for name in parameter_names()}, key=len, reverse=True)
+    symbols = [text for text in symbols if "_" in text]
+    found = {"e^{jωt}": ("e", "jωt", "sup")}
+    for text in ("ν_eff", "E_n", "U_first", *symbols):
+        base, _, small = text.partition("_")
+        found[text] = (base, small, "sub")
+    return found
+
+
+def typeset(
+    escaped: str, mark: Callable[[str, str, str], str], escape: Callable[[str], str] = lambda text: text
+) -> str:
+    """Set the formulas in a text that is escaped already.
+
+    ``escaped``: for the medium; ``mark``: from base, small text and ``sub`` or ``sup`` to what the medium writes;
+    ``escape``: what the medium made of the formula.
+    """
+    found = {escape(text): parts for text, parts in formulas().items()}
+    pattern = "|".join(re.escape(text) for text in found)
+    return re.sub(rf"(?<![A-Za-z0-9_])(?:{pattern})(?![A-Za-z0-9_])", lambda match: mark(*found[match[0]]), escaped)
+
+
+def in_a_line(text: str) -> str:
+    """Formulas for a medium that has one line: ``f₀`` where there are such letters, else as they are written."""
+
+    def mark(base: str, small: str, kind: str) -> str:
+        below = small.translate(_BELOW)
+        return base + below if kind == "sub" and below != small else f"{base}{'_' if kind == 'sub' else '^'}{small}"
+
+    return typeset(text, mark)

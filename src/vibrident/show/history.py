@@ -1,0 +1,136 @@
+"""One sensor over time: results of the same serial number by date, with the drift of each quantity and its E_n."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vibrident.result import Result
+from vibrident.show import axes
+from vibrident.show.comparison import ComparedQuantity, Value, difference, error, printed_value, quantities
+from vibrident.show.curves import numbers
+from vibrident.show.numbers import NONE, sensor_name
+from vibrident.show.views import GREY, MEASURED, Figure, FloatArray, Look, Panel, Series, Stack, Table, columns
+from vibrident.use.comparison import not_comparable
+
+#: Derived quantities say nothing that the estimated ones do not.
+_DERIVED = ("natural angular frequency", "resonance frequency", "conversion coefficient")
+
+
+@dataclass(frozen=True)
+class History:
+    """Calibrations of one sensor in the order of their dates."""
+
+    sensor: str  # one line
+    dates: tuple[datetime.date, ...]  # of each calibration
+    labels: tuple[str, ...]  # of each calibration: its date, and its name where a date is there twice
+    results: tuple[Result, ...]  # in the same order
+    # that all or some of the results have, the sensitivity at the reference frequency first
+    quantities: tuple[ComparedQuantity, ...]
+    evaluated: bool  # a date is that of the evaluation, because no date of the calibration is stated
+
+
+def histories(results: Sequence[Result], names: Sequence[str]) -> tuple[History, ...]:
+    """A history of each serial number that has results of at least two dates."""
+    groups: dict[tuple[str, ...], list[tuple[datetime.date, str, Result]]] = {}
+    for result, name in zip(results, names, strict=True):
+        serial, date = str(result.sensor.get("serial_number") or ""), date_of(result)
+        if serial and date is not None:
+            kind = (serial, *(str(result.sensor.get(key) or "") for key in ("manufacturer", "type")))
+            groups.setdefault(kind, []).append((date, name, result))
+    found = []
+    for entries in groups.values():
+        entries.sort(key=lambda entry: entry[0])
+        dates = tuple(entry[0] for entry in entries)
+        if len(set(dates)) > 1:
+            found.append(_history(entries, dates))
+    return tuple(found)
+
+
+def _history(entries: Sequence[tuple[datetime.date, str, Result]], dates: tuple[datetime.date, ...]) -> History:
+    results = tuple(result for _, _, result in entries)
+    shown = tuple(q for q in quantities(results) if q.label not in _DERIVED and q.values[0] is not None)
+    labels = tuple(f"{day}{f' ({name})' if dates.count(day) > 1 else ''}" for day, name, _ in entries)
+    evaluated = any(not result.certificate.get("date_of_calibration") for result in results)
+    return History(sensor_name(results[0].sensor), dates, labels, results, shown, evaluated)
+
+
+def date_of(result: Result) -> datetime.date | None:
+    """Date of calibration as stated; of the evaluation where none is stated; None if it cannot be read."""
+    stated = result.certificate.get("date_of_calibration")
+    try:
+        return datetime.date.fromisoformat(str(result.provenance.get("time") if stated is None else stated)[:10])
+    except ValueError:
+        return None
+
+
+def drift(history: History, name: str) -> Figure:
+    """Change of each quantity from the first date, in percent where it can be, with U (k = 2)."""
+    days = np.array([float(date.toordinal()) for date in history.dates])
+    x = axes.of_dates("Date", history.dates)
+    panels = []
+    for quantity in history.quantities:
+        change, half, unit = changes(quantity)
+        texts = tuple(f"{label}: {value:+.3g} {unit}" for label, value in zip(history.labels, change, strict=True))
+        bars = half if np.isfinite(half).any() else None
+        series = (
+            Series(days, change, "", Look(GREY, "dotted", 1.0)),
+            Series(days, change, "", MEASURED, "points", bars, texts=texts),
+        )
+        ends = np.concatenate([change - np.nan_to_num(half), change + np.nan_to_num(half), [0.0]])
+        y = axes.linear(f"Change\nin {unit}", ends, most=4)
+        panels.append(Panel(x, y, series, 0.95, quantity.label, rules=(0.0,)))
+    caption = "Change from the first date; bars: U (k = 2). Calibrations agree where E_n is within ±1."
+    return Figure(name, f"Drift of {history.sensor}", (Stack(tuple(panels)),), "", caption)
+
+
+def changes(quantity: ComparedQuantity) -> tuple[FloatArray, FloatArray, str]:
+    """Change from the first value and U of each value, and the unit of both: % where the quantity allows it."""
+    value = numbers([None if v is None else v.value for v in quantity.values])
+    expanded = numbers([None if v is None else v.expanded for v in quantity.values])
+    if quantity.relative and value[0]:
+        return 100.0 * (value / value[0] - 1.0), 100.0 * expanded / abs(value[0]), "%"
+    return (value - value[0]) * quantity.scale.factor, expanded * quantity.scale.factor, quantity.scale.unit
+
+
+def drift_table(history: History) -> Table:
+    """Each quantity at each date, its change from the first date, and E_n to the first and to the one before."""
+    rows = []
+    for quantity in history.quantities:
+        unit = quantity.scale.printed
+        for i, (label, value) in enumerate(zip(history.labels, quantity.values, strict=True)):
+            first, before = _base(quantity, 0), _base(quantity, i - 1)
+            rows.append(
+                (
+                    quantity.label if i == 0 else "",
+                    unit if i == 0 else "",
+                    label,
+                    *printed_value(value, quantity.scale.factor),
+                    difference(value, first, quantity) if i and first is not None else "",
+                    _en(history, quantity, i, 0) if i else "",
+                    _en(history, quantity, i, i - 1) if i and before is not None else NONE if i else "",
+                )
+            )
+    notes = [
+        "Change is from the first date; E_n to the first date and to the date before, with U (k = 2): |E_n| > 1 is a "
+        "change that the uncertainties do not explain. Stated sources that both share, such as the same reference, are "
+        "no part of U of the difference."
+    ]
+    if history.evaluated:
+        notes.append("Where no date of calibration is stated, the date is that of the evaluation.")
+    heads = columns("value", "U", "change", "E_n to first", "E_n to previous", kind="number")
+    return Table((*columns("quantity", "unit", "date"), *heads), tuple(rows), notes=tuple(notes))
+
+
+def _base(quantity: ComparedQuantity, i: int) -> Value | None:
+    return quantity.values[i] if i >= 0 else None
+
+
+def _en(history: History, quantity: ComparedQuantity, i: int, base: int) -> str:
+    reference = quantity.values[base]
+    if reference is None:
+        return NONE
+    return not_comparable(history.results[base], history.results[i]) or error(quantity.values[i], reference)

@@ -1,0 +1,1 @@
+"""One renderer a medium; text of others is made harmless here and nowhere else."""

@@ -1,0 +1,294 @@
+"""Figures as plotly draws them, as plain mappings: plotly itself is not loaded."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from vibrident.base.escaping import plotly
+from vibrident.show.curves import spread
+from vibrident.show.formulas import in_a_line
+from vibrident.show.views import BLUE, Axis, Figure, FloatArray, Look, Panel, Series, Stack
+
+Chart = dict[str, Any]
+MOST_POINTS = 800  # measured points drawn of a series; more are thinned evenly, and the caption says so
+MOST_SAMPLES = 12_000  # samples of all records together that are drawn where one of them is chosen
+_INCH = 125.0  # pixels of an inch of a panel
+_BETWEEN = 16.0  # pixels between panels
+_ABOVE = 40.0  # pixels above all panels
+_BELOW = 56.0  # pixels below all panels
+#: Pixels of plotly's buttons, which appear at the upper right, where the choice of the axis stands below them.
+_BUTTONS = 20.0
+_BAND = "rgba(86, 180, 233, 0.40)"
+_DASHES = {"solid": "solid", "dashed": "dash", "dotted": "dot", "dashdot": "dashdot"}
+_MARKERS = {"o": "circle", "s": "square", "^": "triangle-up", "D": "diamond", "v": "triangle-down", "x": "x-thin-open"}
+
+
+def charts(figure: Figure) -> list[tuple[str, Chart]]:
+    """Name and chart of each stack that can be chosen; one chart where there is nothing to choose."""
+    if figure.choice:
+        most = max(50, MOST_SAMPLES // max(1, len(figure.stacks)))
+        return [(stack.title.split("\n")[0], _chart([_thinned(stack, most)])) for stack in figure.stacks]
+    return [("", _chart(figure.stacks))]
+
+
+def _thinned(stack: Stack, most: int) -> Stack:
+    """The same with at most so many points a line."""
+    panels = tuple(replace(panel, series=tuple(_every(one, most) for one in panel.series)) for panel in stack.panels)
+    return replace(stack, panels=panels)
+
+
+def _every(series: Series, most: int) -> Series:
+    step = max(1, -(-len(series.x) // most))
+    return series if step == 1 else replace(series, x=series.x[::step], y=series.y[::step])
+
+
+def caption(figure: Figure) -> str:
+    """What is drawn, and what is left out of the drawing."""
+    sizes = [
+        len(one.x) for stack in figure.stacks for panel in stack.panels for one in panel.series if one.kind == "points"
+    ]
+    most = max(sizes, default=0)
+    left_out = f"{MOST_POINTS} of {most} measured points are drawn." if most > MOST_POINTS else ""
+    return " ".join(part for part in (figure.caption, left_out) if part)
+
+
+def listed(values: FloatArray, digits: int = 9) -> list[float | None]:
+    """Numbers for JSON, rounded to so many digits; None for a value that is not finite."""
+    return [float(f"{value:.{digits}g}") if np.isfinite(value) else None for value in np.asarray(values, dtype=float)]
+
+
+def label(text: str) -> str:
+    """A text of one or more lines."""
+    return "<br>".join(plotly(in_a_line(line)) for line in text.split("\n", 2))
+
+
+def _chart(stacks: Sequence[Stack]) -> Chart:
+    data: list[Any] = []
+    height = max(sum(panel.height_in for panel in stack.panels) for stack in stacks) * _INCH
+    height += _BETWEEN * (max(len(stack.panels) for stack in stacks) - 1) + _ABOVE + _BELOW
+    layout: dict[str, Any] = {
+        "height": round(height),
+        "margin": {"l": 76, "r": 16, "t": _ABOVE, "b": _BELOW},
+        "font": {"family": "system-ui, sans-serif", "size": 13, "color": "#1a1a1a"},
+        "paper_bgcolor": "#ffffff",
+        "plot_bgcolor": "#ffffff",
+        "hovermode": "closest",
+        "bargap": 0,
+        "legend": {"orientation": "h", "x": 0, "y": 1.0, "yanchor": "bottom", "bgcolor": "rgba(0,0,0,0)"},
+        "annotations": [],
+        "shapes": [],
+    }
+    shares = np.cumsum([0.0, *(stack.width for stack in stacks)]) / sum(stack.width for stack in stacks)
+    gap = 0.06 if len(stacks) > 1 else 0.0
+    number = 0
+    for i, stack in enumerate(stacks):
+        across = [float(shares[i]) + gap * (i > 0), float(shares[i + 1]) - gap * (i < len(stacks) - 1)]
+        domains = _domains(stack)
+        x = _name("x", i)
+        for panel, domain in zip(stack.panels, domains, strict=True):
+            number += 1
+            y = f"y{number}" if number > 1 else "y"
+            square = {"scaleanchor": x, "constrain": "domain"} if panel.square else {}
+            layout[f"yaxis{y[1:]}"] = {**_axis(panel.y), "domain": domain, "anchor": x, **square}
+            data += [trace for one in panel.series for trace in _traces(one, panel, x, y)]
+            layout["annotations"] += _annotations(panel, across, domain, x, y)
+            layout["shapes"] += _shapes(panel, x, y)
+        below = {"domain": across, "anchor": y, "mirror": "all"}
+        if stack.panels[-1].square:
+            below["constrain"] = "domain"
+        layout[f"xaxis{x[1:]}"] = {**_axis(stack.panels[-1].x), **below}
+    _once(data)
+    if any(stack.panels[0].title for stack in stacks):  # the key stands above the titles
+        layout["legend"]["y"] = 1.0 + 18.0 / (height - _ABOVE - _BELOW)
+    if len(stacks) == 1 and stacks[0].panels[0].y.log:
+        layout["updatemenus"] = [_scales(stacks[0].panels[0].y)]
+        layout["height"] = round(height + _BUTTONS)
+        layout["margin"]["t"] += _BUTTONS
+    return {"data": data, "layout": layout}
+
+
+def _scales(axis: Axis) -> Chart:
+    """A choice between a logarithmic and a linear axis."""
+    kinds = {"log": {"yaxis.tickmode": "array"}, "linear": {"yaxis.tickmode": "auto"}}
+    buttons = [
+        {"label": kind, "method": "relayout", "args": [{"yaxis.type": kind, "yaxis.autorange": True, **ticks}]}
+        for kind, ticks in kinds.items()
+    ]
+    return {"buttons": buttons, "x": 1.0, "xanchor": "right", "y": 1.0, "yanchor": "bottom", "pad": {"b": 4}}
+
+
+def _name(letter: str, i: int) -> str:
+    return letter if i == 0 else f"{letter}{i + 1}"
+
+
+def _once(data: list[Any]) -> None:
+    """Each name once in the key."""
+    seen: set[str] = set()
+    for trace in data:
+        name = trace.get("name", "")
+        trace["showlegend"] = bool(name) and name not in seen and trace.get("showlegend", True)
+        if trace["showlegend"]:
+            seen.add(name)
+
+
+def _domains(stack: Stack) -> list[list[float]]:
+    """Position of each panel, from the top."""
+    heights = [_INCH * panel.height_in for panel in stack.panels]
+    rooms = [_BETWEEN + (14.0 if panel.title else 0.0) for panel in stack.panels[1:]]
+    whole, found, top = sum(heights) + sum(rooms), [], 1.0
+    for height, room in zip(heights, [*rooms, 0.0], strict=True):
+        found.append([max(0.0, top - height / whole), top])
+        top -= (height + room) / whole
+    return found
+
+
+def _axis(axis: Axis) -> Chart:
+    """Grid, frame and title; the view model's own ticks where plotly would write powers and single digits."""
+    look: Chart = {
+        "gridcolor": "#dddddd",
+        "linecolor": "#444444",
+        "mirror": True,
+        "ticks": "outside",
+        "zeroline": False,
+    }
+    look |= {"title": {"text": label(axis.label)}, "automargin": True, "exponentformat": "power"}
+    if axis.dates:
+        low, high = (datetime.date.fromordinal(round(end)).isoformat() for end in (axis.low, axis.high))
+        return {**look, "type": "date", "range": [low, high]}
+    if axis.log:
+        ends = [float(np.log10(axis.low)), float(np.log10(axis.high))]
+        look |= {"type": "log", "range": listed(np.array(ends)), **_ticks(axis)}
+    else:
+        look |= {"range": listed(np.array([axis.low, axis.high]))}
+        if any(not _is_number(name) for _, name in axis.ticks):
+            look |= _ticks(axis)
+    return look
+
+
+def _ticks(axis: Axis) -> Chart:
+    names = [plotly(name) for _, name in axis.ticks]
+    return {"tickmode": "array", "tickvals": [value for value, _ in axis.ticks], "ticktext": names}
+
+
+def _is_number(text: str) -> bool:
+    return text.replace("−", "-").replace(".", "").lstrip("-").isdigit()
+
+
+def _annotations(panel: Panel, across: list[float], domain: list[float], x: str, y: str) -> list[Any]:
+    """Title, words at marks, and what is said in place of curves."""
+    paper = {"xref": "paper", "yref": "paper", "showarrow": False, "font": {"size": 12, "color": "#444444"}}
+    found = []
+    if panel.title:
+        place = {"x": across[0], "y": domain[1], "xanchor": "left", "yanchor": "bottom"}
+        found.append({**paper, **place, "text": label(panel.title)})
+    if panel.empty:
+        found.append({**paper, "x": sum(across) / 2, "y": sum(domain) / 2, "text": label(panel.empty)})
+    for value, words in panel.marks:
+        if words:
+            place = {"xref": x, "yref": f"{y} domain", "x": _at(value, panel.x), "y": 0.5, "xanchor": "right"}
+            found.append({**paper, **place, "text": label(words)})
+    return found
+
+
+def _shapes(panel: Panel, x: str, y: str) -> list[Any]:
+    """Lines across and down."""
+    across = {"type": "line", "xref": f"{x} domain", "yref": y, "x0": 0, "x1": 1, "layer": "below"}
+    down = {"type": "line", "xref": x, "yref": f"{y} domain", "y0": 0, "y1": 1}
+    rules = [{**across, "y0": value, "y1": value, "line": {"color": "#444444", "width": 1}} for value in panel.rules]
+    dashed = {"color": "#767676", "width": 1, "dash": "dash"}
+    places = [value if panel.x.log else _at(value, panel.x) for value, _ in panel.marks]
+    return rules + [{**down, "x0": place, "x1": place, "line": dashed} for place in places]
+
+
+def _at(value: float, axis: Axis) -> float | str:
+    """Where plotly puts something at a value."""
+    if axis.dates:
+        return datetime.date.fromordinal(round(value)).isoformat()
+    return float(np.log10(value)) if axis.log else value
+
+
+def _traces(series: Series, panel: Panel, x: str, y: str) -> list[Any]:
+    place = {"xaxis": x, "yaxis": y, "name": plotly(in_a_line(series.label))}
+    if series.kind == "columns":
+        assert series.half is not None
+        look = {"color": _BAND, "line": {"color": BLUE, "width": 1 if series.look.width else 0}}
+        bars = {"type": "bar", "x": listed(series.x), "y": listed(series.y), "width": listed(2 * series.half)}
+        return [{**place, **bars, "marker": look, "hovertemplate": "%{x:.2f}: %{y}<extra></extra>"}]
+    if series.kind == "line":
+        return _line(series, panel, place)
+    return _points(series, panel, place)
+
+
+def _line(series: Series, panel: Panel, place: Chart) -> list[Any]:
+    look, found = series.look, []
+    if series.half is not None:
+        low, high = series.y - series.half, series.y + series.half
+        low = np.maximum(low, 1e-3 * series.y) if panel.y.log else low
+        hidden = {**_x(series.x, panel.x), "mode": "lines", "line": {"width": 0}, "hoverinfo": "skip", **place}
+        hidden["name"] = plotly(in_a_line(series.band))
+        found.append({**hidden, "y": listed(high), "showlegend": False})
+        found.append({**hidden, "y": listed(low), "fill": "tonexty", "fillcolor": _BAND})
+    if look.width:
+        mode = "lines+markers" if look.marker else "lines"
+        line = {"color": look.colour, "width": 1.3 * look.width, "dash": _DASHES[look.dash]}
+        marker = {"marker": _marker(look, 5)} if look.marker else {}
+        found.append(
+            {
+                **place,
+                **_x(series.x, panel.x),
+                "y": listed(series.y, 9 if panel.x.log else 6),
+                "mode": mode,
+                "line": line,
+                **marker,
+                **_said(series),
+            }
+        )
+    return found
+
+
+def _points(series: Series, panel: Panel, place: Chart) -> list[Any]:
+    kept = spread(len(series.x), MOST_POINTS)
+    bars = {}
+    if series.half is not None:
+        bars["error_y"] = {"type": "data", "array": listed(series.half[kept]), "thickness": 1.2, "width": 3}
+    if series.kind == "stems":
+        down = {"type": "data", "symmetric": False, "array": [0.0] * len(kept), "arrayminus": listed(series.y[kept])}
+        bars["error_y"] = {**down, "thickness": 1.0, "width": 0, "color": "#767676"}
+    marker = _marker(series.look, 7 if len(kept) <= 100 else 4)
+    if not series.look.marker:  # bars alone
+        bars["error_y"] |= {"thickness": series.look.width, "width": 0, "color": series.look.colour}
+        marker["size"] = 1
+    points = {**_x(series.x[kept], panel.x), "y": listed(series.y[kept]), "mode": "markers", "marker": marker}
+    return [{**place, **points, **bars, **_said(series, kept)}]
+
+
+def _marker(look: Look, size: float) -> Chart:
+    return {"color": look.colour, "size": size, "symbol": _MARKERS.get(look.marker, "circle")}
+
+
+def _said(series: Series, kept: Sequence[int] | None = None) -> Chart:
+    """Text at a point under the pointer: its own text if it has one."""
+    chosen = range(len(series.x)) if kept is None else kept
+    word = plotly(in_a_line(series.label.partition(",")[0]))
+    named = f"{word}: " if word else ""
+    more: Chart = {"customdata": [plotly(series.names[i]) for i in chosen]} if series.names else {}
+    below = "<br>%{customdata}" if series.names else ""
+    if series.texts:
+        more["text"] = [plotly(series.texts[i]) for i in chosen]
+        return {**more, "hovertemplate": f"{named}%{{text}}{below}<extra></extra>"}
+    return {**more, "hovertemplate": f"{named}%{{x:.6g}}, %{{y:.4g}}{below}<extra></extra>"}
+
+
+def _x(values: FloatArray, axis: Axis) -> Chart:
+    """Places of points: by first and step where there are many, equally far from each other; dates by their names."""
+    if axis.dates:
+        return {"x": [datetime.date.fromordinal(round(day)).isoformat() for day in values]}
+    steps = np.diff(values)
+    if values.size > 40 and not axis.log and np.ptp(steps) < 1e-6 * abs(steps[0]):
+        return {"x0": float(values[0]), "dx": float((values[-1] - values[0]) / steps.size)}
+    return {"x": listed(values)}

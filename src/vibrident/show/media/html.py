@@ -1,0 +1,118 @@
+"""Documents as HTML: one file that loads nothing from outside, or a fragment of a page."""
+
+from __future__ import annotations
+
+import base64
+import importlib.util
+import json
+from collections.abc import Iterable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from vibrident.base.errors import InputError
+from vibrident.base.escaping import html as escaped
+from vibrident.base.version import __version__
+from vibrident.show.formulas import typeset
+from vibrident.show.media import charts, drawing
+from vibrident.show.views import Block, Column, Document, Figure, Folded
+
+_TEMPLATES = Path(__file__).parent / "templates"
+#: With this policy the browser loads nothing from outside the file.
+_POLICY = (
+    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:; connect-src 'none'"
+)
+
+
+def render(document: Document) -> str:
+    """The whole file; plotly draws its figures when it is opened.
+
+    Raises:
+        InputError: plotly, whose script the page embeds, is not installed.
+    """
+    blocks = [*document.head, *(block for section in document.sections for block in section.blocks)]
+    figures = {figure.name: _drawn(figure) for figure in _figures(blocks)}
+    data = json.dumps(figures, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+    scripts = (_plotly(), (_TEMPLATES / "page.js").read_text(encoding="utf-8")) if figures else ("", "")
+    return _page(document, data=data.replace("<", "\\u003c"), scripts=scripts)
+
+
+def printed(document: Document) -> str:
+    """The whole file, without a script: its figures are pictures."""
+    return _page(document)
+
+
+def _page(document: Document, data: str = "", scripts: Iterable[str] = ()) -> str:
+    from markupsafe import Markup
+
+    css, policy = Markup((_TEMPLATES / "page.css").read_text(encoding="utf-8")), Markup(_POLICY)
+    raw = {"css": css, "policy": policy, "data": Markup(data), "scripts": [Markup(script) for script in scripts]}
+    return _template().render(document=document, version=__version__, **raw)
+
+
+def fragment(*blocks: Block) -> str:
+    """Tables, sentences and warnings for a page that has its own frame."""
+    return _template().render(fragment=blocks)
+
+
+@cache
+def _template() -> Any:
+    import jinja2
+    from markupsafe import Markup
+
+    def text(value: Any) -> Any:
+        """All that is printed passes here: text of others becomes text, our formulas are set."""
+        if isinstance(value, Markup):
+            return value
+        return Markup(typeset(escaped(value), lambda base, small, kind: f"{base}<{kind}>{small}</{kind}>"))
+
+    loader = jinja2.FileSystemLoader(_TEMPLATES)
+    environment = jinja2.Environment(loader=loader, autoescape=True, finalize=text, undefined=jinja2.StrictUndefined)
+    environment.filters["capital"] = lambda value: value[:1].upper() + value[1:]
+    environment.filters["attribute"] = lambda value: Markup(escaped(value))
+    environment.globals |= {
+        "mark": lambda column, cell: Markup(_mark(column, cell)),
+        "choices": lambda figure: [name for name, _ in charts.charts(figure)] if figure.choice else [],
+        "caption": charts.caption,
+        "picture": lambda figure: base64.b64encode(drawing.svg(figure).encode()).decode(),
+    }
+    return environment.get_template("document.html")
+
+
+def _mark(column: Column, cell: str) -> str:
+    """Class of a cell: a number, a share of the whole, or a word that browsers would break at its hyphens."""
+    if column.kind == "share":
+        share = cell.partition(" ")[0]
+        return f' class="n share" style="--share:{share}%"' if share.replace(".", "").isdigit() else " class=n"
+    if column.kind == "number":
+        return " class=n"
+    return " class=w" if " " not in cell and len(cell) <= 24 else ""
+
+
+def _figures(blocks: Iterable[Block]) -> Iterable[Figure]:
+    for block in blocks:
+        if isinstance(block, Figure):
+            yield block
+        elif isinstance(block, Folded):
+            yield from _figures(block.blocks)
+
+
+def _drawn(figure: Figure) -> Any:
+    found = [chart for _, chart in charts.charts(figure)]
+    return found[0] if len(found) == 1 else found
+
+
+@cache
+def _plotly() -> str:
+    spec = importlib.util.find_spec("plotly")
+    if spec is None or not spec.submodule_search_locations:
+        raise InputError(
+            "The HTML report needs plotly, which is not installed.",
+            expected="the package plotly",
+            found="none",
+            where="--format html",
+            remedy="pip install 'vibrident[report]'",
+        )
+    # What plotly.offline.get_plotlyjs() reads, without loading plotly for it.
+    folder = Path(next(iter(spec.submodule_search_locations)))
+    return (folder / "package_data" / "plotly.min.js").read_text(encoding="utf-8").replace("</script", "<\\/script")

@@ -1,0 +1,122 @@
+"""Documents as Markdown with GitHub's tables."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from urllib.parse import quote
+
+from vibrident.base.escaping import markdown, markdown_paragraph
+from vibrident.show.formulas import typeset
+from vibrident.show.views import (
+    Beside,
+    Block,
+    Card,
+    Cards,
+    Document,
+    Doubt,
+    Facts,
+    Figure,
+    Folded,
+    Sentence,
+    Signatures,
+    Table,
+)
+
+_BAR = re.compile(r"(?<!\\)\|")
+
+
+def render(document: Document, pictures: Mapping[str, str] | None = None) -> str:
+    """The text, ending in a line end.
+
+    Args:
+        document: any.
+        pictures: name of a figure to its link; figures without one are left out.
+    """
+    parts = [f"# {_set(markdown(document.title))}", *_blocks(document.head, pictures or {})]
+    for section in document.sections:
+        if body := _blocks(section.blocks, pictures or {}):
+            parts += [f"## {_set(markdown(section.title))}", *body]
+    return "\n\n".join(parts) + "\n"
+
+
+def links(
+    names: Iterable[str], pictures: str | os.PathLike[str], relative_to: str | os.PathLike[str]
+) -> dict[str, str]:
+    """Name of each figure to the link to its file in ``pictures``, as far as there is one."""
+    found = {}
+    for name in names:
+        files = (Path(pictures) / f"{name}.{suffix}" for suffix in ("svg", "png"))
+        file = next((file for file in files if file.is_file()), None)
+        if file is not None:
+            found[name] = quote(Path(os.path.relpath(file, relative_to)).as_posix())
+    return found
+
+
+def table(header: Sequence[str], rows: Iterable[Sequence[str]], right: Iterable[int] = ()) -> str:
+    """A table of cells that are Markdown already; a bar within a cell stays one."""
+    numbers = set(right)
+    rule = ["---:" if i in numbers else "---" for i in range(len(header))]
+    lines = ([_BAR.sub(r"\\|", text) for text in row] for row in (header, rule, *rows))
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def _set(escaped: str) -> str:
+    return typeset(escaped, lambda base, small, kind: f"{base}<{kind}>{small}</{kind}>", markdown)
+
+
+def cell(text: str) -> str:
+    """Text of a table's cell."""
+    return _set(markdown(text))
+
+
+def _paragraph(text: str) -> str:
+    return _set(markdown_paragraph(text))
+
+
+def _blocks(blocks: Iterable[Block], pictures: Mapping[str, str]) -> list[str]:
+    return [text for block in blocks if (text := _block(block, pictures))]
+
+
+def _block(block: Block, pictures: Mapping[str, str]) -> str:
+    if isinstance(block, Sentence):
+        lead = f"**{cell(block.lead)}** " if block.lead else ""
+        return lead + (cell(block.text) if lead else _paragraph(block.text))
+    if isinstance(block, Facts | Signatures):
+        return table(("", ""), [(cell(name), "" if text is None else cell(text)) for name, text in block.rows])
+    if isinstance(block, Cards):
+        return "\n".join(f"- {_card(card)}" for card in block.cards)
+    if isinstance(block, Doubt):
+        return _doubt(block)
+    if isinstance(block, Folded | Beside):
+        return "\n\n".join(_blocks(block.blocks, pictures))
+    if isinstance(block, Figure):
+        link = pictures.get(block.name)
+        return f"![{cell(block.title)}](<{link}>)\n\n*{cell(block.caption)}*" if link else ""
+    return markdown_table(block)
+
+
+def markdown_table(block: Table) -> str:
+    """A table with its title and paragraphs."""
+    rows = []
+    for i, row in enumerate(block.rows):
+        if i in block.groups:
+            rows.append((cell(block.groups[i]), *("" for _ in row[1:])))
+        rows.append(tuple(f"*{cell(text)}*" if text and i in block.quoted else cell(text) for text in row))
+    body = table([cell(text) for text in block.header], rows, block.right)
+    title = f"### {cell(block.title)}" if block.title else ""
+    return "\n\n".join(
+        part for part in (title, *map(_paragraph, block.lead), body, *map(_paragraph, block.notes)) if part
+    )
+
+
+def _card(card: Card) -> str:
+    return f"{cell(card.label)}: **{cell(card.value)}**, {cell(card.below)}"
+
+
+def _doubt(doubt: Doubt) -> str:
+    title = f"### {cell(doubt.title[:1].upper() + doubt.title[1:])} (`{doubt.code}`)"
+    messages = "\n>\n".join(f"> {_paragraph(message)}" for message in doubt.messages)
+    return "\n\n".join((title, messages, doubt.meaning, f"**What to do:** {doubt.action}"))

@@ -1,0 +1,229 @@
+"""Numbers and units for print: GUM 7.2.6 (uncertainty to two significant digits, value to the same place), SI prefixes.
+
+Every number that is shown anywhere is made here.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from decimal import ROUND_HALF_EVEN, Decimal
+from typing import Any, TypeGuard
+
+from vibrident.base.amounts import NONE, Scale, plain, scaled
+from vibrident.base.nominal import nominal_value
+from vibrident.data.records import REFERENCE_UNITS, FloatArray
+from vibrident.result import Parameter, Result
+
+COVERAGE_FACTOR = 2.0  # coverage factor of every expanded uncertainty that is printed
+_MOST_DIGITS = 15  # digits of a value beyond which a float has nothing more to say
+
+
+@dataclass(frozen=True)
+class Stated:
+    """A parameter ready for print, all in ``unit``."""
+
+    value: str  # to the place of the standard uncertainty's second digit
+    standard: str  # standard uncertainty u, two significant digits
+    expanded: str  # expanded uncertainty U = k u, two significant digits
+    interval: str  # the 95 % interval in words, open ends as ≤ and ≥
+    unit: str  # with the SI prefix that reads well; empty for the unit one
+
+
+def place(uncertainty: float, digits: int = 2) -> int:
+    """Power of ten of the last digit kept of an uncertainty: −3 for 0.0123 and two digits, and for 0.00996 too.
+
+    ``uncertainty``: positive and finite; ``digits``: significant digits kept.
+    """
+    exact = Decimal(repr(float(uncertainty)))
+    last = exact.adjusted() - digits + 1
+    return last if _rounded(exact, last).adjusted() == exact.adjusted() else last + 1  # 0.0996 becomes 0.10
+
+
+def _rounded(value: Decimal, last: int) -> Decimal:
+    unit = Decimal(1).scaleb(last)
+    return (value / unit).quantize(Decimal(1), rounding=ROUND_HALF_EVEN) * unit
+
+
+def _known(value: float | None) -> TypeGuard[float]:
+    return value is not None and math.isfinite(value)
+
+
+def pair(value: float | None, uncertainty: float | None) -> tuple[str, str]:
+    """Value and standard uncertainty as text.
+
+    Both are fixed-point, or both carry the same power of ten where fixed-point would need many zeros. Without a
+    usable uncertainty (None, zero, not finite) the value has six significant digits; zero is printed as ``0``.
+
+    ``value``: best estimate; ``uncertainty``: standard uncertainty, same unit.
+    """
+    texts = _aligned(value, uncertainty, [uncertainty])
+    return texts[0], texts[1]
+
+
+def _aligned(value: float | None, uncertainty: float | None, own: list[float | None]) -> list[str]:
+    """Value to the uncertainty's place, and each of ``own`` to two digits of its own, all with one power of ten."""
+    if not _known(uncertainty) or uncertainty <= 0:
+        texts = [plain(value)]
+        return texts + [NONE if not _known(u) else "0" if u == 0 else plain(u, 2) for u in own]
+    last = place(uncertainty)
+    size = Decimal(repr(float(value))) if _known(value) else Decimal(0)
+    first = max(size.adjusted() if size else -400, last + 1)
+    if first - last >= _MOST_DIGITS:  # finer than a float resolves: round the uncertainty alone
+        return [plain(value, _MOST_DIGITS), *(plain(u, 2) for u in own)]
+    power = first if last > 3 or first < -4 else 0
+    texts = [_fixed(size, last, power) if _known(value) else NONE]
+    for u in own:
+        texts.append(_fixed(Decimal(repr(float(u))), place(u), power) if _known(u) and u > 0 else NONE)
+    return texts
+
+
+def _fixed(value: Decimal, last: int, power: int) -> str:
+    text = f"{_rounded(value, last).scaleb(-power):.{max(0, power - last)}f}"
+    if not text.strip("-0."):
+        text = text.lstrip("-")  # no negative zero
+    return f"{text}e{power}" if power else text
+
+
+def uncertainty(u: float | None) -> str:
+    """An uncertainty alone: two significant digits, zeros kept."""
+    return pair(u, u)[0]
+
+
+def concise(value: float | None, uncertainty: float | None) -> str:
+    """Value with its standard uncertainty in the last digits, GUM 7.2.2: ``104.01(11)``; the value alone without u."""
+    text, u = pair(value, uncertainty)
+    if not _known(uncertainty) or uncertainty == 0 or text == NONE:
+        return text
+    head, _, power = text.partition("e")
+    u_head, _, u_power = u.partition("e")
+    if power != u_power:
+        return f"{text} ± {u}"
+    digits = u_head.replace(".", "").lstrip("0") if float(u_head) < 1 else u_head
+    return f"{head}({digits}){'e' + power if power else ''}"
+
+
+def stated(parameter: Parameter, k: float = COVERAGE_FACTOR) -> Stated:
+    """All numbers of a parameter in one unit with a natural prefix, rounded by GUM 7.2.6; U = k u."""
+    u = parameter.standard_uncertainty
+    sizes = [abs(x) for x in (parameter.value, u) if x is not None and math.isfinite(x)]
+    scale = scaled(parameter.unit, max(sizes, default=0.0))
+    value, u = scale.times(parameter.value), scale.times(u)
+    texts = _aligned(value, u, [u, None if u is None else k * u])
+    low, high = map(scale.times, parameter.interval_95)
+    return Stated(
+        value=texts[0],
+        standard=texts[1],
+        expanded=texts[2],
+        interval=_interval(low, high, u, stated_open=_known(u) or not parameter.identifiable),
+        unit=scale.printed,
+    )
+
+
+def _interval(low: float | None, high: float | None, u: float | None, *, stated_open: bool) -> str:
+    if not _known(u) or u == 0:  # the place of the limits then comes from their distance
+        u = (high - low) / 4 if low is not None and high is not None and high > low else None
+    ends = [None if limit is None else pair(limit, u)[0] for limit in (low, high)]
+    if ends[0] is not None and ends[1] is not None:
+        return f"{ends[0]} … {ends[1]}"
+    if ends[1] is not None:
+        return f"≤ {ends[1]}"
+    if ends[0] is not None:
+        return f"≥ {ends[0]}"
+    return "not bounded" if stated_open else NONE
+
+
+def percent(value: float | None) -> str:
+    """A signed percentage: two significant digits, never more than six places; ``+0.12 %``."""
+    if value is None or not math.isfinite(value):
+        return NONE
+    if value == 0:
+        return "0 %"
+    if abs(value) < 5e-6:
+        return f"{value:+.1e} %".replace("e-0", "e-")
+    places = min(6, max(0, 1 - math.floor(math.log10(abs(value)))))
+    return f"{value:+.{places}f} %"
+
+
+def with_u(value: float | None, u: float | None, factor: float) -> tuple[str, str]:
+    """Value to the place of its U (k = 2), and U; both times ``factor``."""
+    if value is None:
+        return NONE, NONE
+    return pair(value * factor, None if u is None else COVERAGE_FACTOR * u * factor)
+
+
+def at(values: Sequence[Any] | FloatArray, index: int) -> Any:
+    """The value, or None where there are fewer, or it is not known."""
+    value = values[index] if index < len(values) else None
+    return None if isinstance(value, float) and math.isnan(value) else value
+
+
+def reference_unit(result: Result) -> str:
+    """Unit of the reference channel, by its quantity where the result does not state it."""
+    return result.reference.get("unit") or REFERENCE_UNITS.get(result.quantity, "reference unit")
+
+
+def sensitivity_unit(response_unit: str, per: str) -> str:
+    """Unit of response per reference: ``V`` and ``m/s^2`` give ``V/(m/s^2)``."""
+    top, bottom = (f"({unit})" if re.search(r"[/ *·]", unit) else unit for unit in (response_unit, per))
+    return f"{top}/{bottom}"
+
+
+def unit_of_sensitivity(result: Result) -> str:
+    """Unit of the result's sensitivities."""
+    return sensitivity_unit(result.response_unit, reference_unit(result))
+
+
+def fit_unit(result: Result) -> str:
+    """Unit of the residual: the response's for records, the sensitivity's for a table."""
+    return result.response_unit if result.signals else unit_of_sensitivity(result)
+
+
+def sensor_name(sensor: Mapping[str, object]) -> str:
+    """Manufacturer, type and serial number of a sensor in one line; empty if nothing is stated."""
+    parts = [str(sensor[key]) for key in ("manufacturer", "type") if sensor.get(key)]
+    if sensor.get("serial_number"):
+        parts.append(f"no. {sensor['serial_number']}")
+    return " ".join(parts)
+
+
+def nominal_frequency(frequency_hz: float) -> str | None:
+    """Nominal ISO 266 name (Hz) of an exact base-10 one-third-octave frequency; None for any other frequency."""
+    if not (math.isfinite(frequency_hz) and frequency_hz > 0):
+        return None
+    index = round(10 * math.log10(frequency_hz))
+    if abs(frequency_hz / 10 ** (index / 10) - 1) > 5e-4:
+        return None
+    return f"{nominal_value(index):.6g}"
+
+
+def frequency_text(frequency_hz: float) -> str:
+    """A frequency for a heading: its nominal name where it has one, four digits otherwise; in Hz or kHz."""
+    value = float(nominal_frequency(frequency_hz) or frequency_hz)
+    scale = scaled("Hz", value)
+    return f"{value * scale.factor:.4g} {scale.unit}" if value < 1e13 else f"{value:.3g} Hz"
+
+
+def sensitivity_scale(result: Result) -> Scale:
+    """Unit in which the sensitivities of a result are printed, and the factor to it."""
+    curve = result.response if result.response.magnitude.size else result.measured
+    return magnitude_scale(unit_of_sensitivity(result), curve.magnitude)
+
+
+def magnitude_scale(unit: str, magnitudes: FloatArray) -> Scale:
+    """Unit in which magnitudes read well, and the factor to it."""
+    sizes = sorted(abs(m) for m in magnitudes.tolist() if m and math.isfinite(m))
+    return scaled(unit, sizes[len(sizes) // 2] if sizes else 0.0)
+
+
+def shortened(text: str, width: int) -> str:
+    """A name that fits: its end is kept, because the names of records differ there."""
+    text = " ".join(text.split())
+    return text if len(text) <= width else "…" + text[1 - width :]
+
+
+def subject(model: str, sensor: Mapping[str, object]) -> str:
+    """Model and sensor in a line, for the head of a picture."""
+    return " · ".join(part for part in (f"model {model}" if model else "", sensor_name(sensor)) if part)

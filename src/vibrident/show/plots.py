@@ -1,0 +1,80 @@
+"""Pictures of a result, drawn from its values alone; matplotlib is loaded when the first one is drawn."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from vibrident.base.errors import unknown
+from vibrident.result import Result
+from vibrident.show import figures
+from vibrident.show.data_figures import inspection, light
+from vibrident.show.media import drawing
+from vibrident.show.use_figures import correction, plan
+from vibrident.show.views import Figure
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Picture
+
+__all__ = ["PICTURES", "applicable", "correction", "draw", "inspection", "light", "plan", "save", "save_all"]
+
+
+def draw(name: str, result: Result) -> Picture:
+    """One picture of a result as a matplotlib figure.
+
+    Args:
+        name: ``sensitivity``, ``deviation``, ``signals``, ``residuals`` or ``training``.
+        result: any result; where it has nothing to show, the picture says so.
+
+    Raises:
+        InputError: there is no such picture.
+    """
+    if name not in figures.PICTURES:
+        raise unknown("There is no such picture of a result.", name, list(figures.PICTURES), "name of the picture")
+    made = figures.PICTURES[name](result)
+    return drawing.picture(made or Figure(name, f"{name.capitalize()}: nothing in the result", ()))
+
+
+#: Name of each picture of a result (its file name without suffix) and what draws it, in the order of a report.
+PICTURES: dict[str, Callable[[Result], Picture]] = {name: partial(draw, name) for name in figures.PICTURES}
+
+
+def applicable(result: Result) -> list[str]:
+    """Names of the pictures that the result has something to show in, in the order of a report."""
+    return [name for name, make in figures.PICTURES.items() if make(result) is not None]
+
+
+def save(figure: Figure | Picture, path: str | os.PathLike[str]) -> Path:
+    """Write one figure in the format of the path's suffix (png, svg or pdf); return the path."""
+    target = Path(path)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    return drawing.save(figure, target)
+
+
+def save_all(
+    result: Result,
+    folder: str | os.PathLike[str],
+    formats: Sequence[str] = ("png",),
+    names: Sequence[str] = tuple(figures.PICTURES),
+) -> list[Path]:
+    """Draw every picture that the result has something to show in.
+
+    Args:
+        result: any result; no data and no JAX are needed.
+        folder: made if missing; files of the same name are replaced.
+        formats: suffixes without dot: png, svg, pdf.
+        names: of the pictures.
+
+    Returns:
+        paths written: ``sensitivity``, ``deviation``, ``signals``, ``residuals``, ``training``, as far as there is
+        something to show, each in every format.
+    """
+    written = []
+    for name in names:
+        if (figure := figures.PICTURES[name](result)) is not None:
+            drawn = drawing.picture(figure)
+            written.extend(save(drawn, Path(folder) / f"{name}.{suffix}") for suffix in formats)
+    return written

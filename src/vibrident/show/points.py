@@ -1,0 +1,123 @@
+"""The model's sensitivity at the frequencies of a certificate, inside the measured band alone."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from vibrident.base.errors import InputError
+from vibrident.base.nominal import SAME, Nominal, reference, series
+from vibrident.data.records import FloatArray
+from vibrident.physics.models.slopes import ComplexArray
+from vibrident.result import Curve, Result
+
+_OWN = 1e-9  # relative distance within which a frequency is the curve's own point
+
+
+@dataclass(frozen=True)
+class Point:
+    """The model's sensitivity at one frequency, in the result's units; standard uncertainties."""
+
+    nominal: str  # nominal frequency, as text in Hz
+    frequency_hz: float  # the frequency that the values belong to
+    magnitude: float  # response per unit of the reference
+    phase_deg: float | None  # None where the result has no phase
+    magnitude_uncertainty: float | None  # None where not known
+    phase_deg_uncertainty: float | None  # None where not known
+
+
+def measured_band(result: Result) -> tuple[float, float] | None:
+    """Lowest and highest frequency, Hz, common to the data and the model's curve; None if they do not overlap."""
+    measured, curve = result.measured.frequency_hz, result.response.frequency_hz
+    measured = measured[measured > 0.0]
+    if measured.size == 0 or curve.size == 0:
+        return None
+    low, high = float(max(measured.min(), curve.min())), float(min(measured.max(), curve.max()))
+    return (low, high) if low <= high * (1 + SAME) else None
+
+
+def nominal_points(result: Result) -> tuple[Point, ...]:
+    """The sensitivity at each nominal one-third-octave frequency of the measured band."""
+    band = measured_band(result)
+    if band is None:
+        return ()
+    found = (sensitivity_at(result, item) for item in series(*band, result.measured.frequency_hz))
+    return tuple(point for point in found if point is not None)
+
+
+def reference_point(result: Result) -> tuple[Point | None, str]:
+    """The sensitivity at the reference frequency; and how that was chosen, or why there is none."""
+    band = measured_band(result)
+    if band is None:
+        return None, "the result holds no measured points"
+    stated = result.certificate.get("reference_frequency_hz")
+    chosen, why = reference(*band, result.measured.frequency_hz, stated)
+    return (None if chosen is None else sensitivity_at(result, chosen)), why
+
+
+def sensitivity_at(result: Result, where: Nominal) -> Point | None:
+    """The model's sensitivity: the curve's own point where it has one there, else between its neighbours.
+
+    Between neighbours the ratio of the curve to the result's model is interpolated, which is one but for rounding, so a
+    sharp resonance is followed; of the uncertainties the magnitude's relative one and the phase's own. None outside
+    the curve.
+    """
+    curve = result.response
+    frequency = curve.frequency_hz
+    if frequency.size == 0 or not (frequency[0] * (1 - SAME) <= where.frequency_hz <= frequency[-1] * (1 + SAME)):
+        return None
+    nearest = int(np.argmin(np.abs(np.log(frequency / where.frequency_hz))))
+    if abs(frequency[nearest] / where.frequency_hz - 1.0) <= _OWN or frequency.size == 1:
+        return _own_point(curve, nearest, where)
+    right = min(max(int(np.searchsorted(frequency, where.frequency_hz)), 1), frequency.size - 1)
+    pair = slice(right - 1, right + 1)
+    return _between(result, pair, where)
+
+
+def _own_point(curve: Curve, i: int, where: Nominal) -> Point:
+    values = (curve.phase_deg, curve.magnitude_uncertainty, curve.phase_deg_uncertainty)
+    place = where.name, float(curve.frequency_hz[i]), float(curve.magnitude[i])
+    return Point(*place, *(_known(column[i]) for column in values))
+
+
+def _known(value: float) -> float | None:
+    return None if math.isnan(value) else float(value)
+
+
+def _between(result: Result, pair: slice, where: Nominal) -> Point:
+    curve, f = result.response, where.frequency_hz
+    ends = curve.frequency_hz[pair]
+    share = math.log(f / ends[0]) / math.log(ends[1] / ends[0])
+    model = _model_response(result, np.array([*ends, f]))
+    shape = np.abs(curve.magnitude[pair]) / np.abs(model[:2])
+    magnitude = abs(model[2]) * float(shape[0]) * float(shape[1] / shape[0]) ** share
+    phase = _mixed(curve.phase_deg[pair], 0.0)
+    if phase is not None:
+        offset = curve.phase_deg[pair] - np.rad2deg(np.angle(model[:2]))
+        offset[1] -= 360.0 * round(float(offset[1] - offset[0]) / 360.0)
+        phase = float(np.rad2deg(np.angle(model[2])) + offset[0] + share * (offset[1] - offset[0]))
+        phase -= 360.0 * math.ceil((phase - 180.0) / 360.0)
+    relative = _mixed(curve.magnitude_uncertainty[pair] / np.abs(curve.magnitude[pair]), share)
+    u = None if relative is None else relative * magnitude
+    return Point(where.name, f, magnitude, phase, u, _mixed(curve.phase_deg_uncertainty[pair], share))
+
+
+def _mixed(ends: FloatArray, share: float) -> float | None:
+    return _known((1.0 - share) * ends[0] + share * ends[1])
+
+
+def _model_response(result: Result, frequency_hz: FloatArray) -> ComplexArray:
+    """Complex response of the result's model; one at all frequencies if this version does not know the model."""
+    quantity: Any = result.quantity
+    try:
+        response = result.to_sensor().frequency_response(frequency_hz, quantity)
+    except (InputError, KeyError):
+        return np.ones(frequency_hz.shape, dtype=complex)
+    return (
+        response
+        if np.all(np.isfinite(response)) and np.all(response != 0)
+        else np.ones(frequency_hz.shape, dtype=complex)
+    )

@@ -1,0 +1,123 @@
+"""Reports of a result, rendered from its values alone: no data, no JAX; heavy libraries where a form needs them.
+
+``write`` makes any of them: Markdown with pictures, one self-contained HTML file (plotly), a calibration certificate as
+PDF (typst); and of several results a comparison, with the drift of a sensor that was calibrated more than once.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Literal, get_args
+
+from vibrident.base.errors import unknown
+from vibrident.result import Result
+from vibrident.show import document, plots
+from vibrident.show.certificate import certificate
+from vibrident.show.media import markdown
+from vibrident.show.views import Section
+
+__all__ = ["FILE_NAMES", "Form", "content", "render", "write"]
+
+Form = Literal["html", "pdf", "md"]
+#: File name of each form: of one result, and of several side by side.
+FILE_NAMES: dict[str, tuple[str, str]] = {
+    "html": ("report.html", "comparison.html"),
+    "pdf": ("certificate.pdf", "comparison.pdf"),
+    "md": ("report.md", "comparison.md"),
+}
+
+
+def content(
+    results: Result | Sequence[Result], form: Form, names: Sequence[str] = (), more: Sequence[Section] = ()
+) -> bytes:
+    """The file of a report, as bytes.
+
+    Args:
+        results: one result, or several to be set side by side.
+        form: ``html``, ``pdf`` or ``md`` (without pictures).
+        names: what to call each of several; by default 1, 2, ….
+        more: sections that the report of one result has as well; a certificate has none.
+
+    Raises:
+        InputError: the form is not known, or what it needs is not installed (``pip install 'vibrident[report]'``).
+    """
+    if form not in get_args(Form):
+        raise unknown(f"Reports in the form {form!r} do not exist.", form, get_args(Form), "form of the report")
+    alone = [results] if isinstance(results, Result) else list(results)
+    called = list(names) or [str(number) for number in range(1, len(alone) + 1)]
+    one = alone[0] if len(alone) == 1 else None
+    if form == "pdf":
+        from vibrident.show.media import pdf
+
+        for result in alone:
+            result.require_gain("a certificate")
+        return pdf.render(certificate(one) if one else document.comparison(alone, called))
+    made = document.report(one, more) if one else document.comparison(alone, called)
+    if form == "html":
+        from vibrident.show.media import html
+
+        return html.render(made).encode()
+    return markdown.render(made).encode()
+
+
+def render(
+    result: Result,
+    pictures: str | os.PathLike[str] | None = None,
+    relative_to: str | os.PathLike[str] | None = None,
+    more: Sequence[Section] = (),
+) -> str:
+    """Write the report as Markdown text (GitHub tables).
+
+    Args:
+        result: any result.
+        pictures: folder in which ``plots.save_all`` has drawn; the pictures found there are linked.
+        relative_to: folder in which the report will lie, for the links; by default the folder of pictures.
+        more: sections that it has as well.
+
+    Returns:
+        the text, ending in a line end.
+    """
+    if pictures is None:
+        return markdown.render(document.report(result, more))
+    links = markdown.links(plots.applicable(result), pictures, pictures if relative_to is None else relative_to)
+    return markdown.render(document.report(result, more), links)
+
+
+def write(
+    results: Result | Sequence[Result],
+    form: Form,
+    path: str | os.PathLike[str],
+    names: Sequence[str] = (),
+    more: Sequence[Section] = (),
+) -> Path:
+    """Write a report.
+
+    Args:
+        results: one result, or several to be set side by side.
+        form: ``html`` (interactive, one file), ``pdf`` (certificate, comparison) or ``md`` (one result with pictures).
+        path: the file, where it has the ending of the form; else a folder, made if missing, for a file of the usual
+            name.
+        names: what to call each of several.
+        more: sections that the report of one result has as well, such as its sensor's history.
+
+    Returns:
+        path of the file.
+
+    Raises:
+        InputError: the form is not known, or what it needs is not installed.
+    """
+    one = results if isinstance(results, Result) else results[0] if len(results) == 1 else None
+    target = Path(path)
+    if target.suffix.lower() != f".{form}" and form in FILE_NAMES:
+        target = target / FILE_NAMES[form][0 if one else 1]
+    if form == "md" and one is not None:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        plots.save_all(one, target.parent)
+        made = render(one, pictures=target.parent, more=more).encode()
+    else:
+        made = content(results, form, names, more)
+        target.parent.mkdir(parents=True, exist_ok=True)
+    target.write_bytes(made)
+    return target

@@ -1,0 +1,112 @@
+"""Do the deviations from the model look like noise? A few tests of the measured points, said in words.
+
+The deviations are in units of their stated standard uncertainty, in the order of frequency. A test fails below a
+probability of 1 %. The verdict on the model is the result's own; these show where a misfit comes from.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from vibrident.data.records import FloatArray
+from vibrident.result import Result
+from vibrident.show.curves import bars_of_deviation, column, principal
+from vibrident.show.numbers import COVERAGE_FACTOR, NONE, plain
+from vibrident.show.views import Table, columns
+
+LEVEL = 0.01  # probability below which a test fails
+#: One test: its name, the value found, the value expected of noise, whether it passes, and what a failure means.
+_Outcome = tuple[str, str, str, bool, str]
+FEWEST = 8  # fewer points tell nothing of a pattern
+
+
+def residual_tests(result: Result) -> Table:
+    """Every test of the magnitude and, where there is one, of the phase."""
+    measured, halves = result.measured, bars_of_deviation(result.measured)
+    noise = 100.0 * column(measured, "magnitude_noise") / column(measured, "magnitude")
+    common = _in_common(column(measured, "deviation_uncertainty_percent"), noise)
+    z = _ordered(result, column(measured, "deviation_percent"), halves[0] / COVERAGE_FACTOR)
+    tests = [_chi_squared(result), *_pattern_tests("magnitude", z, common)]
+    common = _in_common(column(measured, "deviation_phase_uncertainty_deg"), column(measured, "phase_deg_noise"))
+    z = _ordered(result, principal(column(measured, "deviation_phase_deg")), halves[1] / COVERAGE_FACTOR)
+    tests += _pattern_tests("phase", z, common)
+    rows = [(*words, "passed" if passed else "failed", meaning) for *words, passed, meaning in tests]
+    note = (
+        "Deviations in units of their standard uncertainty, in the order of frequency; fewer than "
+        f"{FEWEST} points with an uncertainty are not tested. Noise alone fails each in {100 * LEVEL:g} % of cases."
+    )
+    return Table(columns("test", "found", "usual", "outcome", "what a failure means"), tuple(rows), notes=(note,))
+
+
+def _in_common(whole: FloatArray, noise: FloatArray) -> bool:
+    """Whether stated systematic effects, which make a pattern, are as large as the noise of the deviations."""
+    ratio = whole / noise
+    return bool(np.isfinite(ratio).any() and np.nanmedian(ratio) > math.sqrt(2.0))
+
+
+def _chi_squared(result: Result) -> _Outcome:
+    chi2, freedom = result.fit.chi2_reduced, result.fit.degrees_of_freedom
+    usual = "about 1"
+    if chi2 is not None and freedom > 0:
+        from scipy.special import chdtri
+
+        low, high = (float(chdtri(freedom, p)) / freedom for p in (0.975, 0.025))
+        usual = f"{low:.2f} to {high:.2f}"
+    found = NONE if chi2 is None else f"{plain(chi2, 4)} (ν = {freedom})"
+    meaning = "the model leaves more than the uncertainties explain; the verdict on the model"
+    return "χ²/ν of all points", found, usual, result.fit.adequate, meaning
+
+
+def _ordered(result: Result, deviation: FloatArray, u: FloatArray) -> FloatArray:
+    usable = np.isfinite(deviation) & np.isfinite(u) & (u > 0)
+    order = np.argsort(result.measured.frequency_hz[usable], kind="stable")
+    return (deviation[usable] / u[usable])[order]
+
+
+def _pattern_tests(name: str, z: FloatArray, common: bool) -> list[_Outcome]:
+    if z.size < FEWEST:
+        return []
+    from scipy.special import bdtr, ndtri
+
+    n = z.size
+    inside = int(np.sum(np.abs(z) <= COVERAGE_FACTOR))
+    coverage = math.erf(COVERAGE_FACTOR / math.sqrt(2.0))
+    far = float(ndtri(1.0 - LEVEL / (2.0 * n)))
+    largest = float(np.max(np.abs(z)))
+    lagged = float(np.sum(z[1:] * z[:-1]) / np.sum(z**2)) if np.any(z) else 0.0
+    limit = float(ndtri(1.0 - LEVEL / 2.0)) / math.sqrt(n)
+    enough, near = float(bdtr(inside, n, coverage)) >= LEVEL, f"{100 * coverage:.1f} % of them"
+    small = "uncertainties of the points too small, or a misfit at some of them"
+    sizes: list[_Outcome] = [
+        (f"{name}: points within U", f"{inside} of {n}", near, enough, small),
+        (
+            f"{name}: largest deviation",
+            f"{largest:.2f} u",
+            f"below {far:.2f} u",
+            largest <= far,
+            "one point is an outlier",
+        ),
+    ]
+    if common:  # these effects make a pattern along frequency
+        return sizes
+    smooth = "the deviation varies smoothly with frequency: something is missing in the model"
+    within = f"within ±{limit:.2f}"
+    correlated = (f"{name}: correlation of neighbours", f"{lagged:+.2f}", within, abs(lagged) <= limit, smooth)
+    return [*sizes, _runs(name, z), correlated]
+
+
+def _runs(name: str, z: FloatArray) -> _Outcome:
+    """Wald-Wolfowitz test on the signs: too few changes of sign are a trend."""
+    above = z > 0
+    n_above, n_below = int(above.sum()), int((~above).sum())
+    runs = 1 + int(np.sum(above[1:] != above[:-1]))
+    n = n_above + n_below
+    mean = 1.0 + 2.0 * n_above * n_below / n
+    variance = (mean - 1.0) * (mean - 2.0) / (n - 1.0)
+    meaning = "long stretches above or below zero: a trend with frequency"
+    if variance <= 0:
+        return f"{name}: runs of one sign", str(runs), "more than one", False, meaning
+    fewest = mean - 2.326 * math.sqrt(variance)  # one-sided, 1 %
+    return f"{name}: runs of one sign", str(runs), f"{fewest:.0f} or more", runs >= math.floor(fewest), meaning

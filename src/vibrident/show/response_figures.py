@@ -1,0 +1,192 @@
+"""Pictures of the sensitivity: model and measurement over frequency, and how far they are apart."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from vibrident.result import Curve, Result
+from vibrident.show import axes, words
+from vibrident.show.curves import bars_of_deviation, column, continuous, expanded, nearest_turn, principal, spread
+from vibrident.show.numbers import at, magnitude_scale, shortened, subject, unit_of_sensitivity, with_u
+from vibrident.show.views import (
+    BLACK,
+    BLUE,
+    CROWD,
+    ORANGE,
+    VERMILION,
+    Figure,
+    FloatArray,
+    K,
+    Look,
+    Panel,
+    Series,
+    Stack,
+)
+
+_PER_DRIVE = {"drive": "Response per drive"}
+_BEYOND = Look(BLACK, "dashed", 1.1)
+
+
+def sensitivity(result: Result) -> Figure | None:
+    """Magnitude and phase of the model and of the measured points, both with U (k = 2)."""
+    if not result.has_gain and not result.measured.frequency_hz.size:
+        return None
+    panels = response_panels(result.response, result.measured, unit_of_sensitivity(result), result.quantity, "measured")
+    codes = ", ".join(code.replace("_", " ") for code in result.warning_codes)
+    return Figure(
+        "sensitivity",
+        "Sensitivity",
+        (Stack(panels),),
+        subject(result.model, result.sensor),
+        " ".join(_small_print(result)),
+        f"Warnings: {codes}." if codes else "",
+    )
+
+
+def _small_print(result: Result) -> list[str]:
+    drawn = []
+    if len(result.measured.frequency_hz) <= CROWD and _any(result.measured.magnitude_uncertainty):
+        drawn.append("bars")
+    if _any(result.response.magnitude_uncertainty):
+        drawn.append("band")
+    parts = [f"{' and '.join(drawn).capitalize()}: expanded uncertainty U, k = 2."] if drawn else []
+    if _any(result.response.phase_deg) or _any(result.measured.phase_deg):
+        parts.append(words.PHASE)
+    return parts
+
+
+def _any(values: FloatArray) -> bool:
+    return bool(np.isfinite(values).any())
+
+
+def response_panels(model: Curve | None, measured: Curve, unit: str, quantity: str, label: str) -> tuple[Panel, ...]:
+    """Magnitude and, where there is any, phase.
+
+    Args:
+        model: drawn as a line with its band; None leaves it out.
+        measured: drawn as points with bars.
+        unit: of the magnitudes.
+        quantity: of the reference.
+        label: what the points are called.
+    """
+    curves = [curve for curve in (model, measured) if curve is not None]
+    x = axes.frequency(np.concatenate([curve.frequency_hz for curve in curves]))
+    scale = magnitude_scale(unit, np.concatenate([curve.magnitude for curve in curves]))
+    word = _PER_DRIVE.get(quantity, f"Sensitivity to {quantity}" if quantity else "Sensitivity")
+    name = f"{word}\nin {scale.unit}"
+    series = _quantity(model, measured, "magnitude", scale.factor, scale.unit, label)
+    values = np.concatenate([np.zeros(0), *(one.y for one in series)])
+    ends = [_ends(series, sign) for sign in (-1, 1)]
+    empty = "" if (values > 0).any() else "no points"
+    panels = [Panel(x, axes.size(name, values, *ends), series, 2.45, empty=empty)]
+    if any(np.isfinite(curve.phase_deg).any() for curve in curves):
+        series = _quantity(model, measured, "phase_deg", 1.0, "°", label)
+        shown = [one.y for one in series]
+        for one in series:
+            if one.half is not None and one.kind == "points":
+                shown += [one.y + sign * np.minimum(one.half, 90.0) for sign in (-1, 1)]
+        panels.append(Panel(x, axes.angle("Phase (lag negative)\nin °", np.concatenate(shown)), series, 1.5))
+    return tuple(panels)
+
+
+def _ends(series: Sequence[Series], sign: int) -> FloatArray:
+    return np.concatenate([np.zeros(0), *(one.y + sign * one.half for one in series if one.half is not None)])
+
+
+def _quantity(
+    model: Curve | None, measured: Curve, quantity: str, factor: float, unit: str, label: str
+) -> tuple[Series, ...]:
+    """Line and points of a magnitude or a phase, in the order of frequency."""
+    found, line = [], None
+    phase = quantity == "phase_deg"
+    crowd = len(measured.frequency_hz) > CROWD
+    if model is not None and np.isfinite(getattr(model, quantity)).any():
+        x, y, half, texts = _sorted(model, quantity, factor, unit)
+        known = np.isfinite(y)
+        x, y, half = x[known], continuous(y[known]) if phase else y[known], half[known]
+        line = x, y
+        look = Look(BLUE, marker="s" if x.size == 1 else "")
+        band = half if np.isfinite(half).any() else None
+        texts = tuple(text for text, keep in zip(texts, known, strict=True) if keep)
+        found.append(Series(x, y, "model", look, half=band, band="model, U (k = 2)", texts=texts))
+    if np.isfinite(getattr(measured, quantity)).any():
+        x, y, half, texts = _sorted(measured, quantity, factor, unit)
+        if phase:
+            y = continuous(y) if line is None else nearest_turn(y, np.interp(x, *line))
+        bars = None if crowd or not np.isfinite(half).any() else half
+        look = Look(ORANGE if crowd else VERMILION, marker="." if crowd else "o")
+        named = f"{label}, U (k = 2)" if bars is not None else label
+        found.append(Series(x, y, named, look, "points", bars, texts=texts, names=_records(measured)))
+    return tuple(found)
+
+
+def _sorted(
+    curve: Curve, quantity: str, factor: float, unit: str
+) -> tuple[FloatArray, FloatArray, FloatArray, tuple[str, ...]]:
+    x, y = curve.frequency_hz, factor * column(curve, quantity)
+    half = factor * expanded(curve, quantity)
+    order = np.argsort(x, kind="stable")
+    texts = tuple(_stated(float(x[i]), float(y[i]), float(half[i]), unit) for i in order)
+    return x[order], y[order], half[order], texts
+
+
+def _stated(frequency: float, value: float, half: float, unit: str) -> str:
+    """Frequency, value and U, rounded as in the tables."""
+    if not np.isfinite(value):
+        return ""
+    text, bar = with_u(value, half / K if np.isfinite(half) else None, 1.0)
+    return f"{frequency:.6g} Hz: {text}{f' ± {bar}' if np.isfinite(half) else ''} {unit}"
+
+
+def _records(measured: Curve) -> tuple[str, ...]:
+    names = getattr(measured, "record", ())
+    order = np.argsort(measured.frequency_hz, kind="stable")
+    return tuple(shortened(at(names, i) or "", 40) for i in order) if names else ()
+
+
+def deviation(result: Result) -> Figure | None:
+    """Model − measured at each excited frequency with U (k = 2), and around zero the model's own U."""
+    measured, model = result.measured, result.response
+    frequency = measured.frequency_hz
+    percent, phase = column(measured, "deviation_percent"), principal(column(measured, "deviation_phase_deg"))
+    if frequency.size == 0:
+        return None
+    bars = bars_of_deviation(measured)
+    own = 100.0 * expanded(model, "magnitude") / column(model, "magnitude")
+    parts = [("Magnitude deviation", "%", percent, bars[0], own)]
+    if np.isfinite(phase).any():
+        parts.append(("Phase deviation", "°", phase, bars[1], expanded(model, "phase_deg")))
+    panels = [_deviation(result, *part) for part in parts]
+    crowd = len(frequency) > CROWD
+    caption = (
+        "Deviation = model − measured, magnitude relative to measured. Expanded uncertainty U, k = 2: "
+        f"{'dashed lines' if crowd else 'bars'} deviation, band model."
+    )
+    title = "Deviation of the model from the measurement"
+    return Figure("deviation", title, (Stack(tuple(panels)),), subject(result.model, result.sensor), caption)
+
+
+def _deviation(result: Result, word: str, unit: str, values: FloatArray, half: FloatArray, band: FloatArray) -> Panel:
+    measured, x_model = result.measured, result.response.frequency_hz
+    frequency = measured.frequency_hz
+    order = np.argsort(frequency, kind="stable")
+    x, y, bars = frequency[order], values[order], half[order]
+    crowd = len(x) > CROWD
+    series = []
+    if np.isfinite(band).any():
+        order = np.argsort(x_model, kind="stable")
+        nothing = Look(BLACK, width=0.0)
+        series.append(Series(x_model[order], 0.0 * x_model, "", nothing, half=band[order], band="model, U (k = 2)"))
+    label = "model − measured" if crowd or not np.isfinite(bars).any() else "model − measured, U (k = 2)"
+    look = Look(ORANGE if crowd else VERMILION, marker="." if crowd else "o")
+    drawn = None if crowd or not np.isfinite(bars).any() else bars
+    texts = tuple(f"{f:.6g} Hz: {value:+.3g} {unit}" for f, value in zip(x, y, strict=True))
+    series.append(Series(x, y, label, look, "points", drawn, texts=texts, names=_records(measured)))
+    if crowd and np.isfinite(bars).any():
+        few = spread(len(x), 4 * CROWD)
+        series += [Series(x[few], sign * bars[few], "measured, U (k = 2)", _BEYOND) for sign in (1, -1)]
+    empty = "" if np.isfinite(y).any() else "no measured points to compare with"
+    y_axis = axes.about_zero(f"{word}\nin {unit}", y, bars)
+    return Panel(axes.frequency(frequency), y_axis, tuple(series), 1.6, rules=(0.0,), empty=empty)

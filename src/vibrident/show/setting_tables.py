@@ -1,0 +1,116 @@
+"""What a result's settings hold, as tables: the uncertainty budget, and the quality of an interferometer's signals."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from vibrident.base.amounts import Scale, pretty, scaled
+from vibrident.physics.naming import parameter_name
+from vibrident.result import Parameter, Result
+from vibrident.show.numbers import NONE, plain, uncertainty
+from vibrident.show.views import Column, Table, columns
+
+_BUDGET_NOTE = (
+    "A column of a parameter holds the standard uncertainties that the sources contribute, and u of the result below. "
+    "u of a source is stated by its kind: gain, clock and mounting are relative."
+)
+
+
+def budget(result: Result) -> Table | None:
+    """A row a source and a column a parameter; None where the settings hold no such budget."""
+    rows = result.settings.get("uncertainty_budget")
+    if not isinstance(rows, list | tuple) or not rows or not all(_is_row(row) for row in rows):
+        return None
+    names = [
+        name for name in dict.fromkeys(n for row in rows for n in row["contributions"]) if name in result.parameters
+    ]
+    units = {name: _scale(result.parameters[name]) for name in names}
+    body = [
+        (
+            str(row["source"]),
+            str(row.get("type") or NONE),
+            str(row.get("kind") or NONE),
+            _stated(row),
+            plain(row.get("degrees_of_freedom"), 4),
+            *(_size(row["contributions"].get(name), units[name]) for name in names),
+        )
+        for row in rows
+    ]
+    together = (_size(result.parameters[name].standard_uncertainty, units[name]) for name in names)
+    body.append(("u of the result", "", "", "", "", *together))
+    heads = [Column(parameter_name(name).words, "number", units[name].printed) for name in names]
+    heads = (*columns("source", "type", "kind"), *columns("u", "ν", kind="number"), *heads)
+    return Table(heads, tuple(body), notes=(_BUDGET_NOTE,))
+
+
+def _is_row(row: Any) -> bool:
+    return isinstance(row, Mapping) and "source" in row and isinstance(row.get("contributions"), Mapping)
+
+
+def _scale(parameter: Parameter) -> Scale:
+    known = [abs(x) for x in (parameter.value, parameter.standard_uncertainty) if x is not None]
+    return scaled(parameter.unit, max(known, default=0.0))
+
+
+def _size(value: float | None, scale: Scale) -> str:
+    return uncertainty(scale.times(value))
+
+
+def _stated(row: Mapping[str, Any]) -> str:
+    value, unit = row.get("standard_uncertainty"), str(row.get("unit") or "")
+    return NONE if value is None else f"{plain(value, 4)} {pretty(unit) if unit != '1' else ''}".strip()
+
+
+_LIGHT_HEADS = (
+    Column("record"),
+    *columns("fringes", "counted", "by phase", "gaps", kind="number"),
+    Column("left out", "number", "%"),
+    Column("phase noise", "number", "rad"),
+    Column("noise", "number", "m/√Hz"),
+    *columns("offsets", "ratio", kind="number"),
+    Column("quadrature error", "number", "rad"),
+    Column("cyclic error", "text", "rad"),
+)
+_LIGHT_NOTE = (
+    "Fringes: range of the phase in turns. Counted, by phase: half fringes by the signs of one signal and by the "
+    "unwrapped phase (– where samples are too far apart to count). Offsets over the amplitude and ratio of the "
+    "amplitudes are those of the ellipse that was used. Cyclic error: amplitudes of harmonics 1, 2 and 4 of the phase "
+    "in what is left, with their standard uncertainties."
+)
+
+
+def light(result: Result) -> Table | None:
+    """Quality of an interferometer's signals, a row a record; None where the reference was no raw light."""
+    found = result.settings.get("interferometer")
+    if not isinstance(found, Mapping) or not all(isinstance(row, Mapping) for row in found.values()):
+        return None
+    rows = tuple((str(name), *_cells(row)) for name, row in found.items())
+    return Table(_LIGHT_HEADS, rows, notes=(_LIGHT_NOTE,)) if rows else None
+
+
+def _cells(row: Mapping[str, Any]) -> list[str]:
+    ellipse = row.get("ellipse") or {}
+    counted = [plain(row.get(key) or None, 6) for key in ("half_fringes_counted", "half_fringes_by_phase")]
+    amplitudes, centre = ellipse.get("amplitudes"), ellipse.get("centre")
+    offsets, ratio = NONE, NONE
+    if amplitudes and centre:
+        offsets = ", ".join(plain(c / a, 3) for c, a in zip(centre, amplitudes, strict=True))
+        ratio = plain(amplitudes[1] / amplitudes[0], 5)
+    cyclic = "; ".join(
+        f"{order}: {plain(size.get('amplitude'), 2)} (u {plain(size.get('u'), 1)})"
+        for order, size in (row.get("cyclic_error_rad") or {}).items()
+    )
+    left_out = row.get("left_out")
+    return [
+        plain(row.get("fringes"), 5),
+        *counted,
+        plain(row.get("gaps"), 5),
+        plain(None if left_out is None else 100.0 * left_out, 3),
+        plain(row.get("phase_noise_rad"), 2),
+        plain(row.get("noise_density_m"), 2),
+        offsets,
+        ratio,
+        plain(ellipse.get("quadrature_error_rad"), 3),
+        cyclic or NONE,
+    ]

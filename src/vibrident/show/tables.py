@@ -1,0 +1,357 @@
+"""The tables of a result, as text ready for print."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from vibrident.base.amounts import pretty, scaled
+from vibrident.data.records import STANDARD_GRAVITY
+from vibrident.physics.models import installed
+from vibrident.physics.naming import parameter_name
+from vibrident.result import MeasuredCurve, Parameter, Result
+from vibrident.show import words
+from vibrident.show.coverage import coverage, interval_text, parameter_factor
+from vibrident.show.formulas import symbol
+from vibrident.show.numbers import (
+    COVERAGE_FACTOR,
+    NONE,
+    at,
+    fit_unit,
+    magnitude_scale,
+    nominal_frequency,
+    percent,
+    plain,
+    reference_unit,
+    stated,
+    uncertainty,
+    unit_of_sensitivity,
+    with_u,
+)
+from vibrident.show.views import Column, Doubt, Facts, Table, columns, count
+
+MOST_ROWS = 200  # rows of the table of measured points; more are thinned evenly, and the report says so
+
+
+def facts(result: Result) -> tuple[tuple[str, str], ...]:
+    """What was calibrated and how, as pairs of name and text."""
+    reference = f"{result.quantity}, in {pretty(reference_unit(result))}" if result.has_gain else "none: free decays"
+    return (
+        *((key.replace("_", " "), str(value)) for key, value in result.sensor.items() if value),
+        ("model", result.model),
+        ("estimator", result.estimator),
+        ("reference", reference),
+        ("response", f"in {pretty(result.response_unit)}"),
+        *((("frequencies", _band(result.measured)),) if result.has_gain else ()),
+    )
+
+
+def _band(measured: MeasuredCurve) -> str:
+    known = [f for f in measured.frequency_hz if f is not None]
+    if not known:
+        return "no measured points"
+    low, high = f"{min(known):.5g} Hz", f"{max(known):.5g} Hz"
+    return f"{count(len(known), 'point')}, {low}" + (f" to {high}" if high != low else "")
+
+
+def doubts(result: Result) -> tuple[Doubt, ...]:
+    """Every warning in plain words."""
+    found = []
+    for code in result.warning_codes:
+        explained = words.explain(code)
+        messages = tuple(warning.message for warning in result.warnings if warning.code == code)
+        found.append(Doubt(explained.title, code, messages, explained.meaning, explained.action))
+    return tuple(found)
+
+
+def parameters(result: Result) -> Table:
+    """Value, u, k, U, unit and interval of each parameter, derived ones last."""
+    rows, k = [], parameter_factor(result)
+    for name, parameter in sorted(result.parameters.items(), key=lambda item: item[1].derived):
+        number = stated(parameter, k)
+        full = parameter_name(name)
+        known = parameter.standard_uncertainty is not None
+        rows.append(
+            (
+                full.words,
+                symbol(name),
+                number.value,
+                number.standard,
+                plain(k, 3) if known else NONE,
+                number.expanded,
+                number.unit or "1",
+                number.interval,
+                words.remark(parameter),
+            )
+        )
+    heads = (
+        *columns("parameter", "symbol"),
+        *columns("value", "u", "k", "U", kind="number"),
+        *columns("unit", "95 % interval", "remark"),
+    )
+    notes = (per_g(result), small_signals(result), words.COVERAGE, coverage(result).text, interval_text(result))
+    return Table(heads, tuple(rows), notes=tuple(note for note in notes if note))
+
+
+def small_signals(result: Result) -> str:
+    """What a sensitivity means where the spring is not linear; empty for a linear sensor."""
+    model = installed(result.model)
+    return " ".join(addon.remark for addon in model.add_ons if addon.remark) if model else ""
+
+
+def per_g(result: Result) -> str:
+    """The sensitivity per standard gravity, in a sentence; empty where it is not one to acceleration."""
+    model = installed(result.model)
+    sensitivity = result.parameters.get(model.gain_name) if model else None
+    if sensitivity is None or not sensitivity.unit.endswith(("/(m/s^2)", "/(m/s²)")):
+        return ""
+    u, k = sensitivity.standard_uncertainty, parameter_factor(result)
+    unit = sensitivity.unit[: sensitivity.unit.rindex("/(")] + "/g"
+    number = stated(
+        Parameter(
+            sensitivity.value * STANDARD_GRAVITY, unit, None if u is None else u * STANDARD_GRAVITY, (None, None)
+        ),
+        k,
+    )
+    bar = f", U = {number.expanded} {number.unit} (k = {plain(k, 3)})" if u else ""
+    return f"Per standard gravity (g = {STANDARD_GRAVITY} m/s²): S_0 = {number.value} {number.unit}{bar}."
+
+
+def correlation(result: Result) -> Table | None:
+    """Correlation of the estimated parameters."""
+    names = result.correlation.names
+    if not names:
+        return None
+    short = [symbol(name) or name for name in names]
+    rows = tuple(
+        (
+            parameter_name(name).words,
+            *(NONE if value is None or not math.isfinite(value) else f"{value:+.3f}" for value in row),
+        )
+        for name, row in zip(names, result.correlation.matrix, strict=False)
+    )
+    return Table((Column(""), *columns(*short, kind="number")), rows)
+
+
+def fit(result: Result) -> Table:
+    """Every metric with its unit and definition."""
+    unit = fit_unit(result)
+    rows = []
+    for field, metric in words.METRICS.items():
+        value = getattr(result.fit, field)
+        power = metric.in_response_unit
+        if power == 1 and value:
+            scale = scaled(unit, value)
+            text, label = plain(value * scale.factor, 4), scale.unit
+        else:
+            text = plain(value, 6 if field == "r2" else 4)
+            label = {0: "1", 1: pretty(unit), 2: f"({pretty(unit)})²" if "/" in unit else f"{pretty(unit)}²"}[power]
+        rows.append((metric.label, text, label, metric.definition))
+    verdict = "adequate" if result.fit.adequate else "not adequate (see the warnings)"
+    lead = (
+        "e is the residual, measured minus predicted response; y is the measured response. "
+        f"Verdict on the model: {verdict}."
+    )
+    heads = (Column("metric"), Column("value", "number"), *columns("unit", "definition"))
+    return Table(heads, tuple(rows), (lead,))
+
+
+def measured(result: Result, most_rows: int = MOST_ROWS) -> Table | None:
+    """What the data say at each frequency, and how far the model is from it."""
+    points = result.measured
+    total = len(points.frequency_hz)
+    if total == 0:
+        return None
+    scale = magnitude_scale(unit_of_sensitivity(result), points.magnitude)
+    phases = bool(np.isfinite(points.phase_deg).any())
+    apart = bool(np.isfinite(points.magnitude_noise).any())
+    step = max(1, -(-total // most_rows))
+    rows = []
+    for i in range(0, total, step):
+        shift = at(points.deviation_phase_deg, i)
+        shift = None if shift is None else (shift + 180) % 360 - 180
+        phase = (
+            *with_u(at(points.phase_deg, i), at(points.phase_deg_uncertainty, i), 1.0),
+            _expanded(at(points.phase_deg_noise, i), 1.0) * apart,
+            NONE if shift is None else f"{shift:+.3f}",
+            _en(shift, at(points.deviation_phase_uncertainty_deg, i)) * apart,
+        )
+        row = (
+            f"{points.frequency_hz[i]:.6g}",
+            nominal_frequency(points.frequency_hz[i]) or "",
+            *with_u(at(points.magnitude, i), at(points.magnitude_uncertainty, i), scale.factor),
+            _expanded(at(points.magnitude_noise, i), scale.factor) * apart,
+            percent(at(points.deviation_percent, i)),
+            _en(at(points.deviation_percent, i), at(points.deviation_uncertainty_percent, i)) * apart,
+            *(text * phases for text in phase),
+            at(points.record, i) or "",
+        )
+        rows.append(row)
+    heads = [("frequency", "Hz"), ("nominal", "Hz"), ("magnitude", scale.unit), ("U", scale.unit)]
+    heads += [("noise", scale.unit), ("deviation", ""), ("E_n", ""), ("phase", "°"), ("U", "°"), ("noise", "°")]
+    heads += [("deviation", "°"), ("E_n of phase", "")]
+    thinned = f" Every {step}th of {total} points is listed." if step > 1 else ""
+    lead = f"Deviation is model − measured, of the magnitude relative to the measured one; U with k = 2.{thinned}"
+    lead += f" {_APART}" if apart else ""
+    return Table(
+        (*(Column(title, "number", unit) for title, unit in heads), Column("record")),
+        tuple(rows),
+        tuple(text for text in (lead, worst(points)) if text),
+        (*((words.PHASE,) if phases else ()), *((UNSTATED,) if np.isnan(points.magnitude_uncertainty).any() else ())),
+    ).telling()
+
+
+UNSTATED = f"{NONE} in the place of an uncertainty: not stated, the data do not tell it."
+_APART = (
+    "U is of noise and stated systematic effects together, noise the U of the point's noise alone. E_n is the "
+    "deviation over its own U, which is not that of the point: the model follows what is common to all points."
+)
+
+
+def _expanded(u: float | None, factor: float) -> str:
+    return NONE if u is None else uncertainty(COVERAGE_FACTOR * u * factor)
+
+
+def _en(deviation: float | None, u: float | None) -> str:
+    return NONE if deviation is None or not u else f"{deviation / (COVERAGE_FACTOR * u):+.2f}"
+
+
+def worst(points: MeasuredCurve) -> str:
+    """Mean and largest deviation of the magnitude in a sentence; empty if no deviation is known."""
+    off = np.abs(points.deviation_percent)
+    if np.isnan(off).all():
+        return ""
+    place = int(np.nanargmax(off))
+    mean, largest, where = float(np.nanmean(off)), float(off[place]), float(points.frequency_hz[place])
+    return (
+        f"Mean absolute deviation {plain(mean, 2)} %, largest {plain(largest, 2)} % at {where:.5g}\N{NO-BREAK SPACE}Hz."
+    )
+
+
+def training(result: Result) -> str:
+    """The course of the optimisation in a sentence; empty if it is not known."""
+    run = result.training
+    if run is None:
+        return ""
+    last = run.weighting_changes[-1] if run.weighting_changes else 0  # losses of other weights cannot be compared
+    losses = [loss for loss in run.loss[last:] if loss is not None]
+    ran = f"; loss {plain(losses[0], 4)} → {plain(losses[-1], 4)}" if losses else ""
+    ran += f" with the last weights, from iteration {last + 1} on" if losses and last else ""
+    return f"Optimiser {run.optimiser}: {run.status}, {count(run.iterations, 'iteration')}{ran}."
+
+
+def weights(result: Result, between: str = "; ") -> Table | None:
+    """The network's weights as the paper's Table 1; ``between``: what separates rows of a matrix."""
+    if not result.weights:
+        return None
+    rows = tuple(
+        (row.name, row.layer, row.meaning, between.join(f"[{'  '.join(numbers)}]" for numbers in row.numbers))
+        for row in weight_rows(result.weights)
+    )
+    single = {key: value for key, value in result.weights.items() if not isinstance(value, Mapping | list | tuple)}
+    others = ", ".join(f"{_spoken(key)} {leaf(value)}" for key, value in single.items())
+    notes = ("Each row of a matrix in brackets.", *((f"Of the network: {others}.",) if others else ()))
+    return Table(columns("weight", "layer", "is (paper, Table 1)", "value"), rows, notes=notes)
+
+
+def leaf(value: Any) -> str:
+    """A setting as text."""
+    if value is None or (isinstance(value, dict | list | tuple) and not value):
+        return NONE
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return plain(value) if isinstance(value, float) else str(value)
+
+
+def values(settings: Mapping[str, Any]) -> tuple[Facts | Table, ...]:
+    """Nested settings: names and plain values, and a table for each list of alike mappings."""
+    rows, lists = [], []
+    for name, value in _leaves(settings, "") if settings else ():
+        if isinstance(value, list):
+            lists.append(_listed(name, value))
+        else:
+            rows.append((name, leaf(value) or NONE))
+    return (*((Facts(tuple(rows)),) if rows else ()), *lists)
+
+
+def _leaves(value: Any, name: str) -> Iterator[tuple[str, Any]]:
+    """Names, the parts of a path after each other, and plain values or lists of alike mappings."""
+    if isinstance(value, Mapping) and len(value) > 1 and _alike(list(value.values())):
+        yield name, [{"": _spoken(key), **row} for key, row in value.items()]
+    elif isinstance(value, list | tuple) and _alike(value):
+        yield name, list(value)
+    elif isinstance(value, list | tuple) and not any(isinstance(item, Mapping | list | tuple) for item in value):
+        yield name, ", ".join(leaf(item) for item in value) or NONE
+    elif isinstance(value, Mapping | list | tuple) and value:
+        parts = value.items() if isinstance(value, Mapping) else enumerate(value, 1)
+        for key, item in parts:
+            yield from _leaves(item, f"{name} · {_spoken(key)}" if name else _spoken(key))
+    else:
+        yield name, value
+
+
+def _spoken(key: Any) -> str:
+    return str(key).replace("_", " ")
+
+
+def _listed(title: str, rows: list[Mapping[str, Any]]) -> Table:
+    keys = list(dict.fromkeys(key for row in rows for key in row))
+    numeric = {key for key in keys if all(isinstance(row.get(key, 0), int | float) for row in rows)}
+    heads = tuple(Column(_spoken(key), "number" if key in numeric else "text") for key in keys)
+    return Table(heads, tuple(tuple(leaf(row.get(key, "")) for key in keys) for row in rows), title=title)
+
+
+def _alike(values: Sequence[Any]) -> bool:
+    """Whether these are mappings of plain values that share most of their keys."""
+    if not values or not all(isinstance(value, Mapping) and value for value in values):
+        return False
+    if any(isinstance(item, Mapping | list | tuple) and item for value in values for item in value.values()):
+        return False
+    keys = [set(value) for value in values]
+    return len(set.intersection(*keys)) * 2 >= len(set.union(*keys))
+
+
+_LAYERS = {
+    "W1": ("input → hidden", "Ts B"),
+    "W2": ("hidden → output", "C (I + Ts A)⁻¹"),
+    "W3": ("feedback hidden → hidden", "I + Ts A"),
+    "W4": ("feedforward input → output", "D − C (I + Ts A)⁻¹ Ts B"),
+}
+
+
+@dataclass(frozen=True)
+class WeightRow:
+    """One weight for print."""
+
+    name: str  # W1 … W4, or another name that the result holds
+    layer: str  # which neurons it connects; empty for other names
+    meaning: str  # what it is of the physics, under forward Euler at least
+    numbers: tuple[tuple[str, ...], ...]  # rows of the matrix as text
+
+
+def weight_rows(weights: Mapping[str, Any], digits: int = 6) -> list[WeightRow]:
+    """W1 to W4 in the order of the paper's Table 1, as far as the result holds them."""
+    rows = []
+    for name in _LAYERS:
+        entry = weights.get(name)
+        if entry is None:
+            continue
+        layer, euler = _LAYERS[name]
+        if isinstance(entry, Mapping):
+            layer, euler, entry = entry.get("layer", layer), entry.get("meaning", euler), entry.get("value", ())
+        rows.append(WeightRow(name, layer, euler, tuple(_rows(entry, digits))))
+    return rows
+
+
+def _rows(values: Any, digits: int) -> Iterator[tuple[str, ...]]:
+    if not isinstance(values, list | tuple):
+        values = (values,)
+    if any(isinstance(value, list | tuple) for value in values):
+        for value in values:
+            yield from _rows(value, digits)
+    else:
+        yield tuple(plain(value, digits) for value in values)

@@ -1,0 +1,151 @@
+"""What the terminal shows of a result: tables and sentences for rich to print, from values alone."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+from vibrident.base.amounts import pretty, scaled
+from vibrident.physics.naming import parameter_name
+from vibrident.result import Result
+from vibrident.show import tables
+from vibrident.show.coverage import interval_text, parameter_factor
+from vibrident.show.media.console import Shown, shown
+from vibrident.show.media.console import written as paths_written
+from vibrident.show.numbers import NONE, fit_unit, plain, sensor_name
+from vibrident.show.views import Column, Sentence, Table, columns
+
+__all__ = ["fit_line", "inspection_table", "parameter_table", "posterior_table", "summary", "text", "weights_table"]
+
+_UNITS = {"hz": "Hz", "s": "s", "percent": "%", "deg": "°", "rad": "rad", "v": "V"}
+
+
+def summary(result: Result, written: Sequence[str | os.PathLike[str]] = ()) -> Any:
+    """Everything ``vibrident identify`` prints: parameters, fit, warnings in plain words, files written."""
+    from rich.console import Group
+
+    said = shown(parameter_table(result), fit_line(result), *tables.doubts(result))
+    return Group(said, paths_written(written)) if written else said
+
+
+def text(result: Result) -> str:
+    """The same as plain text, a hundred characters wide at most."""
+    from rich.console import Console
+
+    console = Console(width=100, color_system=None, markup=False, highlight=False, emoji=False, force_terminal=False)
+    with console.capture() as capture:
+        console.print(summary(result))
+    return "\n".join(line.rstrip() for line in capture.get().splitlines())
+
+
+def parameter_table(result: Result) -> Table:
+    """Name, value, u, U (k = 2, or what covers), unit and 95 % interval of each parameter, derived ones last."""
+    k, rows, doubtful, groups = parameter_factor(result), [], [], {}
+    whole = tables.parameters(result)
+    place = {column.title: j for j, column in enumerate(whole.columns)}
+    for i, row in enumerate(whole.rows):
+        remarks = [part for part in row[place["remark"]].split(", ") if part and part != "derived"]
+        if "derived" in row[place["remark"]] and not groups:
+            groups[i] = "derived from these:"
+        if "not identifiable" in remarks:
+            doubtful.append(i)
+        name = row[0] + "".join(f" ({remark})" for remark in remarks)
+        unit = row[place["unit"]]
+        cells = (row[place[title]] for title in ("value", "u", "U"))
+        rows.append((name, *cells, "" if unit == "1" else unit, row[place["95 % interval"]]))
+    heads = (
+        Column("parameter"),
+        *columns("value", "u", f"U (k = {plain(k, 3)})", kind="number"),
+        Column("unit"),
+        Column("95 % interval", spare=True),
+    )
+    sensor = sensor_name(result.sensor)
+    title = f"{result.model}, estimator {result.estimator}{f' · {sensor}' if sensor else ''}"
+    notes = tuple(text for text in (interval_text(result),) if text)
+    return Table(heads, tuple(rows), notes=notes, title=title, groups=groups, doubtful=tuple(doubtful))
+
+
+def fit_line(result: Result) -> Sentence:
+    """Root mean square residual, its relation to the signal, reduced chi squared, and the verdict."""
+    fit = result.fit
+    scale = scaled(fit_unit(result), fit.rmse or 0.0)
+    parts = [f"rmse {plain((fit.rmse or 0.0) * scale.factor, 3)} {scale.unit}"]
+    if fit.nrmse is not None:
+        parts.append(f"nrmse {plain(100 * fit.nrmse, 3)} %")
+    if fit.r2 is not None:
+        parts.append(f"R² {plain(fit.r2, 6)}")
+    if fit.chi2_reduced is not None:
+        parts.append(f"χ²/ν {plain(fit.chi2_reduced, 3)} (ν = {fit.degrees_of_freedom})")
+    said = ("fine", "adequate") if fit.adequate else ("doubt", "not adequate")
+    return Sentence(f"Fit: {', '.join(parts)}:", said[0], end=said[1])  # type: ignore[arg-type]
+
+
+def weights_table(result: Result) -> Shown:
+    """The identified weights as in the paper's Table 1, a row of a matrix a line."""
+    found = tables.weights(result, between="\n")
+    return shown(None if found is None else replace(found, notes=(), title="Weights of the network"))
+
+
+def posterior_table(result: Result) -> Shown:
+    """What the sampled posterior says of each parameter, in ``settings.posterior``."""
+    rows = []
+    for key, row in result.settings["posterior"]["parameters"].items():
+        low, high = row["interval_95"]
+        cells = (f"{row['mean']:.6g}", f"{row['standard_deviation']:.2g}", f"{low:.6g} to {high:.6g}")
+        more = (pretty(result.parameters[key].unit), f"{row['r_hat']:.3f}", f"{row['effective_sample_size']:.0f}")
+        rows.append((parameter_name(key).words, *cells, *more))
+    heads = ("mean", "standard deviation", "95 % credible interval", "unit", "R̂", "effective draws")
+    return shown(
+        Table((Column("parameter"), *columns(*heads, kind="number")), tuple(rows), title="Posterior distribution")
+    )
+
+
+def inspection_table(rows: Sequence[Mapping[str, object]], title: str = "Calibration data") -> Shown:
+    """Rows of values under headings made of their keys: records, points, corrected peaks.
+
+    ``rows``: column name to value; columns in the order in which they first appear, ``frequency_hz`` shown as
+    ``frequency / Hz``; numbers to five digits, None as –, flags as yes and no, sequences joined by commas. What is the
+    same in all of three or more rows is said once, below the table; ``title``: heading of the table.
+    """
+    keys = list(dict.fromkeys(key for row in rows for key in row))
+    same = _same_everywhere(rows, keys)
+    parts = []
+    for key in same:
+        name, _, unit = _heading(key).partition(" / ")
+        parts.append(f"{name} {_cell(rows[0][key])} {unit}".strip())
+    keys = [key for key in keys if key not in same]
+    heads = tuple(Column(_heading(key), "number" if _numeric(rows, key) else "text") for key in keys)
+    cells = tuple(tuple(_cell(row.get(key)) for key in keys) for row in rows)
+    return shown(Table(heads, cells, notes=(f"All: {', '.join(parts)}",) if parts else (), title=title))
+
+
+def _numeric(rows: Sequence[Mapping[str, object]], key: str) -> bool:
+    values = [row[key] for row in rows if row.get(key) is not None]
+    return bool(values) and all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
+
+
+def _same_everywhere(rows: Sequence[Mapping[str, object]], keys: Sequence[str]) -> list[str]:
+    """Columns that say the same in each of several rows: they go to the caption, to leave room for the others."""
+    if len(rows) < 3 or len(keys) < 6:
+        return []
+    return [key for key in keys[1:] if len({_cell(row.get(key)) for row in rows}) == 1 and rows[0].get(key) is not None]
+
+
+def _heading(key: str) -> str:
+    name, _, ending = key.rpartition("_")
+    unit = _UNITS.get(ending)
+    return f"{name.replace('_', ' ')} / {unit}" if name and unit else key.replace("_", " ")
+
+
+def _cell(value: object) -> str:
+    if value is None:
+        return NONE
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return plain(value, 5)
+    if isinstance(value, list | tuple | set | frozenset):
+        return ", ".join(_cell(item) for item in value)
+    return str(value)

@@ -1,0 +1,153 @@
+"""Pictures of what is done with a result: a restored acceleration, a planned calibration."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from vibrident.base.amounts import pretty, scaled
+from vibrident.show import axes
+from vibrident.show.curves import envelope, from_start, spread
+from vibrident.show.data_figures import excerpt
+from vibrident.show.numbers import pair, subject
+from vibrident.show.views import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PURPLE,
+    SKY,
+    VERMILION,
+    Axis,
+    Figure,
+    FloatArray,
+    K,
+    Look,
+    Panel,
+    Series,
+    Stack,
+)
+
+if TYPE_CHECKING:
+    from vibrident.use.correction import Correction, Corrections, Peak
+    from vibrident.use.planning import Plan
+
+MOST = 4  # most records in a picture
+#: Origins of uncertainty: how each is drawn and called. One that is nowhere a hundredth of the whole is left out.
+_ORIGINS = {
+    "noise": (Look(BLUE, width=1.1), "noise"),
+    "model": (Look(VERMILION, "dashed", 1.1), "parameters"),
+    "band": (Look(GREEN, "dashdot", 1.1), "removed by the low-pass"),
+    "offset": (Look(PURPLE, "dotted", 1.1), "offset"),
+    "ends": (Look(SKY, "dashdot", 1.1), "ends of the record"),
+    "background": (Look(ORANGE, "dashed", 1.1), "disturbance seen at rest"),
+}
+_SHOWN = 0.01
+_LEAST = 3e-3  # part of the whole below which a line ends
+
+
+def correction(corrections: Corrections, sensor: Mapping[str, object]) -> Figure:
+    """Restored acceleration with its band of uncertainty, and under each record the sources of the uncertainty.
+
+    ``corrections``: with at least one record; ``sensor``: manufacturer, type and serial number, for the heading.
+    """
+    every = corrections.corrections
+    chosen = [every[i] for i in spread(len(every), MOST)]
+    share = f" ({len(chosen)} of {len(every)} records)" if len(every) > len(chosen) else ""
+    title = f"{corrections.motion.capitalize()} restored from the response{share}"
+    stacks = tuple(_corrected(one, corrections) for one in chosen)
+    return Figure("correction", title, stacks, subject(corrections.model, sensor), choice=True)
+
+
+def _corrected(one: Correction, whole: Corrections) -> Stack:
+    unit, record = pretty(whole.unit), one.record
+    part = excerpt(record)
+    time, clock = from_start(record.start_time_s + record.time_s[part])
+    a, u = one.acceleration[part], one.standard_uncertainty[part]
+    step = max(1, len(time) // 3000)
+    thin = slice(None, None, step)
+    upper = [Series(time[thin], a[thin], look=Look(BLACK, width=0.0), half=K * u[thin], band="± 2 u")]
+    if record.reference is not None and one.reference is not None:
+        upper.append(Series(*envelope(time, one.reference[part]), "reference, same band", Look(ORANGE, width=2.6)))
+    upper.append(Series(*envelope(time, a), "restored", Look(BLACK, width=1.0)))
+    typical = float(np.nanmedian(u)) if np.isfinite(u).any() else 0.0
+    lower = []
+    for name, (look, words) in _ORIGINS.items():
+        values = one.components[name][part]
+        if np.isfinite(values).any() and np.nanmax(values) > _SHOWN * typical:
+            seen = np.where(values > _LEAST * typical, values, np.nan)
+            lower.append(Series(time[thin], seen[thin], words, look))
+    lower.append(Series(time[thin], u[thin], "together (u)", Look(BLACK)))
+    name = f"{record.name} · {_range(one.band.low_hz, one.band.high_hz)}"
+    title = name if one.peak is None else f"{name}\npeak {_peak(one.peak, unit)}"
+    x = axes.linear(clock, time, most=5, margin=0.02)
+    y = axes.size(f"u\nin {unit}", np.concatenate([series.y for series in lower]))
+    panels = (
+        Panel(x, _limits(f"{whole.motion.capitalize()}\nin {unit}", a), tuple(upper), 1.9),
+        Panel(x, y, tuple(lower), 1.0),
+    )
+    return Stack(panels, title)
+
+
+def _peak(peak: Peak, unit: str) -> str:
+    """Value and u, both to the second digit of u."""
+    value, u = pair(peak.value, peak.standard_uncertainty)
+    return f"{value} {unit}, u = {u} {unit}"
+
+
+def _range(low_hz: float, high_hz: float) -> str:
+    scale = scaled("Hz", high_hz)
+    return f"{low_hz * scale.factor:.3g} to {high_hz * scale.factor:.4g} {scale.unit}"
+
+
+def _limits(label: str, a: FloatArray) -> Axis:
+    """Limits of the axis from the acceleration, without the large uncertainty at the record's ends."""
+    known = a[np.isfinite(a)]
+    if known.size == 0:
+        return axes.linear(label, a)
+    low, high = float(np.quantile(known, 0.001)), float(np.quantile(known, 0.999))
+    low = min(low, float(known.min()) * 0.2 + low * 0.8)
+    return axes.linear(label, np.array([low, max(high, float(known.max()))]), margin=0.1)
+
+
+def plan(planned: Plan) -> Figure:
+    """The sensitivity of a planned calibration, its uncertainty over frequency, and the frequencies chosen."""
+    curve = planned.response
+    frequency, magnitude = curve.frequency_hz, curve.magnitude
+    u = 100.0 * K * curve.magnitude_uncertainty / magnitude
+    u_phase = K * curve.phase_deg_uncertainty
+    relative = magnitude / magnitude[0]
+
+    def height(at: FloatArray) -> FloatArray:
+        return np.exp(np.interp(np.log(at), np.log(frequency), np.log(relative)))
+
+    upper = [Series(frequency, relative, "sensitivity", Look(BLACK, width=1.2))]
+    others = np.setdiff1d(planned.candidates_hz, planned.frequency_hz)
+    if others.size:
+        upper.append(Series(others, height(others), "not chosen", Look(GREY, marker="o"), "points"))
+    chosen = np.asarray(planned.frequency_hz)
+    word = "chosen" if planned.criterion is not None else "planned"
+    texts = tuple(
+        f"{f:.5g} Hz{f', {times} times' if times > 1 else ''}" for f, times in zip(chosen, planned.uses, strict=True)
+    )
+    upper.append(Series(chosen, height(chosen), word, Look(VERMILION, marker="D"), "points", texts=texts))
+    lower = (
+        Series(frequency, u, "U of magnitude, %", Look(BLUE)),
+        Series(frequency, u_phase, "U of phase, °", Look(GREEN, "dashed")),
+    )
+    x = axes.frequency(frequency)
+    panels = (
+        Panel(x, axes.size("Sensitivity over that\nat the lowest frequency", relative), tuple(upper), 2.0),
+        Panel(x, axes.size("Uncertainty of the\ncurve, k = 2", np.concatenate([u, u_phase])), lower, 1.5),
+    )
+    caption = ""
+    if planned.efficiency is not None:
+        repeated = ", ".join(f"{f:.5g} Hz ×{times}" for f, times in zip(chosen, planned.uses, strict=True) if times > 1)
+        caption = (
+            f"{planned.criterion}-optimal choice of {sum(planned.uses)} out of {planned.candidates_hz.size} "
+            f"frequencies{f' ({repeated})' if repeated else ''}; efficiency {100 * planned.efficiency:.0f} %."
+        )
+    return Figure("plan", "Planned calibration", (Stack(panels),), subject(planned.model, {}), caption)

@@ -1,0 +1,308 @@
+"""Several results of one sensor side by side, and a result beside the truth of a simulation. Values only, no JAX."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from vibrident.base.errors import InputError
+from vibrident.physics.naming import in_words, is_gain
+from vibrident.result import Parameter, Result
+
+SCHEMA = "vibrident.use.comparison/1"
+TRUTH_SCHEMA = "vibrident.truth/1"
+COVERAGE_FACTOR = 2.0  # k of every expanded uncertainty that is compared
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """How far a parameter is from a value to compare with.
+
+    Attributes:
+        true: that value, in the parameter's unit.
+        percent: 100 (value / true − 1); None for a true zero.
+        in_u: (value − true) / standard uncertainty; None where there is no uncertainty.
+    """
+
+    true: float
+    percent: float | None
+    in_u: float | None
+
+
+def deviation(parameter: Parameter, true: float) -> Deviation | None:
+    """Deviation of a parameter from a value in its unit; None where the parameter has no value."""
+    if parameter.value is None:
+        return None
+    u = parameter.standard_uncertainty
+    percent = 100.0 * (parameter.value / true - 1.0) if true else None
+    return Deviation(true, percent, (parameter.value - true) / u if u else None)
+
+
+def deviations(result: Result, truth: Mapping[str, float]) -> dict[str, Deviation]:
+    """Deviation of every parameter whose true value is known."""
+    found = {name: deviation(p, truth[name]) for name, p in result.parameters.items() if name in truth}
+    return {name: value for name, value in found.items() if value is not None}
+
+
+def normalized_error(
+    one: float, expanded_one: float, other: float, expanded_other: float, covariance: float = 0.0
+) -> float | None:
+    """E_n = (one − other)/U(one − other) (ISO 13528, ISO/IEC 17043): two values agree where |E_n| ≤ 1.
+
+    U² = U_one² + U_other² − 2 k² cov (GUM 5.2.2): what both share, such as a reference, is no part of their difference.
+
+    Args:
+        one: a value.
+        expanded_one: its expanded uncertainty U, k = 2.
+        other: the value to compare with, in the same unit.
+        expanded_other: its expanded uncertainty.
+        covariance: of the two values; zero for independent ones.
+
+    Returns:
+        E_n; None where the difference has no uncertainty.
+    """
+    square = expanded_one**2 + expanded_other**2 - 2.0 * COVERAGE_FACTOR**2 * covariance
+    return (one - other) / math.sqrt(square) if square > 0 else None
+
+
+#: Kinds of contributions that stay the same from one calibration to the next as long as their source does. Others are
+#: new each time: a sensor is mounted anew, and an ellipse is fitted to the signals of the day.
+LASTING_KINDS = ("gain", "timing", "phase", "clock")
+REFERENCE_SOURCE = "calibration of the reference"  # the row of the budget for the calibration of the reference
+
+
+def shared_sources(
+    result: Result, *, parameter: str | None = None, sensitivity: float | None = None
+) -> dict[str, float]:
+    """The systematic contributions that another calibration may share, by what identifies each.
+
+    Two calibrations share a contribution where the key is the same: kind, source in words, its standard uncertainty to
+    two digits (a source that was calibrated anew has another), the laboratory, and the instruments that the certificate
+    states (with serial number and certificate): for the calibration of the reference all of them, for another source
+    those whose name or serial number its words contain.
+
+    Args:
+        result: the result.
+        parameter: of this parameter; in its unit.
+        sensitivity: of the sensitivity at the reference frequency instead, whose value this is; in its unit. A gain
+            acts on it as it is, other sources as on the parameter for the gain.
+
+    Returns:
+        key to standard uncertainty, larger than zero.
+    """
+    found: dict[str, float] = {}
+    for row in result.settings.get("uncertainty_budget") or ():
+        kind = str(row.get("kind", ""))
+        if kind in LASTING_KINDS:
+            u = _sensitivity_share(result, row, sensitivity) if sensitivity is not None else _share(row, parameter)
+            if math.isfinite(u) and u > 0:
+                key = _identity(result, row)
+                found[key] = math.hypot(found.get(key, 0.0), u)
+    return found
+
+
+def shared_covariance(one: Mapping[str, float], other: Mapping[str, float]) -> float:
+    """Covariance of two values from the sources that they share, each fully correlated (GUM F.1.2.3)."""
+    return sum(u * other[key] for key, u in one.items() if key in other)
+
+
+def _share(row: Mapping[str, Any], parameter: str | None) -> float:
+    return abs(float((row.get("contributions") or {}).get(parameter) or 0.0))
+
+
+def _sensitivity_share(result: Result, row: Mapping[str, Any], sensitivity: float) -> float:
+    if row.get("kind") == "gain":
+        return abs(float(row.get("standard_uncertainty") or 0.0) * sensitivity)
+    for name, parameter in result.parameters.items():
+        if is_gain(name) and parameter.value:
+            return _share(row, name) / abs(result.parameters[name].value) * abs(sensitivity)
+    return 0.0
+
+
+def _identity(result: Result, row: Mapping[str, Any]) -> str:
+    words = " ".join(str(row.get("source", "")).casefold().split())
+    size = f"{float(row.get('standard_uncertainty') or 0.0):.2g}"
+    instruments = [
+        {key: str(value).casefold() for key, value in entry.items()}
+        for entry in result.certificate.get("instruments") or ()
+        if isinstance(entry, Mapping)
+    ]
+    if words != REFERENCE_SOURCE:
+        named = ("name", "serial_number")
+        instruments = [entry for entry in instruments if any(entry.get(key) and entry[key] in words for key in named)]
+    told = ("name", "manufacturer", "type", "serial_number", "certificate")
+    listed = sorted("/".join(entry.get(key, "") for key in told) for entry in instruments)
+    laboratory = " ".join(str(result.certificate.get("laboratory") or "").casefold().split())
+    return "|".join([str(row["kind"]), words, size, laboratory, *listed])
+
+
+def not_comparable(one: Result, other: Result) -> str:
+    """Reason why E_n of two results is not valid; empty if it is valid.
+
+    E_n compares independent measurements of one thing: not two evaluations of the same data, not two sensors.
+    """
+    first, second = ({entry.get("sha256") for entry in result.provenance.get("files") or ()} for result in (one, other))
+    if (first & second) - {None, ""}:
+        return "same data"
+    serials = [str(result.sensor.get("serial_number") or "") for result in (one, other)]
+    if all(serials) and serials[0] != serials[1]:
+        return "another sensor"
+    return ""
+
+
+@dataclass(frozen=True)
+class Criteria:
+    """Criteria for the choice of a model.
+
+    Attributes:
+        chi2: sum of the squared deviations over their variance; None where no uncertainty is known.
+        parameters: estimated, not derived.
+        aic: Akaike's information criterion, χ² + 2 p.
+        bic: Schwarz's, χ² + p ln n, with n deviations.
+        sound: the model explains the data, and the data determine its parameters.
+    """
+
+    chi2: float | None
+    parameters: int
+    aic: float | None
+    bic: float | None
+    sound: bool
+
+
+def criteria(result: Result) -> Criteria:
+    """Information criteria of a result; smaller is better, a difference of ten decides (Burnham & Anderson 2002)."""
+    own = [p for p in result.parameters.values() if not p.derived]
+    sound = result.fit.adequate and all(p.identifiable for p in own)
+    if result.fit.chi2_reduced is None:
+        return Criteria(None, len(own), None, None, sound)
+    chi2 = result.fit.chi2_reduced * result.fit.degrees_of_freedom
+    count = max(result.fit.degrees_of_freedom + len(own), 1)
+    return Criteria(chi2, len(own), chi2 + 2 * len(own), chi2 + len(own) * math.log(count), sound)
+
+
+@dataclass(frozen=True)
+class Recommendation:
+    """The recommended method with the reason in words; ``method`` is None if no method can be recommended."""
+
+    method: str | None
+    words: str
+
+
+def recommendation(results: Mapping[str, Result]) -> Recommendation:
+    """The best of several models on the same data: adequate, identifiable, and of those the smallest BIC."""
+    judged = {name: criteria(result) for name, result in results.items()}
+    sound = {name: c for name, c in judged.items() if c.sound}
+    if sound:
+        best = min(sound, key=lambda name: (sound[name].bic or 0.0, sound[name].parameters))
+        others = [name for name, result in results.items() if result.model != results[best].model]
+        words = f"Take {best}: it explains the data and they determine all its parameters"
+        reasons = [_against(name, results[name], judged[name], sound[best]) for name in others]
+        return Recommendation(best, "; ".join([words, *dict.fromkeys(reasons)]) + ".")
+    adequate = [name for name, result in results.items() if result.fit.adequate]
+    if adequate:
+        best = min(adequate, key=lambda name: (judged[name].bic or 0.0, judged[name].parameters))
+        weak = [n for n, p in results[best].parameters.items() if not p.derived and not p.identifiable]
+        words = (
+            f"{best} explains the data, but they do not determine the {', '.join(in_words(n) for n in weak)}: use its "
+            "curve within the band, not these parameters, or measure where they matter."
+        )
+        return Recommendation(best, words)
+    scored = {name: c.chi2 for name, c in judged.items() if c.chi2 is not None}
+    nearest = f" {min(scored, key=lambda name: scored[name])} comes nearest." if scored else ""
+    words = f"None of these explains the data: do not publish their parameters.{nearest} Try a model with more physics."
+    return Recommendation(None, words)
+
+
+def _against(name: str, result: Result, found: Criteria, best: Criteria) -> str:
+    """Why another model is not taken."""
+    if not result.fit.adequate:
+        return f"{result.model} does not explain them"
+    weak = [n for n, p in result.parameters.items() if not p.derived and not p.identifiable]
+    if weak:
+        return f"they do not determine the {', '.join(in_words(n) for n in weak)} of {result.model}"
+    if found.bic is not None and best.bic is not None:
+        return f"{result.model} has a BIC larger by {found.bic - best.bic:.3g}"
+    return f"{result.model} is sound too"
+
+
+def document(
+    results: Mapping[str, Result],
+    truth: Mapping[str, float] | None = None,
+    cross_validations: Mapping[str, Mapping[str, Any]] | None = None,
+) -> dict[str, Any]:
+    """What ``comparison.json`` says: plain values.
+
+    Args:
+        results: name of the method to its result; at least one.
+        truth: true values by parameter name; deviations are from these, else from the first result.
+        cross_validations: name of the method to its cross-validation, as plain values.
+    """
+    first = next(iter(results))
+    zero = truth or {name: p.value for name, p in results[first].parameters.items() if p.value is not None}
+    units = {name: p.unit for name, p in results[first].parameters.items()}
+    return {
+        "schema": SCHEMA,
+        "deviations_from": "truth" if truth else first,
+        "truth": dict(truth) if truth else None,
+        "methods": [
+            _method(name, result, zero, units, bool(truth)) | {"cross_validation": (cross_validations or {}).get(name)}
+            for name, result in results.items()
+        ],
+        "recommendation": asdict(recommendation(results)),
+    }
+
+
+def _method(
+    name: str, result: Result, zero: Mapping[str, float], units: Mapping[str, str], is_truth: bool
+) -> dict[str, Any]:
+    parameters = {}
+    for key, parameter in result.parameters.items():
+        same_quantity = units.get(key, parameter.unit) == parameter.unit
+        off = deviation(parameter, zero[key]) if key in zero and same_quantity else None
+        parameters[key] = {
+            "value": parameter.value,
+            "unit": parameter.unit,
+            "standard_uncertainty": parameter.standard_uncertainty,
+            "deviation_percent": None if off is None else off.percent,
+        }
+        if is_truth:  # two results of the same data are not independent; their u say nothing of their difference
+            parameters[key]["deviation_in_u"] = None if off is None else off.in_u
+    return {
+        "name": name,
+        "model": result.model,
+        "estimator": result.estimator,
+        "discretisation": result.settings.get("discretisation"),
+        "parameters": parameters,
+        "fit": {
+            key: value if value is None or math.isfinite(value) else None for key, value in asdict(result.fit).items()
+        },
+        "criteria": asdict(criteria(result)),
+        "warnings": list(result.warning_codes),
+        "time_s": result.settings.get("time_s"),
+    }
+
+
+def read_truth(path: str | os.PathLike[str]) -> dict[str, float]:
+    """True values by parameter name, from the ``truth.json`` that ``vibrident simulate`` writes.
+
+    Raises:
+        InputError: the file cannot be read or is not of that kind.
+    """
+    try:
+        content = json.loads(Path(path).read_text(encoding="utf-8"))
+        if content["schema"] != TRUTH_SCHEMA:
+            raise ValueError(f"schema {content['schema']!r}")
+        return {str(name): float(entry["value"]) for name, entry in content["parameters"].items()}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise InputError(
+            "The file of true values cannot be read.",
+            expected=f"a truth.json that `vibrident simulate` wrote (schema {TRUTH_SCHEMA})",
+            found=f"{type(error).__name__}: {error}",
+            where=str(path),
+            remedy="check the path",
+        ) from error

@@ -1,0 +1,246 @@
+"""The filter L(f)/H(f) on a whole record, with zero phase, and its response to noise and to the record's ends.
+
+Where the sensor has no response to constant acceleration (a velocity pickup, a charge amplifier), 1/H has poles at
+frequency zero. A record that begins at rest is then integrated from its first sample on, as many times as there are
+poles, and the rest of the inverse is regular; the trapezoidal rule's own response is divided out, so the integral
+is that of the band-limited signal. Other records keep a lower edge of the band.
+
+Beyond its ends a record is continued: by rest if it is at rest, by its point reflection otherwise. The error of that
+continuation is a sum over the response's own samples, so its variance follows from the response's autocovariance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+
+from vibrident.base.fft_lengths import fast_length
+from vibrident.data.records import FloatArray
+from vibrident.fit.measure.lines import line_counts
+from vibrident.physics.models.slopes import ComplexArray
+from vibrident.result.sensor import IdentifiedSensor
+from vibrident.use.correction.band import Band
+from vibrident.use.correction.quiet import Surroundings
+
+KERNEL_PERIODS = 8.0  # length of the filter's kernel on either side, in periods of the narrowest slope of L
+DECAY = 8.0  # time constants of 1/H's poles that the kernel covers
+EDGE_POINTS = 48  # instants near an end with a computed error of the continuation; interpolated between
+COLOUR = 256  # reach of the noise's autocovariance, samples on either side
+NEAR = 2  # the response near an end is that within so many lengths of the continuation …
+FEWEST_NEAR = 64  # … and at least so many samples
+REACHED = 0.99  # part of the kernel's sum of magnitudes within its reach
+
+
+@dataclass(frozen=True, eq=False)
+class Compensation:
+    """One record's compensation."""
+
+    sensor: IdentifiedSensor  # the sensor
+    band: Band  # the restored band
+    rate: float  # samples per second
+    samples: int  # of the record
+    integrations: int  # from rest, before the filter: 0, 1 or 2
+    around: Surroundings  # at rest, the record is continued by rest before its first sample and after its last
+
+    @classmethod
+    def of(cls, sensor: IdentifiedSensor, band: Band, rate: float, samples: int, around: Surroundings) -> Compensation:
+        """The compensation for a record in its surroundings."""
+        poles = sensor.zeros_at_rest if band.low_hz == 0.0 else 0
+        return cls(sensor, band, rate, samples, poles, around)
+
+    @cached_property
+    def pad(self) -> int:
+        """Samples by which the record is continued on either side."""
+        slope = min(self.band.high_hz, 0.5 * self.band.low_hz or np.inf)
+        reach = (
+            KERNEL_PERIODS * self.rate / slope + abs(float(self.sensor.model.delay_s(self.sensor.values))) * self.rate
+        )
+        numerator = np.trim_zeros(np.array(self.sensor.model.rational(self.sensor.values).numerator, dtype=float), "f")
+        roots = np.roots(numerator[::-1]) if numerator.size > 1 else np.zeros(0)
+        if roots.size:  # the inverse rings at the sensor's zeros
+            reach += DECAY * self.rate / max(float(np.min(np.abs(roots.real))), 1e-9)
+        return int(np.clip(np.ceil(reach), 16, self.samples - 1))
+
+    @cached_property
+    def size(self) -> int:
+        """Length of the transform."""
+        return fast_length(self.samples + 2 * self.pad)
+
+    @cached_property
+    def frequency_hz(self) -> FloatArray:
+        """Of the transform's lines; the first is slightly above zero, where 1/H may have a pole."""
+        frequency = np.array(fft.rfftfreq(self.size, 1.0 / self.rate), dtype=float)
+        frequency[0] = 1e-6 * frequency[1]
+        return frequency
+
+    @cached_property
+    def lowpass(self) -> FloatArray:
+        """L at the lines."""
+        return self.band.passed(self.frequency_hz)
+
+    @cached_property
+    def _within(self) -> NDArray[np.bool_]:
+        return self.lowpass > 0.0
+
+    @cached_property
+    def total(self) -> ComplexArray:
+        """L/H at the lines."""
+        gain = np.zeros(self.frequency_hz.shape, dtype=complex)
+        inside = self._within
+        gain[inside] = self.lowpass[inside] / self.sensor.frequency_response(self.frequency_hz[inside])
+        return gain
+
+    @cached_property
+    def after_integration(self) -> ComplexArray:
+        """L/H at the lines, divided by the response of the integrations by the trapezoidal rule."""
+        if self.integrations == 0:
+            return self.total
+        x = np.pi * self.frequency_hz / self.rate
+        gain = np.zeros_like(self.total)
+        rule = 2j * self.rate * np.tan(x[self._within])
+        gain[self._within] = self.total[self._within] * rule**self.integrations
+        return gain
+
+    @cached_property
+    def slopes(self) -> ComplexArray:
+        """Derivative of ``after_integration`` by each parameter, shape (parameters, lines): −G H'/H."""
+        gain = np.zeros((len(self.sensor.model.parameters), self.frequency_hz.size), dtype=complex)
+        inside = self.frequency_hz[self._within]
+        relative = self.sensor.slopes(inside) / self.sensor.frequency_response(inside)
+        gain[:, self._within] = -self.after_integration[self._within] * relative
+        return gain
+
+    def spectrum(self, values: FloatArray) -> ComplexArray:
+        """Transform of the record, integrated and continued, shape (lines,); ``values`` without its offset."""
+        for _ in range(self.integrations):
+            values = (np.cumsum(values) - 0.5 * values) / self.rate
+        return np.asarray(fft.rfft(self._continued(values), self.size))
+
+    def restored(self, spectrum: ComplexArray, gain: ComplexArray | None = None) -> FloatArray:
+        """Acceleration at the record's samples, shape (samples,) (or (rows, samples) for rows of gains)."""
+        whole = np.asarray(fft.irfft(spectrum * (self.after_integration if gain is None else gain), self.size, axis=-1))
+        return whole[..., self.pad : self.pad + self.samples]
+
+    def _continued(self, values: FloatArray) -> FloatArray:
+        taper = self._taper
+        left = (
+            np.zeros(self.pad)
+            if self.around.rest_samples
+            else (2.0 * values[0] - values[self.pad : 0 : -1]) * taper[::-1]
+        )
+        right = np.zeros(self.pad)
+        if not self.around.rests_at_end or self.integrations:  # the integral of a rest continues by reflection
+            right = (2.0 * values[-1] - values[-2 : -self.pad - 2 : -1]) * taper
+        return np.concatenate([left, values, right])
+
+    @cached_property
+    def _taper(self) -> FloatArray:
+        """One beside the record, falling to zero over the outer half of the continuation; shape (pad,)."""
+        x = np.clip(2.0 * np.arange(1, self.pad + 1) / self.pad - 1.0, 0.0, 1.0)
+        return 0.5 + 0.5 * np.cos(np.pi * x)
+
+    @cached_property
+    def kernel(self) -> FloatArray:
+        """Impulse response of the filter after the integrations, shape (size,), its middle at index 0, circular."""
+        return np.asarray(fft.irfft(self.after_integration, self.size))
+
+    @cached_property
+    def reach(self) -> int:
+        """Samples on either side beyond which the kernel is negligible."""
+        index = np.arange(self.size)
+        folded = np.bincount(np.minimum(index, self.size - index), weights=np.abs(self.kernel))
+        share = np.cumsum(folded) / np.sum(folded)
+        return int(np.searchsorted(share, REACHED))
+
+    def line_mean(self, power: FloatArray) -> float:
+        """Mean over all frequencies, both signs, of a power given at the lines."""
+        return float(np.sum(power * line_counts(self.size)) / self.size)
+
+    @cached_property
+    def noise_deviation(self) -> FloatArray:
+        """Standard deviation of the noise in the acceleration, shape (samples,).
+
+        Constant for a plain filter; growing from the first sample on where the response is integrated.
+        """
+        power = self.around.noise(self.frequency_hz)
+        if self.integrations == 0:
+            return np.full(self.samples, np.sqrt(self.line_mean(np.abs(self.total) ** 2 * power)))
+        impulse = np.zeros(self.samples)
+        impulse[0] = 1.0
+        whole = np.asarray(fft.irfft(self.spectrum(impulse) * self.after_integration, self.size))
+        kernel = whole[: self.pad + self.samples]  # from pad samples before the impulse on
+        reach = min(COLOUR, (self.size - 1) // 2)
+        colour = np.roll(np.asarray(fft.irfft(np.sqrt(power), self.size)), reach)[: 2 * reach + 1]
+        coloured = _convolved(kernel, colour) if np.ptp(power) > 0 else kernel * np.sqrt(power[0])
+        return np.sqrt(np.cumsum(coloured**2)[self.pad :])
+
+    def end_deviation(self, values: FloatArray) -> FloatArray:
+        """Standard deviation of the continuation's error, shape (samples,).
+
+        ``values``: response without its offset.
+        """
+        total = np.zeros(self.samples)
+        rests = self.around.rest_samples > 0, self.around.rests_at_end
+        if all(rests):
+            return total
+        whole, length = self._autocovariance(values), max(NEAR * self.pad, FEWEST_NEAR)
+        for at_left, rest in zip((True, False), rests, strict=True):
+            if not rest:
+                side = self._edge(whole, at_left=at_left)
+                if not self.integrations:  # what is near the end may be faster than the rest of the record
+                    near = values[:length] if at_left else values[-length:]
+                    side = np.maximum(side, self._edge(self._autocovariance(near), at_left=at_left))
+                near = side[: self.samples] if at_left else side[: self.samples][::-1]
+                if at_left:
+                    total[: near.size] += near
+                else:
+                    total[-near.size :] += near
+        return np.sqrt(total)
+
+    def _autocovariance(self, values: FloatArray) -> FloatArray:
+        """Of the filter's input, lags 0 … 2 pad: of the response, or formally of its integrals."""
+        window = np.hanning(values.size) if self.integrations else np.ones(values.size)
+        size = fast_length(values.size + 2 * self.pad + 1)
+        power = np.abs(np.asarray(fft.rfft(values * window, size))) ** 2 / np.sum(window**2)
+        if self.integrations:
+            power[0] = 0.0
+            power[1:] /= (2.0 * self.rate * np.sin(np.pi * np.arange(1, power.size) / size)) ** (2 * self.integrations)
+        return np.asarray(fft.irfft(power, size))[: 2 * self.pad + 1]
+
+    def _edge(self, covariance: FloatArray, *, at_left: bool) -> FloatArray:
+        """Variance of the continuation's error in the first samples from an end inwards, shape (pad,)."""
+        kernel = self.kernel if at_left else np.concatenate([self.kernel[:1], self.kernel[:0:-1]])
+        pad, middle = self.pad, self.pad
+        # An integral drifts; only its second difference, without the taper, has a variance.
+        taper = np.ones(pad) if self.integrations else self._taper
+        size = fast_length(4 * pad + 2)
+        circular = np.zeros(size)
+        circular[: 2 * pad + 1] = covariance
+        circular[-2 * pad :] = covariance[:0:-1]
+        weight = np.maximum(np.real(np.asarray(fft.rfft(circular))), 0.0)
+        weight *= line_counts(size)
+        steps = np.unique(np.concatenate([[0], np.geomspace(1, pad, EDGE_POINTS).astype(int)])) if pad > 1 else [0]
+        beyond = np.arange(1, pad + 1)
+        variances = []
+        for step in np.asarray(steps)[np.asarray(steps) < pad]:
+            reached = np.where(step + beyond < self.size // 2, kernel[(step + beyond) % self.size], 0.0)
+            weights = np.zeros(2 * pad + 1)  # of the true samples −pad … pad about the end
+            weights[middle - beyond] = reached
+            weights[middle + beyond] = reached * taper
+            weights[middle] = -2.0 * np.sum(reached * taper)
+            power = np.abs(np.asarray(fft.rfft(weights, size))) ** 2
+            variances.append(float(np.sum(power * weight)) / size)
+        kept = np.asarray(steps)[np.asarray(steps) < pad]
+        return np.interp(np.arange(pad), kept, variances)
+
+
+def _convolved(values: FloatArray, kernel: FloatArray) -> FloatArray:
+    """Convolution with a kernel of odd length, its middle at each sample; shape of ``values``."""
+    whole = len(values) + len(kernel) - 1
+    size = fast_length(whole)
+    product = np.asarray(fft.rfft(values, size)) * np.asarray(fft.rfft(kernel, size))
+    return np.asarray(fft.irfft(product, size))[len(kernel) // 2 :][: len(values)]

@@ -1,0 +1,122 @@
+"""The peak of a compensated record: between the samples, corrected for the bias by noise, with its interval."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import ndtri, stdtrit
+
+from vibrident.data.records import BoolArray, FloatArray
+from vibrident.fit.measure.lines import line_counts
+from vibrident.physics.models.slopes import ComplexArray
+from vibrident.use.correction.compensation import Compensation
+
+STEPS = 6  # Newton steps for the instant of the peak
+COMPETES = 3.0  # maxima within this many standard deviations of the largest compete with it
+COVERAGE = 0.95
+ENDS = 2.0  # a peak near a record's end counts if it is larger by so many standard deviations of the error at the end
+
+
+@dataclass(frozen=True)
+class Peak:
+    """The largest magnitude of the acceleration."""
+
+    value: float  # signed, m/s²
+    time_s: float  # from the record's first sample
+    standard_uncertainty: float  # m/s²
+    interval_95: tuple[float, float]  # m/s²
+    effective_degrees_of_freedom: float  # by Welch and Satterthwaite (GUM G.4)
+    coverage_factor: float  # of the interval
+    components: Mapping[str, float]  # standard uncertainty by origin, m/s²
+    noise_bias: float  # subtracted: a maximum of signal and noise is biased high, m/s²
+
+
+def find_peak(
+    acceleration: FloatArray,
+    spectrum: ComplexArray,
+    compensation: Compensation,
+    components: Mapping[str, FloatArray],
+) -> Peak | None:
+    """The peak of a record; None if no sample is known.
+
+    ``acceleration``: shape (samples,), NaN where it is not known; ``spectrum``: transform of the acceleration,
+    continued beyond the record's ends; ``components``: standard uncertainty of every sample by origin.
+    """
+    known = np.isfinite(acceleration)
+    if not known.any():
+        return None
+    inner = known & (components["ends"] <= sum(components[name] for name in components if name != "ends"))
+    index = _top(acceleration, known, inner if inner.any() else known, components["ends"])
+    sign = 1.0 if acceleration[index] >= 0 else -1.0
+    position, top, curvature = _refined(spectrum, compensation, index, sign)
+    parts = {name: float(series[index]) for name, series in components.items()}
+    bias = _noise_bias(sign * acceleration, index, parts.get("noise", 0.0), curvature, compensation)
+    value = sign * (top - bias)
+    u = float(np.sqrt(sum(part**2 for part in parts.values())))
+    freedoms = {"model": compensation.sensor.degrees_of_freedom, "noise": compensation.around.degrees_of_freedom}
+    share = sum(parts.get(name, 0.0) ** 4 / freedom for name, freedom in freedoms.items())
+    freedom = min(u**4 / share, 1e9) if share > 0 else 1e9
+    k = float(stdtrit(freedom, 0.5 + COVERAGE / 2))
+    interval = (value - k * u, value + k * u)
+    return Peak(value, position / compensation.rate, u, interval, freedom, k, parts, float(bias))
+
+
+def _top(acceleration: FloatArray, known: BoolArray, inner: BoolArray, ends: FloatArray) -> int:
+    """The largest sample; near the record's ends only if it is larger beyond the error there."""
+    size = np.abs(acceleration)
+    inside = int(np.argmax(np.where(inner, size, -1.0)))
+    anywhere = int(np.argmax(np.where(known, size - ENDS * np.nan_to_num(ends), -1.0)))
+    return anywhere if size[anywhere] - ENDS * ends[anywhere] > size[inside] else inside
+
+
+def _refined(spectrum: ComplexArray, compensation: Compensation, index: int, sign: float) -> tuple[float, float, float]:
+    """Position (in samples), height and curvature (1/s², negative) of the band-limited maximum near a sample."""
+    lines = np.arange(spectrum.size)
+    weights = sign * spectrum * line_counts(compensation.size) / compensation.size
+    phase = 2j * np.pi * lines / compensation.size
+    omega = 2.0 * np.pi * lines / compensation.size * compensation.rate
+    position = float(index)
+    for _ in range(STEPS):
+        turned = weights * np.exp(phase * (position + compensation.pad))
+        slope = float(np.sum(np.real(1j * omega * turned)))
+        curvature = float(np.sum(np.real(-(omega**2) * turned)))
+        if curvature >= 0:
+            break
+        step = -slope / curvature * compensation.rate
+        position = float(np.clip(position + np.clip(step, -0.5, 0.5), index - 1.0, index + 1.0))
+        position = float(np.clip(position, 0.0, compensation.samples - 1.0))
+        if abs(step) < 1e-6:
+            break
+    turned = weights * np.exp(phase * (position + compensation.pad))
+    height, curvature = float(np.sum(np.real(turned))), float(np.sum(np.real(-(omega**2) * turned)))
+    return position, height, curvature
+
+
+def _noise_bias(
+    upright: FloatArray,
+    index: int,
+    noise: float,
+    curvature: float,
+    compensation: Compensation,
+) -> float:
+    """Bias of the maximum by noise, to first order: slope of the noise over the curvature, or many maxima.
+
+    Near a maximum a(t) = a₀ − c t²/2, noise n shifts it by n'/c and raises it by n'²/(2 c); of m equal maxima, the
+    largest of m draws is taken.
+    """
+    if noise == 0.0:
+        return 0.0
+    omega = 2.0 * np.pi * compensation.frequency_hz
+    power = np.abs(compensation.total) ** 2 * compensation.around.noise(compensation.frequency_hz)
+    slope = compensation.line_mean(omega**2 * power)
+    bias = min(slope / (2.0 * -curvature), noise) if curvature < 0 else 0.0
+    inner = upright[1:-1]
+    tops = (inner >= upright[:-2]) & (inner > upright[2:]) & (inner > upright[index] - COMPETES * noise)
+    places = np.flatnonzero(tops) + 1
+    apart = max(1.0, 0.5 * compensation.rate / compensation.band.high_hz)
+    rivals = 1 + int(np.sum(np.diff(places) > apart)) if places.size else 1
+    if rivals > 1:
+        bias += noise * float(ndtri((rivals - 0.375) / (rivals + 0.25)))
+    return bias

@@ -1,0 +1,64 @@
+"""The plain values of ``correction.json``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from vibrident.use.correction.acceleration import ORIGINS, Correction, Corrections
+
+
+def correction_document(corrections: Corrections, files: Sequence[str]) -> dict[str, Any]:
+    """The content of ``correction.json``: plain values.
+
+    ``corrections``: of :func:`correct`; ``files``: name of each correction's own file.
+    """
+    return {
+        "model": corrections.model,
+        "unit": corrections.unit,
+        "records": [_row(c, file) for c, file in zip(corrections.corrections, files, strict=True)],
+        "uncertainty_covers": list(ORIGINS),
+        "findings": [{"code": f.code, "message": f.message} for f in corrections.findings],
+    }
+
+
+def _row(correction: Correction, file: str) -> dict[str, Any]:
+    around, peak, known = correction.surroundings, correction.peak, np.isfinite(correction.acceleration)
+    typical = {
+        name: float(np.median(series[known])) if known.any() else None for name, series in correction.components.items()
+    }
+    return {
+        "name": correction.record.name,
+        "file": file,
+        "samples": correction.record.samples,
+        "samples_unknown": int(np.sum(~known)),
+        "band": {
+            "low_hz": correction.band.low_hz,
+            "high_hz": correction.band.high_hz,
+            "zero_from_hz": correction.band.stop_hz,
+            "chosen": correction.band.chosen,
+            "integrated_from_rest": correction.integrated_from_rest,
+            "largest_removed": correction.bound,
+        },
+        "noise": {
+            "assumption": around.noise_from,
+            "standard_deviation": around.noise_deviation,
+            "offset": around.offset,
+            "offset_standard_uncertainty": around.offset_uncertainty,
+            "offset_from": around.offset_from,
+            "samples_at_rest": around.rest_samples,
+        },
+        "median_standard_uncertainty": typical,
+        "peak": None
+        if peak is None
+        else {
+            **asdict(peak),
+            "time_s": correction.record.start_time_s + peak.time_s,
+            "interval_95": list(peak.interval_95),
+            "components": dict(peak.components),
+        },
+        "reference": None if correction.agreement is None else asdict(correction.agreement),
+    }

@@ -1,0 +1,8 @@
+"""Planning a calibration: the expected uncertainty, and the best frequencies for a given number of them."""
+
+from __future__ import annotations
+
+from vibrident.use.planning.calibration import Plan, plan, plan_document
+from vibrident.use.planning.points import Recording
+
+__all__ = ["Plan", "Recording", "plan", "plan_document"]

@@ -1,0 +1,232 @@
+"""The information of each planned point: its residual's derivative by the parameters, weighted by the expected noise.
+
+The residual is that of the estimator `ml`: a plan differs from a calibration only in that its noise is predicted. A
+tone of amplitude X in N samples of white noise has real and imaginary part with variance 2 σ²/N
+each; that of Y − H X follows from both channels,
+
+    σ² = (2/N) (c σ_response² + |H|² σ_reference²).
+
+c is one except near a sharp resonance: there the sensor's free motion, of unknown initial state, is nearly collinear
+with the tone within the record.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from vibrident.base.errors import InputError
+from vibrident.data.records import FloatArray, Quantity, Record
+from vibrident.fit.decay.fit import free_motion
+from vibrident.fit.measure.tones import measure_tones
+from vibrident.fit.problem import Coordinates
+from vibrident.fit.problem.frequency_domain import response_jacobian
+from vibrident.physics.models import SensorModel
+from vibrident.physics.models.base import DERIVATIVES
+from vibrident.physics.models.slopes import ComplexArray
+
+FEWEST_PERIODS = 5.0  # fewest periods that separate a tone from offset, drift and the sensor's free motion
+HIGHEST = 0.45  # highest frequency over the sampling rate
+RINGS = 1.1  # the free motion is reported beyond this factor on a tone's variance
+
+
+@dataclass(frozen=True)
+class Recording:
+    """How every sine is recorded.
+
+    Attributes:
+        sampling_rate_hz: samples per second.
+        samples: of every record.
+        response_noise: white, as a fraction of the response's rms in each record.
+        response_noise_rms: white, in the response unit; added to the former.
+        reference_noise: white, as a fraction of the reference's rms, not motion of the sensor.
+        reference_noise_rms: white, in the reference's unit; added to the former.
+    """
+
+    sampling_rate_hz: float
+    samples: int
+    response_noise: float = 0.0
+    response_noise_rms: float = 0.0
+    reference_noise: float = 0.0
+    reference_noise_rms: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.sampling_rate_hz) and self.sampling_rate_hz > 0 and self.samples >= 16):
+            raise InputError(
+                "The recording cannot be planned.",
+                expected="a sampling rate above 0 and at least 16 samples",
+                found=f"{self.sampling_rate_hz!r} Hz, {self.samples!r} samples",
+                where="plan, sampling rate and samples",
+                remedy="correct them",
+            )
+        noise = np.array([self.response_noise, self.response_noise_rms, self.reference_noise, self.reference_noise_rms])
+        if not (np.isfinite(noise).all() and (noise >= 0).all() and noise.any()):
+            raise InputError(
+                "The noise cannot be planned with.",
+                expected="finite numbers, 0 or above, and one of them above 0",
+                found=", ".join(f"{value:g}" for value in noise),
+                where="plan, noise",
+                remedy="give the noise of the response (and of the reference), relative or as rms",
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """The sensor that is planned for, and where."""
+
+    model: SensorModel  # linear
+    values: Mapping[str, float]  # of its parameters, SI units, frequencies in Hz
+    quantity: Quantity  # of the reference
+    frequency_hz: FloatArray  # ascending, shape (n,)
+
+    def response(self) -> ComplexArray:
+        """Complex response per unit of the reference, shape (n,)."""
+        return np.asarray(self.model.frequency_response(self.values, self.frequency_hz, self.quantity), dtype=complex)
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedPoints:
+    """Planned points and their information."""
+
+    coordinates: Coordinates  # the map from z to parameters; the sensor is at its first
+    subject: Subject  # sensor and frequencies
+    information: FloatArray  # JᵀJ of each point, shape (n, p, p)
+    relative_deviation: FloatArray  # standard deviation of each point's sensitivity over its size, shape (n,)
+    # degrees of freedom of each point's noise estimate, infinite where uncertainties are stated; shape (n,)
+    freedom: FloatArray
+    equations: int  # real residuals of a point
+    findings: tuple[str, ...] = ()  # doubts in words
+
+
+def of_records(subject: Subject, amplitude: FloatArray, recording: Recording) -> PlannedPoints:
+    """Points of sine records; ``amplitude`` is the peak of the acceleration at each, m/s², shape (n,).
+
+    Raises:
+        InputError: a frequency or an amplitude cannot be recorded.
+    """
+    frequency_hz = subject.frequency_hz
+    highest = HIGHEST * recording.sampling_rate_hz
+    if not ((amplitude > 0).all() and np.isfinite(amplitude).all() and float(frequency_hz.max()) <= highest):
+        raise InputError(
+            "A point cannot be recorded.",
+            expected=f"amplitudes above 0, and frequencies up to {highest:g} Hz (0.45 of the sampling rate)",
+            found=f"amplitudes from {amplitude.min():g}, frequencies up to {frequency_hz.max():g} Hz",
+            where="plan",
+            remedy="correct the amplitude, lower the frequency, or raise the sampling rate",
+        )
+    reference = amplitude / np.abs(2j * np.pi * frequency_hz) ** DERIVATIVES[subject.quantity]
+    gain = subject.response()
+    response = np.abs(gain) * reference
+    noise_y = (recording.response_noise * response) ** 2 / 2.0 + recording.response_noise_rms**2
+    noise_x = (recording.reference_noise * reference) ** 2 / 2.0 + recording.reference_noise_rms**2
+    beside = np.array([_beside_free_motion(subject, f, recording) for f in frequency_hz])
+    deviation = np.sqrt(2.0 / recording.samples * (beside * noise_y + np.abs(gain) ** 2 * noise_x))
+    freedom = np.array([_freedom(f, recording) for f in frequency_hz])
+    duration = recording.samples / recording.sampling_rate_hz
+    few = frequency_hz[frequency_hz * duration < FEWEST_PERIODS]
+    findings: tuple[str, ...] = ()
+    if few.size:
+        findings = (
+            f"{few.size} records hold fewer than {FEWEST_PERIODS:g} periods (up to {few.max():.4g} Hz): offset, drift "
+            "and the sensor's free motion will increase their uncertainty beyond this plan.",
+        )
+    findings += _sharp(subject, beside)
+    data = (frequency_hz, reference.astype(complex), gain * reference, deviation)
+    return _points(subject, data, False, True, deviation / response, freedom, findings)
+
+
+def of_table(subject: Subject, magnitude: FloatArray, phase_rad: FloatArray | None) -> PlannedPoints:
+    """Points with stated uncertainties.
+
+    Args:
+        subject: sensor and frequencies.
+        magnitude: relative standard uncertainty of the magnitude at each, shape (n,).
+        phase_rad: standard uncertainty of the phase at each, rad, shape (n,); None: no phase is measured.
+
+    Raises:
+        InputError: an uncertainty is not above zero.
+    """
+    for label, stated in (("magnitude", magnitude), ("phase", phase_rad)):
+        if stated is not None and not (np.isfinite(stated).all() and (stated > 0).all()):
+            raise InputError(
+                f"The uncertainty of the {label} cannot be planned with.",
+                expected="finite numbers above 0",
+                found=f"{np.min(stated):g}",
+                where=f"plan, uncertainty of the {label}",
+                remedy="give a standard uncertainty (k = 1)",
+            )
+    gain = subject.response()
+    size, phase = np.abs(gain), np.angle(gain)
+    u_phase = np.ones_like(size) if phase_rad is None else phase_rad
+    data = (subject.frequency_hz, size, phase, magnitude * size, u_phase)
+    freedom = np.full(size.shape, np.inf)
+    return _points(subject, data, True, phase_rad is not None, magnitude, freedom, ())
+
+
+def _points(
+    subject: Subject,
+    data: tuple[Any, ...],
+    polar: bool,
+    has_phase: bool,
+    relative: FloatArray,
+    freedom: FloatArray,
+    findings: tuple[str, ...],
+) -> PlannedPoints:
+    frequency = subject.frequency_hz
+    coordinates = Coordinates.at(subject.model, subject.values, (float(frequency.min()), float(frequency.max())))
+    z = coordinates.first
+    rows = response_jacobian(z, coordinates, polar, has_phase, subject.quantity, data)
+    parts = rows.reshape(-1, frequency.size, z.size)
+    information = np.einsum("rki,rkj->kij", parts, parts)
+    return PlannedPoints(coordinates, subject, information, relative, freedom, parts.shape[0], findings)
+
+
+def _sharp(subject: Subject, beside: FloatArray) -> tuple[str, ...]:
+    """Effects of a sharp resonance that a plan does not include."""
+    oscillator, frequency_hz = subject.model.core.oscillator, subject.frequency_hz
+    if oscillator is None:
+        return ()
+    natural, damping = (subject.values[name] for name in oscillator)
+    width = 2.0 * damping * natural
+    lasts = 1.0 / (np.pi * width) if width > 0 else np.inf
+    findings = []
+    if np.any(beside > RINGS):
+        findings.append(
+            f"The sensor rings on for {lasts:.3g} s (to 1/e) after a record begins, which near {natural:.4g} Hz is "
+            "hardly separable from the tone: estimates may scatter up to twice as much as planned. Record for longer."
+        )
+    if frequency_hz.min() < natural < frequency_hz.max() and np.min(np.abs(frequency_hz - natural)) > width:
+        findings.append(
+            f"No point lies within the resonance, {width:.3g} Hz wide at {natural:.5g} Hz: the identification may "
+            "settle on another optimum, and the plan holds for the right one only. Plan points within it."
+        )
+    return tuple(findings)
+
+
+def _beside_free_motion(subject: Subject, frequency: float, recording: Recording) -> float:
+    """Variance of a tone beside the free motion and an offset over that of a tone alone, mean of its two parts."""
+    time = np.arange(recording.samples) / recording.sampling_rate_hz
+    angle = 2.0 * np.pi * frequency * time
+    tone = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    oscillator = subject.model.core.oscillator
+    if oscillator is None:
+        motion = np.exp(-subject.model.fastest(subject.values) * time)[:, None]
+    else:
+        natural, damping = (subject.values[name] for name in oscillator)
+        motion = free_motion(natural, max(damping, 0.0), time)
+    free, _ = np.linalg.qr(np.concatenate([motion, np.ones((time.size, 1))], axis=1))
+    left = tone - free @ (free.T @ tone)
+    inverse = np.linalg.inv(left.T @ left)
+    return float(np.trace(inverse) / 2.0 * recording.samples / 2.0)
+
+
+def _freedom(frequency: float, recording: Recording) -> float:
+    """Degrees of freedom of the noise in the sine fit of such a record: from the fit itself."""
+    time = np.arange(recording.samples) / recording.sampling_rate_hz
+    noise = np.random.default_rng(0).standard_normal((2, recording.samples))
+    tone = np.sin(2.0 * np.pi * frequency * time)
+    record = Record("planned", tone + 1e-3 * noise[0], tone + 1e-3 * noise[1], recording.sampling_rate_hz)
+    return float(measure_tones([record], [frequency]).degrees_of_freedom[0])

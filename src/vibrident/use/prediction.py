@@ -1,0 +1,157 @@
+"""The predicted response of other records, and its deviation from the measured one.
+
+The network runs with the result's parameters, its discretisation and, if there is one, its learned residual. Initial
+state and offset belong to a record: they are fitted to its response, which leaves n − 3 degrees of freedom of n
+samples.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from vibrident.base.brief import brief
+from vibrident.base.errors import InputError
+from vibrident.base.memory import in_one_thread
+from vibrident.data.records import BoolArray, Calibration, FloatArray, Record
+from vibrident.fit.measure import Finding, screen
+from vibrident.fit.problem import Coordinates, network_of
+from vibrident.physics.discretisation import method
+from vibrident.result import Result
+
+UNBOUNDED_HZ = (1e-9, 1e12)  # coordinates need a band to bound a search; nothing is searched here
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """One record and its predicted response.
+
+    Attributes:
+        record: as screened: clipped samples are marked invalid.
+        predicted: shape (samples,), response unit; NaN where it cannot be made (at the ends, the band-limited
+            interpolation of the reference lacks neighbours).
+    """
+
+    record: Record
+    predicted: FloatArray
+
+    __repr__ = brief
+
+    @property
+    def compared(self) -> BoolArray:
+        """Samples with a valid measured and a predicted response, shape (samples,)."""
+        return self.record.mask & np.isfinite(self.predicted)
+
+    @property
+    def residual(self) -> FloatArray:
+        """Measured minus predicted response at the samples compared."""
+        return self.record.response[self.compared] - self.predicted[self.compared]
+
+    @property
+    def rmse(self) -> float | None:
+        """Root mean square of the residual, response unit; None if nothing can be compared."""
+        return root_mean_square(self.residual)
+
+    @property
+    def nrmse(self) -> float | None:
+        """``rmse`` over the standard deviation of the measured response; None if undefined."""
+        deviation = float(np.std(self.record.response[self.compared])) if self.rmse is not None else 0.0
+        return None if self.rmse is None or deviation == 0.0 else self.rmse / deviation
+
+
+@dataclass(frozen=True, eq=False)
+class Predictions:
+    """Predictions for a calibration's records.
+
+    Attributes:
+        predictions: one a record, in order, without those left out.
+        findings: doubts about the data; a record without signal is left out and named here.
+        discretisation: of the network.
+    """
+
+    predictions: tuple[Prediction, ...]
+    findings: tuple[Finding, ...]
+    discretisation: str
+
+    __repr__ = brief
+
+    @property
+    def rmse(self) -> float | None:
+        """Root mean square of the residuals of all records together."""
+        return root_mean_square(np.concatenate([p.residual for p in self.predictions]))
+
+
+@in_one_thread
+def predict(result: Result, calibration: Calibration) -> Predictions:
+    """Predict the response of a calibration's records.
+
+    Args:
+        result: of an identification; its model, estimated parameters and learned residual are used.
+        calibration: records of the same kind of sensor; its own model name is not used.
+
+    Raises:
+        InputError: the calibration is a table, its units are not the result's, or its records cannot be used.
+    """
+    sensor = result.to_sensor("a prediction")
+    model, values = sensor.model, dict(sensor.values)
+    _check_units(result, calibration)
+    records, findings = screen(calibration.records, calibration.units)
+    name = str(result.settings.get("discretisation") or "bandlimited")
+    if result.settings.get("residual_network"):  # which is JAX's
+        from vibrident.fit.estimators.residual_network import saved_model
+
+        model, learned = saved_model(model, result.settings)
+        values |= learned
+    problem = network_of(records, model, method(name), calibration.quantity, values)
+    coordinates = Coordinates.at(model, values, UNBOUNDED_HZ)
+    predicted = problem.predict(coordinates, coordinates.first)
+    pairs = zip(records, predicted, strict=True)
+    return Predictions(tuple(Prediction(record, series) for record, series in pairs), findings, name)
+
+
+def root_mean_square(values: FloatArray) -> float | None:
+    """√mean(v²); None for no values."""
+    return float(np.sqrt(np.mean(values**2))) if values.size else None
+
+
+def prediction_document(predictions: Predictions, files: Sequence[str], unit: str) -> dict[str, Any]:
+    """What ``prediction.json`` says: plain values.
+
+    ``predictions``: of :func:`predict`; ``files``: name of each prediction's own file; ``unit``: of the response.
+    """
+    rows = [
+        {
+            "name": p.record.name,
+            "file": file,
+            "rmse": p.rmse,
+            "nrmse": p.nrmse,
+            "samples": p.record.samples,
+            "samples_compared": int(np.sum(p.compared)),
+            "samples_without_prediction": int(np.sum(~np.isfinite(p.predicted))),
+        }
+        for p, file in zip(predictions.predictions, files, strict=True)
+    ]
+    return {
+        "records": rows,
+        "rmse": predictions.rmse,
+        "unit": unit,
+        "discretisation": predictions.discretisation,
+        "fitted_per_record": ["initial state", "offset"],
+        "findings": [{"code": f.code, "message": f.message} for f in predictions.findings],
+    }
+
+
+def _check_units(result: Result, calibration: Calibration) -> None:
+    calibration.require_response(result.response_unit, "A table has no motion to predict a response to.")
+    theirs = result.quantity
+    if (calibration.quantity == "drive") != (theirs == "drive"):
+        raise InputError(
+            "The reference is of another kind than the result's.",
+            expected='quantity = "drive"' if theirs == "drive" else "acceleration | velocity | displacement",
+            found=f'quantity = "{calibration.quantity}"',
+            where=f"{calibration.source or 'calibration in memory'}, [reference]",
+            remedy="predict with a result from the same kind of reference",
+        )

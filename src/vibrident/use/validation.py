@@ -1,0 +1,105 @@
+"""Cross-validation: how well a model predicts measurements that it was not fitted to.
+
+The records (or the rows of a table) are split into folds; each fold is predicted by the model fitted to the others
+(Stone 1974). A model with too little physics predicts badly, and so does one with more parameters than the data carry.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vibrident.base.errors import VibridentError
+from vibrident.base.memory import in_one_thread
+from vibrident.data.records import BoolArray, Calibration, FloatArray
+from vibrident.fit.estimators import AUTO, Estimator
+from vibrident.fit.estimators.optimise import Progress, silent
+from vibrident.fit.identification import identify
+from vibrident.fit.measure.response import ComplexArray
+from vibrident.physics.models import parse
+from vibrident.result import MeasuredCurve, Result
+
+FOLDS = 5
+FEWEST = 4  # fewer records or rows than this are not split into folds
+
+
+@dataclass(frozen=True)
+class CrossValidation:
+    """What the folds say."""
+
+    deviation_percent: float  # rms of |model/measured − 1| at the points left out, %
+    # the same in standard uncertainties of the measurement; about 1 for a right model. None if none is known.
+    deviation_in_u: float | None
+    folds: int  # how many fits were made
+
+
+@in_one_thread
+def cross_validate(
+    calibration: Calibration,
+    result: Result,
+    estimator: str | Estimator = AUTO,
+    *,
+    folds: int = FOLDS,
+    progress: Progress = silent,
+) -> CrossValidation | None:
+    """Fit the result's model to all but one fold, for each fold in turn, and compare with what was left out.
+
+    Args:
+        calibration: what the result was identified from.
+        result: of all data; its measured points are predicted.
+        estimator: as for :func:`vibrident.identify`.
+        folds: most fits.
+        progress: called after each iteration of the optimiser.
+
+    Returns:
+        the score; None if there are too few records or rows, or a fold cannot be fitted.
+    """
+    owners = _owners(calibration, result.measured)
+    count = calibration.table.points if calibration.table is not None else len(calibration.records)
+    dealt = min(folds, count)
+    if count < FEWEST:
+        return None
+    turn: ComplexArray = np.exp(1j * np.deg2rad(np.nan_to_num(result.measured.phase_deg)))
+    measured = result.measured.magnitude * turn
+    predicted = np.full(len(measured), np.nan, dtype=complex)
+    frequency = result.measured.frequency_hz
+    model = parse(result.model)
+    for fold in range(dealt):
+        out = np.arange(count) % dealt == fold
+        try:
+            part = identify(_part(calibration, ~out), result.model, estimator, progress=progress)
+        except VibridentError:
+            return None
+        values = {name: part.parameters[name].value for name in model.parameter_names}
+        here = out[owners]
+        predicted[here] = model.frequency_response(values, frequency[here], calibration.quantity)
+    known = bool(np.isfinite(result.measured.phase_deg[0]))
+    off = np.abs(predicted / measured - 1.0) if known else np.abs(np.abs(predicted) / np.abs(measured) - 1.0)
+    percent = 100.0 * float(np.sqrt(np.mean(off**2)))
+    return CrossValidation(percent, _in_u(off, result.measured, known), dealt)
+
+
+def _owners(calibration: Calibration, measured: MeasuredCurve) -> np.ndarray:
+    """Index of the record, or row, that each measured point belongs to."""
+    if calibration.table is not None:
+        return np.argsort(calibration.table.frequency_hz, kind="stable")
+    index = {record.name: i for i, record in enumerate(calibration.records)}
+    return np.array([index[name] for name in measured.record])
+
+
+def _part(calibration: Calibration, keep: BoolArray) -> Calibration:
+    if calibration.table is not None:
+        columns = {
+            name: values[keep] for name, values in vars(calibration.table).items() if isinstance(values, np.ndarray)
+        }
+        return replace(calibration, table=replace(calibration.table, **columns))
+    return replace(calibration, records=tuple(r for r, kept in zip(calibration.records, keep, strict=True) if kept))
+
+
+def _in_u(off: FloatArray, measured: MeasuredCurve, known: bool) -> float | None:
+    if np.isnan(measured.magnitude_uncertainty).any():
+        return None
+    relative = measured.magnitude_uncertainty / measured.magnitude
+    parts = 2.0 if known else 1.0
+    return float(np.sqrt(np.mean((off / relative) ** 2) / parts))

@@ -1,0 +1,107 @@
+"""The page served by a process of its own, and a real browser where there is one."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterator
+
+import pytest
+from tests.support.serving import VIBRIDENT, Server, serving
+from tests.support.sources import ROOT
+
+LIMIT_MB = 100
+#: Pictures that the tests take, to be looked at.
+PICTURES = ROOT / "out" / "page"
+CHROMIUM_FLAGS = (
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-dev-shm-usage",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+)
+
+
+@pytest.fixture(scope="session")
+def history_store(tmp_path_factory) -> str:
+    """The history that the page shows."""
+    return str(tmp_path_factory.mktemp("store") / "history.db")
+
+
+@pytest.fixture(scope="session")
+def server(tmp_path_factory, history_store) -> Iterator[Server]:
+    """``vibrident serve`` on a free port, its temporary files in a folder of the tests."""
+    command = (*VIBRIDENT, "serve", "--limit-mb", str(LIMIT_MB), "--store", history_store)
+    with serving(tmp_path_factory.mktemp("serve"), *command) as made:
+        yield made
+
+
+def _chromium() -> str | None:
+    """The browser to start: the one that VIBRIDENT_CHROMIUM names, else the system's. None leaves it to playwright."""
+    installed = map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))
+    return os.environ.get("VIBRIDENT_CHROMIUM") or next(filter(None, installed), None)
+
+
+@pytest.fixture(scope="session")
+def browser():
+    """Headless Chromium that asks the network for nothing of its own."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    with playwright.sync_playwright() as started:
+        try:
+            running = started.chromium.launch(executable_path=_chromium(), args=CHROMIUM_FLAGS)
+        except playwright.Error as error:
+            reason = str(error).splitlines()[0]
+            pytest.skip(
+                f"no Chromium ({reason}): install the system's, run playwright install chromium, or set "
+                "VIBRIDENT_CHROMIUM"
+            )
+        yield running
+        running.close()
+
+
+@pytest.fixture(scope="session")
+def window(browser):
+    """One for all tests: it compiles the page's libraries once. Each tab is another user."""
+    return browser.new_context(accept_downloads=True)
+
+
+@pytest.fixture
+def visit(server, window):
+    """Open the page in a tab of its own; every request that leaves the server's address fails the test."""
+    tabs, foreign, complaints = [], [], []
+
+    def open_page(width: int = 1280, height: int = 900, *, may_complain: bool = False):
+        page = window.new_page()
+        tabs.append(page)
+        page.set_viewport_size({"width": width, "height": height})
+        here = (server.address, server.address.replace("http", "ws"), "data:", "blob:")
+        page.on("request", lambda request: None if request.url.startswith(here) else foreign.append(request.url))
+        if not may_complain:
+            page.on("pageerror", lambda error: complaints.append(str(error)))
+            page.on("console", lambda said: complaints.append(said.text) if said.type == "error" else None)
+        page.goto(server.address)
+        page.get_by_role("heading", name="Data").wait_for()
+        return page
+
+    yield open_page
+    for page in tabs:
+        page.close()
+    assert not foreign
+    assert not complaints
+
+
+@pytest.fixture(scope="session")
+def picture():
+    """Take a picture of the whole page, where somebody wants to look at it."""
+
+    def take(page, name: str) -> None:
+        if os.environ.get("VIBRIDENT_PICTURES"):
+            page.wait_for_timeout(800)  # charts are drawn in steps
+            PICTURES.mkdir(parents=True, exist_ok=True)
+            page.screenshot(path=PICTURES / f"{name}.png", full_page=True)
+
+    return take

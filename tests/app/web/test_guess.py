@@ -1,0 +1,122 @@
+"""What names of columns say."""
+
+from __future__ import annotations
+
+import wave
+
+import numpy as np
+import pytest
+
+from vibrident.app.web.looks import likely_excitation
+from vibrident.base.errors import InputError
+from vibrident.data.io.guess import guess_columns
+from vibrident.physics.simulation import simulate
+
+
+def csv(folder, header: str, name: str = "data.csv"):
+    path = folder / name
+    width = header.count(",") + 1
+    path.write_text(
+        "\n".join([header, *(",".join(str(row + i / 10) for i in range(width)) for row in range(4))]) + "\n"
+    )
+    return guess_columns(path)
+
+
+@pytest.mark.parametrize(
+    ("header", "time", "reference", "response", "quantity", "unit", "scale"),
+    [
+        ("time_s,reference_acceleration,response", "time_s", 1, 2, "acceleration", "", 1.0),
+        ("Seconds,FuncGen,Laser", "Seconds", 1, 2, "drive", "", 1.0),
+        ("t,ref_vel [mm/s],dut [mV]", "t", 1, 2, "velocity", "mm/s", 1e-3),
+        ("sensor out,acceleration (m/s2)", None, 1, 0, "acceleration", "m/s2", 1.0),
+        ("laser displacement [um],U", None, 0, 1, "displacement", "um", 1e-6),
+        ("a,b", None, 0, 1, "acceleration", "", 1.0),
+    ],
+)
+def test_records(tmp_path, header, time, reference, response, quantity, unit, scale):
+    guess, names = csv(tmp_path, header), header.split(",")
+    assert not guess.is_table
+    assert (guess.time, guess.reference, guess.response) == (time, names[reference], names[response])
+    assert (guess.quantity, guess.unit) == (quantity, unit)
+    assert guess.scale == pytest.approx(scale, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("header", "detectors", "response"),
+    [
+        ("t,u1,u2,response", ("u1", "u2"), "response"),
+        ("out,Photodiode 1 [V],Photodiode 2 [V]", ("Photodiode 1 [V]", "Photodiode 2 [V]"), "out"),
+        ("cos,sin,laser pickup", ("cos", "sin"), "laser pickup"),
+        ("t,Q,I,sensor", ("I", "Q"), "sensor"),
+        ("t,heterodyne,sensor", ("heterodyne",), "sensor"),
+        ("t,reference,u1", (), "u1"),
+    ],
+)
+def test_the_photodetectors_of_an_interferometer(tmp_path, header, detectors, response):
+    guess = csv(tmp_path, header)
+    assert (guess.detectors, guess.response) == (detectors, response)
+    assert (guess.reference is None) == bool(detectors)
+
+
+def test_the_unit_of_the_response(tmp_path):
+    assert csv(tmp_path, "t,ref [m/s^2],response [pC]").response_unit == "pC"
+    assert csv(tmp_path, "t,ref [m/s^2],response").response_unit == "V"
+
+
+def test_a_table(tmp_path):
+    guess = csv(tmp_path, "frequency_hz,magnitude,u_magnitude,phase_deg,u_phase")
+    assert guess.is_table
+    assert (guess.frequency, guess.magnitude, guess.phase) == ("frequency_hz", "magnitude", "phase_deg")
+
+
+@pytest.mark.parametrize(
+    ("name", "excitation"),
+    [
+        ("10Hz", None),
+        ("multisine_3", "multisine"),
+        ("chirp", "sweep"),
+        ("noise", "random"),
+        ("hammer 2", "shock"),
+        ("free decay", "decay"),
+    ],
+)
+def test_the_excitation_by_the_name_of_the_file(tmp_path, name, excitation):
+    assert csv(tmp_path, "t,ref,response", f"{name}.csv").excitation == excitation
+
+
+def test_names_that_occur_twice_become_numbers(tmp_path):
+    guess = csv(tmp_path, "t,signal,signal")
+    assert guess.columns == ("t", 2, 3)
+    assert guess.labels == ("t", "column 2 (signal)", "column 3 (signal)")
+    assert {guess.reference, guess.response} == {2, 3}
+
+
+def test_a_file_that_knows_its_rate_needs_no_time_column(tmp_path):
+    with wave.open(str(tmp_path / "a.wav"), "wb") as file:
+        file.setnchannels(2)
+        file.setsampwidth(2)
+        file.setframerate(48000)
+        file.writeframes(np.arange(20, dtype="<i2").tobytes())
+    guess = guess_columns(tmp_path / "a.wav")
+    assert (guess.rate_hz, guess.time) == (48000.0, None)
+    assert (guess.reference, guess.response) == guess.columns == ("channel 1", "channel 2")
+
+
+def test_a_file_that_cannot_be_opened_is_said(tmp_path):
+    with pytest.raises(InputError, match="cannot be read"):
+        guess_columns(tmp_path / "none.csv")
+
+
+@pytest.mark.parametrize("kind", ["sine", "sweep", "random", "shock"])
+def test_the_excitation_by_the_motion_where_the_names_do_not_say(tmp_path, kind):
+    tones = {"frequencies_hz": [100.0, 200.0, 300.0]} if kind == "sine" else {}
+    made = simulate("paper", kind, sampling_rate_hz=25_600.0, samples=8000, seed=1, **tones)
+    files = [f"{index}.csv" for index in range(len(made.records))]
+    for file, record in zip(files, made.records, strict=True):
+        data = np.stack([record.time_s, np.asarray(record.reference), record.response], axis=1)
+        np.savetxt(tmp_path / file, data, delimiter=",", header="t,ref,response", comments="")
+    guess = guess_columns(tmp_path / files[0])
+    assert guess.excitation is None
+    assert likely_excitation(guess, tmp_path, files) == kind
+    (tmp_path / files[0]).write_text("t,ref,response\n0,a,1\n")  # what cannot be read is said later
+    assert likely_excitation(guess, tmp_path, files[:1]) == "sine"

@@ -1,0 +1,35 @@
+"""The history on the page: results are added to the store, and what it holds of their sensor is shown."""
+
+from __future__ import annotations
+
+from tests.support.lives import calibrated
+from tests.support.serving import upload
+
+from vibrident.lab import history
+from vibrident.lab.history import query
+from vibrident.lab.history.store import Store
+
+WAIT_MS = 60_000
+
+
+def test_results_are_added_and_their_history_is_shown(visit, picture, history_store, tmp_path):
+    life = [calibrated(0.1 * (1 + 0.001 * i), f"{2012 + 2 * i}-05-01", serial="on the page") for i in range(5)]
+    history.add(history_store, life[:4])
+    for name, result in (("last", life[4]), ("nameless", calibrated(serial=""))):
+        result.save(tmp_path / f"{name}.json")
+    page = visit()
+    upload(page, tmp_path / "last.json")
+    page.get_by_text("The history holds 4 calibrations of this sensor.").wait_for(timeout=WAIT_MS)
+    page.locator("#add-to-history").click()
+    page.get_by_text("holds 5 calibrations of this sensor.").wait_for(timeout=WAIT_MS)
+    page.locator("#history .js-plotly-plot").first.wait_for()
+    assert page.locator("#history").get_by_text("2020-05-01").first.is_visible()
+    page.wait_for_timeout(500)  # plotly complains where a plot goes while it is drawn
+    picture(page, "history")
+    with Store(history_store) as store:
+        sensor = query.find(store, "on the page")
+        assert len(query.entries(store, sensor.id)[sensor.id]) == 5
+    upload(page, tmp_path / "nameless.json")
+    page.get_by_text("holds no calibration").wait_for(timeout=WAIT_MS)
+    page.locator("#add-to-history").click()
+    page.get_by_text("does not state the serial number").wait_for(timeout=WAIT_MS)

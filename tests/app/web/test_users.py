@@ -1,0 +1,234 @@
+"""Who has what on the page, for how long, and how much all may have."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import time
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+pytest.importorskip("nicegui")
+
+from tests.support import tasks
+from tests.support.serving import alone
+
+from vibrident.app.web import looks, users, worker
+from vibrident.app.web.columns import merged
+from vibrident.app.web.description import Description
+from vibrident.app.web.looks import Guess
+from vibrident.app.web.users import Job, Users
+from vibrident.base.errors import InputError, NotConverged
+from vibrident.base.process import WorkerError
+from vibrident.data.io.guess import guess_columns
+
+
+class Browser:
+    """A tab, seen from the server; ``client`` is the page in it."""
+
+    def __init__(self, identity: str = "tab") -> None:
+        self.storage: dict[str, str] = {}
+        self.identity = identity
+        self.open()
+
+    def open(self) -> None:
+        self.client = SimpleNamespace(has_socket_connection=True, tab_id=self.identity)
+
+    def leave(self) -> None:
+        self.client.has_socket_connection = False
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    now = SimpleNamespace(s=0.0)
+    monkeypatch.setattr(users.time, "monotonic", lambda: now.s)
+    return now
+
+
+@pytest.fixture
+def everybody(tmp_path, clock):
+    made = Users(tmp_path, 1.0)
+    yield made
+    made.close()
+    assert not list(tmp_path.iterdir())
+
+
+def with_file(everybody: Users, tab: Browser, size: int = 10) -> users.User:
+    user = everybody.attach(tab.client, tab.storage)
+    user.session.place_for("a.csv", size).write_bytes(bytes(size))
+    return user
+
+
+def test_a_tab_that_comes_back_within_the_hour_finds_what_it_left(everybody, clock):
+    tab = Browser()
+    user = with_file(everybody, tab)
+    tab.leave()
+    clock.s = 3500.0
+    everybody.forget()
+    tab.open()
+    assert everybody.attach(tab.client, tab.storage) is user
+    clock.s = 10_000.0
+    everybody.forget()  # it is looked at
+    tab.leave()
+    clock.s += 3700.0
+    everybody.forget()
+    tab.open()
+    fresh = everybody.attach(tab.client, tab.storage)
+    assert fresh is not user
+    assert fresh.empty
+    assert not user.session.folder.exists()
+
+
+def test_a_page_reloaded_before_the_old_connection_ends_is_the_same_and_a_duplicated_tab_is_another(everybody):
+    tab = Browser()
+    user = with_file(everybody, tab)
+    tab.open()
+    assert everybody.attach(tab.client, tab.storage) is user
+    copy = Browser("other")
+    copy.storage = dict(tab.storage)
+    other = everybody.attach(copy.client, copy.storage)
+    assert other is not user
+    assert other.empty
+    assert everybody.attach(tab.client, tab.storage) is user
+
+
+def test_who_has_nothing_is_forgotten_at_once(everybody, clock):
+    tab = Browser()
+    everybody.attach(tab.client, tab.storage)
+    tab.leave()
+    clock.s = 60.0
+    everybody.forget()
+    assert not everybody.kept
+
+
+def test_too_many_users(everybody, clock, monkeypatch):
+    monkeypatch.setattr(users, "MOST_USERS", 3)
+    tabs = [Browser(str(i)) for i in range(3)]
+    for second, tab in enumerate(tabs):
+        clock.s = float(second)
+        with_file(everybody, tab)
+    late = Browser("late")
+    with pytest.raises(InputError, match="limit of users"):
+        everybody.attach(late.client, late.storage)
+    tabs[1].leave()
+    clock.s = 10.0
+    everybody.forget()
+    tabs[2].leave()
+    everybody.attach(late.client, late.storage)
+    assert [tab.storage["user"] in everybody.kept for tab in tabs] == [True, False, True]
+
+
+def test_room_for_all_is_made_by_those_who_left_first(everybody, clock):
+    tabs = [Browser(str(i)) for i in range(10)]
+    for second, tab in enumerate(tabs):
+        clock.s = float(second)
+        with_file(everybody, tab, 1_000_000)
+    late = Browser("late")
+    with pytest.raises(InputError, match="no room"):
+        with_file(everybody, late)
+    tabs[4].leave()
+    user = everybody.attach(late.client, late.storage)
+    user.session.place_for("a.csv", 1_000_000)
+    assert [tab.storage["user"] in everybody.kept for tab in tabs] == [number != 4 for number in range(10)]
+
+
+def test_a_job_tells_separate_starts_apart():
+    job = Job()
+    for iteration in (1, 2, 3, 1, 2, 1):
+        job.add(iteration, 60, 10.0 / iteration)
+    assert [len(start) for start in job.starts] == [3, 2, 1]
+    assert job.words.startswith("Start 3, iteration 1 of at most 60")
+
+
+def worked(task, *args, folder: Path, progress=None) -> worker.Worker:
+    """A worker after it has run a function."""
+    one = worker.Worker()
+    alone(one.run(task, *args, folder=folder, progress=progress))
+    return one
+
+
+@pytest.mark.parametrize(
+    ("task", "error", "words"),
+    [
+        (tasks.refused, InputError, "xxx"),
+        (tasks.not_converged, NotConverged, "no optimum"),
+        (tasks.broken, WorkerError, "a bug"),
+        (tasks.killed, WorkerError, "signal 9"),
+        (tasks.talkative, WorkerError, "the end"),
+        (tasks.hungry, InputError, "more memory than the page allows"),
+    ],
+)
+def test_whatever_a_worker_says_reaches_the_page(tmp_path, task, error, words):
+    with pytest.raises(error, match=words) as caught:
+        worked(task, folder=tmp_path)
+    assert len(str(caught.value)) < 300_000
+
+
+def test_progress_of_a_worker_comes_as_it_is_made(tmp_path):
+    steps = []
+    worked(tasks.two_steps, 0.5, folder=tmp_path, progress=lambda *step: steps.append(step))
+    assert steps == [(1, 9, 0.5), (2, 9, 0.25)]
+
+
+def test_a_worker_that_is_cancelled_ends_at_once(tmp_path):
+    async def cancelled() -> float:
+        one, begin = worker.Worker(), time.monotonic()
+        running = asyncio.create_task(one.run(time.sleep, 60.0, folder=tmp_path))
+        await asyncio.sleep(0.3)
+        one.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await running
+        return time.monotonic() - begin
+
+    assert alone(cancelled()) < 30.0
+
+
+def guessed(tmp_path, header: str, name: str = "a.csv") -> Guess:
+    width = header.count(",") + 1
+    (tmp_path / name).write_text(header + "\n" + "\n".join(",".join([f"{i}.5"] * width) for i in range(4)) + "\n")
+    return Guess(guess_columns(tmp_path / name), None, width, b"")
+
+
+def test_a_guess_sets_nothing_that_a_person_set(tmp_path):
+    first = guessed(tmp_path, "t,ref [mm/s],out [pC],x")
+    form = merged(None, first)
+    assert (form.given.reference, form.given.quantity, form.given.scale) == ("ref [mm/s]", "velocity", 1e-3)
+    again = merged(form, guessed(tmp_path, "t,laser,coil"))  # untouched: the new guess holds
+    assert (again.given.reference, again.given.quantity) == ("laser", "displacement")
+
+    form.set("scale", 2.0)
+    form.set("sensor.serial_number", "7")
+    kept = merged(form, guessed(tmp_path, "t,ref [mm/s],out [pC],laser"))
+    assert kept.given == form.given
+    assert kept.touched == {"scale", "sensor.serial_number"}
+    form.set("response", "x")
+    other = merged(form, guessed(tmp_path, "t,laser,coil"))
+    assert (other.given.scale, other.given.response) == (2.0, "x")  # set by hand, so it is asked about
+    assert (other.given.reference, other.given.time) == ("laser", "t")  # not set, and no longer there
+
+
+def test_a_wide_file_offers_few_columns_and_those_that_were_guessed(tmp_path):
+    names = [f"channel {i}" for i in range(2000)] + ["ref", "response"]
+    wide = guessed(tmp_path, ",".join(names)).columns
+    few = looks._few(wide)
+    assert len(few.columns) == len(few.labels) == looks.MOST_COLUMNS + 2
+    assert {"ref", "response"} <= set(few.columns)
+    assert looks._few(replace(wide, columns=wide.columns[:3], labels=wide.labels[:3])).columns == wide.columns[:3]
+
+
+def test_charts_that_are_too_large_are_left_out():
+    drawn = [(name, {"x": [0] * count, "layout": {"height": 3}}) for name, count in (("a", 10), ("b", 1000), ("c", 1))]
+    found, left = looks._fitting(drawn, 100)
+    assert [(title, json.loads(text), height) for title, text, height in found] == [("a", drawn[0][1], 3)]
+    assert left < 0
+    assert len(looks._fitting(drawn, 10_000)[0]) == 3
+
+
+def test_an_empty_scale_is_no_scale_of_one():
+    from vibrident.app.web.description import calibration_text
+
+    with pytest.raises(InputError, match="scale of the reference is empty"):
+        calibration_text(Description(reference=1, response=2, scale=None), ["a.csv"])

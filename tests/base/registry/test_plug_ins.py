@@ -1,0 +1,223 @@
+"""The package of examples/plugin, installed, works everywhere; a broken one is named and harms nothing."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+from tests.support.sources import ROOT
+
+EXAMPLE = ROOT / "examples" / "plugin"
+
+#: Entry points of a package that is broken in every way.
+BROKEN = """\
+[vibrident.exports]
+nowhere = no_such_module:THING
+csv = broken:THING
+
+[vibrident.physics.models]
+number = broken:THING
+misnamed = vibrident.physics.models.add_ons.delay:DELAY
+
+[vibrident.fit.estimators]
+raising = broken.raising:THING
+"""
+
+
+def install(source: Path, folder: Path) -> None:
+    """What ``pip install --target`` does with a pure Python package."""
+    project = tomllib.loads((source / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    (package,) = (source / "src").iterdir()
+    shutil.copytree(package, folder / package.name, ignore=shutil.ignore_patterns("__pycache__"))
+    groups = project["entry-points"].items()
+    text = "\n".join(f"[{group}]\n" + "".join(f"{k} = {v}\n" for k, v in entries.items()) for group, entries in groups)
+    described(folder, project["name"], project["version"], text)
+
+
+def described(folder: Path, name: str, version: str, entry_points: str) -> None:
+    info = folder / f"{name.replace('-', '_')}-{version}.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: {version}\n", encoding="utf-8")
+    (info / "entry_points.txt").write_text(entry_points, encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("site")
+    install(EXAMPLE, folder)
+    return folder
+
+
+def run(code: str, *sites: Path, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+    path = os.pathsep.join([*map(str, sites), str(ROOT / "src"), str(ROOT)])
+    return subprocess.run(
+        [sys.executable, "-c", code],
+        env={**os.environ, "PYTHONPATH": path, "COLUMNS": "300"},
+        cwd=cwd,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+
+
+CALIBRATION = """\
+[sensor]
+model = "convective"
+[reference]
+column = "a"
+scale = 9.80665
+unit = "g"
+[response]
+column = "v"
+unit = "V"
+[[records]]
+file = "*.jsonc"
+excitation = "sine"
+"""
+
+USED = """
+import json, sys
+from pathlib import Path
+import numpy as np
+import vibrident
+from typer.testing import CliRunner
+from vibrident.app.cli import app
+
+rate, rng = 2000.0, np.random.default_rng(4)
+t = np.arange(4000) / rate
+for f in (5.0, 10.0, 20.0, 40.0, 80.0, 160.0, 320.0):
+    h = 0.1 / (1 + 1j * f / 35.0)
+    a = np.sin(2 * np.pi * f * t)
+    v = np.imag(9.80665 * h * np.exp(2j * np.pi * f * t)) + 1e-4 * rng.standard_normal(t.size)
+    text = json.dumps({"rate_hz": rate, "columns": {"a": a.tolist(), "v": v.tolist()}})
+    Path(f"{f:03.0f}Hz.jsonc").write_text(text)
+out = {}
+for estimator in ("auto", "huber", "ipnn"):
+    words = ["identify", "c.toml", "--estimator", estimator, "--out", estimator, "--no-pictures"]
+    done = CliRunner().invoke(app, words, catch_exceptions=False)
+    assert done.exit_code == 0, done.output
+    result = vibrident.Result.load(f"{estimator}/result.json")
+    for name, true in {"sensitivity": 0.1, "cutoff_frequency": 35.0}.items():
+        p = result.parameters[name]
+        assert abs(p.value - true) < 5 * p.standard_uncertainty, (estimator, name, p)
+    assert result.fit.adequate and not result.warnings, (estimator, result.warnings)
+    out[estimator] = done.output
+words = ["identify", "c.toml", "--estimator", "huber", "--no-pictures", "--out", "set", "--set"]
+wrong = {"limt=0.5": "did you mean 'limit'", "steps=9": "--steps", "limit": "NAME=VALUE"}
+for setting, found in {"limit=0.5": "", **wrong}.items():
+    done = CliRunner().invoke(app, [*words, setting], catch_exceptions=False)
+    assert done.exit_code == (2 if found else 0) and (not found or found in done.output), done.output
+one, other = (vibrident.Result.load(f"{name}/result.json").parameters["sensitivity"].value for name in ("huber", "set"))
+assert one != other
+assert "cut-off frequency" in out["auto"] and "thermal time constant" in out["auto"]
+done = CliRunner().invoke(app, ["compare", "c.toml", "--out", "beside"], catch_exceptions=False)
+assert done.exit_code == 0 and "huber" in done.output, done.output
+done = CliRunner().invoke(app, ["report", "auto/result.json", "--format", "md"], catch_exceptions=False)
+assert done.exit_code == 0, done.output
+done = CliRunner().invoke(app, ["export", "auto/result.json", "--format", "octave"], catch_exceptions=False)
+assert done.exit_code == 0 and "tf(" in Path("auto/sensor.m").read_text(), done.output
+done = CliRunner().invoke(app, ["export", "auto/result.json", "--format", "c", "--rate", "2000"])
+assert done.exit_code == 0, done.output
+for command, word in (("identify", "huber"), ("identify", "convective"), ("export", "octave"), ("compare", "huber")):
+    done = CliRunner().invoke(app, [command, "--help"])
+    assert word in done.output, (command, word, done.output)
+print("used")
+"""
+
+LISTED = """
+from docsite.models import models
+from vibrident.app.doctor import _plug_ins
+from vibrident.fit.estimators import ranked
+from vibrident.export.registry import EXPORTS
+from vibrident.data.io.readers import by_ending
+from vibrident.physics.models import CORES
+from vibrident.physics.naming import in_words
+from vibrident.app.web.session import KNOWN
+assert "convective" in CORES and "octave" in EXPORTS and ".jsonc" in by_ending() and ".jsonc" in KNOWN
+assert "huber" in [one.name for one in ranked()]
+assert in_words("cutoff_frequency") == "cut-off frequency"
+assert "`convective`" in models() and "`cutoff_frequency`" in models()
+print(*(check.found for check in _plug_ins()), sep="\\n")
+"""
+
+
+def test_a_package_adds_a_model_a_reader_an_export_and_an_estimator(site, tmp_path):
+    (tmp_path / "c.toml").write_text(CALIBRATION, encoding="utf-8")
+    done = run(USED, site, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr + done.stdout
+    assert done.stdout.endswith("used\n")
+
+
+def test_it_is_in_the_lists_the_documentation_and_the_doctors_words(site):
+    done = run(LISTED, site)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines() == [
+        f"{name} (vibrident.{group}) of vibrident-example 1.0"
+        for group, name in (
+            ("models", "convective"),
+            ("estimators", "huber"),
+            ("readers", "json-columns"),
+            ("exports", "octave"),
+        )
+    ]
+
+
+def test_a_broken_package_is_named_in_one_line_and_leaves_the_rest_working(site, tmp_path):
+    (tmp_path / "broken").mkdir()
+    (tmp_path / "broken" / "__init__.py").write_text("THING = 3\n", encoding="utf-8")
+    (tmp_path / "broken" / "raising.py").write_text("raise RuntimeError('two\\nlines')\n", encoding="utf-8")
+    described(tmp_path, "broken", "0.1", BROKEN)
+    code = """
+from vibrident.app.doctor import REGISTRIES
+from vibrident.export.registry import EXPORTS
+from vibrident.fit.registry import ESTIMATORS
+from vibrident.physics.models import ADD_ONS, CORES, parse
+from vibrident.base.errors import ModelError
+assert parse("accelerometer+delay").name == "accelerometer+delay"
+assert {"csv", "octave"} <= set(EXPORTS) and EXPORTS["csv"].title.startswith("tables")
+assert "nowhere" not in EXPORTS and "convective" in CORES and "misnamed" not in ADD_ONS
+assert "raising" not in set(ESTIMATORS)
+try:
+    parse("number")
+except ModelError as error:
+    assert "broken 0.1" in str(error), error
+print(*sorted(p.line for r in REGISTRIES for p in r.plug_ins() if p.problem), sep="\\n")
+"""
+    done = run(code, site, tmp_path)
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()
+    for name, reason in {
+        "csv": "taken",
+        "nowhere": "No module named",
+        "number": "found one of int",
+        "misnamed": "the object 'delay'",
+        "raising": "RuntimeError: two lines",
+    }.items():
+        (line,) = (line for line in lines if line.startswith(f"The plug-in {name} "))
+        assert "of broken 0.1" in line
+        assert reason in line
+    assert len(lines) == 5
+    assert sorted(done.stderr.splitlines()) == [line for line in lines if "taken" not in line]  # each once
+
+
+def test_nothing_is_loaded_before_it_is_asked_for(site):
+    code = """
+import sys
+import vibrident
+from vibrident.export.registry import EXPORTS
+from vibrident.fit.registry import ESTIMATORS
+assert "octave" in EXPORTS.names() and "huber" in ESTIMATORS
+from vibrident.physics.models import parse
+parse("accelerometer+delay")
+assert not [name for name in sys.modules if name.startswith("vibrident_example")]
+assert "numpy" in sys.modules
+"""
+    assert run(code, site).returncode == 0
+    light = "import sys; from vibrident.physics.registry import MODELS; MODELS.names(); print('numpy' in sys.modules)"
+    assert run(light, site).stdout == "False\n"

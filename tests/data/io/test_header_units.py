@@ -1,0 +1,208 @@
+"""A unit in a header: taken where the calibration file states none, refused where it contradicts it."""
+
+import numpy as np
+import pytest
+
+from vibrident.base.errors import InputError
+from vibrident.data.io import read
+from vibrident.data.io.guess import guess_columns
+from vibrident.data.io.header_units import is_time, unit_in_name
+
+RATE_HZ = 2000.0
+TIMES = {
+    "Time (ms)": 1e-3, "t [ms]": 1e-3, "time_us": 1e-6, "Zeit (s)": 1.0, "time/min": 60.0, "t / µs": 1e-6,
+    "timeMs": 1e-3, "time in ms": 1e-3, "Elapsed Time (sec)": 1.0, "t": 1.0, "time": 1.0, "TIME_NS": 1e-9,
+    "seconds": 1.0, "Time(h)": 3600.0, "时间（毫秒）": 1e-3, "时间[秒]": 1.0, "时间_微秒": 1e-6, "Время (мс)": 1e-3,
+}  # fmt: skip
+
+
+def write_records(folder, time_name, seconds, *, names=("ref", "out"), head="", sampling, units_row=""):
+    rows = "".join(f"{k / RATE_HZ / seconds:.12g},{np.sin(0.3 * k):.6f},{np.cos(0.3 * k):.6f}\n" for k in range(200))
+    (folder / "a.csv").write_text(f"{time_name},{','.join(names)}\n{units_row}{rows}")
+    (folder / "c.toml").write_text(
+        f"[reference]\ncolumn = 2\n{head}[sampling]\n{sampling}\n"
+        '[[records]]\nfile = "a.csv"\nexcitation = "random"\n[response]\ncolumn = 3\n'
+    )
+    return folder / "c.toml"
+
+
+@pytest.mark.parametrize("name", TIMES)
+def test_times_are_read_in_the_unit_of_their_header(tmp_path, name):
+    (record,) = read(write_records(tmp_path, name, TIMES[name], sampling="time_column = 1")).records
+    assert record.sampling_rate_hz == pytest.approx(RATE_HZ, rel=1e-9)
+    assert is_time(name)
+    assert guess_columns(tmp_path / "a.csv").time == name
+
+
+@pytest.mark.parametrize("name", ["Time (samples)", "t [V]", "time (rad)", "Time (m)", "time (mm/s)"])
+def test_a_time_column_in_another_unit_is_asked_for(tmp_path, name):
+    with pytest.raises(InputError, match="contradicts") as caught:
+        read(write_records(tmp_path, name, 1.0, sampling="time_column = 1"))
+    assert "rate_hz" in caught.value.remedy
+
+
+@pytest.mark.parametrize("name", ["time_ref", "tension", "Time(HMS)", "throttle", "t_out"])
+def test_other_names_are_no_times(name):
+    assert not is_time(name)
+
+
+def test_a_row_of_units_counts_as_header(tmp_path):
+    path = write_records(tmp_path, "t", 1e-3, sampling="time_column = 1", units_row="[ms],[m/s^2],[V]\n")
+    assert read(path).records[0].sampling_rate_hz == pytest.approx(RATE_HZ, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("names", "head", "words"),
+    [
+        (("ref (mm/s)", "out"), "", "velocity"),
+        (("ref (g)", "out"), "", "9.80665"),
+        (("ref (m/s^2)", "out"), "scale = 9.80665\n", "scale = 1.0"),
+        (("ref [V]", "out [mV]"), "", "scale = 0.001"),
+        (("ref (m)", "out"), 'quantity = "velocity"\n', "displacement"),
+    ],
+)
+def test_a_unit_that_contradicts_a_channel_is_refused(tmp_path, names, head, words):
+    with pytest.raises(InputError, match="contradicts") as caught:
+        read(write_records(tmp_path, "t", 1.0, names=names, head=head, sampling="rate_hz = 2000.0"))
+    assert words in caught.value.remedy
+
+
+@pytest.mark.parametrize("name", ["out (pC)", "out [counts]", "out (mA)", "out (mV)"])
+def test_a_response_in_another_unit_than_stated_needs_a_scale(tmp_path, name):
+    """Charge, or a converter's counts, for volts. Another scale may be any gain."""
+    path = write_records(tmp_path, "t", 1.0, names=("ref", name), sampling="rate_hz = 2000.0")
+    stated = path.read_text() + 'unit = "V"\n'
+    path.write_text(stated)
+    with pytest.raises(InputError, match="contradicts"):
+        read(path)
+    path.write_text(stated + "scale = 0.0123\n")
+    assert read(path).response_unit == "V"
+
+
+@pytest.mark.parametrize(("name", "unit"), [("out (pC)", "pC"), ("out [counts]", "counts"), ("out (V)", "V")])
+def test_the_header_tells_the_unit_of_a_response_where_none_is_stated(tmp_path, name, unit):
+    """Charge became volts without a word."""
+    path = write_records(tmp_path, "t", 1.0, names=("ref", name), sampling="rate_hz = 2000.0")
+    assert read(path).response_unit == unit
+    header = f"f,S ({unit}/(m/s²)),φ"
+    assert read(table(tmp_path, header)).response_unit == unit
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "U (k=2) [V/(m/s²)]",
+        "U (V/(m/s²)), k = 2",
+        "Expanded uncertainty (V/(m/s²))",
+        "erweiterte Messunsicherheit",
+        "U95",
+    ],
+)
+def test_expanded_uncertainties_are_refused(tmp_path, name):
+    """They were taken for standard ones: u twice as large."""
+    quoted = f'"{name}"'
+    (tmp_path / "f.csv").write_text(f"f,m,{quoted}\n" + "".join(f"{f},0.1,0.001\n" for f in (10, 20, 40, 80)))
+    (tmp_path / "c.toml").write_text(
+        '[table]\nfile = "f.csv"\nfrequency = 1\nmagnitude = 2\nmagnitude_uncertainty = 3\n'
+    )
+    with pytest.raises(InputError, match="contradicts") as caught:
+        read(tmp_path / "c.toml")
+    assert "divide it by" in caught.value.remedy
+    (tmp_path / "f.csv").write_text((tmp_path / "f.csv").read_text().replace(quoted, "u (k=1)"))
+    assert read(tmp_path / "c.toml").table is not None
+
+
+@pytest.mark.parametrize(
+    ("names", "head"),
+    [
+        (("ref (V)", "out (V)"), "scale = 10.0\n"),
+        (("ref (g)", "out [V]"), "scale = 9.81\n"),
+        (("ref (m/s²)", "out / V"), ""),
+        (("ref (µm)", "out (pC)"), 'quantity = "displacement"\nscale = 1e-6\n'),
+        (("ref (V)", "U/V"), 'quantity = "velocity"\n'),
+        (("ref (A)", "out"), 'quantity = "drive"\n'),
+        (("b/c", "left/right"), ""),
+        (("ref (raw)", "out (ch 2)"), ""),
+    ],
+)
+def test_a_unit_that_agrees_or_says_nothing_passes(tmp_path, names, head):
+    assert read(write_records(tmp_path, "t", 1.0, names=names, head=head, sampling="rate_hz = 2000.0")).records
+
+
+def table(folder, header, more=""):
+    (folder / "t.csv").write_text(header + "\n" + "".join(f"{10 * k},1.{k},-{k}.0\n" for k in range(1, 9)))
+    (folder / "c.toml").write_text(f'[table]\nfile = "t.csv"\nfrequency = 1\nmagnitude = 2\nphase = 3\n{more}')
+    return folder / "c.toml"
+
+
+@pytest.mark.parametrize(
+    ("name", "hertz"),
+    [
+        ("f", 1.0),
+        ("f (Hz)", 1.0),
+        ("f (kHz)", 1e3),
+        ("freq_khz", 1e3),
+        ("f / (rad/s)", 0.5 / np.pi),
+        ("n (rpm)", 1 / 60),
+    ],
+)
+def test_frequencies_are_read_in_the_unit_of_their_header(tmp_path, name, hertz):
+    found = read(table(tmp_path, f"{name},mag,phase")).table
+    np.testing.assert_allclose(found.frequency_hz, 10 * hertz * np.arange(1, 9))
+
+
+@pytest.mark.parametrize(
+    ("header", "more", "words"),
+    [
+        ("f,magnitude (dB),phase", "", "10^(dB/20)"),
+        ("f,mag_dB,phase", "", "10^(dB/20)"),
+        ("f,mag,phase (rad)", "", 'phase_unit = "rad"'),
+        ("f,mag,phase_deg", 'phase_unit = "rad"\n', 'phase_unit = "deg"'),
+        ("f,mag (mV/g),phase", "", "scale = 0.00010197"),
+        ("f,mag (V/(m/s)),phase", "", "velocity"),
+        ("f (V),mag,phase", "", "Hz"),
+    ],
+)
+def test_a_table_that_contradicts_is_refused(tmp_path, header, more, words):
+    with pytest.raises(InputError, match="contradicts") as caught:
+        read(table(tmp_path, header, more))
+    assert words in caught.value.remedy
+
+
+@pytest.mark.parametrize(
+    "header", ["f (Hz),mag (V/(m/s²)),phase (°)", "f,S in V/(m/s²),phi", "freqs,mag,phase_deg", "f,S / (V s²/m),phi"]
+)
+def test_a_table_that_agrees_passes(tmp_path, header):
+    for stated in ("", '[response]\nunit = "V"\n'):
+        assert read(table(tmp_path, header, stated)).table is not None
+
+
+@pytest.mark.parametrize(
+    ("name", "seconds", "rate", "other"),
+    [
+        ("t (s)", 1.0, 2048.0, 2000.0),
+        ("t (ms)", 1e-3, 2001.0, 2000.0),
+        ("t", 1.0, 2048.0, 2000.0),
+        ("t (s)", 1e-3, 2000.0, 2.0),
+        ("t", 1e-3, 2000.0, None),
+        ("t (s)", 1.0, 2000.1, None),
+        ("t", 1 / RATE_HZ, 2048.0, None),
+        ("x", 1.0, 2048.0, None),
+    ],
+)
+def test_a_rate_that_contradicts_the_times_is_noted(tmp_path, name, seconds, rate, other):
+    (record,) = read(write_records(tmp_path, name, seconds, sampling=f"rate_hz = {rate}")).records
+    assert record.contradicting_rate_hz == (None if other is None else pytest.approx(other, rel=1e-6))
+
+
+@pytest.mark.parametrize("name", ["(" * 200_000, " " * 200_000 + "x", "a" + "_" * 200_000, "a/" * 100_000])
+def test_a_name_without_end_takes_no_time(name):
+    assert unit_in_name(name) == ""
+    assert not is_time(name)
+
+
+def test_what_stands_last_in_a_name_is_its_unit():
+    assert unit_in_name("Sensitivity [mV/(m/s²)]") == "mV/(m/s²)"
+    assert unit_in_name("a in mm/s²") == "mm/s²"
+    assert unit_in_name("U/V") == "V"
+    assert unit_in_name("plain") == ""

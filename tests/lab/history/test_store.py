@@ -1,0 +1,162 @@
+"""The store: it keeps all, once, whole, as it was; and says in words what is wrong with it."""
+
+from __future__ import annotations
+
+import datetime
+import sqlite3
+import sys
+import zlib
+from dataclasses import replace
+
+import pytest
+import sqlalchemy as sa
+from tests.support.databases import count
+from tests.support.lives import at_reference, calibrated
+
+from vibrident.base.errors import InputError
+from vibrident.lab import history
+from vibrident.lab.history import location, schema
+from vibrident.lab.history.store import Store
+
+
+def test_a_result_is_kept_whole_and_once(tmp_path):
+    url = str(tmp_path / "new folder" / "100% ?.db")
+    result = calibrated(data="records")
+    assert history.add(url, [result, calibrated(0.11, "2022-01-01")]) == 2
+    assert history.add(url, [result]) == 0
+    with Store(url) as store, store.reading() as connection:
+        row = connection.execute(sa.select(schema.calibration).order_by(schema.calibration.c.id)).first()
+        assert zlib.decompress(row.document).decode() == result.to_json()
+        assert row.date == datetime.date(2020, 1, 1)
+        wanted = schema.parameter.c.name == schema.REFERENCE_SENSITIVITY
+        at = connection.execute(sa.select(schema.parameter).where(wanted)).first()
+        assert at.value == pytest.approx(at_reference(result), rel=1e-12)
+    assert (count(url, schema.sensor), count(url, schema.event)) == (1, 2)
+    assert (tmp_path / "new folder" / "100% ?.db").exists()
+
+
+def test_a_date_that_cannot_be_read_is_not_replaced_by_that_of_the_evaluation(tmp_path):
+    written = replace(calibrated(date="30.06.2022"), provenance={"time": "2023-01-01T00:00:00Z"})
+    with pytest.raises(InputError) as refused:
+        history.add(str(tmp_path / "h.db"), [written])
+    assert refused.value.found == "'30.06.2022'"
+    assert history.add(str(tmp_path / "h.db"), [written], date=datetime.date(2022, 6, 30)) == 1
+
+
+@pytest.mark.parametrize(
+    ("result", "option"),
+    [
+        (replace(calibrated(), sensor={}), "--serial"),
+        (calibrated(date=None), "--date"),
+    ],
+)
+def test_a_result_without_name_or_date_is_refused_unless_both_are_given(tmp_path, result, option):
+    url = str(tmp_path / "h.db")
+    with pytest.raises(InputError, match=option):
+        history.add(url, [result])
+    assert history.add(url, [result], serial_number="4711", date=datetime.date(2020, 5, 1)) == 1
+    with pytest.raises(InputError, match="not that of the result"):
+        history.add(url, [calibrated()], serial_number="12")
+
+
+def test_rows_can_be_neither_changed_nor_removed_nor_replaced(tmp_path):
+    file = tmp_path / "h.db"
+    history.add(str(file), [calibrated()])
+    with sqlite3.connect(file) as other:  # any program, with none of our manners
+        for table in schema.metadata.sorted_tables:
+            column = table.columns.keys()[-1]
+            for order in (f"UPDATE {table.name} SET {column} = {column}", f"DELETE FROM {table.name}"):
+                with pytest.raises(sqlite3.IntegrityError, match="append-only"):
+                    other.execute(order)
+        before = other.execute("SELECT * FROM calibration").fetchall()
+        columns = [name for name in [c.name for c in schema.calibration.columns] if name not in ("date", "model")]
+        other.execute(
+            f"INSERT OR REPLACE INTO calibration ({', '.join(columns)}, date, model) "
+            f"SELECT {', '.join(columns)}, '1999-01-01', 'another' FROM calibration"
+        )
+        assert other.execute("SELECT * FROM calibration").fetchall() == before
+    other.close()
+
+
+def test_a_store_that_another_program_holds_is_said_to_be_held(tmp_path, monkeypatch):
+    history.add(str(tmp_path / "h.db"), [calibrated()])
+    monkeypatch.setattr("vibrident.lab.history.store.PATIENCE_S", 0.1)
+    other = sqlite3.connect(tmp_path / "h.db", isolation_level=None)
+    other.execute("BEGIN IMMEDIATE")
+    with pytest.raises(InputError, match="held by another program"):
+        history.add(str(tmp_path / "h.db"), [calibrated(0.2)])
+    other.close()
+
+
+def test_a_store_that_can_only_be_read_is_read(tmp_path, monkeypatch):
+    file = tmp_path / "h.db"
+    history.add(str(file), [calibrated()])
+    monkeypatch.setattr("vibrident.lab.history.store.os.access", lambda *_: False)
+    monkeypatch.chdir(tmp_path)
+    assert count(str(file)) == count("sqlite:///h.db") == 1
+    with pytest.raises(InputError, match="can only be read"):
+        history.add(str(file), [calibrated(0.2)])
+    assert [path.name for path in tmp_path.iterdir()] == ["h.db"]
+
+
+def test_a_driver_that_is_missing_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "psycopg", None)
+    with pytest.raises(InputError, match=r"vibrident\[postgres\]"):
+        history.add("postgresql://laboratory@127.0.0.1:1/db", [calibrated()])
+
+
+def test_a_newer_store_is_left_alone(tmp_path):
+    file = tmp_path / "new.db"
+    history.add(str(file), [calibrated()])
+    with sqlite3.connect(file) as other:
+        other.execute(f"UPDATE {schema.VERSION_TABLE} SET version_num = '9999'")
+    other.close()
+    for act in (lambda: history.add(str(file), [calibrated(0.2)]), lambda: Store(str(file)).upgrade()):
+        with pytest.raises(InputError, match="newer version"):
+            act()
+
+
+@pytest.mark.parametrize(
+    ("url", "said"),
+    [
+        ("mysql://lab:geheim@host/db", "kind"),
+        ("postgresql://lab:geheim@127.0.0.1:1/db", "cannot be used"),
+        ("postgresql://lab:ge@h/eim@127.0.0.1:1/db", "store"),
+        ("postgresql://127.0.0.1:1/db?user=lab&password=geheim", "cannot be used"),
+        ("postgresql://lab:geheim@[broken/db", "store"),
+        ("somewhere", "read"),
+        ("sqlite://", "in memory"),
+        ("sqlite:////proc/nowhere/h.db", "cannot be used"),
+    ],
+)
+def test_a_store_that_cannot_be_used_is_named_without_its_password(url, said):
+    with pytest.raises(InputError) as caught:
+        history.add(url, [calibrated()])
+    text = str(caught.value)
+    assert said in text
+    assert "geheim" not in text
+    assert "eim@" not in text
+    assert "Traceback" not in text
+
+
+def test_a_file_that_is_no_store_and_a_store_that_is_not_there(tmp_path):
+    (tmp_path / "x.db").write_text("no database " * 100)
+    with pytest.raises(InputError, match="cannot be used"):
+        history.add(str(tmp_path / "x.db"), [calibrated()])
+    absent = tmp_path / "none of 100 %.db"
+    store = Store(str(absent))
+    with pytest.raises(InputError, match="no history here") as caught, store.reading():
+        pass
+    assert str(absent) in str(caught.value)  # not as a URL escapes it
+    assert not absent.exists()
+
+
+def test_the_default_is_the_environment_s_then_the_user_s_folder(tmp_path, monkeypatch):
+    monkeypatch.setenv(location.VARIABLE, f"sqlite:///{tmp_path}/by variable.db")
+    history.add(None, [calibrated()])
+    assert (tmp_path / "by variable.db").exists()
+    monkeypatch.delenv(location.VARIABLE)
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
+    if sys.platform.startswith("linux"):
+        assert location.chosen(None) == f"sqlite:///{tmp_path}/vibrident/history.sqlite"
+    assert location.chosen("postgresql://lab@host/db").startswith("postgresql+psycopg://")

@@ -1,0 +1,68 @@
+"""Messages name a parameter in words and give its number with a unit, whichever code they carry."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import vibrident
+from vibrident.base.amounts import amount
+from vibrident.data.records import Calibration, Record, ResponseTable
+from vibrident.fit.measure.drift import without_drift
+from vibrident.physics.models import ADD_ONS, parse
+from vibrident.physics.naming import in_words
+
+MODELS = [parse(name) for name in ("accelerometer", "velocity-pickup")]
+NAMES = [spec.name for model in MODELS for spec in model.parameters]
+NAMES += [spec.name for addon in ADD_ONS.values() for spec in addon.parameters]
+
+
+def test_every_parameter_of_every_model_has_words():
+    assert not [name for name in NAMES if "_" in in_words(name) or not in_words(name)]
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "text"),
+    [
+        (812.3441, "Hz", "812.34 Hz"),
+        (1.2e-6, "s", "1.2 µs"),
+        (3.84e-7, "V", "384 nV"),
+        (0, "V", "0 V"),
+    ],
+)
+def test_numbers_carry_their_unit(value, unit, text):
+    assert amount(value, unit) == text
+
+
+def tabled(model, values, frequency, relative=1e-3):
+    response = np.asarray(parse(model).frequency_response(values, frequency))
+    u = np.full(frequency.size, relative)
+    table = ResponseTable(frequency, np.abs(response), np.angle(response), u * np.abs(response), u)
+    return Calibration(table=table, model="accelerometer+delay", response_unit="mV")
+
+
+def test_no_message_of_a_fit_holds_a_parameters_name_as_the_program_writes_it():
+    values = {"sensitivity": -2.0, "natural_frequency": 800.0, "damping_ratio": 0.01}
+    far = tabled("accelerometer", values, np.geomspace(5.0, 60.0, 12))
+    second = {"mode2_frequency": 900.0, "mode2_damping": 0.02, "mode2_gain": 0.05}
+    bent = tabled("accelerometer+mode2", {**values, **second}, np.geomspace(50.0, 2000.0, 30))
+    results = [vibrident.identify(one, estimator="ml") for one in (far, bent)]
+    messages = [warning.message for result in results for warning in result.warnings]
+    codes = {code for result in results for code in result.warning_codes}
+    assert {"weakly_determined", "polarity", "band_sensitive"} <= codes
+    assert not [text for text in messages if any(f"{name}" in text for name in NAMES if "_" in name)]
+    moved = next(w.message for result in results for w in result.warnings if w.code == "band_sensitive")
+    assert "Hz instead of" in moved or "mV" in moved or "damping" in moved
+
+
+def test_a_drift_is_stated_in_the_unit_of_the_response():
+    time = np.arange(4000) / 1000.0
+    tone = np.sin(2 * np.pi * 50.0 * time)
+    noise = 1e-3 * np.random.default_rng(1).normal(size=time.size)
+    record = Record("run", tone, 1e-6 * (tone + noise + 0.2 * time), 1000.0, "random")
+    _, (finding,) = without_drift([record], [1e-6 * tone], "V")
+    assert "drifts by 800 nV over" in finding.message
+    bare = without_drift([replace(record, name="bare")], [1e-6 * tone])[1][0].message
+    assert "8e-7 over" in bare
