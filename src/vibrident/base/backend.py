@@ -1,32 +1,74 @@
-"""The only door to JAX: float64, the compilation cache, and a version that computes correctly.
+"""The only door to JAX (extra ``network``): float64, the compilation cache, and arithmetic that is checked.
 
-JAX 0.10.2 to 0.12.0.1 return garbage for small batched matrix products in float64 on CPU. The pinned 0.10.1 does
-not; any other version gets the flag that cures it and must pass ``check_arithmetic`` before anything is computed.
-Import ``jax``, ``jnp`` and ``lax`` from here, never from JAX itself.
+JAX 0.10.2 to 0.12.0.1 return garbage for small batched matrix products in float64 on CPU, unless XLA is given a flag.
+The flag is set here for those versions; on every version but 0.10.1, which was sound, ``arithmetic_error`` must be small
+before anything is computed. Import ``jax``, ``jnp``, ``lax``, ``equinox`` and ``optax`` from here alone.
 """
 
 from __future__ import annotations
 
+import importlib
 import importlib.metadata
 import os
 from pathlib import Path
+from typing import Any
 
-TRUSTED_VERSION = "0.10.1"
+from vibrident.base.errors import InputError
+from vibrident.base.extras import library
+
+TRUSTED = "0.10.1"
+FIRST_FAULTY, LAST_FAULTY = (0, 10, 2), (0, 12, 0, 1)
 MOST_MAPS = 40_000  # memory maps of a process at which its kernels are freed; Linux's usual limit is 65 530
+LEAST_ERROR = 1e-12  # largest relative error of sound arithmetic
 _CURE = "--xla_cpu_experimental_ynn_fusion_type="
 
-_installed = importlib.metadata.version("jax")
+
+def _numbers(version: str) -> tuple[int, ...]:
+    return tuple(int(part) for part in version.split(".") if part.isdigit())
+
+
+def _with_cure(flags: str, version: str) -> str:
+    """XLA's flags with the one that a faulty version needs; XLA ends a process whose flags it does not know."""
+    faulty = FIRST_FAULTY <= _numbers(version) <= LAST_FAULTY
+    return f"{flags} {_CURE}".strip() if faulty and _CURE not in flags else flags
+
+
+def _required(name: str) -> Any:
+    return library(
+        name,
+        "network",
+        "Springs, learned residuals, Adam and the paper's experiments need JAX, which is not installed.",
+        "this use of vibrident; linear sensors need none",
+    )
+
+
+def _version() -> str:
+    try:
+        return importlib.metadata.version("jax")
+    except importlib.metadata.PackageNotFoundError:
+        return ""
+
+
+_installed = _version()
 # Cached kernels carry two tuning hints that XLA's loader reports as "unsupported features" on stderr, harmlessly.
 os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
-if _installed != TRUSTED_VERSION and _CURE not in os.environ.get("XLA_FLAGS", ""):
-    os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {_CURE}".strip()
+if _CURE in (_flags := _with_cure(os.environ.get("XLA_FLAGS", ""), _installed)):
+    os.environ["XLA_FLAGS"] = _flags
+
+_required("jax")
 
 import jax  # noqa: E402
 import jax.numpy as jnp  # noqa: E402
 import numpy as np  # noqa: E402
 from jax import lax  # noqa: E402
 
-__all__ = ["TRUSTED_VERSION", "arithmetic_error", "cache_folder", "jax", "jnp", "lax", "release_kernels"]
+__all__ = ["TRUSTED", "arithmetic_error", "cache_folder", "jax", "jnp", "lax", "release_kernels"]
+
+
+def __getattr__(name: str) -> Any:
+    if name in ("equinox", "optax"):
+        return _required(name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def cache_folder() -> Path | None:
@@ -78,13 +120,16 @@ def _configure() -> None:
 
 
 def _refuse_if_wrong() -> None:
-    if _installed == TRUSTED_VERSION:
+    if _installed == TRUSTED:
         return
     error = arithmetic_error()
-    if not error < 1e-12:
-        raise ImportError(
-            f"JAX {_installed} computes wrong numbers on this machine (relative error {error:g} in a sum of matrix "
-            f"products). Install the tested version: pip install 'jax=={TRUSTED_VERSION}' 'jaxlib=={TRUSTED_VERSION}'"
+    if not error < LEAST_ERROR:
+        raise InputError(
+            "JAX computes wrong numbers on this machine.",
+            expected=f"a relative error below {LEAST_ERROR:g} in a sum of matrix products",
+            found=f"{error:g}, with JAX {_installed}",
+            where=f"XLA_FLAGS={os.environ.get('XLA_FLAGS', '')}",
+            remedy=f"pip install 'jax=={TRUSTED}' 'jaxlib=={TRUSTED}'",
         )
 
 

@@ -11,9 +11,9 @@ from __future__ import annotations
 
 from typing import Any, Literal
 
-import equinox as eqx
 import numpy as np
 
+from vibrident.base.backend import equinox as eqx
 from vibrident.base.backend import jax, jnp, lax
 from vibrident.data.records import FloatArray
 from vibrident.paper.dataset import Dataset, Windows, cut, scored, whole_records

@@ -10,11 +10,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-import equinox as eqx
 import numpy as np
-import optax
 
-from vibrident.base.backend import jax, jnp, lax
+from vibrident.base.backend import equinox as eqx
+from vibrident.base.backend import jax, jnp, lax, optax
 from vibrident.fit.estimators.optimise import Progress, silent
 
 Loss = Callable[[Any, Any], Any]

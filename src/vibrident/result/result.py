@@ -173,6 +173,19 @@ class Result:
                 remedy="identify records with a reference; decays may be among them, or in a calibration file beside",
             )
 
+    def require_linear(self) -> None:
+        """Refuse a result whose model has no linear inverse."""
+        from vibrident.physics.models import parse
+
+        if not parse(self.model).is_linear:
+            raise InputError(
+                "A sensor with a cubic stiffness has no linear inverse.",
+                expected="a result of a linear model",
+                found=repr(self.model),
+                where="result, model",
+                remedy="identify with a model without 'cubic', at the level of the motion to be corrected",
+            )
+
     def to_dict(self) -> dict[str, Any]:
         """Plain types only; numbers that are not finite become None."""
         return {"schema": SCHEMA, **plain(self)}

@@ -100,17 +100,6 @@ class IdentifiedSensor:
         numerator = self.model.rational(self.values).numerator
         return next((power for power, c in enumerate(numerator) if c != 0.0), len(numerator))
 
-    def require_linear(self) -> None:
-        """Refuse a sensor that has no linear inverse."""
-        if not self.model.is_linear:
-            raise InputError(
-                "A sensor with a cubic stiffness has no linear inverse.",
-                expected="a result of a linear model",
-                found=repr(self.model.name),
-                where="result, model",
-                remedy="identify with a model without 'cubic', at the level of the motion to be corrected",
-            )
-
     def require_uncertainty(self) -> None:
         """Refuse a sensor whose parameters' covariance is not stated."""
         known = np.isfinite(self.covariance)

@@ -256,4 +256,4 @@ def test_only_renderers_escape_what_is_shown():
     escaping_ones = {
         path.stem for path in folder.glob("*.py") if "vibrident.base.escaping" in path.read_text(encoding="utf-8")
     }
-    assert escaping_ones == {"charts", "html", "markdown", "pdf", "terminal"}
+    assert escaping_ones == {"charts", "console", "html", "markdown", "pdf"}

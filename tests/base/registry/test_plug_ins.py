@@ -20,11 +20,11 @@ BROKEN = """\
 nowhere = no_such_module:THING
 csv = broken:THING
 
-[vibrident.physics.models]
+[vibrident.models]
 number = broken:THING
 misnamed = vibrident.physics.models.add_ons.delay:DELAY
 
-[vibrident.fit.estimators]
+[vibrident.estimators]
 raising = broken.raising:THING
 """
 

@@ -204,9 +204,9 @@ def test_a_long_record_is_worked_on_in_blocks_and_gives_the_same(monkeypatch):
     noisy = with_noise(made, response_noise=0.02, reference_noise=0.01, seed=6)
     whole = vibrident.identify(noisy, estimator="ipnn")
     for module in ("lines.runs.MOST_KEPT", "lines.record.MOST_KEPT"):
-        monkeypatch.setattr(f"vibrident.{module}", 0)
+        monkeypatch.setattr(f"vibrident.fit.{module}", 0)
     for module in ("lines.normal", "measure.lines", "problem.line_problem"):
-        monkeypatch.setattr(f"vibrident.{module}.AT_ONCE", 256)
+        monkeypatch.setattr(f"vibrident.fit.{module}.AT_ONCE", 256)
     parts = vibrident.identify(noisy, estimator="ipnn")
     assert parts.settings["noise_weights"] == "spectrum"
     for name, value in whole.parameters.items():

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from vibrident.base.fft_lengths import fast_below
+from vibrident.base.fft_lengths import FACTORS, LEAST_LOST, fast_below
 from vibrident.fit.information import inverse_where_shown
-from vibrident.fit.measure.lines import FACTORS, LEAST_LOST, in_blocks, median, power_of
+from vibrident.fit.measure.lines import in_blocks, median, power_of
 from vibrident.fit.measure.rounding import converter_step
 
 

@@ -51,7 +51,7 @@ def test_records_in_time_keep_their_samples_and_count_their_freedom():
 def test_transforms_of_long_runs_are_let_go_of_and_made_again(monkeypatch):
     """The inputs' after the lines of a record were asked for, and all of an idle problem; its cost stays to the bit."""
     for module in ("lines.runs", "problem.line_problem"):
-        monkeypatch.setattr(f"vibrident.{module}.MOST_KEPT", 100)
+        monkeypatch.setattr(f"vibrident.fit.{module}.MOST_KEPT", 100)
     problem = LineProblem.build(simulated().records, MODEL, method("bandlimited"), "acceleration", P)
     c, noise = Coordinates.at(MODEL, P, BAND), np.ones(1)
     before = problem.normal(c.first, c, noise)

@@ -59,7 +59,6 @@ def true_values(sensor: Sensor) -> dict[str, float]:
 
 def write_truth(path: Path, sensor: Sensor, calibration: Calibration, seed: int, **more: Any) -> None:
     """Write the true values of a calibration's sensor with their units, and what else is true of it."""
-    import vibrident.base.backend  # noqa: F401  configures JAX before other imports of it
     from vibrident.fit.uncertainty.parameters import unit_fields
     from vibrident.physics.models import parse
     from vibrident.use.comparison import TRUTH_SCHEMA

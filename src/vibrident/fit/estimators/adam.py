@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import optax
 
-from vibrident.base.backend import jax, jnp
+from vibrident.base.backend import jax, jnp, optax
 from vibrident.data.records import FloatArray
 from vibrident.fit.estimators.optimise import Objective, Progress, Trace, silent
 

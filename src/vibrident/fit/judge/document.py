@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import datetime
 import functools
 import platform
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from typing import Any, Literal
 
 import numpy as np
@@ -209,20 +210,24 @@ def _shown(
     return tuple((float(cost) / equations, point) for cost, point in zip(costs, path, strict=True))
 
 
-@functools.cache
-def _version(library: str) -> str:
-    return version(library)  # reads and parses the library's metadata
+@functools.cache  # reading a library's metadata takes time
+def _versions() -> dict[str, str]:
+    """Of the libraries behind the numbers, as far as they are installed."""
+    found = {}
+    for name in ("jax", "jaxlib", "numpy", "scipy", "equinox"):
+        with contextlib.suppress(PackageNotFoundError):
+            found[name] = version(name)
+    return found
 
 
 def _provenance(calibration: Calibration, evidence: Evidence) -> dict[str, Any]:
     sources = [r.provenance for r in evidence.records or calibration.records]
     if calibration.table is not None:
         sources = [calibration.table.provenance]
-    libraries = ("jax", "jaxlib", "numpy", "scipy", "equinox")
     return {
         "vibrident": __version__,
         "python": platform.python_version(),
-        "libraries": {name: _version(name) for name in libraries},
+        "libraries": _versions(),
         "calibration_file": calibration.source,
         "files": [{"file": s.file, "sha256": s.sha256, "history": list(s.history)} for s in sources],
         "seed": None,

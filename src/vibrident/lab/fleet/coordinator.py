@@ -124,8 +124,10 @@ def run(asked: Asked, scheduler: Scheduler, progress: Callable[[RunProgress], No
         progress: called about twice a second.
 
     Raises:
-        InputError: a pattern names nothing, the folder cannot be written, or the connection to the scheduler is lost.
+        InputError: a pattern names nothing, the folder cannot be written, the connection to the scheduler is lost, or
+            pyarrow is not installed.
     """
+    parts.arrow()  # before the work that it would come after
     begin = time.monotonic()
     began_at = time.time()
     orders = replace(asked.orders, folder=os.path.abspath(asked.orders.folder), run=uuid.uuid4().hex)

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibrident.base.errors import InputError
+from vibrident.base.extras import library
 from vibrident.lab.fleet.row import FAILED, IDENTIFIED, Row
 
 #: Columns of a part beside those of parameters; units are JSON, limits are stated for failed calibrations.
@@ -45,15 +46,26 @@ _PLACE = np.dtype(
 )
 
 
+def arrow() -> Any:
+    """The library of the table.
+
+    Raises:
+        InputError: it is not installed.
+    """
+    return library("pyarrow", "fleet", "The table of a fleet needs pyarrow, which is not installed.", "vibrident fleet")
+
+
 def load_arrow() -> None:
     """Load pyarrow for a command: with a pool that returns memory, and without pandas.
 
     The first array that pyarrow makes loads pandas, in a quarter of a second and 30 MB, for nothing that is done here.
     It tries once; its ``to_pandas`` tries again.
+
+    Raises:
+        InputError: it is not installed.
     """
     os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
-    import pyarrow as pa
-
+    pa = arrow()
     sys.meta_path.insert(0, SimpleNamespace(find_spec=_no_pandas))  # type: ignore[arg-type]
     try:
         pa.array([0])
@@ -119,8 +131,7 @@ def remove_left(folder: Path) -> None:
 
 def as_table(rows: Sequence[Row], time_limit_s: float, memory_limit_bytes: int | None) -> Any:
     """Rows as a table of pyarrow, with the limits on time and memory that applied to them."""
-    import pyarrow as pa
-
+    pa = arrow()
     columns: dict[str, Any] = {field: pa.array([text(row.get(field)) for row in rows], pa.string()) for field in _TEXTS}
     columns["units"] = pa.array([_units(row) for row in rows], pa.string())
     limits = {"time_limit_s": time_limit_s, "memory_limit_bytes": memory_limit_bytes}

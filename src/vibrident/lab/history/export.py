@@ -9,10 +9,15 @@ from pathlib import Path
 from typing import Any
 
 from vibrident.base.escaping import csv_cell
+from vibrident.base.extras import library
 
 
 def write(rows: Sequence[Mapping[str, Any]], file: Path) -> None:
-    """Write rows, each with the columns it has, to a file that ends in ``.parquet`` or ``.csv``."""
+    """Write rows, each with the columns it has, to a file that ends in ``.parquet`` or ``.csv``.
+
+    Raises:
+        InputError: Parquet is asked for, and pyarrow is not installed.
+    """
     names = list(dict.fromkeys(name for row in rows for name in row))
     if file.suffix.lower() == ".csv":
         with file.open("w", newline="", encoding="utf-8") as stream:
@@ -20,9 +25,9 @@ def write(rows: Sequence[Mapping[str, Any]], file: Path) -> None:
             table.writerow(names)
             table.writerows([[_cell(row.get(name)) for name in names] for row in rows])
         return
-    import pyarrow as arrow
-    from pyarrow import parquet
-
+    missing = "A table in Parquet needs pyarrow, which is not installed; in CSV it does not."
+    arrow = library("pyarrow", "parquet", missing, str(file))
+    parquet = library("pyarrow.parquet", "parquet", missing, str(file))
     columns = {name: arrow.array([row.get(name) for row in rows], type=_type(arrow, rows, name)) for name in names}
     parquet.write_table(arrow.table(columns), file)
 

@@ -134,8 +134,8 @@ def correct(
     Raises:
         InputError: the model has no linear inverse, the units differ, or a record or the band cannot be used.
     """
+    result.require_linear()
     sensor = result.to_sensor("a correction")
-    sensor.require_linear()
     sensor.require_uncertainty()
     quantity: Quantity = "acceleration"
     if isinstance(records, Calibration):

@@ -221,8 +221,8 @@ def _scales(model: SensorModel, z: FloatArray) -> FloatArray:
 
 def _sensor(sensor: str | Result, parameters: Mapping[str, float] | None) -> tuple[SensorModel, dict[str, float]]:
     if isinstance(sensor, Result) and parameters is None:
+        sensor.require_linear()
         known = sensor.to_sensor("a plan")
-        known.require_linear()
         return known.model, dict(known.values)
     name = sensor.model if isinstance(sensor, Result) else sensor
     model = parse(name)
