@@ -1,4 +1,4 @@
-# Needs make and Python 3.11 to 3.14 (JAX 0.10.1 has wheels for these); everything else comes from PyPI.
+# Needs make and Python 3.11 to 3.14; everything else comes from PyPI.
 #
 #   VENV=/elsewhere make test     another environment than .venv
 #   PYTHON=/opt/python3.12 make   another interpreter to make it with
@@ -10,6 +10,7 @@ JOBS ?= 2
 PYTEST_ARGS ?=
 BIN := $(VENV)/bin
 CORE := $(VENV)/.installed
+NETWORK := $(VENV)/.installed-network
 DEV := $(VENV)/.installed-dev
 DOCS := $(VENV)/.installed-docs
 
@@ -34,13 +35,13 @@ help:  ## this list
 demo: $(CORE)  ## simulated calibration, identification and report, into demo/
 	$(BIN)/vibrident demo --out demo
 
-reproduce: $(CORE)  ## the paper's tables and figures beside ours, into reproduction/ (up to 20 minutes)
+reproduce: $(NETWORK)  ## the paper's tables and figures beside ours, into reproduction/ (up to 20 minutes)
 	$(BIN)/vibrident reproduce --out reproduction
 
 install: pyproject.toml | $(BIN)/python  ## at once what tests, lint and docs need; each of them installs its own otherwise
 	$(PIP_INSTALL) --editable '.[dev,docs]'
 	$(COMPILE_ALL)
-	@touch $(CORE) $(DEV) $(DOCS)
+	@touch $(CORE) $(NETWORK) $(DEV) $(DOCS)
 
 # Python writes its bytecode, whatever the surroundings say: without it each test process compiles all modules again.
 test nightly: export PYTHONDONTWRITEBYTECODE :=
@@ -81,7 +82,7 @@ bench/peers/envs/%/.installed: bench/peers/%.txt | $(BIN)/python
 	@touch $@
 
 clean:  ## remove what make and the tools have made
-	rm -rf $(CORE) $(DEV) $(DOCS) site .pytest_cache .ruff_cache .hypothesis .jax_cache build dist demo reproduction
+	rm -rf $(CORE) $(NETWORK) $(DEV) $(DOCS) site .pytest_cache .ruff_cache .hypothesis .jax_cache build dist demo reproduction
 
 $(BIN)/python:
 	@test -n "$(PYTHON)" || { \
@@ -93,10 +94,15 @@ $(CORE): pyproject.toml | $(BIN)/python
 	$(COMPILE_ALL)
 	@touch $@
 
+$(NETWORK): pyproject.toml | $(BIN)/python
+	$(PIP_INSTALL) --editable '.[network]'
+	$(COMPILE_ALL)
+	@touch $@ $(CORE)
+
 $(DEV): pyproject.toml | $(BIN)/python
 	$(PIP_INSTALL) --editable '.[dev]'
 	$(COMPILE_ALL)
-	@touch $@ $(CORE)
+	@touch $@ $(CORE) $(NETWORK)
 
 $(DOCS): pyproject.toml | $(BIN)/python
 	$(PIP_INSTALL) --editable '.[docs]'

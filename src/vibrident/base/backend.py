@@ -1,8 +1,8 @@
 """The only door to JAX (extra ``network``): float64, the compilation cache, and arithmetic that is checked.
 
 JAX 0.10.2 to 0.12.0.1 return garbage for small batched matrix products in float64 on CPU, unless XLA is given a flag.
-The flag is set here for those versions; on every version but 0.10.1, which was sound, ``arithmetic_error`` must be small
-before anything is computed. Import ``jax``, ``jnp``, ``lax``, ``equinox`` and ``optax`` from here alone.
+It is set here for those versions. On every version but 0.10.1, which was sound, that computation is made when JAX is
+loaded, and nothing more where it is wrong. Import ``jax``, ``jnp``, ``lax``, ``equinox`` and ``optax`` from here.
 """
 
 from __future__ import annotations

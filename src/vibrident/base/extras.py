@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import importlib
+import importlib.util
 import warnings
 from typing import Any
 
@@ -26,10 +26,16 @@ def library(name: str, extra: str, problem: str, where: str) -> Any:
             warnings.simplefilter("ignore")
             return importlib.import_module(name)
     except ImportError as error:
-        raise InputError(
-            problem,
-            expected=name.partition(".")[0],
-            found=str(error),
-            where=where,
-            remedy=f"pip install 'vibrident[{extra}]'",
-        ) from error
+        raise _missing(name, extra, problem, where, str(error)) from error
+
+
+def require(name: str, extra: str, problem: str, where: str) -> None:
+    """Refuse to go on without a library, which is not loaded; arguments and errors as :func:`library`."""
+    if importlib.util.find_spec(name) is None:
+        raise _missing(name, extra, problem, where, f"No module named {name!r}")
+
+
+def _missing(name: str, extra: str, problem: str, where: str, found: str) -> InputError:
+    return InputError(
+        problem, expected=name.partition(".")[0], found=found, where=where, remedy=f"pip install 'vibrident[{extra}]'"
+    )

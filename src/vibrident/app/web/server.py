@@ -14,7 +14,6 @@ from vibrident.app.web.home import Home
 from vibrident.app.web.session import MEGABYTE
 from vibrident.app.workflow.choices import LOOPBACK
 from vibrident.base.errors import InputError
-from vibrident.base.extras import library
 
 USUAL_PORT = 8080
 #: Seconds without a connection after which the browser rebuilds the page; its state is kept longer.
@@ -49,9 +48,8 @@ def serve(
         say: called with the address.
 
     Raises:
-        InputError: NiceGUI is not installed, or the address or the port cannot be used.
+        InputError: the address or the port cannot be used.
     """
-    library("nicegui", "web", "The page needs NiceGUI, which is not installed.", "vibrident serve")
     from nicegui import ui
 
     chosen = _free_port(host, port)

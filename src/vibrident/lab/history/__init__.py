@@ -11,8 +11,13 @@ import datetime
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
+from vibrident.base.extras import require
+
 if TYPE_CHECKING:
     from vibrident.result import Result
+
+for _library in ("sqlalchemy", "alembic"):
+    require(_library, "history", "A history of sensors needs a library that is not installed.", "vibrident history")
 
 __all__ = ["add"]
 

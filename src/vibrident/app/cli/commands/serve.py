@@ -8,6 +8,7 @@ from vibrident.app.cli.console import note, out
 from vibrident.app.cli.options import between, flag, option
 from vibrident.app.workflow.choices import LOOPBACK
 from vibrident.base.errors import InputError
+from vibrident.base.extras import require
 
 _STORE = "on loopback VIBRIDENT_STORE, else a file in the user's data folder; none otherwise"
 
@@ -29,6 +30,7 @@ def serve(
 
     Data stay on this machine; each open page has files of its own, which are removed an hour after it was closed.
     """
+    require("nicegui", "web", "The page needs NiceGUI, which is not installed.", "vibrident serve")
     from vibrident.lab.history.location import chosen
 
     if context.obj is None:
