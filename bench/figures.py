@@ -107,6 +107,7 @@ def _error(value: float) -> str:
 
 
 STYLES = {
+    "seconds": lambda value: f"{value:.3f} s",
     "times": _times,
     "error": _error,
     "plain": lambda value: f"{value:.3g}",

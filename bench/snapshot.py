@@ -141,6 +141,7 @@ def _take_all(folder: Path, only: list[str] | None) -> None:
         _joint(folder)
         _table(folder)
         _decay(folder)
+        _history(folder)
         for name, source in REAL.items():
             _real(name, source, folder / f"real-{name}")
 
@@ -197,6 +198,17 @@ def _decay(folder: Path) -> None:
         _show_and_export()
 
 
+def _history(folder: Path) -> None:
+    store = ("--store", "laboratory.db")
+    results = [f"../{name}/result/result.json" for name in ("sine", "random", "shock")]
+    with _inside(folder / "history"):
+        _run("history", "add", *results, *store)
+        _run("history", "list", *store)
+        _run("history", "show", "S_1", "--format", "json", *store)
+        _run("history", "export", "table.csv", *store)
+        Path("laboratory.db").unlink()
+
+
 def _real(name: str, source: str, folder: Path) -> None:
     data = Path(os.environ.get("VIBRIDENT_DATA", ROOT.parent / "shared" / "data")) / source
     if not data.is_dir():
@@ -238,7 +250,8 @@ def _run(*arguments: str) -> None:
     with contextlib.redirect_stdout(io.StringIO()) as out, contextlib.redirect_stderr(io.StringIO()) as err:
         code = _exit_code(arguments)
     with Path("printed.txt").open("a") as kept:
-        kept.write(f"$ vibrident {' '.join(arguments)}\n{out.getvalue()}{err.getvalue()}exit code {code}\n\n")
+        said = (out.getvalue() + err.getvalue()).replace(str(Path.cwd()), "HERE")
+        kept.write(f"$ vibrident {' '.join(arguments)}\n{said}exit code {code}\n\n")
 
 
 def _exit_code(arguments: Sequence[str]) -> object:

@@ -104,9 +104,9 @@ def _plug_ins() -> list[Check]:
 
 def _jax() -> list[Check]:
     versions = {package: _version(package) or "missing" for package in ("jax", "jaxlib")}
-    found = ", ".join(f"{package} {version}" for package, version in versions.items())
     if "missing" in versions.values():
-        return [Check("JAX", f"{found}; linear sensors need none")]
+        return [Check("JAX", "not installed; linear sensors need none")]
+    found = ", ".join(f"{package} {version}" for package, version in versions.items())
     from vibrident.base import backend  # refuses to load where the arithmetic is wrong
 
     install = f"pip install 'jax=={backend.TRUSTED}' 'jaxlib=={backend.TRUSTED}'"

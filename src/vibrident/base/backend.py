@@ -38,7 +38,7 @@ def _required(name: str) -> Any:
         name,
         "network",
         "Springs, learned residuals, Adam and the paper's experiments need JAX, which is not installed.",
-        "this use of vibrident; linear sensors need none",
+        "this model, setting or command; linear sensors need none",
     )
 
 

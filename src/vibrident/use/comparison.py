@@ -14,7 +14,7 @@ from vibrident.base.errors import InputError
 from vibrident.physics.naming import in_words, is_gain
 from vibrident.result import Parameter, Result
 
-SCHEMA = "vibrident.use.comparison/1"
+SCHEMA = "vibrident.comparison/1"
 TRUTH_SCHEMA = "vibrident.truth/1"
 COVERAGE_FACTOR = 2.0  # k of every expanded uncertainty that is compared
 

@@ -247,7 +247,7 @@ def test_compare_methods(made, run, tmp_path):
     done = run("compare", made / "calibration.toml", *arguments, "--out", tmp_path / "out")
     assert done.exit_code == 0, done.output
     document = json.loads((tmp_path / "out" / "comparison.json").read_text())
-    assert document["schema"] == "vibrident.use.comparison/1"
+    assert document["schema"] == "vibrident.comparison/1"
     assert document["deviations_from"] == "truth"
     methods = {method["name"]: method for method in document["methods"]}
     assert list(methods) == ["ml", "ipnn zoh", "ipnn bandlimited"]

@@ -25,9 +25,7 @@ def shell(*arguments, **environment):
 
 
 def test_a_bad_file_is_one_message_and_no_jax(made, tmp_path):
-    begin = time.perf_counter()
     done = shell("identify", tmp_path / "none.toml", "--out", tmp_path / "out")
-    assert time.perf_counter() - begin < 30
     assert done.returncode == 2
     assert done.stdout == b""
     assert done.stderr.startswith(b"Error: ")

@@ -56,11 +56,6 @@ def words_and_numbers(pdf: Path) -> str:
     return re.sub(r"\d{4}-\d\d-\d\dT[\d:]+\+00:00", "", text)
 
 
-def test_the_page_is_ready_soon(server):
-    """Three seconds on a machine that does nothing else."""
-    assert 0.0 < server.busy_s < 3.0
-
-
 @pytest.mark.slow
 def test_real_files_give_the_numbers_of_the_command_line(visit, picture, tmp_path):
     data = real_data("sm3")

@@ -17,7 +17,7 @@ from vibrident.data.io.record_files import data_files
 from vibrident.data.io.toml_text import read_toml
 from vibrident.lab.fleet.orders import Orders
 
-SCHEMA = "vibrident.lab.fleet/1"
+SCHEMA = "vibrident.fleet/1"
 #: In place of the hash of a file that is missing or not readable: the key changes once it can be read.
 _ABSENT = "absent"
 

@@ -20,7 +20,7 @@ from vibrident.lab.history.store import Store
 from vibrident.result import Result
 from vibrident.use.comparison import COVERAGE_FACTOR
 
-SCHEMA = "vibrident.lab.history/1"
+SCHEMA = "vibrident.history/1"
 K = COVERAGE_FACTOR
 #: Number of dates, from the last calibration to the latest prediction, at which a figure shows the prediction.
 _CURVE = 25
