@@ -13,6 +13,7 @@ CORE := $(VENV)/.installed
 NETWORK := $(VENV)/.installed-network
 DEV := $(VENV)/.installed-dev
 DOCS := $(VENV)/.installed-docs
+PLAIN_VENV := $(VENV)-plain
 
 # Run each candidate: a shim may be on the PATH and yet have no interpreter behind it.
 PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3.14 python3 python; do \
@@ -28,10 +29,10 @@ COMPILE_ALL = $(COMPILE) && { $(BIN)/python -m compileall -qq -j 0 -x '/tests?/'
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help demo reproduce install test nightly lint format bench clean
+.PHONY: help demo reproduce install test test-plain nightly lint format bench clean
 
 help:  ## this list
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-9s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 demo: $(CORE)  ## simulated calibration, identification and report, into demo/
 	$(BIN)/vibrident demo --out demo
@@ -45,11 +46,16 @@ install: pyproject.toml | $(BIN)/python  ## at once what tests, lint and docs ne
 	@touch $(CORE) $(NETWORK) $(DEV) $(DOCS)
 
 # Python writes its bytecode, whatever the surroundings say: without it each test process compiles all modules again.
-test nightly: export PYTHONDONTWRITEBYTECODE :=
+test test-plain nightly: export PYTHONDONTWRITEBYTECODE :=
 
 test: $(DEV)  ## every law once
 	$(COMPILE)
 	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal $(if $(CI),--durations=10) $(PYTEST_ARGS)
+
+# The way of a linear sensor from file to certificate data; tests/test_loading.py imports every module.
+PLAIN := tests/test_loading.py tests/app/cli tests/fit/identification tests/result tests/use
+test-plain: $(PLAIN_VENV)/.installed  ## tests of linear sensors on the plain install: no JAX, no extra
+	$(PLAIN_VENV)/bin/python -m pytest -n $(JOBS) --dist worksteal $(PYTEST_ARGS) $(PLAIN)
 
 nightly: export JAX_DISABLE_MOST_OPTIMIZATIONS := false
 nightly: $(DEV)  ## the tests that take long: Monte Carlo, every variant of a compiled network, walks through the page
@@ -103,6 +109,12 @@ $(DEV): pyproject.toml | $(BIN)/python
 	$(PIP_INSTALL) --editable '.[dev]'
 	$(COMPILE_ALL)
 	@touch $@ $(CORE) $(NETWORK)
+
+$(PLAIN_VENV)/.installed: pyproject.toml | $(BIN)/python
+	$(PYTHON) -m venv $(PLAIN_VENV)
+	$(PLAIN_VENV)/bin/python -m pip install --quiet --quiet --disable-pip-version-check --no-compile --editable ".[test]"
+	$(PLAIN_VENV)/bin/python -m compileall -qq -j 0 -x '/tests?/' $(PLAIN_VENV)/lib >/dev/null || true
+	@touch $@
 
 $(DOCS): pyproject.toml | $(BIN)/python
 	$(PIP_INSTALL) --editable '.[docs]'

@@ -19,6 +19,7 @@ keep_freed()
 import numpy as np  # noqa: E402
 import pytest  # noqa: E402
 from hypothesis import settings  # noqa: E402
+from tests.support.extras import installed, lacks  # noqa: E402
 
 gc.disable()  # until all tests are collected: modules that are loaded make no garbage
 # One cache for all workers: what one has compiled the others need not. JAX compiles again what it finds half written,
@@ -45,6 +46,12 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
         metafunc.parametrize("draws", [few, pytest.param(many, marks=pytest.mark.slow)], ids=["few", "many"])
 
 
+def pytest_ignore_collect(collection_path: Path) -> bool | None:
+    """On the plain install, files that are about what an extra brings are left out."""
+    file = collection_path / "conftest.py" if collection_path.is_dir() else collection_path
+    return True if file.suffix == ".py" and file.is_file() and lacks(file) else None
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Of a test marked ``quick`` the cases that the mark does not name are slow.
@@ -54,6 +61,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """
     items.sort(key=lambda item: "web" not in item.path.parts)
     for item in items:
+        for needed in item.iter_markers("needs"):
+            if not installed(needed.args[0]):
+                item.add_marker(pytest.mark.skip(reason=f"needs the extra {needed.args[0]}"))
         mark = item.get_closest_marker("quick")
         if mark and item.callspec.id not in mark.args:
             item.add_marker(pytest.mark.slow)

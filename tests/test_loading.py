@@ -7,27 +7,13 @@ import sys
 
 import pytest
 from tests.support.exported import paper
+from tests.support.extras import NEEDS, NEEDS_JAX, installed
 from tests.support.sources import imports, modules
 
 DOOR_TO_JAX = "vibrident.base.backend"
 #: For arrays that are JAX's already: it may import JAX inside a function.
 LAZY_JAX = "vibrident.physics.models.base"
 BUILT_ON_JAX = {"equinox", "optax", "optimistix", "lineax", "numpyro"}
-#: All that is there for Adam, springs, learned residuals, sampling and the paper: what these names begin with.
-NEEDS_JAX = (
-    DOOR_TO_JAX,
-    "vibrident.physics.network.",
-    "vibrident.physics.discretisation.forced",
-    "vibrident.physics.simulation.cubic",
-    "vibrident.fit.problem.cutting",
-    "vibrident.fit.problem.time_domain",
-    "vibrident.fit.estimators.adam",
-    "vibrident.fit.estimators.free",
-    "vibrident.fit.estimators.harmonic_start",
-    "vibrident.fit.estimators.residual_network",
-    "vibrident.fit.uncertainty.posterior",
-    "vibrident.paper.",
-)
 
 
 def run_python(code: str, *arguments: str) -> str:
@@ -45,7 +31,7 @@ def test_jax_is_imported_through_one_door():
             library = found.target.split(".")[0]
             if library in {"jax", "jaxlib"} and module != DOOR_TO_JAX and not (module == LAZY_JAX and found.lazy):
                 complaints.append(f"{module}, line {found.line}, imports {found.target}: take it from {DOOR_TO_JAX}")
-            if library in BUILT_ON_JAX and not module.startswith(NEEDS_JAX):
+            if library in BUILT_ON_JAX and not f"{module}.".startswith(NEEDS_JAX):
                 complaints.append(f"{module}, line {found.line}, imports {found.target}, which is built on JAX")
     if complaints:
         pytest.fail("\n".join(complaints), pytrace=False)
@@ -100,7 +86,15 @@ def test_help_loads_no_heavy_library():
     assert run_python(CHECK + HELP) == ""
 
 
+@pytest.mark.needs("report")
+@pytest.mark.needs("history")
 def test_what_needs_no_heavy_library_loads_none(tmp_path):
     result = paper().save(tmp_path / "result.json")
     others = [module for module in modules() if not f"{module}.".startswith(NEEDS_JAX)]
     assert run_python(CHECK + USE, str(result), str(tmp_path), *others) == ""
+
+
+def test_every_module_loads_but_those_of_extras_that_are_missing():
+    missing = tuple(prefix for extra, found in NEEDS.items() if not installed(extra) for prefix in found)
+    others = [name for name in modules() if not f"{name}.".startswith(missing) and name != "vibrident.__main__"]
+    assert run_python("import importlib, sys; [importlib.import_module(name) for name in sys.argv[1:]]", *others) == ""

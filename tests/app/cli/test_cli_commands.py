@@ -154,6 +154,7 @@ SMALL_AND_CLEAN = ("--frequencies", "100,300,500,630,800", "--rate", "12800", "-
                    "--response-noise", "0.01", "--seed", "7")  # fmt: skip
 
 
+@pytest.mark.needs("network")
 def test_settings_of_an_estimator_reach_it(made, run, tmp_path):
     chosen = ["--estimator", "ipnn", "--discretisation", "euler", "--optimiser", "adam", "--steps", "5", "--weights"]
     done = run("identify", made / "calibration.toml", "--out", tmp_path, "--no-plots", *chosen)
@@ -321,6 +322,7 @@ def test_doctor_finds_a_sound_installation_fit(run):
     assert "Fit for use." in done.stdout
 
 
+@pytest.mark.needs("network")
 def test_doctor_says_what_is_wrong(run, monkeypatch):
     from vibrident.base import backend
 

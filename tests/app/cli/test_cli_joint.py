@@ -80,7 +80,11 @@ def test_what_is_shared_can_be_named(run, made, again, tmp_path):
         (("--share", "natural_frequncy"), "did you mean 'natural_frequency'?"),
         (("--share", "delay"), "is not a parameter of these models"),
         (("--model", "accelerometer,accelerometer,accelerometer"), "The number of models is not that"),
-        (("--estimator", "ipnn", "--residual"), "A learned residual belongs to one calibration"),
+        pytest.param(
+            ("--estimator", "ipnn", "--residual"),
+            "A learned residual belongs to one calibration",
+            marks=pytest.mark.needs("network"),
+        ),
     ],
 )
 def test_bad_choices_are_one_message(run, made, again, tmp_path, arguments, said):

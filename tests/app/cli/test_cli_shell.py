@@ -92,6 +92,7 @@ def test_a_reader_that_leaves_is_no_traceback(made, tmp_path):
 LONG = ("--estimator", "ipnn", "--optimiser", "adam", "--steps", "1000000")
 
 
+@pytest.mark.needs("network")
 @pytest.mark.skipif(os.name != "posix", reason="signals as POSIX has them")
 @pytest.mark.parametrize(
     ("number", "delay_s"),

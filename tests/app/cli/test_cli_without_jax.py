@@ -8,6 +8,7 @@ import subprocess
 import sys
 
 import pytest
+from tests.support.extras import installed
 
 RANDOM = ("--rate", "12800", "--samples", "2000", "--response-noise", "0.01", "--seed", "8")
 #: Run in a process of its own: every command in turn; what one of them loads is named.
@@ -61,6 +62,7 @@ def test_a_linear_sensor_is_identified_without_a_compiler(run, made, tmp_path):
     assert loaded(commands) == ""
 
 
+@pytest.mark.needs("report")
 def test_what_is_done_with_a_linear_sensors_result_loads_no_compiler(made, identified, tmp_path):
     result, calibration = str(identified), str(made / "calibration.toml")
     commands = [
@@ -76,6 +78,23 @@ def test_what_is_done_with_a_linear_sensors_result_loads_no_compiler(made, ident
         ),
     ]
     assert loaded(commands) == ""
+
+
+@pytest.mark.skipif(installed("network"), reason="JAX is installed; `make test-plain` runs it")
+@pytest.mark.parametrize(
+    "more",
+    [
+        ("--model", "accelerometer+cubic"),
+        ("--estimator", "ipnn", "--optimiser", "adam"),
+        ("--estimator", "ipnn", "--residual"),
+    ],
+)
+def test_without_jax_one_sentence_says_what_to_install(run, made, tmp_path, more):
+    done = run("identify", made / "calibration.toml", "--out", tmp_path / "out", *more)
+    assert (done.exit_code, done.stdout) == (2, "")
+    assert "need JAX, which is not installed" in done.stderr
+    assert "pip install 'vibrident[network]'" in done.stderr
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(("stated", "expected"), [({}, "1"), ({"OPENBLAS_NUM_THREADS": "3"}, "3")])

@@ -85,6 +85,7 @@ def test_a_response_that_depends_on_the_amplitude_is_nonlinear():
     assert "amplitude" in next(w.message for w in result.warnings if w.code == "nonlinear")
 
 
+@pytest.mark.needs("network")
 @pytest.mark.draws(1, 3)
 @pytest.mark.parametrize("excitation", ["random", "sweep"])
 def test_a_bent_spring_shows_in_motion_without_harmonics(excitation, draws):
