@@ -42,6 +42,8 @@ _WHERE = {
 bind(
     summary="vibrident.show.terminal:text",
     plot="vibrident.show.plots:draw",
+    result_html="vibrident.show.notebook:result",
+    sensor_html="vibrident.show.notebook:sensor",
     zeros_and_poles="vibrident.export.python_source:system",
 )
 

@@ -87,6 +87,10 @@ class Result:
         """What ``vibrident identify`` prints: parameters with uncertainties, fit, warnings; plain text."""
         return bound("summary")(self)
 
+    def _repr_html_(self) -> str:
+        """In a notebook: parameters with uncertainties, fit, warnings, and the sensitivity over frequency."""
+        return bound("result_html")(self)
+
     def to_dataframe(self) -> DataFrame:
         """The parameters, a row each, by name: value, unit, u, 95 % interval, whether identifiable, whether derived.
 

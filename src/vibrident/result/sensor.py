@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from vibrident.base.binding import bound
-from vibrident.base.brief import brief
 from vibrident.base.errors import InputError
 from vibrident.base.extras import library
 from vibrident.data.records import FloatArray, Quantity
@@ -51,7 +50,19 @@ class IdentifiedSensor:
     degrees_of_freedom: float = np.inf
     misfit: float = 0.0
 
-    __repr__ = brief
+    def __repr__(self) -> str:
+        """Model, values with u, band and unit."""
+        deviations = np.sqrt(np.diag(self.covariance))
+        values = ", ".join(
+            f"{name}={self.values[name]:.8g}" + (f" ± {u:.2g}" if np.isfinite(u) else "")
+            for name, u in zip(self.model.parameter_names, deviations, strict=True)
+        )
+        band = "" if self.band_hz is None else f"; {self.band_hz[0]:.4g} to {self.band_hz[1]:.4g} Hz"
+        return f"<Sensor {self.model.name}: {values}{band}; {self.response_unit} per {self.input_unit}>"
+
+    def _repr_html_(self) -> str:
+        """In a notebook: the values with uncertainties, and the curve over the band of the data."""
+        return bound("sensor_html")(self)
 
     def frequency_response(self, frequency_hz: FloatArray, quantity: Quantity | None = None) -> ComplexArray:
         """Complex sensitivity for e^{+jωt}, shape (points,).

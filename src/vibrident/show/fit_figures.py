@@ -208,7 +208,8 @@ def _loss(x: Axis, loss: FloatArray, changes: Sequence[int], marks: tuple[tuple[
     known = loss[np.isfinite(loss)]
     y = axes.size(label, loss) if known.size and known.min() > 0 else axes.linear(label, loss)
     parts = np.split(np.arange(loss.size, dtype=float), changes)
-    series = [Series(part, loss[part.astype(int)], "", Look(BLUE, marker=_marker("o", loss.size))) for part in parts]
+    look = Look(BLACK, marker=_marker("D", loss.size))
+    series = [Series(part, loss[part.astype(int)], "", look) for part in parts]
     return Panel(x, y, tuple(series), 1.5, marks=marks, empty="" if known.size else "no loss recorded")
 
 

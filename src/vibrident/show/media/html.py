@@ -51,8 +51,8 @@ def _page(document: Document, data: str = "", scripts: Iterable[str] = ()) -> st
 
 
 def fragment(*blocks: Block) -> str:
-    """Tables, sentences and warnings for a page that has its own frame."""
-    return _template().render(fragment=blocks)
+    """Tables, sentences, warnings and pictures for a page that has its own frame."""
+    return _template().render(fragment=blocks, scripts=())
 
 
 @cache

@@ -1,0 +1,51 @@
+"""A result and a sensor as a notebook shows them: a table and the curve, as a fragment of HTML."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from vibrident.fit.uncertainty.parameters import fields_of_units
+from vibrident.physics.naming import parameter_name
+from vibrident.result import Curve, MeasuredCurve, Parameter, Result
+from vibrident.result.sensor import IdentifiedSensor
+from vibrident.show import tables, terminal
+from vibrident.show.figures import PICTURES
+from vibrident.show.media import html
+from vibrident.show.numbers import sensitivity_unit, stated
+from vibrident.show.response_figures import response_panels
+from vibrident.show.views import Block, Column, Figure, K, Sentence, Stack, Table, columns
+
+POINTS = 200  # of a sensor's curve
+
+
+def result(shown: Result) -> str:
+    """Parameters with their uncertainties, the verdict and the warnings, and the sensitivity over frequency."""
+    curve = PICTURES["sensitivity"](shown)
+    blocks: list[Block] = [terminal.parameter_table(shown), terminal.fit_line(shown), *tables.doubts(shown)]
+    return html.fragment(*blocks, *([] if curve is None else [curve]))
+
+
+def sensor(shown: IdentifiedSensor) -> str:
+    """The values of a sensor with their uncertainties, and its curve over the band of its data."""
+    fields = fields_of_units(shown.response_unit, shown.input_unit, drive=shown.quantity == "drive")
+    rows = []
+    for spec, u in zip(shown.model.parameters, np.sqrt(np.diag(shown.covariance)), strict=True):
+        known = Parameter(shown.values[spec.name], spec.unit.format(**fields), float(u), (None, None))
+        number = stated(known if np.isfinite(u) else replace(known, standard_uncertainty=None), K)
+        rows.append((parameter_name(spec.name).words, number.value, number.standard, number.expanded, number.unit))
+    heads = (Column("parameter"), *columns("value", "u", f"U (k = {K:g})", kind="number"), Column("unit"))
+    blocks: list[Block] = [Sentence(f"Identified sensor, model {shown.model.name}."), Table(heads, tuple(rows))]
+    if shown.band_hz is not None and shown.band_hz[0] < shown.band_hz[1]:
+        unit = sensitivity_unit(shown.response_unit, shown.input_unit)
+        panels = response_panels(_curve(shown, shown.band_hz), MeasuredCurve.none(), unit, shown.quantity, "")
+        blocks.append(Figure("sensor", "Sensitivity", (Stack(panels),)))
+    return html.fragment(*blocks)
+
+
+def _curve(shown: IdentifiedSensor, band_hz: tuple[float, float]) -> Curve:
+    frequency = np.geomspace(*band_hz, POINTS)
+    response, (relative, angle) = shown.frequency_response(frequency), shown.uncertainty(frequency)
+    size = np.abs(response)
+    return Curve(frequency, size, np.degrees(np.unwrap(np.angle(response))), relative * size, np.degrees(angle))
