@@ -53,7 +53,7 @@ test: $(DEV)  ## every law once
 	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal $(if $(CI),--durations=10) $(PYTEST_ARGS)
 
 # The way of a linear sensor from file to certificate data; tests/test_loading.py imports every module.
-PLAIN := tests/test_loading.py tests/app/cli tests/fit/identification tests/result tests/use
+PLAIN := tests/test_loading.py tests/app/cli tests/result
 test-plain: $(PLAIN_VENV)/.installed  ## tests of linear sensors on the plain install: no JAX, no extra
 	$(PLAIN_VENV)/bin/python -m pytest -n $(JOBS) --dist worksteal $(PYTEST_ARGS) $(PLAIN)
 
