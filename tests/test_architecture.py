@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import ast
 import graphlib
 
 import pytest
-from tests.support.sources import imports, modules
+from tests.support.sources import SOURCES, imports, modules
 
 import vibrident
 
@@ -79,3 +80,12 @@ def test_the_public_names_are_these():
         *("correct", "identify", "identify_many", "identify_together", "plan", "predict", "read", "simulate"),
     ]
     assert all(getattr(vibrident, name) for name in vibrident.__all__)
+
+
+def test_editors_know_the_public_names():
+    """The stub names each from where the package loads it; its functions and methods then complete with their types."""
+    stub = ast.parse((SOURCES / "vibrident" / "__init__.pyi").read_text(encoding="utf-8"))
+    named = {
+        alias.asname: each.module for each in stub.body if isinstance(each, ast.ImportFrom) for alias in each.names
+    }
+    assert named == {**vibrident._WHERE, "__version__": "vibrident.base.version"}

@@ -47,7 +47,7 @@ bind(
     zeros_and_poles="vibrident.export.python_source:system",
 )
 
-__all__ = [*_WHERE, "__version__"]
+__all__ = [*_WHERE, "__version__"]  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def __getattr__(name: str) -> Any:
