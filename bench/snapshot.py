@@ -106,7 +106,11 @@ CASES = (
     Case("two-mode", _made("two-mode", "random", "--samples", "8000", "--response-noise", "0.001")),
     Case("wrong-model", _made("two-mode", "sine", "--samples", "4000", *NOISE), ("--model", "accelerometer")),
     Case("cubic", _made("cubic", "sine", "--samples", "2000", "--frequencies", "100:800", "--response-noise", "1e-4")),
-    Case("euler-adam", _made("paper", "random", "--samples", "2000"), ("--optimiser", "adam", "--steps", "60")),
+    Case(
+        "euler-adam",
+        _made("paper", "random", "--samples", "2000"),
+        ("--estimator", "ipnn", "--discretisation", "euler", "--optimiser", "adam", "--steps", "60"),
+    ),
     Case(
         "light",
         _made("paper", "sine", "--frequencies", "80:800", "--samples", "2000", "--interferometer", "quadrature"),
@@ -151,8 +155,7 @@ def _take(case: Case, folder: Path) -> None:
         _run("simulate", "--out", "data", "--seed", "3", *case.simulated)
         _certify(Path("data/calibration.toml"))
         _run("inspect", "data/calibration.toml")
-        _run("identify", "data/calibration.toml", *DIRECT, *case.identified)
-        _show_and_export()
+        _identify("data/calibration.toml", *case.identified)
         if case.uses:
             _run("predict", "result/result.json", "data/calibration.toml", "--out", "predicted")
             _run("correct", "result/result.json", "data/calibration.toml", "--out", "corrected")
@@ -171,8 +174,7 @@ def _joint(folder: Path) -> None:
         _run("simulate", "--out", "a", "--seed", "4", *_made("paper", "sine", "--samples", "2000", *NOISE))
         _run("simulate", "--out", "b", "--seed", "5", *_made("paper", "random", "--samples", "4000", *NOISE))
         _certify(Path("a/calibration.toml"))
-        _run("identify", "a/calibration.toml", "b/calibration.toml", *DIRECT)
-        _show_and_export()
+        _identify("a/calibration.toml", "b/calibration.toml")
 
 
 def _table(folder: Path) -> None:
@@ -184,8 +186,7 @@ def _table(folder: Path) -> None:
         Path("table.csv").write_text(
             ",".join(columns) + "\n" + "".join(",".join(map(repr, row)) + "\n" for row in rows)
         )
-        _run("identify", "calibration.toml", *DIRECT)
-        _show_and_export()
+        _identify("calibration.toml")
 
 
 def _decay(folder: Path) -> None:
@@ -194,8 +195,7 @@ def _decay(folder: Path) -> None:
     with _inside(folder / "decay"):
         Path("calibration.toml").write_text(DECAY)
         np.savetxt("decay.csv", moved)
-        _run("identify", "calibration.toml", *DIRECT)
-        _show_and_export()
+        _identify("calibration.toml")
 
 
 def _history(folder: Path) -> None:
@@ -218,8 +218,7 @@ def _real(name: str, source: str, folder: Path) -> None:
         for file in data.iterdir():
             Path(file.name).symlink_to(file)
         shutil.copy(ROOT / "tests" / "calibrations" / f"{name}.toml", "calibration.toml")
-        _run("identify", "calibration.toml", *DIRECT)
-        _show_and_export()
+        _identify("calibration.toml")
         for link in Path().iterdir():
             if link.is_symlink():
                 link.unlink()
@@ -244,7 +243,14 @@ def _inside(folder: Path) -> Iterator[None]:
         yield
 
 
-def _run(*arguments: str) -> None:
+def _identify(*arguments: str) -> None:
+    """Identify, show and export; a case that is refused would compare nothing."""
+    if code := _run("identify", *arguments, *DIRECT):
+        raise SystemExit(f"{Path.cwd().name} is not identified (exit code {code}): see {Path('printed.txt').resolve()}")
+    _show_and_export()
+
+
+def _run(*arguments: str) -> object:
     """One command in this process; what it prints and its exit code are kept."""
     sys.stderr.write(f"{Path.cwd().name}: vibrident {' '.join(arguments)}\n")
     with contextlib.redirect_stdout(io.StringIO()) as out, contextlib.redirect_stderr(io.StringIO()) as err:
@@ -252,6 +258,7 @@ def _run(*arguments: str) -> None:
     with Path("printed.txt").open("a") as kept:
         said = (out.getvalue() + err.getvalue()).replace(str(Path.cwd()), "HERE")
         kept.write(f"$ vibrident {' '.join(arguments)}\n{said}exit code {code}\n\n")
+    return code
 
 
 def _exit_code(arguments: Sequence[str]) -> object:
