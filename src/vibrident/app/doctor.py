@@ -80,7 +80,7 @@ def _packages() -> list[Check]:
 def _extras() -> list[Check]:
     extras: dict[str, list[str]] = {}
     for package, extra in _requirements():
-        if extra and extra != "dev":
+        if extra and extra not in ("dev", "test"):
             extras.setdefault(extra, []).append(package)
     checks = []
     for extra, packages in sorted(extras.items()):

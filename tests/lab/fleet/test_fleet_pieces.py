@@ -224,3 +224,15 @@ def test_a_process_may_hold_at_least_four_gigabytes_or_the_machine():
     assert memory_limit(Orders("", memory_limit_bytes=7)) == 7
     found = memory_limit(Orders(""))
     assert found is None or found > 1e9
+
+
+def test_a_process_that_is_ready_has_loaded_what_identifies():
+    """Else the time limit of its first calibration would hold the loading of the libraries."""
+    code = """
+import sys
+from vibrident.lab.fleet.worker import ready
+ready()
+print("vibrident.data.io" in sys.modules, "vibrident.fit.identification" in sys.modules)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=120)
+    assert done.stdout.split() == ["True", "True"]

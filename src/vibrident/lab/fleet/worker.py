@@ -25,7 +25,9 @@ Task = tuple[str, str]
 
 
 def ready() -> None:
-    """Load all that linear sensors need."""
+    """Load all that linear sensors need, before the time limit of a calibration runs."""
+    import vibrident.data.io
+    import vibrident.fit.identification  # noqa: F401
 
 
 def fingerprints(paths: Sequence[str], orders: Orders) -> list[Fingerprint]:
