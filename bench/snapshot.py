@@ -1,4 +1,4 @@
-"""Everything the program says of twenty calibrations, as a folder to compare with that of another commit.
+"""Everything the program says of twenty-five calibrations, as a folder to compare with that of another commit.
 
     python -m bench.snapshot before        # on one commit
     python -m bench.snapshot after         # on the other
@@ -31,7 +31,6 @@ import time_machine
 
 ROOT = Path(__file__).resolve().parents[1]
 NOISE = ("--response-noise", "0.01")
-DIRECT = ("--out", "result")
 #: Formats and what they need beside a result.
 EXPORTS = {
     "c": ("--rate", "51200"),
@@ -245,7 +244,7 @@ def _inside(folder: Path) -> Iterator[None]:
 
 def _identify(*arguments: str) -> None:
     """Identify, show and export; a case that is refused would compare nothing."""
-    if code := _run("identify", *arguments, *DIRECT):
+    if code := _run("identify", *arguments, "--out", "result"):
         raise SystemExit(f"{Path.cwd().name} is not identified (exit code {code}): see {Path('printed.txt').resolve()}")
     _show_and_export()
 

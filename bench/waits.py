@@ -7,8 +7,6 @@ Computing time, here and in the server: other programs may have the processor. T
 from __future__ import annotations
 
 import json
-import os
-import shutil
 import sys
 import tempfile
 import time
@@ -20,7 +18,7 @@ from typing import Any
 
 from tests.support.databases import filled
 from tests.support.exported import paper
-from tests.support.serving import serving, upload
+from tests.support.serving import CHROMIUM_FLAGS, chromium, serving, upload
 
 from bench.figures import Figure, Options, Section, steps
 
@@ -68,25 +66,20 @@ def _page() -> list[Figure]:
     with tempfile.TemporaryDirectory() as folder, serving(Path(folder), sys.executable, "-c", _SERVER) as server:
         start = Figure("the page answers", {"s": server.busy_s}, "seconds", high=3.0)
         files = (_large_json, _large_toml, _large_csv, _wide_csv)
+        stalls, note = {}, ""
         try:
             stalls = {make.__name__.strip("_"): _stall(server.address, make) for make in files}
         except Exception as error:  # no playwright, or no browser
-            return [
-                start,
-                Figure(
-                    "longest hold-up of its loop", {}, "seconds", high=MOST_STALL_S, note=str(error).splitlines()[0]
-                ),
-            ]
-        return [start, Figure("longest hold-up of its loop by a file", stalls, "seconds", high=MOST_STALL_S)]
+            note = str(error).splitlines()[0]
+        held = Figure("longest hold-up of its loop by a file", stalls, "seconds", high=MOST_STALL_S, note=note)
+        return [start, held]
 
 
 def _stall(address: str, make: Callable[[Path], Path]) -> float:
     from playwright.sync_api import sync_playwright
 
-    installed = map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))
-    browser = os.environ.get("VIBRIDENT_CHROMIUM") or next(filter(None, installed), None)
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as started:
-        running = started.chromium.launch(executable_path=browser, args=["--headless", "--no-sandbox", "--disable-gpu"])
+        running = started.chromium.launch(executable_path=chromium(), args=CHROMIUM_FLAGS)
         page = running.new_page()
         page.goto(address)
         page.locator("input[type=file]").first.wait_for(state="attached")

@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import os
 import re
+import shutil
 import subprocess
 import sys
 import time
@@ -20,6 +21,19 @@ from tests.support.shell import printed
 
 _T = TypeVar("_T")
 VIBRIDENT = (sys.executable, "-m", "vibrident")
+
+
+CHROMIUM_FLAGS = (
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-dev-shm-usage",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+)
 
 
 class Server:
@@ -109,3 +123,9 @@ def simulated(folder: Path, *arguments: str) -> list[Path]:
     printed("simulate", "--out", ".", *made, *arguments, folder=folder)
     (folder / "calibration.toml").unlink()
     return sorted(folder.glob("*.csv"))
+
+
+def chromium() -> str | None:
+    """The browser to start: the one that VIBRIDENT_CHROMIUM names, else the system's. None leaves it to playwright."""
+    installed = map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))
+    return os.environ.get("VIBRIDENT_CHROMIUM") or next(filter(None, installed), None)

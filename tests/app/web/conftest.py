@@ -3,27 +3,15 @@
 from __future__ import annotations
 
 import os
-import shutil
 from collections.abc import Iterator
 
 import pytest
-from tests.support.serving import VIBRIDENT, Server, serving
+from tests.support.serving import CHROMIUM_FLAGS, VIBRIDENT, Server, chromium, serving
 from tests.support.sources import ROOT
 
 LIMIT_MB = 100
 #: Pictures that the tests take, to be looked at.
 PICTURES = ROOT / "out" / "page"
-CHROMIUM_FLAGS = (
-    "--headless",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-dev-shm-usage",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-)
 
 
 @pytest.fixture(scope="session")
@@ -40,19 +28,13 @@ def server(tmp_path_factory, history_store) -> Iterator[Server]:
         yield made
 
 
-def _chromium() -> str | None:
-    """The browser to start: the one that VIBRIDENT_CHROMIUM names, else the system's. None leaves it to playwright."""
-    installed = map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))
-    return os.environ.get("VIBRIDENT_CHROMIUM") or next(filter(None, installed), None)
-
-
 @pytest.fixture(scope="session")
 def browser():
     """Headless Chromium that asks the network for nothing of its own."""
     playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
     with playwright.sync_playwright() as started:
         try:
-            running = started.chromium.launch(executable_path=_chromium(), args=CHROMIUM_FLAGS)
+            running = started.chromium.launch(executable_path=chromium(), args=CHROMIUM_FLAGS)
         except playwright.Error as error:
             reason = str(error).splitlines()[0]
             pytest.skip(
