@@ -24,6 +24,7 @@ SECTIONS = {
     "speed": "bench.speed",
     "cold": "bench.cold",
     "memory": "bench.memory",
+    "unsuited": "bench.unsuited",
     "waits": "bench.waits",
     "peers": "bench.against",
     "fit_som": "bench.som",

@@ -17,7 +17,8 @@ ROOMS = {
     "data": "registry effects interferometer records io",
     "physics": "registry naming models discretisation network simulation",
     "result": "document parts sensor result",
-    "fit": "registry information measure lines decay problem estimators uncertainty judge identification joint",
+    "fit": "registry information measure lines decay problem estimators uncertainty departures judge identification "
+    "joint",
     "use": "",
     "show": "",
     "export": "",

@@ -76,24 +76,25 @@ _KINDS: tuple[WarningKind, ...] = (
     WarningKind(
         "band_sensitive",
         "the result depends on the chosen band",
-        "Leaving out the lowest or highest frequencies moves a parameter by more than its uncertainty: the model "
-        "is not equally right over the whole band.",
+        "A part of the band, taken by itself, moves a parameter by its uncertainty or more: the model is not equally "
+        "right over the whole band.",
         "State the band with the result, narrow it to the range of use, or extend the model (high-pass, second "
         "mode, delay).",
     ),
     WarningKind(
         "nonlinear",
         "the sensor or the shaker is not linear",
-        "Harmonics or a dependence on amplitude exceed what a linear model allows. The linear parameters hold for the "
-        "amplitudes measured only.",
+        "The response bends with the size of the motion, or has harmonics, by more than noise shows, and moves a "
+        "parameter. The message says what that would be without. The linear parameters hold for the amplitudes "
+        "measured only.",
         "Repeat at a lower amplitude; if the effect stays and matters, use the add-on `cubic`; check mounting and "
         "cable too.",
     ),
     WarningKind(
         "clipped",
         "a channel was overdriven",
-        "Samples sit at the limit of the recorder's range. They were left out of every fit, but the samples around "
-        "them may have suffered too.",
+        "Samples sit at the limit of the recorder's range, and were left out of every fit; or the largest values "
+        "depart from the fit as an overdriven channel's do, and move a parameter.",
         "Repeat the record with a larger input range or a smaller amplitude.",
     ),
     WarningKind(

@@ -1,4 +1,4 @@
-"""Which estimators there are."""
+"""Which estimators and which departures from a fit there are."""
 
 from __future__ import annotations
 
@@ -15,5 +15,14 @@ ESTIMATORS: Registry[Any] = Registry(
     ("fit/estimators/kinds",),
     ("vibrident.fit.estimators.base:Estimator",),
     "estimator",
+    ModelError,
+)
+#: ``vibrident.fit.departures.departure.Departure`` objects.
+DEPARTURES: Registry[Any] = Registry(
+    "departure",
+    "vibrident.departures",
+    ("fit/departures/kinds",),
+    ("vibrident.fit.departures.departure:Departure",),
+    "departure",
     ModelError,
 )

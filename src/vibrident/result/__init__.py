@@ -5,7 +5,17 @@ Reports, plots, exports and the page render from it alone, without the data and 
 
 from vibrident.base.warning_kinds import WARNING_CODES, WarningCode
 from vibrident.result.document import SCHEMA
-from vibrident.result.parts import Correlation, Curve, Fit, MeasuredCurve, Parameter, ResultWarning, Signal, Training
+from vibrident.result.parts import (
+    Correlation,
+    Curve,
+    Finding,
+    Fit,
+    MeasuredCurve,
+    Parameter,
+    ResultWarning,
+    Signal,
+    Training,
+)
 from vibrident.result.result import MOST_BYTES, Result
 
 __all__ = [
@@ -14,6 +24,7 @@ __all__ = [
     "WARNING_CODES",
     "Correlation",
     "Curve",
+    "Finding",
     "Fit",
     "MeasuredCurve",
     "Parameter",

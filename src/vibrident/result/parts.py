@@ -62,6 +62,27 @@ class ResultWarning:
 
 
 @dataclass(frozen=True)
+class Finding:
+    """What departs from the fit significantly, whether it matters or not.
+
+    Attributes:
+        code: the warning that it is, where it matters.
+        record: name of the record; None where it concerns all.
+        time_s: where in the record; None where that has no place.
+        probability: that noise alone shows it.
+        impact: parameter → how far it moves the stated value, in the parameter's unit: stated less without.
+        message: a sentence for the user.
+    """
+
+    code: WarningCode
+    record: str | None
+    time_s: float | None
+    probability: float
+    impact: Mapping[str, float]
+    message: str
+
+
+@dataclass(frozen=True)
 class Parameter:
     """An identified or derived parameter.
 

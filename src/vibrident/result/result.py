@@ -15,7 +15,17 @@ from vibrident.base.binding import bound
 from vibrident.base.errors import InputError
 from vibrident.data.records import FloatArray
 from vibrident.result.document import SCHEMA, damaged, json_text, measured_part, plain, refuse_constant, with_numbers
-from vibrident.result.parts import Correlation, Curve, Fit, MeasuredCurve, Parameter, ResultWarning, Signal, Training
+from vibrident.result.parts import (
+    Correlation,
+    Curve,
+    Finding,
+    Fit,
+    MeasuredCurve,
+    Parameter,
+    ResultWarning,
+    Signal,
+    Training,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -51,6 +61,8 @@ class Result:
         training: trace of the optimiser.
         weights: the identified network weights W1…W4 as nested lists (paper's Table 1), where a network was trained.
         certificate: what the calibration file states for a certificate; empty where it states nothing.
+        findings: what departs from the fit significantly, whether it matters or not.
+        uncertainty: ``covers``: which of ``noise``, ``gain`` and ``phase`` the uncertainties hold.
     """
 
     model: str
@@ -70,6 +82,8 @@ class Result:
     training: Training | None = None
     weights: Mapping[str, Any] = field(default_factory=dict)
     certificate: Mapping[str, Any] = field(default_factory=dict)
+    findings: tuple[Finding, ...] = ()
+    uncertainty: Mapping[str, Any] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         """Model, estimator, estimated parameters with u, verdict and codes of warnings."""

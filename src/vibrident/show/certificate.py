@@ -16,6 +16,7 @@ from vibrident.base.nominal import same
 from vibrident.result import Result
 from vibrident.show import figures, tables, words
 from vibrident.show.coverage import coverage, interval_text, parameter_factor
+from vibrident.show.findings import findings
 from vibrident.show.history import date_of
 from vibrident.show.numbers import COVERAGE_FACTOR, NONE, plain, reference_unit, sensitivity_scale, sensor_name, with_u
 from vibrident.show.points import Point, measured_band, nominal_points, reference_point
@@ -60,6 +61,7 @@ def certificate(result: Result) -> Document:
         section("traceability", "Traceability", Sentence(_text(stated, "traceability") or "")),
         section("reference", "Result at the reference frequency", reference(result)),
         section("limits", "What limits these results", *_doubts(result)),
+        findings(result),
         section("sensitivity", "Sensitivity at nominal frequencies", nominal),
         section("curve", "Sensitivity over frequency", curve and replace(curve, caption="")),
         section("parameters", "Parameters of the model", parameters(result)),

@@ -9,6 +9,7 @@ from vibrident.result import Result
 from vibrident.show import certificate, figures, tables
 from vibrident.show.comparison import beside, comparison_tables
 from vibrident.show.coverage import parameter_factor
+from vibrident.show.findings import findings
 from vibrident.show.history import drift, drift_table, histories
 from vibrident.show.numbers import NONE, plain, sensor_name, stated
 from vibrident.show.residual_tests import residual_tests
@@ -38,6 +39,7 @@ def report(result: Result, more: Sequence[Section] = ()) -> Document:
     name = sensor_name(result.sensor)
     sections = [
         section("warnings", "Warnings", *(tables.doubts(result) or (Sentence("None."),))),
+        findings(result),
         section("parameters", "Parameters", tables.parameters(result)),
         *(_curves(result) if result.has_gain else []),  # free decays alone have neither gain nor curve
         section("signals", "Signals", figures.signals(result)),

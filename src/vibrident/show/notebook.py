@@ -10,8 +10,9 @@ from vibrident.fit.uncertainty.parameters import fields_of_units
 from vibrident.physics.naming import parameter_name
 from vibrident.result import Curve, MeasuredCurve, Parameter, Result
 from vibrident.result.sensor import IdentifiedSensor
-from vibrident.show import tables, terminal
+from vibrident.show import terminal
 from vibrident.show.figures import PICTURES
+from vibrident.show.findings import told
 from vibrident.show.media import html
 from vibrident.show.numbers import sensitivity_unit, stated
 from vibrident.show.response_figures import response_panels
@@ -21,9 +22,9 @@ POINTS = 200  # of a sensor's curve
 
 
 def result(shown: Result) -> str:
-    """Parameters with their uncertainties, the verdict and the warnings, and the sensitivity over frequency."""
+    """Parameters with their uncertainties, the verdict, warnings and findings, and the sensitivity over frequency."""
     curve = PICTURES["sensitivity"](shown)
-    blocks: list[Block] = [terminal.parameter_table(shown), terminal.fit_line(shown), *tables.doubts(shown)]
+    blocks: list[Block] = [terminal.parameter_table(shown), terminal.fit_line(shown), *told(shown)]
     return html.fragment(*blocks, *([] if curve is None else [curve]))
 
 

@@ -12,6 +12,7 @@ from vibrident.physics.naming import parameter_name
 from vibrident.result import Result
 from vibrident.show import tables
 from vibrident.show.coverage import interval_text, parameter_factor
+from vibrident.show.findings import told
 from vibrident.show.media.console import Shown, shown
 from vibrident.show.media.console import written as paths_written
 from vibrident.show.numbers import NONE, fit_unit, plain, sensor_name
@@ -23,10 +24,10 @@ _UNITS = {"hz": "Hz", "s": "s", "percent": "%", "deg": "°", "rad": "rad", "v": 
 
 
 def summary(result: Result, written: Sequence[str | os.PathLike[str]] = ()) -> Any:
-    """Everything ``vibrident identify`` prints: parameters, fit, warnings in plain words, files written."""
+    """Everything ``vibrident identify`` prints: parameters, fit, warnings and findings, files written."""
     from rich.console import Group
 
-    said = shown(parameter_table(result), fit_line(result), *tables.doubts(result))
+    said = shown(parameter_table(result), fit_line(result), *told(result))
     return Group(said, paths_written(written)) if written else said
 
 

@@ -10,9 +10,6 @@ import pytest
 import vibrident
 from vibrident.data.records import Calibration, ResponseTable
 from vibrident.fit.estimators import training
-from vibrident.fit.problem import Coordinates
-from vibrident.fit.uncertainty.agreement import shift_without
-from vibrident.fit.uncertainty.linearised import Linearised
 from vibrident.physics.models import parse
 from vibrident.physics.simulation import SENSORS, ChannelNoise, simulate, with_noise
 
@@ -41,11 +38,17 @@ def distorted(calibration, third):
     return replace(calibration, records=tuple(records))
 
 
-def test_a_sensor_that_adds_a_third_harmonic_is_nonlinear_and_not_explained():
+def test_a_bent_characteristic_is_seen_by_its_third_harmonic_and_told_by_its_fundamental():
+    """v + 4 h v³ has 1 + 3 h of the fundamental: the sensitivity is 3 % off, which no fundamental alone shows."""
     result = vibrident.identify(distorted(sines(response_noise=0.002), 0.01))
-    assert {"nonlinear", "lack_of_fit"} <= set(result.warning_codes)
-    assert not result.fit.adequate
-    assert "3 times" in next(w.message for w in result.warnings if w.code == "nonlinear")
+    said = [w.message for w in result.warnings if w.code == "nonlinear"]
+    assert "harmonics" in said[0]
+    found = [f for f in result.findings if f.code == "nonlinear"]
+    assert all(f.probability < 1e-4 for f in found)
+    of_harmonics = [f.impact["sensitivity"] for f in found if "harmonics" in f.message]
+    stated, off = result.parameters["sensitivity"].value, sum(of_harmonics)
+    assert stated - TRUTH["sensitivity"] > 100.0 * result.parameters["sensitivity"].standard_uncertainty
+    assert stated - off == pytest.approx(TRUTH["sensitivity"], rel=0.01)
 
 
 def test_distortion_of_the_shaker_is_not_the_sensors():
@@ -82,7 +85,7 @@ def test_a_response_that_depends_on_the_amplitude_is_nonlinear():
     calibration = with_noise(replace(quiet, records=tuple(records)), response_noise=0.001, seed=2)
     result = vibrident.identify(calibration)
     assert "nonlinear" in result.warning_codes
-    assert "amplitude" in next(w.message for w in result.warnings if w.code == "nonlinear")
+    assert "spring" in next(w.message for w in result.warnings if w.code == "nonlinear")
 
 
 @pytest.mark.needs("network")
@@ -161,32 +164,9 @@ def test_exchanged_channels_are_named():
     assert "exchanged" in next(w.message for w in result.warnings if w.code == "units_suspect")
 
 
-def test_euler_weights_disagree_with_the_tones():
-    made = sines(response_noise=0.001)
-    result = vibrident.identify(made, estimator=vibrident.Ipnn(discretisation="euler"))
-    assert "estimators_disagree" in result.warning_codes
-    # What is said of the tones is what the estimator for tones finds.
-    tones = vibrident.identify(made, estimator="ml").parameters.values()
-    (said,) = [w.message for w in result.warnings if w.code == "estimators_disagree"]
-    assert any(f"{p.value:.6g}" in said for p in tones), said
-
-
-def test_the_shift_of_a_part_scatters_as_stated_where_noise_is_known_from_few_lines(rng):
-    """Ten degrees of freedom a band, 1000 draws: what known weights would say is 20 % less."""
-    z, band_hz = np.array([1.0, 0.0, 0.182]), (20.0, 1500.0)
-    coordinates = Coordinates.at(MODEL, TRUTH, band_hz)
-    frequency, freedom = np.geomspace(*band_hz, 40), np.full(80, 10.0)
-    ratios = {"estimated": [], "known": []}
-    for _ in range(1000):
-        noise = 1e-3 * (rng.standard_normal(40) + 1j * rng.standard_normal(40))
-        measured = MODEL.frequency_response(coordinates.values(z), frequency) * (1.0 + noise)
-        deviation = 1e-3 * np.sqrt(rng.chisquare(10, 40) / 10.0)
-        rows = Linearised.of_points(coordinates, z, "acceleration", frequency, measured, deviation)
-        for kind, stated in (("estimated", freedom), ("known", None)):
-            shift, variance = shift_without(rows, rows.frequency_hz < 350.0, stated)
-            ratios[kind].append(shift**2 / variance)
-    assert np.sqrt(np.mean(ratios["estimated"], axis=0)) == pytest.approx(np.ones(3), abs=0.1)
-    assert np.all(np.sqrt(np.mean(ratios["known"], axis=0)) > 1.1)
+def test_euler_weights_do_not_explain_the_tones():
+    result = vibrident.identify(sines(response_noise=0.001), estimator=vibrident.Ipnn(discretisation="euler"))
+    assert "lack_of_fit" in result.warning_codes
 
 
 def test_a_second_mode_makes_the_parameters_depend_on_the_band():
@@ -195,7 +175,8 @@ def test_a_second_mode_makes_the_parameters_depend_on_the_band():
     h = parse("accelerometer+mode2").frequency_response(values, frequency)
     u = (0.001 * np.abs(h), np.full(40, 0.001))
     result = vibrident.identify(Calibration(table=ResponseTable(frequency, np.abs(h), np.angle(h), *u)))
-    assert {"lack_of_fit", "band_sensitive"} <= set(result.warning_codes)
+    assert "lack_of_fit" in result.warning_codes
+    assert any(f.code == "band_sensitive" and max(map(abs, f.impact.values())) > 0.0 for f in result.findings)
 
 
 @pytest.mark.parametrize("excitation", ["random", "sweep"])

@@ -25,6 +25,7 @@ from vibrident.fit.measure.motion import kind_of_motion
 from vibrident.result import Result
 from vibrident.show import document, figures, tables
 from vibrident.show.comparison import beside, comparison_tables
+from vibrident.show.findings import told
 from vibrident.show.media import charts, html
 from vibrident.show.report import content
 from vibrident.show.views import Figure, count
@@ -150,7 +151,7 @@ def facts(path: Path) -> tuple[str, str]:
 
 
 def outcome(path: Path) -> dict[str, Any]:
-    """The view of a result: verdict, numbers and warnings as HTML, charts as JSON."""
+    """The view of a result: verdict, numbers, warnings and findings as HTML, charts as JSON."""
     result = Result.load(path)
     drawn = [make(result) for make in (figures.sensitivity, figures.deviation, figures.training)]
     named = [(figure.title, chart) for figure in drawn if figure is not None for _, chart in _charts(figure)]
@@ -159,7 +160,7 @@ def outcome(path: Path) -> dict[str, Any]:
     return {
         "verdict": html.fragment(document.verdict(result)),
         "parameters": html.fragment(tables.parameters(result)),
-        "warnings": html.fragment(*tables.doubts(result)),
+        "warnings": html.fragment(*told(result)),
         "charts": shown,
         "signals": signals,
         "left_out": left < 0,

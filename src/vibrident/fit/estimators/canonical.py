@@ -30,7 +30,9 @@ def in_one_form(estimate: Estimate) -> Estimate:
         float(old.response_size),
     )
     z = new.first
-    turn = slopes(model, change, values) * old.slopes(estimate.z) / new.slopes(z)[:, None]
+    scale = new.slopes(z)[:, None]  # zero at the end of a range, where nothing moves
+    turn = slopes(model, change, values) * old.slopes(estimate.z)
+    turn = np.divide(turn, scale, out=np.zeros_like(turn), where=scale != 0.0)
     covariance = turn @ estimate.covariance @ turn.T
     path = np.array([new.place(canonical(model, old.values(at))) for at in estimate.trace.coordinates])
     path[-1] = z

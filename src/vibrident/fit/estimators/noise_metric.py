@@ -217,7 +217,7 @@ class _Weighed:
         ``known``: that was read here; it is read again where more than offset and drift may hide in it.
         """
         tones, unknowns = [own.tones for own in before], [_unknowns(*pair) for pair in zip(lines, before, strict=True)]
-        if known and not any(tones) and not any(_edges(*pair) for pair in zip(lines, before, strict=True)):
+        if known and not any(tones) and not any(with_edges(*pair) for pair in zip(lines, before, strict=True)):
             found, rests = list(before), [record.residual for record in lines]
             before.clear()
         else:
@@ -241,7 +241,7 @@ class _Weighed:
         slopes, of_noise = record.slopes, np.zeros((p, p))
         if spectrum.passed > 0 and record.model is not None:
             d_through = np.stack(list(record.model.slopes()))
-            slopes = slopes + d_through * (spectrum.passed_at * np.conj(record.model.through()) * rest / spectrum.level)
+            slopes = slopes + d_through * likelier(record, spectrum, rest)
             beside = np.maximum(spectrum.level - spectrum.passed_at * record.model.power(), 0.0)
             own = record.twice * spectrum.excited * spectrum.passed_at * beside / spectrum.level**2
             of_noise = products(lambda part: (d_through[:, part],), own)
@@ -266,6 +266,12 @@ class _Weighed:
         )
         both = imitated.T @ loud[:m, m:]
         return loud[m:, m:] - both - both.T + imitated.T @ loud[:m, :m] @ imitated
+
+
+def likelier(record: RecordLines, spectrum: NoiseSpectrum, rest: ComplexArray) -> ComplexArray:
+    """What the most likely motion has beyond the reference, X̂ − X = σx² H* R/S, shape (lines,)."""
+    assert record.model is not None
+    return np.asarray(spectrum.passed_at * np.conj(record.model.through()) * rest / spectrum.level)
 
 
 def _cost(record: RecordLines, spectrum: NoiseSpectrum, z: FloatArray) -> float:
@@ -296,10 +302,10 @@ def _left(record: RecordLines, step: FloatArray, unknowns: LinesAt, spectrum: No
 
 def _unknowns(record: RecordLines, spectrum: NoiseSpectrum) -> LinesAt:
     """Lines of what is unknown beside the parameters."""
-    return record.unknowns(edges=_edges(record, spectrum), tones=spectrum.tones)
+    return record.unknowns(edges=with_edges(record, spectrum), tones=spectrum.tones)
 
 
-def _edges(record: RecordLines, spectrum: NoiseSpectrum) -> bool:
+def with_edges(record: RecordLines, spectrum: NoiseSpectrum) -> bool:
     """Whether slopes of the initial states are unknown, too; a free decay has nothing but these states."""
     steep = float(np.min(spectrum.level)) < STEEP * float(np.mean(spectrum.level))
     return record.model is not None and (steep or spectrum.passed > 0 or record.rings_unseen)

@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vibrident.data.records import BoolArray, FloatArray
+from vibrident.fit.estimators.incoherent import incoherent
 from vibrident.fit.estimators.noise_motion import (
     FAR,
     NEAREST,
@@ -97,26 +98,28 @@ def noise_spectra(
         motions: what the model says of the same records.
         floors: lower limits of the residuals' levels.
     """
-    powers = [power_of(rest) for rest in lines]
+    noises = [incoherent(rest, motion) for rest, motion in zip(lines, motions, strict=True)]
+    powers = [power_of(rest) for rest in noises]
     for power, motion in zip(powers, motions, strict=True):
         power /= motion.count
     levels = _binned_levels(powers, motions)
     found = []
     for rest, motion, floor, level in zip(lines, motions, floors, levels, strict=True):
-        found.append(_read(rest, powers.pop(0), motion, floor, level))  # of a long record each copy counts
+        # of a long record each copy counts
+        found.append(_read(rest, noises.pop(0), powers.pop(0), motion, floor, level))
     return found
 
 
 def _read(
-    lines: ComplexArray, power: FloatArray, motion: Motion, floor: float, binned: _Levels | None
+    lines: ComplexArray, noise: ComplexArray, power: FloatArray, motion: Motion, floor: float, binned: _Levels | None
 ) -> NoiseSpectrum:
-    """The spectrum of a residual, of its power at each line and the levels in bins."""
-    parts = _parts(lines, power, motion, binned)
+    """The spectrum of a residual, of its incoherent part, the power of that at each line, and the levels in bins."""
+    parts = _parts(noise, power, motion, binned)
     shape = parts.shape
     relative = np.divide(power, shape, out=power)
     smooth = _surroundings(relative)
     hum = (relative > OUTSTANDING * smooth) & ~motion.alone
-    tones = _tones(lines, lambda part: TONE * shape[part] * smooth[part] * motion.count, motion.alone)
+    tones = _tones(lines, noise, lambda part: TONE * shape[part] * smooth[part] * motion.count, motion.alone)
     level = np.multiply(shape, smooth, where=~hum, out=np.multiply(shape, relative, out=relative))
     np.maximum(level, floor, out=level)
     excited = np.broadcast_to(1.0, level.shape)
@@ -331,16 +334,19 @@ def _amounts(normal: FloatArray, right: FloatArray) -> tuple[FloatArray, FloatAr
     return amounts / scale, covariance / size, normal * size
 
 
-def _tones(lines: ComplexArray, least: Callable[[slice], FloatArray], alone: BoolArray) -> tuple[float, ...]:
-    """Places of lines so strong that their leakage hides others, the strongest first."""
-    power = np.zeros(lines.size)
+def _tones(
+    lines: ComplexArray, noise: ComplexArray, least: Callable[[slice], FloatArray], alone: BoolArray
+) -> tuple[float, ...]:
+    """Places of lines so strong that their leakage hides others, the strongest first, told from the whole residual."""
+    power, apart = np.zeros(lines.size), np.zeros(lines.size)
     for part in in_blocks(lines.size - 2):
-        power[part.start + 1 : part.stop + 1] = power_of(windowed(lines[part.start : part.stop + 2]))
+        for found, source in ((power, lines), (apart, noise)):
+            found[part.start + 1 : part.stop + 1] = power_of(windowed(source[part.start : part.stop + 2]))
     peak = np.zeros(power.shape, dtype=bool)
     peak[2:-2] = (power[2:-2] >= power[1:-3]) & (power[2:-2] > power[3:-1])
     peak &= ~alone
     for part in in_blocks(power.size):
-        peak[part] &= power[part] > least(part)
+        peak[part] &= np.minimum(power[part], apart[part]) > least(part)
     places = np.flatnonzero(peak)
     places = places[np.argsort(-power[places])][:TONES]
     low, middle, high = (np.sqrt(power[places + shift]) for shift in (-1, 0, 1))

@@ -58,7 +58,8 @@ DAMPED, MORE_DAMPED, LESS_DAMPED = 1.0, 4.0, 0.2
 MOST_DAMPED = 1e12
 #: A descent that comes no closer by this factor in more damped steps than these in a row does not arrive.
 CLOSER, MOST_SLOW = 0.97, 3
-#: No descent begins where the sum of squares with equal weights is larger than its least by this factor.
+#: No descent begins where the sum of squares with equal weights is larger than its least by this factor, nor where that
+#: in the noise is so many times the number of samples: what is left is then no noise to weigh by.
 FARTHEST_START = 100.0
 #: The steps are halved where one leaves more than this part of the way.
 BACK = 0.7
@@ -119,7 +120,7 @@ def reweighted(
         spectra = beside_hum(lines, motions)
     here = place_at(lines, motions, spectra, z if start is None else start)
     del motions, spectra  # of a long record each copy counts
-    if here is None:
+    if here is None or here.cost > FARTHEST_START * sum(record.count for record in lines):
         return None
     if here.end is None and alike is None:
         alike = _spread(lines, first), _equal_information(lines)

@@ -10,7 +10,7 @@ compiled.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -212,7 +212,31 @@ def optima(
     fine = descend(near, coarse.u[rows], sign[rows], magnitudes(some, LEAST_DEVIATION), STEPS)
     # Where magnitudes say little, or a zero may lie on either side, they lead astray: the first ones go on beside.
     kept = np.concatenate([fine.u[fine.best(LAST, APART)], u[:BESIDE]])
-    if not sought.has_phase:
+    return _aligned(kept, some, near, final, chart, longest_delay_s)
+
+
+def extended(problem: FrequencyProblem, model: SensorModel, values: Mapping[str, float]) -> Start | None:
+    """The best fit of a response by a model that extends one whose values are known; None if no fit is finite.
+
+    The search begins at these values and at the guesses of what they lack.
+    """
+    sought = sought_response(problem)
+    some = sought.at(_spread(sought.frequency_hz, MOST_POINTS))
+    near = Chart(model, problem.quantity, some.frequency_hz, 1.0 / (2.0 * np.pi * problem.band_hz[1]))
+    here, _ = near.place({name: values.get(name, 0.0) for name in model.parameter_names})
+    kept = _with_guesses(here[None], model, problem.band_hz, [n for n in model.parameter_names if n not in values])
+    front = _aligned(kept, some, near, some, near, problem.longest_delay_s)
+    rows = front.best(1)
+    if not rows.size:
+        return None
+    row, scale = int(rows[0]), problem.points / max(some.frequency_hz.size, 1)
+    found = near.named(front.u, front.sign, row)
+    return Start(found, (scale * float(front.cost[row]),), problem.equations, (found,))
+
+
+def _aligned(kept: FloatArray, some: Sought, near: Chart, final: Sought, chart: Chart, longest_delay_s: float) -> Front:
+    """Where candidates of the right magnitude end, with the signs and delays that line up their phases."""
+    if not some.has_phase:
         return descend(chart, kept, np.ones(len(kept)), differences(final), LAST_STEPS)
     turned, sign = _with_sign_and_delay(kept, near, some, longest_delay_s)
     begun = descend(near, turned, sign, logarithms(some, LEAST_DEVIATION), FEW_STEPS)
@@ -301,11 +325,14 @@ def _naturals(frequency_hz: FloatArray, band_hz: tuple[float, float]) -> FloatAr
     return distinct(np.concatenate([even, *between]))
 
 
-def _with_guesses(cores: FloatArray, model: SensorModel, band_hz: tuple[float, float]) -> FloatArray:
-    """Every core with every combination of the add-ons' guesses; the best core first."""
+def _with_guesses(
+    cores: FloatArray, model: SensorModel, band_hz: tuple[float, float], names: Sequence[str] | None = None
+) -> FloatArray:
+    """Every core with every combination of the add-ons' guesses, or those of some parameters; the best core first."""
     low, high = band_hz
     unit = {"lowest": low, "highest": high, "period": 1.0 / high, "one": 1.0}
-    guessed = [i for i, spec in enumerate(model.parameters) if spec.guesses]
+    of = model.parameter_names if names is None else names
+    guessed = [i for i, spec in enumerate(model.parameters) if spec.guesses and spec.name in of]
     if not guessed:
         return cores
     choices = []

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from vibrident.fit.judge.attempts import Attempt, Fitted
 from vibrident.fit.judge.document import Uncertainty, document, own_rows
-from vibrident.fit.judge.doubts import linearised
+from vibrident.fit.judge.points import linearised
 from vibrident.fit.judge.refits import with_phase_scatter, without_dead_records, without_drifts, without_hum
 from vibrident.fit.judge.remedy import with_remedy
 

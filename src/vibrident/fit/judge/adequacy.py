@@ -16,8 +16,6 @@ from vibrident.fit.estimators import Estimate
 from vibrident.fit.estimators.residual_tones import network_problem, residual_tones
 from vibrident.fit.measure import MeasuredResponse
 from vibrident.fit.measure.explained import unexplained
-from vibrident.fit.measure.overtones import Overtone, audible, overtones
-from vibrident.fit.measure.response import ComplexArray
 from vibrident.fit.problem import Evidence, network_of
 from vibrident.fit.problem.frequency_domain import response_residual
 from vibrident.fit.uncertainty.adequacy import (
@@ -60,11 +58,8 @@ class Judgement:
         weights: the network's weights as the paper's Table 1.
         tones: of the sine records, cleaned; None without sines.
         points: what the adequacy is made of, those of the tones first.
-        overtones: records in whose response the sensor adds harmonics.
         found: systematic effects that were found in the data.
         effects: stated and found ones, and how much of each the data show, in its standard uncertainties.
-        removed: factor on the measured response that takes these out of it, shape (points,); None for no change.
-        without: the estimate that the response without them gives, shape (p,).
         remedied: whether another model explains the data, so that all else in the residual is misfit.
     """
 
@@ -77,11 +72,8 @@ class Judgement:
     weights: dict[str, Any] = field(default_factory=dict)
     tones: MeasuredResponse | None = None
     points: tuple[Points, ...] = ()
-    overtones: tuple[Overtone, ...] = ()
     found: tuple[SystematicEffect, ...] = ()
     effects: tuple[tuple[SystematicEffect, float], ...] = ()
-    removed: ComplexArray | None = None
-    without: FloatArray | None = None
     remedied: bool = False
 
 
@@ -112,12 +104,8 @@ def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
     )
     decays = decay_deviations(evidence.records, model, values)
     adequacy = assess(points, len(estimate.z), decays)
-    added = () if tones is None else audible(overtones(evidence.records, tones, predicted, response))
     birge = _birge(estimate, evidence, points, adequacy, decays)
     text = _misfit(adequacy, points, response, decays)
-    if added and adequacy.adequate:
-        adequacy = replace(adequacy, adequate=False)
-        text = f"The model does not explain the data: it adds no harmonics, the sensor does ({added[0].record})."
     rest = unexplained([evidence.records[i] for i in others], [predicted[i] for i in others])
     if rest is not None and adequacy.adequate:
         adequacy = replace(adequacy, adequate=False)
@@ -127,7 +115,7 @@ def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
         )
     signals = _excerpts(evidence, predicted)
     found = tuple(effects_of_steps(evidence.records, predicted, response, adequacy)) if model.is_linear else ()
-    return Judgement(adequacy, text, birge, predicted, None, signals, weights, tones, tuple(points), added, found)
+    return Judgement(adequacy, text, birge, predicted, None, signals, weights, tones, tuple(points), found)
 
 
 def _tones(evidence: Evidence, estimate: Estimate, values: dict[str, float]) -> MeasuredResponse:

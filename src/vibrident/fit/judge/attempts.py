@@ -15,8 +15,8 @@ from vibrident.fit.estimators.canonical import in_one_form
 from vibrident.fit.estimators.optimise import Progress, silent
 from vibrident.fit.estimators.start import find_start
 from vibrident.fit.judge.adequacy import Judgement, judge_records, judge_table
-from vibrident.fit.judge.doubts import linearised
 from vibrident.fit.judge.effects import allowing_for_effects
+from vibrident.fit.judge.points import linearised
 from vibrident.fit.measure import Finding
 from vibrident.fit.measure.explained import part_left
 from vibrident.fit.measure.response import ComplexArray
@@ -68,20 +68,31 @@ class Attempt:
             best = _better_weighted(best)
         if best.adequate or begin is None or evidence.bands is None:
             return best  # tones are searched with the residual that is fitted: no other start is better
-        weighed = _weighed_start(best)
-        best = best if weighed is None else _fitted_from(weighed, best)
-        best = _searched_again(best)
-        for start, cost in begin.others[:MORE_STARTS]:
-            if cost > COMPARABLE * begin.costs[-1] or best.adequate:
-                break
-            best = _tried(start, best)
+        found = _searched_again(best)
+        if found is None or _back_inside(found) is not None:
+            # Too few points to search in, or noise of the reference leads the search to the end of its range: another
+            # weighting, and the other optima of the first search.
+            weighed = _weighed_start(best)
+            best = best if weighed is None else _fitted_from(weighed, best)
+            for start, cost in begin.others[:MORE_STARTS]:
+                if cost > COMPARABLE * begin.costs[-1] or best.adequate:
+                    break
+                best = _tried(start, best)
+        else:
+            best = found
         start = _back_inside(best)
         return best if start is None or best.adequate else _tried(start, best)
 
     def anew(self, evidence: Evidence) -> Attempt:
-        """The same estimator's of other data."""
-        found = Attempt.at(evidence, self.estimator, self.progress)
+        """The same estimator's of other data, from where this fit stands."""
+        start = self.estimate.coordinates.values(self.estimate.z)
+        found = Attempt.at(replace(evidence, start=start), self.estimator, self.progress)
+        found = replace(found, evidence=evidence)
         return replace(found, drifts=self.drifts, phase_by_scatter=self.phase_by_scatter)
+
+    def afresh(self, evidence: Evidence) -> Attempt:
+        """The same estimator's of other data, from start values of their own."""
+        return Attempt.at(evidence, self.estimator, self.progress)
 
     def once(self, evidence: Evidence) -> Attempt:
         """The same estimator's of other data, by a single fit from their start values."""
@@ -218,16 +229,18 @@ def _weighed_start(found: Attempt) -> Mapping[str, float] | None:
     return begin.values if begin.costs[-1] < float(here @ here) else None
 
 
-def _searched_again(best: Attempt) -> Attempt:
+def _searched_again(best: Attempt) -> Attempt | None:
     """The fit from a search in the response as the network's residual shows it, where that leads to a better one.
 
     Free motion and what leaks over from other frequencies, which hide the response that the first search had, are gone
-    from it.
+    from it. None where it has too few points to search in.
     """
-    evidence = best.evidence
+    evidence, model = best.evidence, best.evidence.model
+    if not model.is_linear or len(best.judgement.adequacy.frequency_hz) <= 2 * len(best.estimate.z):
+        return None
     for _ in range(SEARCHES):
-        points, model, estimate = best.judgement.adequacy, evidence.model, best.estimate
-        if points.adequate or not model.is_linear or len(points.frequency_hz) <= len(estimate.z):
+        points, estimate = best.judgement.adequacy, best.estimate
+        if points.adequate:
             break
         size = np.abs(points.measured)
         data = (points.frequency_hz, np.ones(len(size), complex), points.measured, points.relative_deviation * size)

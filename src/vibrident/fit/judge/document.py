@@ -20,7 +20,8 @@ from vibrident.fit.estimators import Estimate
 from vibrident.fit.judge.adequacy import Judgement, fit_of_signals, fit_of_table
 from vibrident.fit.judge.attempts import Fitted
 from vibrident.fit.judge.doubts import second_thoughts
-from vibrident.fit.judge.effects import all_effects, covered, measured, seen
+from vibrident.fit.judge.effects import all_effects, covered, measured, seen, what_is_covered
+from vibrident.fit.judge.examined import examined
 from vibrident.fit.judge.refits import PHASE_BY_SCATTER
 from vibrident.fit.problem import Evidence
 from vibrident.fit.uncertainty import correlation, curve, doubts, parameter_table
@@ -29,7 +30,7 @@ from vibrident.fit.uncertainty.curve import frequencies, with_resonances
 from vibrident.fit.uncertainty.parameters import coverage_factor, unit_fields
 from vibrident.physics.models import SensorModel
 from vibrident.physics.naming import in_words
-from vibrident.result import Result, ResultWarning, Training
+from vibrident.result import Finding, Result, ResultWarning, Training
 
 Uncertainty = Literal["auto", "noise", "inflated"]
 #: Shown iterations of the optimiser in a result.
@@ -62,6 +63,7 @@ class _Stated:
     rows: list[BudgetRow]
     weak: dict[str, str]
     warnings: list[ResultWarning]
+    findings: list[Finding]
 
 
 def _stated(fitted: Fitted, rows: Sequence[BudgetRow]) -> _Stated:
@@ -71,10 +73,12 @@ def _stated(fitted: Fitted, rows: Sequence[BudgetRow]) -> _Stated:
     total = np.sum([row.covariance for row in rows], axis=0)
     weak, warnings = doubts(estimate.coordinates, estimate.z, covariance)
     warnings += second_thoughts(evidence, estimate, judgement, covariance, total)
+    findings, matter = examined(evidence, estimate, judgement, total)
+    warnings += matter
     warnings += _learned(estimate)
     freedom = float(np.min(effective_degrees_of_freedom(rows)))
     scope = "; ".join(dict.fromkeys(row.source for row in data))
-    return _Stated(total, freedom, scope, list(rows), weak, warnings)
+    return _Stated(total, freedom, scope, list(rows), weak, warnings, findings)
 
 
 def _result(evidence: Evidence, estimate: Estimate, judgement: Judgement, stated: _Stated) -> Result:
@@ -114,6 +118,8 @@ def _result(evidence: Evidence, estimate: Estimate, judgement: Judgement, stated
         training=_training(estimate),
         weights=judgement.weights,
         certificate=dict(calibration.certificate),
+        findings=tuple(stated.findings),
+        uncertainty={"covers": what_is_covered(stated.rows)},
     )
 
 
@@ -152,7 +158,9 @@ def _warnings(
     adequacy = judgement.adequacy
     if not adequacy.adequate:
         covered = f" The parameters' uncertainties cover {scope}."
-        warnings.append(ResultWarning("lack_of_fit", judgement.lack_of_fit + covered))
+        more = "".join(f" {w.message}" for w in doubtful if w.code == "lack_of_fit")
+        warnings.append(ResultWarning("lack_of_fit", judgement.lack_of_fit + covered + more))
+        doubtful = [w for w in doubtful if w.code != "lack_of_fit"]
     warnings += doubtful
     gain = table[model.gain_name]
     if gain.value < 0 and adequacy.degrees_of_freedom > 0:  # fewer equations than parameters tell no sign

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import replace
-from typing import TypeVar, get_args
+from typing import get_args
 
 import numpy as np
 
@@ -18,20 +18,12 @@ from vibrident.fit.estimators import Estimate, MaximumLikelihood
 from vibrident.fit.estimators.search import Sought
 from vibrident.fit.estimators.start import find_start, sought_response
 from vibrident.fit.judge.adequacy import Judgement
-from vibrident.fit.measure.nonlinearity import LEANING, SPRING, SQUARE, distortion
-from vibrident.fit.measure.odd_records import odd_record
-from vibrident.fit.measure.overtones import audible, of_light
-from vibrident.fit.measure.regimes import changes, findings
-from vibrident.fit.measure.response import ComplexArray
+from vibrident.fit.judge.points import of_points
 from vibrident.fit.problem import Evidence, FrequencyProblem
-from vibrident.fit.uncertainty.adequacy import Adequacy, Points
-from vibrident.fit.uncertainty.agreement import band_sensitive, estimators_disagree
+from vibrident.fit.uncertainty.agreement import estimators_disagree
 from vibrident.fit.uncertainty.alternatives import Solution, other_solutions
-from vibrident.fit.uncertainty.budget import patterns
-from vibrident.fit.uncertainty.linearised import Linearised, amplitude_dependence
 from vibrident.fit.uncertainty.parameters import parameter_units
 from vibrident.physics.models import SensorModel
-from vibrident.physics.models.slopes import response_and_slopes
 from vibrident.physics.naming import in_words
 from vibrident.result import ResultWarning
 
@@ -51,8 +43,8 @@ DOUBTED_BIAS = 0.8
 def second_thoughts(
     evidence: Evidence, estimate: Estimate, judgement: Judgement, covariance: FloatArray, total: FloatArray
 ) -> list[ResultWarning]:
-    """Warnings ``nonlinear``, ``band_sensitive``, ``estimators_disagree``, ``reference_noise``, ``units_suspect``,
-    and ``weakly_determined`` where another solution fits as well.
+    """Warnings ``estimators_disagree``, ``reference_noise``, ``units_suspect``, and ``weakly_determined`` where another
+    solution fits as well.
 
     Args:
         evidence: the data.
@@ -61,211 +53,31 @@ def second_thoughts(
         covariance: of the coordinates, by the data alone, shape (p, p).
         total: with the stated systematic effects, shape (p, p).
     """
-    warnings = list(_cyclic_errors(evidence, judgement))
+    warnings = list[ResultWarning]()
     # Without stated uncertainties a table that is misread is one that scatters.
     doubted = not judgement.adequacy.adequate or judgement.scatter is not None
     angular = _angular_frequencies(evidence)
     misread = [] if angular is None else [ResultWarning("units_suspect", angular)]
     if doubted and not misread and judgement.adequacy.degrees_of_freedom > 0:
         misread = _misread(evidence)
-    # What a misfit that is explained leaves is neither a bent sensor nor one that changed.
-    if judgement.adequacy.adequate or not (judgement.remedied or misread):
-        warnings += _nonlinear(evidence, estimate, judgement, covariance)
-        warnings += _regimes(evidence, estimate, judgement)
-    warnings += _moving(evidence, estimate, judgement, covariance, total)
+    warnings += _disagreement(evidence, estimate, judgement, covariance, total)
     warnings += _reference_noise(estimate)
     warnings += _others(evidence, estimate, judgement, covariance)
     return warnings + misread
 
 
-def _nonlinear(
-    evidence: Evidence, estimate: Estimate, judgement: Judgement, covariance: FloatArray
-) -> Iterator[ResultWarning]:
-    if judgement.overtones:
-        worst = judgement.overtones[0]
-        others = len(judgement.overtones) - 1
-        more = f", and in {others} more record{'s' if others > 1 else ''}" if others else ""
-        text = (
-            f"{worst.record}: the sensor adds {100 * worst.ratio:.2g} % of harmonics to {worst.frequency_hz:.4g} Hz, "
-            f"most at {worst.strongest} times that{more}; a linear sensor adds no harmonics."
-        )
-        yield ResultWarning("nonlinear", text)
-    bent = _distorted(evidence, estimate, judgement, covariance)
-    if bent is not None:
-        yield bent
-    tones = judgement.tones
-    if bent is not None or tones is None or not evidence.model.is_linear:
-        return
-    points, estimate = _undisturbed(estimate, judgement, judgement.points[0])
-    alone = _of_points(evidence, estimate, points)
-    values = estimate.coordinates.values(estimate.z)
-    model = np.asarray(evidence.model.frequency_response(values, points.frequency_hz, "acceleration"))
-    found = amplitude_dependence(alone, model, tones.response, points.relative_deviation)
-    if found is not None:
-        text = (
-            f"The response depends on the amplitude, as with a spring that is not linear: up to "
-            f"{100 * found.largest:.2g} % at the tones ({found.sigma:.1f} standard deviations)."
-        )
-        yield ResultWarning("nonlinear", text)
-
-
-def _cyclic_errors(evidence: Evidence, judgement: Judgement) -> Iterator[ResultWarning]:
-    """Harmonics of an interferometer's displacement that the sensor does not feel."""
-    if judgement.tones is None or all(record.optical is None for record in evidence.records):
-        return
-    found = audible(of_light(evidence.records, judgement.tones, judgement.predicted))
-    if found:
-        worst, names = found[0], ", ".join(one.record for one in found)
-        text = (
-            f"{names}: the displacement has harmonics that the response does not show, {100 * worst.ratio:.2g} % of "
-            f"the predicted response at {worst.frequency_hz:.4g} Hz. The interferometer's phase has an error that "
-            "repeats with the fringe (a cyclic error, or its ellipse), which so small a motion does not determine; the "
-            "same error changes the amplitude of the motion itself."
-        )
-        yield ResultWarning("few_fringes", text)
-
-
-def _distorted(
-    evidence: Evidence, estimate: Estimate, judgement: Judgement, covariance: FloatArray
-) -> ResultWarning | None:
-    """A nonlinear characteristic that is significant in the residual and larger than the uncertainty of the gain."""
-    coordinates, model = estimate.coordinates, evidence.model
-    if not estimate.findings.method.is_exact:
-        return None
-    values, gain = coordinates.values(estimate.z), model.gain_name
-    tones: dict[int, float] = {}
-    if judgement.tones is not None:
-        owners = (int(i) for i in judgement.tones.record)
-        tones = dict(zip(owners, judgement.tones.frequency_hz.tolist(), strict=True))
-    alone = SensorModel(model.core.name, model.core)
-
-    def over_gain(frequency: FloatArray) -> ComplexArray:
-        return np.asarray(alone.frequency_response(values, frequency) / values[gain], dtype=complex)
-
-    found = distortion(
-        evidence.records,
-        judgement.predicted,
-        [tones.get(index) for index in range(len(evidence.records))],
-        over_gain if model.core.output == "displacement" else None,
-        springs=(SPRING,) if model.is_linear else (SPRING, LEANING),
-    )
-    index = model.parameter_names.index(gain)
-    u = float(np.sqrt(max(covariance[index, index], 0.0)) / max(abs(float(estimate.z[index])), np.finfo(float).tiny))
-    if found is None or max(abs(found.peak), abs(found.gain)) < u:
-        return None
-    text = found.sentence(in_words(gain))
-    if found.kind in (SQUARE, LEANING) and not model.is_linear:
-        text += (
-            " The model has a spring that is bent alike on both sides of its rest; one that rests beside its middle, "
-            "as under a static load, is not, and the parameters are off by more than their uncertainty says."
-        )
-    return ResultWarning("nonlinear", text)
-
-
-def linearised(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> Linearised:
-    """The fit at all excited frequencies, linearised at the estimate."""
-    if evidence.calibration.table is not None:
-        problem = evidence.first_look
-        assert problem is not None
-        frequency, _, _, magnitude_u, phase_u = problem.data
-        measured = judgement.adequacy.measured
-        data = (frequency, np.abs(measured), np.angle(measured), magnitude_u, phase_u)
-        return Linearised.of_table(estimate.coordinates, estimate.z, replace(problem, data=data))
-    return _of_points(evidence, estimate, judgement.adequacy)
-
-
-_Kind = TypeVar("_Kind", Adequacy, Points)
-
-
-def _undisturbed(estimate: Estimate, judgement: Judgement, points: _Kind) -> tuple[_Kind, Estimate]:
-    """Points and estimate as they were without the stated systematic effects: these move parameters too, as stated."""
-    if judgement.removed is None or judgement.without is None:
-        return points, estimate
-    measured = points.measured * judgement.removed[: len(points.measured)]
-    return replace(points, measured=measured), replace(estimate, z=judgement.without)
-
-
-def _of_points(evidence: Evidence, estimate: Estimate, points: Adequacy | Points) -> Linearised:
-    return Linearised.of_points(
-        estimate.coordinates,
-        estimate.z,
-        evidence.quantity,
-        points.frequency_hz,
-        points.measured,
-        points.relative_deviation,
-    )
-
-
-def _moving(
-    evidence: Evidence,
-    estimate: Estimate,
-    judgement: Judgement,
-    covariance: FloatArray,
-    total: FloatArray,
+def _disagreement(
+    evidence: Evidence, estimate: Estimate, judgement: Judgement, covariance: FloatArray, total: FloatArray
 ) -> list[ResultWarning]:
-    """Parameters that another part of the data, or another estimator, would move."""
-    if not evidence.model.is_linear:
-        return []  # a transfer function does not determine nonlinear parameters
-    units = parameter_units(evidence.model, evidence.calibration)
-    points, at = _undisturbed(estimate, judgement, judgement.adequacy)
-    linear = linearised(evidence, at, replace(judgement, adequacy=points))
-    common = None
-    if judgement.found:
-        shape = patterns(judgement.found, linear, linear.frequency_hz)
-        common = np.where(linear.is_phase[:, None], np.imag(shape), np.real(shape)) * linear.weight[:, None]
-    freedom = np.tile(np.concatenate([p.freedom for p in judgement.points]), 2) if judgement.points else None
-    warnings = band_sensitive(linear, covariance, units, _scatter(judgement), common, freedom)
-    if judgement.tones is not None and estimate.criterion != "likelihood":
-        alone = _of_points(evidence, estimate, judgement.points[0])
-        largest = max((abs(size) for _, size in judgement.effects), default=1.0)
-        spread = covariance + max(largest, 1.0) ** 2 * (total - covariance)  # the two weigh the points differently
-        fitted = functools.partial(MaximumLikelihood().fit, evidence) if evidence.bands is None else None
-        warnings += estimators_disagree(alone, spread, units, estimate.estimator, fitted)
-    return warnings
-
-
-def _scatter(judgement: Judgement) -> float:
-    """Variance of the weighted residuals: what a table without uncertainties shows, or a model that is not rejected."""
-    if judgement.scatter is not None:
-        return judgement.scatter**2
-    return max(judgement.adequacy.chi2_reduced or 1.0, 1.0) if judgement.adequacy.adequate else 1.0
-
-
-def _regimes(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> list[ResultWarning]:
-    """A sensor that changed within a record, or a record of another sensor."""
-    if not evidence.records:
+    """Parameters that maximum likelihood at the tones would move."""
+    if not evidence.model.is_linear or judgement.tones is None or estimate.criterion == "likelihood":
         return []
-    frequency: list[float | None] = [None] * len(evidence.records)
-    if judgement.tones is not None:
-        for index, tone_hz in zip(judgement.tones.record.tolist(), judgement.tones.frequency_hz.tolist(), strict=True):
-            frequency[index] = tone_hz
-    odd, points = None, judgement.adequacy
-    if not points.adequate and points.degrees_of_freedom > 0 and evidence.model.is_linear:
-        linear = _of_points(evidence, estimate, points)
-        odd = odd_record(linear.matrix, linear.rest, points.record, points.relative_deviation)
-    values = estimate.coordinates.values(estimate.z)
-    sensor = _oscillator_slopes(evidence.model.linear, values, evidence.quantity)
-    within = changes(evidence.records, judgement.predicted, frequency, sensor)
-    return [ResultWarning(found.code, found.message) for found in findings(within, odd)]
-
-
-def _oscillator_slopes(
-    model: SensorModel, values: Mapping[str, float], quantity: Quantity
-) -> Callable[[FloatArray], ComplexArray] | None:
-    """(∂ ln H/∂ ln fn, ∂ ln H/∂δ) at frequencies in Hz; None for a sensor that is no oscillator."""
-    if model.core.oscillator is None:
-        return None
-    natural, damping = model.core.oscillator
-    names = [model.parameter_names.index(name) for name in (natural, damping)]
-    sizes = np.array([[values[natural]], [1.0]])
-
-    def slopes_at(frequency_hz: FloatArray) -> ComplexArray:
-        response, slopes = response_and_slopes(model, values, frequency_hz, quantity)
-        return np.divide(
-            sizes * slopes[names], response, out=np.zeros((2, response.size), complex), where=response != 0
-        )
-
-    return slopes_at
+    units = parameter_units(evidence.model, evidence.calibration)
+    alone = of_points(evidence, estimate, judgement.points[0])
+    largest = max((abs(size) for _, size in judgement.effects), default=1.0)
+    spread = covariance + max(largest, 1.0) ** 2 * (total - covariance)  # the two weigh the points differently
+    fitted = functools.partial(MaximumLikelihood().fit, evidence) if evidence.bands is None else None
+    return estimators_disagree(alone, spread, units, estimate.estimator, fitted)
 
 
 def _others(

@@ -12,7 +12,7 @@ from vibrident.base.amounts import amount, plain
 from vibrident.data.records import FloatArray, SystematicEffect
 from vibrident.fit.estimators import Estimate
 from vibrident.fit.judge.adequacy import Judgement, measured_curve
-from vibrident.fit.judge.doubts import linearised
+from vibrident.fit.judge.points import linearised
 from vibrident.fit.measure.verdict import REJECTION, rejected
 from vibrident.fit.problem import Evidence
 from vibrident.fit.uncertainty.budget import DATA, BudgetRow, Explained, Weighted, effects_of, explain, patterns
@@ -52,7 +52,7 @@ def _judged(
 ) -> Judgement:
     adequacy, degrees = judgement.adequacy, judgement.adequacy.degrees_of_freedom
     shown = tuple(zip(effects, found.amounts.tolist(), strict=True))
-    allowed = replace(judgement, effects=shown, removed=found.removed, without=found.z)
+    allowed = replace(judgement, effects=shown)
     believed = found.probability >= REJECTION
     if adequacy.chi2_reduced is None:  # no uncertainty was stated: the scatter of the points is all there is
         return allowed
@@ -60,7 +60,7 @@ def _judged(
     chi2 = max(before - (float(deviations @ deviations) - found.chi2), 0.0)
     freedom = np.concatenate([part.freedom for part in judgement.points]) if judgement.points else None
     explained = not rejected(chi2, degrees, freedom) and believed
-    blamed = rejected(before, degrees, freedom) and not judgement.overtones
+    blamed = rejected(before, degrees, freedom)
     adequate = explained if adequacy.adequate or blamed else False
     text = judgement.lack_of_fit
     if blamed or adequacy.adequate:
@@ -132,6 +132,13 @@ def measured(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> Me
 def covered(rows: Sequence[BudgetRow]) -> list[str]:
     """The systematic effects among the rows, in words."""
     return list(dict.fromkeys(f"{row.source} ({row.kind})" for row in rows if row.kind != DATA))
+
+
+def what_is_covered(rows: Sequence[BudgetRow]) -> list[str]:
+    """Which of ``noise``, ``gain`` and ``phase`` the uncertainties hold: scatter, and what was stated of the chain."""
+    kinds = {row.kind for row in rows}
+    parts = {"noise": {DATA}, "gain": {"gain"}, "phase": {"phase", "timing"}}
+    return [name for name, of in parts.items() if kinds & of]
 
 
 def seen(judgement: Judgement) -> dict[str, Any]:

@@ -46,7 +46,7 @@ def without_dead_records(first: Attempt) -> Attempt:
     others = first.evidence.without_dead_records()
     if others is None:
         return first
-    better = first.anew(others)
+    better = first.afresh(others)
     chi2 = [attempt.judgement.adequacy.chi2_reduced or np.inf for attempt in (better, first)]
     # A dead record of little noise may draw the whole fit to itself, and leave the others as noise.
     records, predicted = first.evidence.records, first.judgement.predicted

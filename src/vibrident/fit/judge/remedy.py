@@ -10,45 +10,40 @@ import numpy as np
 
 from vibrident.base.amounts import plain
 from vibrident.base.errors import VibridentError
-from vibrident.fit.estimators.optimise import levenberg_marquardt, silent
-from vibrident.fit.estimators.start import find_start
-from vibrident.fit.judge.adequacy import Judgement
-from vibrident.fit.judge.attempts import Attempt
-from vibrident.fit.problem import Coordinates, Evidence, FrequencyProblem
+from vibrident.fit.estimators.start import Start, extended, find_start
+from vibrident.fit.judge.attempts import MOST_LEFT, Attempt
+from vibrident.fit.measure.explained import part_left
+from vibrident.fit.problem import Evidence, FrequencyProblem
 from vibrident.physics.models import ADD_ONS, CORES, SensorModel, installed
 
 #: Another model is tried if its χ²/ν at the points is so many times smaller …
 BETTER = 10.0
 #: … with this many degrees of freedom left to judge it by.
 LEAST_FREE = 4
-#: Where it is so many times smaller, what else the residual shows is misfit.
-ALL_MISFIT = 100.0
 #: At the points alone, models count that leave this or less in χ²/ν, or so many times the least; so many are fitted.
-WELL, ALIKE, MOST_TRIED = 1.5, 30.0, 3
-#: The response before any model is of bands, within which it changes: relative deviation that a right model may have.
-ROUGH = 0.02
+WELL, ALIKE, MOST_TRIED = 1.5, 30.0, 2
 
 
 def with_remedy(found: Attempt) -> Attempt:
     """The attempt, its judgement with the model that explains what the present one does not, if there is one.
 
-    Models are tried at the excited frequencies, the likely ones then by one fit from the values found there.
+    Models are tried at the excited frequencies, from the values of the present one, the likely ones then by one fit
+    from the values found there.
     """
     evidence, judgement = found.evidence, found.judgement
     declared = judgement.adequacy.chi2_reduced or 0.0
     if found.adequate or declared <= 0.0 or not _may_be_the_model(found):
         return found
-    for other, values in itertools.islice(_tried(evidence, judgement), MOST_TRIED):
+    for other, values in itertools.islice(_tried(found), MOST_TRIED):
         try:
-            better = found.once(replace(Evidence.gather(evidence.calibration, other), start=values))
+            better = found.once(replace(evidence, model=other, start=values))
         except VibridentError:
             continue
         if better.adequate:
             chi2 = better.judgement.adequacy.chi2_reduced or 0.0
             text = f"{judgement.lack_of_fit} The model {other.name} explains them (χ²/dof = {plain(chi2, 3)})."
-            remedied = chi2 * ALL_MISFIT < declared
-            judgement = replace(judgement, lack_of_fit=text, remedied=remedied)
-            return replace(found, judgement=judgement, drifts=() if remedied else found.drifts)
+            judgement = replace(judgement, lack_of_fit=text, remedied=True)
+            return replace(found, judgement=judgement)
     return found
 
 
@@ -59,57 +54,60 @@ def _may_be_the_model(found: Attempt) -> bool:
     plain_fit = (
         findings.learned is None and (network is None or network.optimiser != "adam") and findings.method.is_exact
     )
-    return found.evidence.model.is_linear and plain_fit and not few and not found.judgement.overtones
+    if found.evidence.bands is not None and found.judgement.predicted:
+        few |= part_left(found.evidence.records, found.judgement.predicted) > MOST_LEFT
+    return found.evidence.model.is_linear and plain_fit and not few
 
 
-def _tried(evidence: Evidence, judgement: Judgement) -> Iterator[tuple[SensorModel, dict[str, float]]]:
+def _tried(found: Attempt) -> Iterator[tuple[SensorModel, dict[str, float]]]:
     """The models worth a fit of the records, with their values at the points: those of one thing more come first."""
-    problems = list(_problems(evidence, judgement))
-    for others in _others(evidence):
-        for problem in problems:
-            likely = sorted(_likely(problem, others), key=lambda found: len(found[1]))
-            yield from likely
-            if likely:
-                break
-
-
-def _problems(evidence: Evidence, judgement: Judgement) -> Iterator[FrequencyProblem]:
-    """The response at the excited frequencies: of a table or beside the fit, and that of bands before any model."""
-    points, first = judgement.adequacy, evidence.first_look
-    if first is None or first.polar:
-        yield from () if first is None else (first,)
+    problem = _problem(found)
+    if problem is None:
         return
+    values = found.estimate.coordinates.values(found.estimate.z)
+    own = (found.judgement.adequacy.chi2_reduced or 0.0, found.evidence.model, values)
+    for others in _others(found.evidence):
+        likely = sorted(_likely(problem, others, *own), key=lambda one: len(one[1]))
+        yield from likely
+        if likely:
+            break
+
+
+def _problem(found: Attempt) -> FrequencyProblem | None:
+    """The response at the excited frequencies: of a table, or beside the fit."""
+    points, first = found.judgement.adequacy, found.evidence.first_look
+    if first is None or first.polar:
+        return first
     size = np.abs(points.measured)
     data = (points.frequency_hz, np.ones(len(size), complex), points.measured, points.relative_deviation * size)
-    yield replace(first, data=data)
-    if evidence.bands is not None:
-        frequency, reference, response, deviation = first.data
-        data = (frequency, reference, response, np.hypot(deviation, ROUGH * np.abs(response)))
-        yield replace(first, data=data)
+    return replace(first, data=data)
 
 
-def _likely(problem: FrequencyProblem, others: Sequence[SensorModel]) -> Iterator[tuple[SensorModel, dict[str, float]]]:
+def _likely(
+    problem: FrequencyProblem, others: Sequence[SensorModel], own: float, model: SensorModel, values: dict[str, float]
+) -> Iterator[tuple[SensorModel, dict[str, float]]]:
     """Those models that leave least of the response."""
-    own, _ = _left(problem, problem.model)
-    found = [(other, *_left(problem, other)) for other in others]
+    found = []
+    for other in others:
+        free = problem.equations - len(other.parameter_names)
+        start = _start(problem, other, model, values) if free >= LEAST_FREE else None
+        if start is not None:
+            found.append((other, start.costs[-1] / free, start.values))
     least = min([own / BETTER, *(cost * ALIKE for _, cost, _ in found)])
-    for other, cost, values in found:
+    for other, cost, there in found:
         if cost < min(max(least, WELL), 0.5 * own):
-            yield other, values
+            yield other, there
 
 
-def _left(problem: FrequencyProblem, model: SensorModel) -> tuple[float, dict[str, float]]:
-    """χ²/ν of a model at the points, with its values; infinite where too few degrees of freedom are left."""
-    free = problem.equations - len(model.parameter_names)
-    if free < LEAST_FREE:
-        return np.inf, {}
+def _start(problem: FrequencyProblem, other: SensorModel, model: SensorModel, values: dict[str, float]) -> Start | None:
+    """A model at the points; of one that extends the present model, from there."""
+    asked = replace(problem, model=other, start=None)
     try:
-        start = find_start(replace(problem, model=model), model)
-        coordinates = Coordinates.at(model, start.values, problem.band_hz)
-        trace = levenberg_marquardt(problem.normal, coordinates.first, coordinates, progress=silent)
+        if set(model.parameter_names) < set(other.parameter_names):
+            return extended(asked, other, values)
+        return find_start(asked, other)
     except VibridentError:
-        return np.inf, {}
-    return float(trace.costs[-1]) / free, coordinates.values(trace.last)
+        return None
 
 
 def _others(evidence: Evidence) -> Iterator[list[SensorModel]]:

@@ -35,6 +35,8 @@ ENOUGH_FOR_SHAPE = 1.0
 ENOUGH_FOR_LAW = 2.0
 #: The logarithm of a power law is within so much of its value at the tone.
 MOST_STEEP = 300.0
+#: Shapes that differ by less than this part, in squares, are one: rounding.
+ALIKE = 1e-14
 #: Rounds of Fisher scoring for a + b |H|².
 ROUNDS = 12
 #: The channels' own noise does not explain Y − H X where the best a + b |H|² has a larger log-likelihood by this.
@@ -150,7 +152,7 @@ def _two_levels(
         w = weight / np.maximum(fitted, tiny) ** 2
         s0, s1, s2 = (np.sum(w * shape**k, axis=1) for k in range(3))
         p0, p1 = np.sum(w * power, axis=1), np.sum(w * shape * power, axis=1)
-        determinant = np.maximum(s0 * s2 - s1**2, 1e-300)
+        determinant = np.maximum(s0 * s2 - s1**2, ALIKE * s0 * s2 + 1e-300)
         a, b = (s2 * p0 - s1 * p1) / determinant, (s0 * p1 - s1 * p0) / determinant
         alone_a, alone_b = p0 / s0, p1 / np.maximum(s2, 1e-300)
         a, b = np.where(b < 0, alone_a, a), np.where(b < 0, 0.0, b)

@@ -28,13 +28,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vibrident.data.records import Calibration, FloatArray, SystematicEffect
+from vibrident.data.records import Calibration, FloatArray, Quantity, SystematicEffect
 from vibrident.fit.measure.verdict import probability
+from vibrident.fit.problem import Coordinates
 from vibrident.fit.uncertainty.linearised import Linearised, log_slopes
 from vibrident.fit.uncertainty.parameters import reference_direction
 
@@ -87,7 +88,7 @@ def shift_of_effect(effect: SystematicEffect, linear: Linearised) -> FloatArray:
     return u * shift
 
 
-def pattern(effect: SystematicEffect, linear: Linearised, frequency: FloatArray) -> NDArray[Any]:
+def pattern(effect: SystematicEffect, linear: Linearised | Place, frequency: FloatArray) -> NDArray[Any]:
     """Change of log H for one unit of the effect, complex, shape (m,)."""
     if effect.kind == "gain":
         return np.ones(len(frequency), dtype=complex)
@@ -153,12 +154,18 @@ class Explained:
 
     amounts: FloatArray  # a_k of each effect, in its standard uncertainties, shape (K,)
     chi2: float  # what is left of Σ squares, the a_k counted in
-    removed: np.ndarray  # factor on the measured response that takes the effects out of it, complex, shape (n,)
-    z: FloatArray  # the estimate that this response gives, shape (p,)
     probability: float  # of a_k at least as large
 
 
-def patterns(effects: Sequence[SystematicEffect], linear: Linearised, frequency_hz: FloatArray) -> np.ndarray:
+class Place(NamedTuple):
+    """Where a fit stands: its coordinates, their values, shape (p,), and the quantity of the reference."""
+
+    coordinates: Coordinates
+    z: FloatArray
+    quantity: Quantity
+
+
+def patterns(effects: Sequence[SystematicEffect], linear: Linearised | Place, frequency_hz: FloatArray) -> np.ndarray:
     """Change of log H by one standard uncertainty of each effect, complex, shape (n, K)."""
     columns = [e.standard_uncertainty * pattern(e, linear, frequency_hz) for e in effects]
     return np.stack(columns, axis=1) if columns else np.zeros((len(frequency_hz), 0), complex)
@@ -196,7 +203,7 @@ def explain(
     stated = np.array([effect.kind != "rounding" for effect in effects])  # of the others the size is no claim
     beside = np.concatenate([np.ones(p, dtype=bool), ~stated])
     chance = _chance(amounts[stated], jacobian[:, beside], jacobian[:, ~beside])
-    return Explained(amounts, float(2.0 * found.cost), np.exp(-shape @ amounts), z + shift, chance)
+    return Explained(amounts, float(2.0 * found.cost), chance)
 
 
 def _chance(amounts: FloatArray, slopes: FloatArray, effects: FloatArray) -> float:

@@ -19,9 +19,18 @@ from numpy import fft
 from vibrident.data.records import BoolArray, FloatArray, Record, SystematicEffect
 from vibrident.data.records.basis import distinct
 from vibrident.fit.measure.bands import band_edges
-from vibrident.fit.measure.lines import hann, line_frequencies
+from vibrident.fit.measure.lines import MEDIAN_OF_POWER, hann, line_frequencies, median
 from vibrident.fit.measure.response import ComplexArray
-from vibrident.fit.measure.rounding import DITHERED, FEW, TRIALS, converter_step, repeated_errors, rounding_errors
+from vibrident.fit.measure.rounding import (
+    DITHERED,
+    FEW,
+    TRIALS,
+    converter_step,
+    repeated_errors,
+    rounding_errors,
+    step_of_response,
+    undithered,
+)
 from vibrident.fit.uncertainty.adequacy import Adequacy
 
 LEAST = 0.3  # an effect counts from so many standard deviations of all points together
@@ -138,6 +147,52 @@ def _errors(
         errors = rounding_errors(smooth, used, steps[1], float(record.reference[used][0]))
         found[TRIALS:] = -_coherent(record, errors, predicted, used, response, frequency_hz)
     return found
+
+
+def rounding_in_residual(
+    record: Record,
+    span: slice,
+    motion: FloatArray,
+    used: BoolArray,
+    variance: float,
+    transfer: ComplexArray,
+    turns: float | None,
+) -> FloatArray | None:
+    """Errors of both converters that repeat with the motion, as the residual has them, shape (2 TRIALS, n).
+
+    Each is one of what the errors may be, scaled so that their products sum to the covariance of the part that noise
+    leaves coherent with the motion; None where all of it is noise.
+
+    Args:
+        record: the record.
+        span: its samples that are looked at, n in number.
+        motion: predicted response, shape (n,).
+        used: those that count, shape (n,).
+        variance: of the noise between the lines of the residual, which the errors are part of where they are noise.
+        transfer: of the sensor at the bins, shape (bins,).
+        turns: of the record's sine from sample to sample; None for other motion.
+    """
+    if record.reference is None:
+        return None
+    steps = step_of_response(record), converter_step(record.reference, record.reference_mask)
+    if not any(steps):
+        return None
+    found = np.zeros((2 * TRIALS, used.size))
+    if steps[0] > 0.0 and variance < (DITHERED * steps[0]) ** 2:
+        response = np.where(used, record.response[span], 0.0)
+        whole = np.where(used, motion + np.mean(response[used]), 0.0)
+        coherent = np.sqrt(undithered(steps[0], variance))
+        found[:TRIALS] = coherent * rounding_errors(whole, used, steps[0], float(response[used][0]))
+    top = (0.5 if turns is None else turns) * record.sampling_rate_hz
+    smooth = _within_band(record, steps[1], np.array([top])) if steps[1] > 0.0 else None
+    if smooth is not None:
+        kept = used & record.reference_mask[span]
+        left = np.where(kept, (record.reference - smooth)[span], 0.0)
+        between = float(median(np.abs(np.asarray(fft.rfft(left))) ** 2)) / MEDIAN_OF_POWER / used.size
+        errors = rounding_errors(smooth[span], kept, steps[1], float(record.reference[span][kept][0]))
+        errors *= np.sqrt(undithered(steps[1], between))
+        found[TRIALS:] = -np.asarray(fft.irfft(fft.rfft(errors, axis=1) * transfer, used.size, axis=1))
+    return found / np.sqrt(TRIALS) if np.any(found) else None
 
 
 def _within_band(record: Record, step: float, frequency_hz: FloatArray) -> FloatArray | None:

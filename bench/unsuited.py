@@ -1,0 +1,160 @@
+"""Time and outcome of `identify` where data do not suit the model, against data of one size that do.
+
+One record of random motion each, twelve ways of not suiting. Ratios of computing times taken in turn in one process.
+"""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.figures import Figure, Options, Section, steps
+from vibrident import Calibration, Record, VibridentError, identify
+
+Real = NDArray[np.float64]
+SAMPLES, RATE_HZ, BAND_HZ, NOISE = 8000, 20e3, (20.0, 4000.0), 1e-3
+GAIN, NATURAL_HZ, DAMPING = 0.1, 1200.0, 0.2
+#: Most that data which do not suit may take, in units of those that do.
+MOST = 3.0
+
+
+def _s(hz: Real) -> NDArray[np.complex128]:
+    return 2j * np.pi * hz
+
+
+def _sensor(hz: Real, natural_hz: float = NATURAL_HZ, damping: float = DAMPING) -> NDArray[np.complex128]:
+    w = 2.0 * np.pi * natural_hz
+    return np.asarray(GAIN * w**2 / (_s(hz) ** 2 + 2.0 * damping * w * _s(hz) + w**2))
+
+
+def _made(
+    transfer: Callable[[Real], NDArray[np.complex128]], rng: np.random.Generator, noise: float = NOISE
+) -> tuple[Real, Real]:
+    """Reference and response of a piece of a long random motion, with noise of the response."""
+    n = 4 * SAMPLES
+    hz = np.fft.rfftfreq(n, 1.0 / RATE_HZ)
+    motion = ((hz > BAND_HZ[0]) & (hz < BAND_HZ[1])) * (rng.normal(size=hz.size) + 1j * rng.normal(size=hz.size))
+    hz[0] = hz[1]
+    u, y = (np.fft.irfft(lines, n)[SAMPLES : 2 * SAMPLES] for lines in (motion, motion * transfer(hz)))
+    u = u / np.std(u)
+    scale = np.std(y)
+    return u, y / scale * GAIN + noise * GAIN * rng.normal(size=SAMPLES)
+
+
+def _calibration(u: Real, y: Real, quantity: str = "acceleration") -> Calibration:
+    record = Record("random", u, y, RATE_HZ, "random")  # type: ignore[arg-type]
+    return Calibration(records=(record,), model="accelerometer", quantity=quantity)  # type: ignore[arg-type]
+
+
+def suited(rng: np.random.Generator) -> Calibration:
+    """Nothing is wrong."""
+    return _calibration(*_made(_sensor, rng))
+
+
+def _delayed(rng: np.random.Generator) -> Calibration:
+    return _calibration(*_made(lambda hz: _sensor(hz) * np.exp(-_s(hz) * 1.7 / RATE_HZ), rng))
+
+
+def _high_pass(rng: np.random.Generator) -> Calibration:
+    return _calibration(*_made(lambda hz: _sensor(hz) * _s(hz) / (_s(hz) + 2.0 * np.pi * 60.0), rng))
+
+
+def _second_mode(rng: np.random.Generator) -> Calibration:
+    return _calibration(*_made(lambda hz: _sensor(hz) + 0.1 * _sensor(hz, 2600.0, 0.03), rng))
+
+
+def _wrong_quantity(rng: np.random.Generator) -> Calibration:
+    return _calibration(*_made(lambda hz: _sensor(hz) * _s(hz), rng))
+
+
+def _wrong_pairing(rng: np.random.Generator) -> Calibration:
+    return _calibration(_made(_sensor, rng)[0], _made(_sensor, rng)[1])
+
+
+def _spring(rng: np.random.Generator) -> Calibration:
+    u, y = _made(_sensor, rng)
+    lines = np.fft.rfft((y / np.max(np.abs(y))) ** 3) * _sensor(np.fft.rfftfreq(SAMPLES, 1.0 / RATE_HZ)) / GAIN
+    return _calibration(u, y - 0.05 * np.max(np.abs(y)) * np.fft.irfft(lines, SAMPLES))
+
+
+def _saturated(rng: np.random.Generator) -> Calibration:
+    u, y = _made(_sensor, rng)
+    top = 0.8 * np.max(np.abs(y))
+    return _calibration(u, top * np.tanh(y / top))
+
+
+def _half_clipped(rng: np.random.Generator) -> Calibration:
+    u, y = _made(_sensor, rng)
+    return _calibration(u, np.minimum(y, 0.3 * np.max(y)))
+
+
+def _noise_alone(rng: np.random.Generator) -> Calibration:
+    return _calibration(_made(_sensor, rng)[0], rng.normal(size=SAMPLES))
+
+
+def _two_sensors(rng: np.random.Generator) -> Calibration:
+    """Two geophones side by side, one the velocity reference of the other, motion far above both resonances."""
+    u, y = _made(lambda hz: np.ones(hz.size, complex), rng)
+    return _calibration(u + NOISE * rng.normal(size=SAMPLES), y, "velocity")
+
+
+def _another_kind(rng: np.random.Generator) -> Calibration:
+    """A low-pass of first order."""
+    return _calibration(*_made(lambda hz: GAIN / (1.0 + _s(hz) / (2.0 * np.pi * 300.0)), rng))
+
+
+def _held(rng: np.random.Generator) -> Calibration:
+    """An electrical resonator whose input is held between samples, with content up to half the rate."""
+    from scipy.signal import cont2discrete, lfilter
+
+    w = 2.0 * np.pi * NATURAL_HZ
+    top, below, _ = cont2discrete(([GAIN * w**2], [1.0, 2.0 * DAMPING * w, w**2]), 1.0 / RATE_HZ, "zoh")
+    u = rng.normal(size=SAMPLES)
+    y = lfilter(top[0], below, u)
+    found = _calibration(u, y + NOISE * np.std(y) * rng.normal(size=SAMPLES), "drive")
+    return replace(found, reference_unit="V")
+
+
+UNSUITED: Mapping[str, Callable[[np.random.Generator], Calibration]] = {
+    "missing delay": _delayed,
+    "missing high-pass": _high_pass,
+    "missing second mode": _second_mode,
+    "wrong quantity": _wrong_quantity,
+    "wrong pairing": _wrong_pairing,
+    "spring": _spring,
+    "saturation": _saturated,
+    "half clipped": _half_clipped,
+    "noise alone": _noise_alone,
+    "two sensors": _two_sensors,
+    "another kind of sensor": _another_kind,
+    "held input": _held,
+}
+
+
+def spent(make: Callable[[np.random.Generator], Calibration], seed: int = 1) -> tuple[float, str]:
+    """Computing time of an identification, s, and what it said; a Python warning is an error."""
+    calibration, begin = make(np.random.default_rng(seed)), time.process_time()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        try:
+            said = ", ".join(identify(calibration).warning_codes)
+        except VibridentError as error:
+            said = f"refused: {error}".splitlines()[0]
+    return time.process_time() - begin, said
+
+
+def measure(options: Options) -> Section:
+    """Each kind over what suits, by the least of some runs of either."""
+    runs = 1 if options.quick else 3
+    spent(suited)  # loads what is loaded once
+    base = min(spent(suited)[0] for _ in range(runs))
+    found = {}
+    for name, make in steps("unsuited", list(UNSUITED.items())):
+        found[name] = min(spent(make)[0] for _ in range(runs)) / base
+    figures = (Figure("over data that suit", found, "ratio", high=MOST),)
+    return Section("unsuited", f"Data that do not suit the model, {SAMPLES} samples", figures)

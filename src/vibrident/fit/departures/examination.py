@@ -1,0 +1,212 @@
+"""What departs from a fit significantly, and how far it moves the parameters.
+
+One rate for all: in a clean calibration noise shows a departure with the chance FALSE_ALARMS, once for the records and
+once for points, shared among the kinds, the records and the places of each. The one that explains most becomes a
+nuisance parameter, and the others are tested beside it, as a step in time imitates a misfit over frequency, and the
+other way round.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import reduce
+from operator import add
+
+import numpy as np
+
+from vibrident.base.warning_kinds import WarningCode
+from vibrident.data.records import FloatArray
+from vibrident.fit.departures.candidate import Candidate
+from vibrident.fit.departures.departure import Departure, Scale
+from vibrident.fit.departures.part import Part
+from vibrident.fit.departures.points import PointsPart
+from vibrident.fit.departures.score import LinearFit, Score, Sums
+from vibrident.fit.registry import DEPARTURES
+
+#: Chance that noise alone shows any departure in a calibration.
+FALSE_ALARMS = 1e-4
+#: Bands of like information.
+BANDS = 8
+#: Places, of those that explain most by sums over blocks, whose columns are whitened one by one.
+MOST_EXACT = 3
+#: Departures that are looked for beside each other.
+ROUNDS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """A significant departure.
+
+    Attributes:
+        departure: the kind.
+        candidate: the place, and its words.
+        score: the test there.
+        chance: that noise shows it anywhere.
+        impact: largest shift of a coordinate, in its stated standard uncertainty.
+        place: number of the part; None where it concerns all.
+        record: name of the record; None likewise.
+    """
+
+    departure: Departure
+    candidate: Candidate
+    score: Score
+    chance: float
+    impact: float
+    place: int | None
+    record: str | None
+
+    @property
+    def code(self) -> WarningCode:
+        """Of the warning where it matters."""
+        return self.departure.code_of(self.candidate, self.score)
+
+    @property
+    def sentence(self) -> str:
+        """What is there."""
+        return self.departure.sentence(self.candidate, self.score)
+
+
+@dataclass(frozen=True, eq=False)
+class Together:
+    """Departures of one kind, by record or of all, and how far they move the coordinates together, shape (P,)."""
+
+    found: tuple[Found, ...]
+    shift: FloatArray
+    impact: float
+
+
+def examine(
+    parts: Sequence[Part], points: PointsPart | None, uncertainty: FloatArray, *, misfit: bool = False
+) -> list[Together]:
+    """Every significant departure, the most significant first.
+
+    Args:
+        parts: the records of the fit.
+        points: its response at points, where that is what was fitted.
+        uncertainty: of the coordinates as stated, shape (P,).
+        misfit: whether the model does not explain the data: then what explains most is asked for alone.
+    """
+    found = list[Together]()
+    parts, rounds = list(parts), 1 if misfit else ROUNDS
+    for _ in range(rounds if parts else 0):
+        fit, now = LinearFit.of(parts, uncertainty), _strongest(_of_records(parts, uncertainty))
+        if not now:
+            break
+        before = _optimum(fit, parts)
+        for one in now:
+            places = range(len(parts)) if one.place is None else [one.place]
+            for place, columns in zip(places, one.candidate.white(), strict=True):
+                parts[place] = parts[place].beside(columns)
+        shift = before - _optimum(LinearFit.of(parts, uncertainty), parts)
+        found.append(_together(now, shift, fit))
+    for _ in range(rounds if points is not None else 0):
+        assert points is not None
+        now = _strongest(_of_points(points, uncertainty))
+        if not now:
+            break
+        fit = points.fit(uncertainty)
+        points = reduce(PointsPart.beside, (one.candidate.white()[0] for one in now), points)
+        beside = points.fit(uncertainty)
+        shift = fit.inverse @ fit.gradient - beside.inverse @ beside.gradient
+        found.append(_together(now, shift, fit))
+    return found
+
+
+def _together(found: Sequence[Found], shift: FloatArray, fit: LinearFit) -> Together:
+    """``shift``: of the fit beside all of them."""
+    if not found[0].departure.joint:
+        shift = np.sum([one.score.shift for one in found], axis=0)
+    return Together(tuple(found), shift, fit.impact(shift))
+
+
+def _optimum(fit: LinearFit, parts: Sequence[Part]) -> FloatArray:
+    """Where the best coordinates are from those of the fit, shape (P,)."""
+    own = [part.pull @ part.inverse @ (part.jacobian @ part.residual) for part in parts if part.pull is not None]
+    return np.sum([fit.inverse @ fit.gradient, *own], axis=0)
+
+
+def _strongest(found: Sequence[Found]) -> list[Found]:
+    """The departure that explains most; where that is of records, in all in which it is."""
+    if not found:
+        return []
+    kinds = {one.departure for one in found}
+    explained = {kind: sum(one.score.explained for one in found if one.departure is kind) for kind in kinds}
+    best = max(explained, key=lambda kind: explained[kind])
+    return sorted((one for one in found if one.departure is best), key=lambda one: -one.score.explained)
+
+
+def _of_points(points: PointsPart, uncertainty: FloatArray) -> list[Found]:
+    fit, kinds, found = points.fit(uncertainty), DEPARTURES.all(), []
+    for departure in kinds.values():
+        best = _best(fit, departure, departure.at_points(points), len(kinds))
+        if best is not None:
+            found.append(Found(departure, *best, None, best[0].record))
+    return found
+
+
+def _of_records(parts: Sequence[Part], uncertainty: FloatArray) -> list[Found]:
+    fit, scale, kinds = LinearFit.of(parts, uncertainty), Scale.of(parts, BANDS), DEPARTURES.all()
+    found = []
+    narrow = any(part.optical and part.turns is not None for part in parts)
+    for departure in kinds.values():
+        if narrow and not departure.of_light:
+            continue
+        if departure.pooled:
+            best = _best(fit, departure, _pooled(departure, parts, scale, len(uncertainty)), len(kinds))
+            found += [] if best is None else [Found(departure, *best, None, None)]
+            continue
+        for place, part in enumerate(parts):
+            own = departure.candidates(part, scale, len(uncertainty))
+            best = _best(fit, departure, own, len(kinds) * len(parts))
+            found += [] if best is None else [Found(departure, *best, place, part.name)]
+    return found
+
+
+def _pooled(departure: Departure, parts: Sequence[Part], scale: Scale, parameters: int) -> list[Candidate]:
+    """Candidates whose amounts all parts share."""
+    every = [departure.candidates(part, scale, parameters) for part in parts]
+    if not all(every):
+        return []
+    return [_joined(each) for each in zip(*every, strict=True)]
+
+
+def _joined(each: Sequence[Candidate]) -> Candidate:
+    def white() -> tuple[FloatArray, ...]:
+        return tuple(columns for one in each for columns in one.white())
+
+    return Candidate(each[0].words, reduce(add, (one.sums for one in each)), white)
+
+
+def _best(
+    fit: LinearFit, departure: Departure, candidates: Sequence[Candidate], several: int
+) -> tuple[Candidate, Score, float, float] | None:
+    """The most significant candidate with its test, chance and impact; None where that is noise."""
+    several *= len(candidates)
+
+    def sure(candidate: Candidate) -> tuple[Candidate, Score] | None:
+        score = fit.test(candidate.sums)
+        return None if score is None or not score.chance * several < FALSE_ALARMS else (candidate, score)
+
+    def exact(test: tuple[Candidate, Score]) -> tuple[Candidate, Score] | None:
+        return test if test[0].exactly is None else sure(test[0].exactly())
+
+    tests = [test for test in map(sure, candidates) if test is not None]
+    tests.sort(key=lambda test: -test[1].explained)
+    chosen = next((test for test in map(exact, tests[:MOST_EXACT]) if test is not None), None)
+    if chosen is None:
+        return None
+    candidate, score = chosen
+    chance = score.chance * several
+    if departure.own_columns:
+        score = _farthest(fit, candidate.sums, score, several)
+    return candidate, score, chance, fit.impact(score.shift)
+
+
+def _farthest(fit: LinearFit, sums: Sums, whole: Score, several: int) -> Score:
+    """The test of the whole with the shift by that significant pair of columns that moves the parameters most."""
+    pairs = [fit.test(sums.some([first, first + 1])) for first in range(0, len(sums.score), 2)]
+    sure = [one for one in pairs if one is not None and one.chance * len(pairs) * several < FALSE_ALARMS]
+    far = max(sure, key=lambda one: fit.impact(one.shift), default=None)
+    shift = np.zeros_like(whole.shift) if far is None else far.shift
+    return replace(whole, shift=shift)

@@ -1,0 +1,1 @@
+"""Departures, one a file."""

@@ -1,0 +1,43 @@
+"""A response that was cut off: sgn ŷ max(|ŷ| − c, 0), and the same on one side."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import ClassVar
+
+import numpy as np
+
+from vibrident.base.amounts import plain
+from vibrident.base.warning_kinds import WarningCode
+from vibrident.data.records import FloatArray
+from vibrident.fit.departures.departure import Departure, Scale
+from vibrident.fit.departures.part import Part
+
+#: Levels over the largest motion.
+LEVELS, OF_SIDES = (0.5, 0.8, 0.95), (0.5, 0.9)
+
+
+class ClippedResponse(Departure):
+    """Amplifier or recorder at its limit."""
+
+    name: ClassVar[str] = "clipped-response"
+    code: ClassVar[WarningCode] = "clipped"
+    linear: ClassVar[bool] = False
+
+    def columns(self, part: Part, scale: Scale) -> Iterable[tuple[str, FloatArray]]:
+        """What lies beyond each level."""
+        y = part.motion
+        for level in LEVELS:
+            limit = level * scale.motion
+            yield _words(level, ""), (np.sign(y) * np.maximum(np.abs(y) - limit, 0.0))[None]
+        for level in OF_SIDES:
+            for sign, side in ((1.0, " above"), (-1.0, " below")):
+                yield _words(level, side), np.maximum(sign * y - level * scale.motion, 0.0)[None]
+
+
+def _words(level: float, side: str) -> str:
+    where = f"beyond {plain(100.0 * level, 2)} % of its largest{side}"
+    return f"the response departs {where}, as where an amplifier is overdriven"
+
+
+CLIPPED_RESPONSE = ClippedResponse()

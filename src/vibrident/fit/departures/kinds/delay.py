@@ -1,0 +1,42 @@
+"""A delay that the model lacks: −jω ŷ."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import ClassVar
+
+import numpy as np
+
+from vibrident.base.amounts import amount
+from vibrident.base.warning_kinds import WarningCode
+from vibrident.fit.departures.departure import Candidate, Departure, Scale
+from vibrident.fit.departures.part import Part
+from vibrident.fit.departures.points import PointsPart
+from vibrident.fit.departures.score import Score
+from vibrident.fit.measure.response import ComplexArray
+
+
+class Delay(Departure):
+    """The response comes later, or earlier, than the model has it."""
+
+    name: ClassVar[str] = "delay"
+    code: ClassVar[WarningCode] = "lack_of_fit"
+
+    def columns(self, part: Part, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
+        """The slope of the motion, per second of delay; a sine has one frequency."""
+        if part.pull is not None:
+            return
+        yield "", (-1j * part.radians * part.rate_hz * part.bins)[None]
+
+    def at_points(self, points: PointsPart) -> list[Candidate]:
+        """A phase in proportion to the frequency."""
+        return [points.candidate("", np.asarray(-2j * np.pi * points.frequency_hz[None], dtype=complex))]
+
+    def sentence(self, candidate: Candidate, score: Score) -> str:
+        """How late."""
+        late = float(score.amounts[0])
+        by = f"{amount(abs(late), 's', 2)} {'later' if late > 0.0 else 'earlier'}"
+        return f"the response comes {by} than the model has it; the add-on delay explains that"
+
+
+DELAY = Delay()

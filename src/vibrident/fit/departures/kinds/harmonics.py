@@ -1,0 +1,104 @@
+"""Harmonics of a sine: cos kωt and sin kωt, k = 2 to 5."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from functools import partial
+from math import comb
+from typing import ClassVar
+
+import numpy as np
+
+from vibrident.base.amounts import plain
+from vibrident.base.warning_kinds import WarningCode
+from vibrident.data.records import FloatArray
+from vibrident.fit.departures.candidate import Candidate
+from vibrident.fit.departures.departure import Departure, Scale, alone
+from vibrident.fit.departures.part import Part
+from vibrident.fit.departures.score import Score, Sums
+from vibrident.physics.discretisation.inputs import USABLE_BAND
+
+#: Highest order.
+HIGHEST = 5
+#: A harmonic is of the light where the response has less than this part of what the prediction leaves.
+OWN = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Harmonic(Candidate):
+    """A harmonic; ``moved``: amounts of its columns in the prediction from an interferometer, shape (2,)."""
+
+    moved: FloatArray | None = None
+
+    def of_light(self, score: Score) -> bool:
+        """Whether the response does not show it: the displacement has it, and the motion has not."""
+        return self.moved is not None and float(np.hypot(*(self.moved + score.amounts))) < OWN * float(
+            np.hypot(*score.amounts)
+        )
+
+
+class Harmonics(Departure):
+    """What the response has at multiples of the tone beyond what the motion has there, or lacks of it."""
+
+    name: ClassVar[str] = "harmonics"
+    code: ClassVar[WarningCode] = "nonlinear"
+    pooled: ClassVar[bool] = False
+    linear: ClassVar[bool] = False
+    joint: ClassVar[bool] = False
+    of_light: ClassVar[bool] = True
+
+    def columns(self, part: Part, scale: Scale) -> Iterable[tuple[str, FloatArray]]:
+        """Cosine and sine of each order, as large as the motion of the part."""
+        size = float(np.max(np.abs(part.motion), initial=0.0))
+        for order in range(2, HIGHEST + 1):
+            if part.turns is not None and order * part.turns < USABLE_BAND and size > 0.0:
+                angle = 2.0 * np.pi * order * part.turns * np.arange(part.samples)
+                yield f"{order}", size * np.stack([np.cos(angle), np.sin(angle)])
+
+    def candidates(self, part: Part, scale: Scale, parameters: int) -> list[Candidate]:
+        """Each order."""
+        found: list[Candidate] = []
+        for words, columns in self.columns(part, scale):
+            white = part.white(columns)
+            moved = None
+            if part.optical:
+                moved = 2.0 * columns @ part.motion / (part.samples * float(np.max(np.square(columns))))
+            sums = Sums.of(part, white, parameters, linear=False)
+            if part.pull is not None:
+                sums = replace(sums, shift=sums.shift + _of_the_tone(part, int(words), part.pull))
+            found.append(Harmonic(words, sums, partial(alone, white), moved=moved))
+        return found
+
+    def code_of(self, candidate: Candidate, score: Score) -> WarningCode:
+        """``few_fringes`` for those of an interferometer's light."""
+        return "few_fringes" if isinstance(candidate, Harmonic) and candidate.of_light(score) else self.code
+
+    def sentence(self, candidate: Candidate, score: Score) -> str:
+        """How large."""
+        size = f"{plain(100.0 * float(np.hypot(*score.amounts)), 2)} % of the predicted response"
+        if self.code_of(candidate, score) != self.code:
+            return (
+                f"the displacement has harmonics that the response does not show, {size} at {candidate.words} times "
+                "the tone: the interferometer's phase has an error that repeats with the fringe (a cyclic error, or "
+                "its ellipse), which so small a motion does not determine; the same error changes the amplitude of the "
+                "motion itself"
+            )
+        return f"the sensor adds harmonics, {size} at {candidate.words} times the tone; a linear one adds none"
+
+
+def _of_the_tone(part: Part, order: int, pull: FloatArray) -> FloatArray:
+    """What a bent characteristic without memory that makes such a harmonic does to the parameters, shape (2, P).
+
+    A power of odd order k adds to the tone C(k, (k − 1)/2) times its harmonic, at k times its phase.
+    """
+    if order % 2 == 0:
+        return np.zeros((2, len(pull)))
+    size = float(np.max(np.abs(part.motion), initial=0.0))
+    tone = 2.0 / part.samples * part.motion @ np.exp(-2j * np.pi * (part.turns or 0.0) * np.arange(part.samples))
+    turned = comb(order, (order - 1) // 2) * size / abs(tone) * np.exp(-1j * order * np.angle(tone))
+    change = np.array([turned, -1j * turned])  # of log H by each column
+    return np.asarray(np.stack([change.real, change.imag], axis=1) @ pull.T)
+
+
+HARMONICS = Harmonics()

@@ -1,0 +1,57 @@
+"""A record of another sensor, range or wiring: ŷ 1[record] and ŷ̇ 1[record]."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import ClassVar
+
+import numpy as np
+
+from vibrident.base.amounts import plain
+from vibrident.base.warning_kinds import WarningCode
+from vibrident.data.records import FloatArray
+from vibrident.fit.departures.departure import Candidate, Departure, Scale
+from vibrident.fit.departures.part import Part
+from vibrident.fit.departures.points import PointsPart
+from vibrident.fit.departures.score import Score, Sums
+
+
+class OtherRecord(Departure):
+    """Gain and time of one record among the others."""
+
+    name: ClassVar[str] = "other-record"
+    code: ClassVar[WarningCode] = "regimes"
+    pooled: ClassVar[bool] = False
+
+    def columns(self, part: Part, scale: Scale) -> Iterable[tuple[str, FloatArray]]:
+        """Motion and slope of the whole part."""
+        yield "", np.stack([part.motion])
+
+    def candidates(self, part: Part, scale: Scale, parameters: int) -> list[Candidate]:
+        """The whole part; a sine has an amplitude and phase of its own, which its points compare."""
+        return (
+            []
+            if part.pull is not None or scale.parts < 2
+            else [Candidate("", Sums.of(part, part.moved, parameters), lambda: (part.moved,))]
+        )
+
+    def at_points(self, points: PointsPart) -> list[Candidate]:
+        """A complex factor of each record's points."""
+        names = dict.fromkeys(points.record)
+        if len(names) < 2:
+            return []
+        own = [np.array([record == name for record in points.record]) for name in names]
+        pairs = [np.stack([one + 0j, 1j * one]) for one in own]
+        return [points.candidate("", pair, name) for name, pair in zip(names, pairs, strict=True)]
+
+    def sentence(self, candidate: Candidate, score: Score) -> str:
+        """By how much it differs."""
+        gain = 100.0 * float(score.amounts[0])
+        return (
+            f"the record does not belong to the others: its response is {plain(abs(gain), 2)} % "
+            f"{'larger' if gain > 0.0 else 'smaller'} than they predict. Was it taken with another sensor, range or "
+            "wiring?"
+        )
+
+
+OTHER_RECORD = OtherRecord()

@@ -1,0 +1,167 @@
+"""A record at the estimate, whitened: what the score tests look at."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy import fft
+
+from vibrident.data.records import BoolArray, FloatArray
+from vibrident.fit.information import inverse_where_shown
+from vibrident.fit.measure.response import LEAST_DEVIATION, ComplexArray
+from vibrident.fit.measure.rounding import TRIALS
+
+#: Rounding of columns that others span, in squares.
+ROUNDING = 1e-13
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A record at the estimate, or a piece of a long one.
+
+    Signals are in the unit of the response. The whitened ones are free of the nuisance parameters: initial states,
+    offset, drift and hum.
+
+    Attributes:
+        record: index of the record.
+        name: of the record.
+        begin_s: time of the first sample.
+        rate_hz: sampling rate.
+        used: samples that count, shape (n,).
+        motion: predicted response to the most likely motion, shape (n,).
+        reference: the most likely motion at the sensor's input, shape (n,).
+        transfer: of the sensor at the bins, shape (bins,).
+        whitening: gain at the bins that makes the noise white, zero where bins do not count, shape (bins,).
+        basis: orthonormal whitened nuisance columns, shape (q, n).
+        residual: whitened, shape (n,).
+        slopes: of the response with the coordinates, shape (p, n).
+        jacobian: the same, whitened, shape (p, n).
+        profile: noise power in time over its mean, shape (n,).
+        rounding: whitened errors of the converters that repeat with the motion; their products sum to a covariance,
+            shape (2 TRIALS, n); empty where there are none.
+        effects: what one standard uncertainty of each stated systematic effect adds to the response, whitened, and of
+            the variance of the reference's noise, the last, where it is ``doubted``, shape (K, n).
+        freedom: degrees of freedom of the residual.
+        pull: shift of the fit's coordinates by those of the record, shape (P, p); None where these are the same.
+        turns: of the record's sine from sample to sample; None for other motion.
+        optical: whether the reference is an interferometer's raw light.
+    """
+
+    record: int
+    name: str
+    begin_s: float
+    rate_hz: float
+    used: BoolArray
+    motion: FloatArray
+    reference: FloatArray
+    transfer: ComplexArray
+    whitening: FloatArray
+    basis: FloatArray
+    residual: FloatArray
+    slopes: FloatArray
+    jacobian: FloatArray
+    profile: FloatArray
+    freedom: float
+    rounding: FloatArray
+    effects: FloatArray
+    pull: FloatArray | None = None
+    turns: float | None = None
+    optical: bool = False
+    doubted: bool = False
+
+    @property
+    def samples(self) -> int:
+        """Number of samples n."""
+        return int(self.used.size)
+
+    @functools.cached_property
+    def bins(self) -> ComplexArray:
+        """Of the motion, shape (bins,)."""
+        return np.asarray(fft.rfft(self.motion), dtype=complex)
+
+    def in_common(self, rows: FloatArray, some: slice = slice(None)) -> FloatArray:
+        """Products of whitened rows, shape (m, n), or some of them, with errors of which the covariance is known.
+
+        Returns:
+            Shape (m, 2 TRIALS + K): with the converters' errors, and with the effects.
+        """
+        found = np.zeros((len(rows), 2 * TRIALS + len(self.effects)))
+        if len(self.rounding):
+            found[:, : 2 * TRIALS] = rows @ self.rounding[:, some].T
+        found[:, 2 * TRIALS :] = rows @ self.effects[:, some].T
+        return found
+
+    @functools.cached_property
+    def steps(self) -> FloatArray:
+        """Power of the converters' errors and of those of interpolation, whitened, shape (1,)."""
+        between = LEAST_DEVIATION**2 * float(np.sum(np.square(self.moved[0])))
+        return np.array([float(np.sum(np.square(self.rounding))) + between])
+
+    @property
+    def radians(self) -> FloatArray:
+        """Angle from sample to sample at the bins, shape (bins,); jω of the transform, in units of the rate."""
+        return np.asarray(2.0 * np.pi / self.samples * np.arange(self.whitening.size), dtype=float)
+
+    @functools.cached_property
+    def changing(self) -> FloatArray:
+        """What a change adds to the response: motion and its slope, and the slopes with the coordinates of the fit."""
+        turned = np.asarray(fft.irfft(1j * self.radians * self.bins, self.samples))
+        own = self.slopes if self.pull is None else self.slopes[:0]
+        return np.concatenate([self.motion[None], turned[None], own])
+
+    @functools.cached_property
+    def changing_white(self) -> FloatArray:
+        """The same, whitened."""
+        return np.concatenate([self.moved, self.jacobian if self.pull is None else self.jacobian[:0]])
+
+    @functools.cached_property
+    def moved(self) -> FloatArray:
+        """Motion and its slope, whitened: a gain and a time shift of the response, shape (2, n)."""
+        return self.white(np.stack([self.bins, 1j * self.radians * self.bins]))
+
+    @functools.cached_property
+    def inverse(self) -> FloatArray:
+        """Of the record's own information, shape (p, p)."""
+        return inverse_where_shown(self.jacobian @ self.jacobian.T)
+
+    def beside(self, columns: FloatArray) -> Part:
+        """The part with more nuisance columns, whitened, shape (m, n)."""
+        basis = orthonormal(columns - (columns @ self.basis.T) @ self.basis)
+
+        def freed(rows: FloatArray) -> FloatArray:
+            return rows - (rows @ basis.T) @ basis
+
+        return replace(
+            self,
+            basis=np.concatenate([self.basis, basis]),
+            residual=freed(self.residual),
+            jacobian=freed(self.jacobian),
+            rounding=freed(self.rounding),
+            effects=freed(self.effects),
+            freedom=self.freedom - len(basis),
+        )
+
+    def white(self, columns: FloatArray | ComplexArray) -> FloatArray:
+        """Signals whitened and freed from the nuisance parameters, shape (m, n).
+
+        Args:
+            columns: in time, shape (m, n), or by their bins, complex, shape (m, bins).
+        """
+        bins = columns if np.iscomplexobj(columns) else fft.rfft(columns * self.used, axis=-1)
+        found = np.asarray(fft.irfft(bins * self.whitening, self.samples, axis=-1))
+        return found - (found @ self.basis.T) @ self.basis
+
+    def through(self, columns: FloatArray) -> ComplexArray:
+        """Bins of signals at the sensor's input, shape (m, n), as its response has them."""
+        return np.asarray(fft.rfft(columns * self.used, axis=-1) * self.transfer, dtype=complex)
+
+
+def orthonormal(columns: FloatArray) -> FloatArray:
+    """Orthonormal rows that span the columns, shape (q, n)."""
+    size = np.linalg.norm(columns, axis=1, keepdims=True)
+    unit = np.divide(columns, size, out=np.zeros_like(columns), where=size > 0.0)
+    values, vectors = np.linalg.eigh(unit @ unit.T)
+    kept = values > ROUNDING * max(float(values[-1]) if values.size else 0.0, 1e-300)
+    return np.asarray((vectors[:, kept] / np.sqrt(values[kept])).T @ unit)

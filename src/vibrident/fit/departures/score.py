@@ -1,0 +1,214 @@
+"""The score test of a departure from the fit, and how far it moves the parameters.
+
+With e the whitened residual and J the whitened Jacobian at the optimum, a departure adds columns D to the response.
+With A = J Jᵀ and D⊥ = D − D Jᵀ A⁻¹ J (rows are signals),
+
+    T = (D⊥e)ᵀ (D⊥ V D⊥ᵀ)⁻¹ (D⊥e),    α = (D⊥D⊥ᵀ)⁻¹ D⊥e,    Δz = A⁻¹ J Dᵀ α.
+
+V is the covariance of e: the slow profile of the noise in time, and the converters' errors that repeat with the motion.
+T is χ² with as many degrees of freedom as columns, and Δz what the stated coordinates have beyond those beside the
+departure (Rao 1948; Breusch & Pagan 1980; White 1980).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from vibrident.base.tails import f_tail
+from vibrident.data.records import FloatArray
+from vibrident.fit.departures.part import Part
+from vibrident.fit.information import inverse_where_shown
+from vibrident.fit.measure.rounding import TRIALS
+
+#: Columns of which the parameters leave less than this part, in squares, tell nothing: rounding of the projections.
+WITHIN = 1e-7
+#: Part of the covariance below which the converters count for nothing.
+SMALLEST = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Sums:
+    """What m columns have in common with the residual, each other and the Jacobian; those of records add up."""
+
+    score: FloatArray  # D e, shape (m,)
+    gram: FloatArray  # D Dᵀ, shape (m, m)
+    spread: FloatArray  # D V Dᵀ without the converters' errors, shape (m, m)
+    cross: FloatArray  # D Jᵀ, shape (m, P)
+    cross_spread: FloatArray  # D V Jᵀ, shape (m, P)
+    common: FloatArray  # D times the errors common to the record, or to all, shape (m, 2 TRIALS + K)
+    shift: FloatArray  # of the coordinates by a unit of each column, of records with their own, shape (m, P)
+    least: FloatArray  # of D Dᵀ beside the parameters, below which a column tells nothing, shape (m,)
+    steps: FloatArray  # power of the errors of converters and interpolation, shape (1,)
+
+    @classmethod
+    def of(cls, part: Part, white: FloatArray, parameters: int, *, linear: bool = True) -> Sums:
+        """Of whitened columns, shape (m, n); ``linear``: in the motion."""
+        loud, nothing = white * part.profile, np.zeros((len(white), parameters))
+        common = part.in_common(white)
+        if not linear and part.doubted:
+            common[:, -1] = 0.0
+        sums = cls(
+            white @ part.residual,
+            white @ white.T,
+            loud @ white.T,
+            white @ part.jacobian.T,
+            loud @ part.jacobian.T,
+            common,
+            nothing,
+            WITHIN * np.einsum("ij,ij->i", white, white),
+            part.steps,
+        )
+        return sums.beside(part, parameters)
+
+    def beside(self, part: Part, parameters: int) -> Sums:
+        """The same with the record's own parameters projected out, where it has any."""
+        if part.pull is None:
+            return self
+        own = part.jacobian
+        share = self.cross @ part.inverse
+        both = share @ self.cross_spread.T
+        nothing = np.zeros((len(self.score), parameters))
+        return Sums(
+            self.score - share @ (own @ part.residual),
+            self.gram - share @ self.cross.T,
+            self.spread - both - both.T + share @ (own * part.profile @ own.T) @ share.T,
+            nothing,
+            nothing,
+            self.common - share @ part.in_common(own),
+            share @ part.pull.T,
+            self.least,
+            self.steps,
+        )
+
+    def some(self, kept: Sequence[int]) -> Sums:
+        """Of some of the columns."""
+        square, every = np.ix_(kept, kept), list(kept)
+        return Sums(
+            self.score[every],
+            self.gram[square],
+            self.spread[square],
+            self.cross[every],
+            self.cross_spread[every],
+            self.common[every],
+            self.shift[every],
+            self.least[every],
+            self.steps,
+        )
+
+    def __add__(self, other: Sums) -> Sums:
+        return Sums(*(getattr(self, each.name) + getattr(other, each.name) for each in fields(self)))
+
+
+@dataclass(frozen=True, eq=False)
+class Score:
+    """A score test.
+
+    Attributes:
+        statistic: T.
+        columns: its degrees of freedom.
+        shift: of the coordinates, stated less without the departure, shape (P,).
+        amounts: of the columns, shape (m,).
+        chance: that noise has a T as large.
+        explained: what the departure takes from the sum of squares, beyond one for each column: by it departures are
+            ranked, as a misfit makes V and with it T uncertain.
+    """
+
+    statistic: float
+    columns: int
+    shift: FloatArray
+    amounts: FloatArray
+    chance: float
+    explained: float
+
+
+@dataclass(frozen=True, eq=False)
+class LinearFit:
+    """The fit at its optimum, linearised: what departures are tested against.
+
+    Attributes:
+        inverse: of J Jᵀ, shape (P, P).
+        spread: J V Jᵀ, shape (P, P).
+        gradient: J e, shape (P,).
+        common: J times the common errors, shape (P, 2 TRIALS + K).
+        chi2: sum of squares of the residual beside the parameters.
+        freedom: its degrees of freedom.
+        uncertainty: of the coordinates as stated, shape (P,).
+        told: degrees of freedom behind the noise.
+    """
+
+    inverse: FloatArray
+    spread: FloatArray
+    gradient: FloatArray
+    common: FloatArray
+    chi2: float
+    freedom: float
+    uncertainty: FloatArray
+    told: float = np.inf
+
+    @classmethod
+    def of(cls, parts: Sequence[Part], uncertainty: FloatArray) -> LinearFit:
+        """Of all parts; ``uncertainty``: of the coordinates as stated, shape (P,)."""
+        count = len(uncertainty)
+        normal, spread = np.zeros((2, count, count))
+        gradient, common = np.zeros(count), np.zeros((count, 2 * TRIALS + len(parts[0].effects)))
+        chi2, freedom = 0.0, -float(count)
+        for part in parts:
+            own, left = part.jacobian, part.jacobian @ part.residual
+            chi2 += float(part.residual @ part.residual)
+            freedom += part.freedom
+            if part.pull is not None:
+                chi2 -= float(left @ part.inverse @ left)
+                continue
+            normal += own @ own.T
+            spread += own * part.profile @ own.T
+            gradient += left
+            common += part.in_common(own)
+        inverse = inverse_where_shown(normal)
+        chi2 -= float(gradient @ inverse @ gradient)
+        return cls(inverse, spread, gradient, common, max(chi2, 0.0), max(freedom, 1.0), uncertainty)
+
+    def test(self, sums: Sums) -> Score | None:
+        """The score test; None where the parameters can follow the columns."""
+        share = sums.cross @ self.inverse
+        score, gram = sums.score - share @ self.gradient, sums.gram - share @ sums.cross.T
+        seen = np.flatnonzero(np.diag(gram) > sums.least)
+        if not seen.size:
+            return None
+        both = share @ sums.cross_spread.T
+        spread = sums.spread - both - both.T + share @ self.spread @ share.T
+        errors = sums.common - share @ self.common
+        scale = 1.0 / np.sqrt(np.diag(gram)[seen])
+        values, vectors = np.linalg.eigh(gram[np.ix_(seen, seen)] * np.outer(scale, scale))
+        kept = values > WITHIN * values[-1]
+        turn = vectors[:, kept].T * scale
+        turned, errors = turn @ score[seen], turn @ errors[seen]
+        noise, coherent = turn @ spread[np.ix_(seen, seen)] @ turn.T, errors @ errors.T
+        statistic = float(turned @ np.linalg.lstsq(noise + coherent, turned, rcond=1e-9)[0])
+        amounts = np.zeros(len(score))
+        amounts[seen] = turn.T @ (turned / values[kept])
+        shift = self.inverse @ sums.cross.T @ amounts + amounts @ sums.shift
+        explained = float(np.sum(turned**2 / values[kept]))
+        repeated = float(np.sum(errors[:, : 2 * TRIALS] ** 2)) / max(
+            float(np.trace(noise + coherent)), np.finfo(float).tiny
+        )
+        told = min(TRIALS / max(repeated, SMALLEST) ** 2, self.told)
+        m = turned.size
+        rounded = explained < float(sums.steps[0])  # converters or interpolation may do as much
+        chance = 1.0 if rounded else self._chance(statistic, explained, m, told)
+        return Score(statistic, m, shift, amounts, chance, explained - m)
+
+    def _chance(self, statistic: float, explained: float, columns: int, told: float) -> float:
+        """An F test against what the departure leaves, where that is more than noise.
+
+        ``told``: degrees of freedom by which the covariance of the columns is known.
+        """
+        left = max(self.freedom - columns, 1.0)
+        rest = max((self.chi2 - explained) / left, 1.0)
+        return f_tail(float(columns), min(left, told), statistic / columns / rest)
+
+    def impact(self, shift: FloatArray) -> float:
+        """Largest shift of a coordinate, in its stated standard uncertainty."""
+        return float(np.max(np.abs(shift) / np.maximum(self.uncertainty, np.finfo(float).tiny), initial=0.0))

@@ -1,0 +1,386 @@
+"""The parts of a fit: its records at the bins of their transforms, its sines, or the samples of a nonlinear model.
+
+Noise, hum and the most likely motion are those that the fit is weighted by
+(:mod:`vibrident.fit.estimators.noise_spectrum`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy import fft
+
+from vibrident.data.records import BoolArray, FloatArray, Record
+from vibrident.fit.departures.noise import slow_profile
+from vibrident.fit.departures.part import ROUNDING, Part, orthonormal
+from vibrident.fit.estimators import Estimate
+from vibrident.fit.estimators.noise_metric import beside_hum, likelier, with_edges
+from vibrident.fit.estimators.noise_motion import SHORTEST, Motion, motion_of
+from vibrident.fit.estimators.noise_spectrum import DOUBT, NoiseSpectrum, noise_spectrum
+from vibrident.fit.information import inverse_normal
+from vibrident.fit.measure.lines import line_frequencies, power_of, reference_colour, waves
+from vibrident.fit.measure.response import ComplexArray
+from vibrident.fit.problem import Evidence, LineProblem
+from vibrident.fit.uncertainty.adequacy import Points
+from vibrident.fit.uncertainty.budget import Place, effects_of, patterns
+from vibrident.fit.uncertainty.linearised import Linearised
+from vibrident.fit.uncertainty.steps import rounding_in_residual
+from vibrident.physics.discretisation.inputs import USABLE_BAND
+from vibrident.physics.models.slopes import response_and_slopes
+
+#: A bin holds motion where the power of the prediction is so many times the noise in it.
+HEARD = 10.0
+#: Longer records are looked at in pieces of so many samples, so many of them: a limit of memory.
+LONGEST, MOST_PIECES = 1 << 16, 4
+#: Central differences of a nonlinear model's response, in its coordinates.
+STEP = 1e-5
+#: Bins on either side of a sine's tone that are of the tone.
+NEAR_TONE = 4
+
+
+def parts_of(
+    evidence: Evidence, estimate: Estimate, predicted: Sequence[FloatArray], tones: Points | None
+) -> list[Part]:
+    """All parts of a fit of records; none of a table, or of records that are too short.
+
+    Args:
+        evidence: the data.
+        estimate: the fit.
+        predicted: response of each record, NaN where it is not defined.
+        tones: of the sine records, in the order of the evidence's; None without any.
+    """
+    if not estimate.findings.method.is_exact or not evidence.records:
+        return []
+    if isinstance(estimate.problem, LineProblem) and estimate.criterion == "samples":
+        return list(_of_bins(evidence, estimate, estimate.problem, predicted))
+    if evidence.only_sines and evidence.model.is_linear and tones is not None:
+        return list(_of_sines(evidence, estimate, predicted, tones))
+    return list(_of_samples(evidence, estimate, predicted))
+
+
+def _of_bins(
+    evidence: Evidence, estimate: Estimate, problem: LineProblem, predicted: Sequence[FloatArray]
+) -> Iterator[Part]:
+    network = estimate.findings.network
+    assert network is not None
+    lines = problem.lines(estimate.z, estimate.coordinates, network.noise)
+    motions = [motion_of(record) for record in lines]
+    spectra = beside_hum(lines, motions)
+    del motions
+    tones = _tones(evidence)
+    every = zip(evidence.records, lines, spectra, network.noise.tolist(), predicted, strict=True)
+    for index, (given, record, spectrum, noise, series) in enumerate(every):
+        if record.count < SHORTEST or record.free is None or record.model is None or given.reference is None:
+            continue
+        first = int(np.argmax(np.isfinite(series)))
+        span = slice(first, first + record.samples)
+        if record.samples > LONGEST:
+            rest, motion = (fft.irfft(own, record.samples) for own in (record.residual, record.predicted(slice(None))))
+            slopes = fft.irfft(record.slopes, record.samples, axis=-1)
+            for piece in _pieces(record.samples):
+                whole = slice(first + piece.start, first + piece.stop)
+                signals = (rest[piece] * noise, motion[piece] * noise, slopes[:, piece] * noise)
+                yield _in_time(index, evidence, estimate, whole, record.used[piece], *signals)
+            continue
+        motion = motion_of(record)()
+        if index in tones and motion is not None:
+            beside = _beside_harmonics(motion, record.samples, tones[index])
+            spectrum = noise_spectrum(record.residual, beside, record.floor)
+        nuisance = record.unknowns(edges=with_edges(record, spectrum), tones=spectrum.tones)(slice(None))
+        slopes = record.slopes
+        if spectrum.passed > 0.0:  # at the most likely motion
+            rest = _projected(record.residual, nuisance, np.sqrt(record.twice))
+            slopes = slopes + np.stack(list(record.model.slopes())) * likelier(record, spectrum, rest)
+        yield _part(
+            (index, given, span),
+            record.used,
+            (record.residual * noise, np.array(record.predicted(slice(None))) * noise, slopes * noise),
+            record.model.through(),
+            nuisance,
+            spectrum,
+            noise,
+            record.twice,
+            _effects(evidence, estimate, line_frequencies(record.samples, given.sampling_rate_hz)),
+            turns=tones.get(index),
+        )
+
+
+def _of_sines(evidence: Evidence, estimate: Estimate, predicted: Sequence[FloatArray], tones: Points) -> Iterator[Part]:
+    """Each beside an amplitude and a phase of its own, which the points give to the fit."""
+    assert evidence.tones is not None
+    count = len(tones.frequency_hz)
+    linear = Linearised.of_points(
+        estimate.coordinates,
+        estimate.z,
+        evidence.quantity,
+        tones.frequency_hz,
+        tones.measured,
+        tones.relative_deviation,
+    )
+    inverse = inverse_normal(linear.matrix.T @ linear.matrix)
+    for place, index in enumerate(evidence.tones.record.tolist()):
+        record, series = evidence.records[index], predicted[index]
+        for span in _spans(record, series):
+            used = (record.mask & np.isfinite(series))[span]
+            motion = _about_mean(series[span], used)
+            turns = float(tones.frequency_hz[place]) / record.sampling_rate_hz
+            wave = np.exp(2j * np.pi * turns * np.arange(motion.size)) * used
+            columns = np.stack([wave.real, wave.imag])
+            share = np.linalg.lstsq(columns @ columns.T, columns @ motion, rcond=None)[0]
+            tone = (share[0] - 1j * share[1]) * wave
+            rest = np.where(used, record.response[span] - series[span], 0.0)
+            rows = np.stack([linear.matrix[place], linear.matrix[count + place]], axis=1) * linear.weight[place]
+            own = (rest, motion, np.stack([tone.real, -tone.imag]))
+            yield _in_time(index, evidence, estimate, span, used, *own, inverse @ rows, turns)
+
+
+def _of_samples(evidence: Evidence, estimate: Estimate, predicted: Sequence[FloatArray]) -> Iterator[Part]:
+    """Of a network that runs in time, with slopes by differences."""
+    if estimate.problem is None or estimate.findings.learned is not None:
+        return
+    step, tones = np.eye(len(estimate.z)) * STEP, _tones(evidence)
+    ends = [
+        [estimate.problem.predict(estimate.coordinates, estimate.z + sign * each) for sign in (1.0, -1.0)]
+        for each in step
+    ]
+    for index, (record, series) in enumerate(zip(evidence.records, predicted, strict=True)):
+        if record.reference is None:
+            continue
+        for span in _spans(record, series):
+            used = (record.mask & np.isfinite(series))[span]
+            slopes = [np.where(used, (up[index] - down[index])[span], 0.0) / (2.0 * STEP) for up, down in ends]
+            rest = np.where(used, record.response[span] - series[span], 0.0)
+            own = (rest, _about_mean(series[span], used), np.array(slopes))
+            yield _in_time(index, evidence, estimate, span, used, *own, turns=tones.get(index))
+
+
+def _tones(evidence: Evidence) -> dict[int, float]:
+    """Turns from sample to sample of each record that is a sine."""
+    if evidence.tones is None:
+        return {}
+    every = zip(evidence.tones.record.tolist(), evidence.tones.frequency_hz.tolist(), strict=True)
+    return {index: hz / evidence.records[index].sampling_rate_hz for index, hz in every}
+
+
+def _spans(record: Record, series: FloatArray) -> list[slice]:
+    """Pieces of what is predicted of a record; none where that is too short."""
+    used = record.mask & np.isfinite(series)
+    if used.sum() < SHORTEST:
+        return []
+    first, last = int(np.argmax(used)), used.size - int(np.argmax(used[::-1]))
+    spans = [slice(first + piece.start, first + piece.stop) for piece in _pieces(last - first)]
+    return [span for span in spans if used[span].sum() >= SHORTEST]
+
+
+def _pieces(samples: int) -> list[slice]:
+    """A record, or pieces of a long one: evenly spread where it has many, as each costs memory."""
+    if samples <= LONGEST:
+        return [slice(0, samples)]
+    every = np.arange(0, samples - SHORTEST, LONGEST)
+    kept = every[np.unique(np.linspace(0, every.size - 1, min(every.size, MOST_PIECES)).astype(int))]
+    return [slice(begin, min(begin + LONGEST, samples)) for begin in kept.tolist()]
+
+
+def _about_mean(series: FloatArray, used: BoolArray) -> FloatArray:
+    return np.where(used, series - np.mean(series[used]), 0.0)
+
+
+def _in_time(
+    index: int,
+    evidence: Evidence,
+    estimate: Estimate,
+    span: slice,
+    used: BoolArray,
+    rest: FloatArray,
+    motion: FloatArray,
+    slopes: FloatArray,
+    pull: FloatArray | None = None,
+    turns: float | None = None,
+) -> Part:
+    """A part by its signals in time: residual and motion, shape (n,), and slopes, shape (p, n), zero where not used."""
+    record, n = evidence.records[index], used.size
+    unit = max(float(np.sqrt(np.mean(np.square(motion)))), float(np.finfo(float).tiny))
+    rest, motion, slopes = rest / unit, motion / unit, slopes / unit  # noise levels are of numbers near one
+    hz = line_frequencies(n, record.sampling_rate_hz)
+    values, model = estimate.coordinates.values(estimate.z), evidence.model.linear
+    transfer = np.array(model.frequency_response(values, hz, evidence.quantity), dtype=complex)
+    transfer /= unit
+    bins = np.asarray(fft.rfft(motion), dtype=complex)
+    colour = reference_colour(record, n)
+    count = float(used.sum())
+    through = np.square(np.abs(transfer)) * colour
+    seen = _beside_harmonics(Motion.of(bins.__getitem__, count, through, colour), n, turns)
+    nuisance = np.asarray(fft.rfft(np.stack([used * 1.0, used * np.linspace(-1.0, 1.0, n)])))
+    twice = np.where((np.arange(bins.size) > 0) & (np.arange(bins.size) <= USABLE_BAND * n), 2.0, 0.0)
+    if pull is not None:
+        nuisance = np.concatenate([nuisance, _beside_tone(evidence, estimate, bins, transfer, hz, turns)])
+    left = np.asarray(fft.rfft(rest), dtype=complex)
+    floor = (np.finfo(float).eps * float(np.max(np.abs(record.response[span]))) / unit) ** 2
+    spectrum = noise_spectrum(_projected(left, nuisance, np.sqrt(twice)), seen, floor)
+    if spectrum.tones:
+        nuisance = np.concatenate([nuisance, np.asarray(fft.rfft(waves(spectrum.tones, n) * used, axis=1))])
+    jacobian = np.asarray(fft.rfft(slopes, axis=-1), dtype=complex)
+    signals = _scaled(unit, left, bins, jacobian)
+    effects = _effects(evidence, estimate, hz)
+    return _part(
+        (index, record, span),
+        used,
+        signals,
+        _scaled(unit, transfer)[0],
+        nuisance,
+        spectrum,
+        unit,
+        twice,
+        effects,
+        pull,
+        turns,
+    )
+
+
+def _scaled(unit: float, *signals: ComplexArray) -> tuple[ComplexArray, ...]:
+    return tuple(np.asarray(signal * unit, dtype=complex) for signal in signals)
+
+
+def _beside_harmonics(motion: Motion, samples: int, turns: float | None) -> Motion:
+    """The motion of a sine, whose harmonics are the sensor's and no hum."""
+    if turns is None:
+        return motion
+    place = turns * samples
+    order = np.arange(motion.alone.size) / place
+    near = np.abs(order - np.round(order)) * place < NEAR_TONE
+    return replace(motion, alone=motion.alone | (near & (np.round(order) > 0.0)))
+
+
+def _beside_tone(
+    evidence: Evidence,
+    estimate: Estimate,
+    bins: ComplexArray,
+    transfer: ComplexArray,
+    hz: FloatArray,
+    turns: float | None,
+) -> ComplexArray:
+    """Bins of the response's slopes with the coordinates beside the tone of a sine, shape (P, bins).
+
+    Motion beside the tone tells of the parameters too; the points do not use it.
+    """
+    values, model = estimate.coordinates.values(estimate.z), evidence.model
+    response, slopes = response_and_slopes(model, values, hz, evidence.quantity)
+    del response
+    moved = np.divide(bins, transfer, out=np.zeros_like(bins), where=power_of(transfer) > 0.0)
+    place = round((turns or 0.0) * 2.0 * (bins.size - 1))
+    moved[max(place - NEAR_TONE, 0) : place + NEAR_TONE + 1] = 0.0
+    return np.asarray(slopes * estimate.coordinates.slopes(estimate.z)[:, None] * moved)
+
+
+def _part(
+    place: tuple[int, Record, slice],
+    used: BoolArray,
+    bins: tuple[ComplexArray, ...],
+    transfer: ComplexArray,
+    nuisance: ComplexArray,
+    spectrum: NoiseSpectrum,
+    unit: float,
+    twice: FloatArray,
+    effects: ComplexArray,
+    pull: FloatArray | None = None,
+    turns: float | None = None,
+) -> Part:
+    """A part by the bins of its signals.
+
+    Args:
+        place: index of the record, the record, and the samples.
+        used: samples that count, shape (n,).
+        bins: of residual and prediction, shape (bins,), and of the slopes, shape (p, bins).
+        transfer: of the sensor, shape (bins,).
+        nuisance: bins of the nuisance columns, shape (q, bins).
+        spectrum: of the noise, in the square of ``unit``.
+        unit: standard deviation that the record was weighted by.
+        twice: how often a bin counts, shape (bins,).
+        effects: relative change of the response by one standard uncertainty of each stated effect, shape (K, bins).
+        pull: as of :class:`Part`.
+        turns: as of :class:`Part`.
+    """
+    index, record, span = place
+    rest, predicted, slopes = bins
+    n, counted = used.size, twice > 0.0
+    level = np.asarray(spectrum.level) * unit**2
+    share = np.minimum(spectrum.passed_at * power_of(transfer) * unit**2 / level, 1.0)
+    predicted[0] = 0.0
+    likely = predicted + share * _projected(rest, nuisance, np.sqrt(twice))
+    unsure = np.where(share > 0.0, share * (1.0 - share), 1.0) * level * float(used.sum())
+    likely *= counted & (power_of(likely) > HEARD * unsure)
+    whitening = np.where(counted, 1.0 / np.sqrt(level), 0.0)
+    basis = orthonormal(np.asarray(fft.irfft(nuisance * whitening, n, axis=-1)))
+
+    def white(columns: ComplexArray) -> FloatArray:
+        signals = np.asarray(fft.irfft(columns * whitening, n, axis=-1))
+        return signals - (signals @ basis.T) @ basis
+
+    slopes = slopes * (power_of(likely) > 0.0) if pull is None else slopes  # the tone of a sine is told from its points
+    residual, jacobian = white(rest), white(slopes)
+    beside = residual
+    if pull is not None:
+        beside = residual - (residual @ jacobian.T) @ inverse_normal(jacobian @ jacobian.T) @ jacobian
+    transfer = np.where(counted, transfer, 0.0)
+    between = float(np.median(level[counted])) if counted.any() else 0.0
+    errors = rounding_in_residual(record, span, np.asarray(fft.irfft(predicted, n)), used, between, transfer, turns)
+    moved = np.divide(likely, transfer, out=np.zeros_like(likely), where=power_of(transfer) > 0.0)
+    return Part(
+        index,
+        record.name,
+        span.start / record.sampling_rate_hz,
+        record.sampling_rate_hz,
+        used,
+        np.asarray(fft.irfft(likely, n)),
+        np.asarray(fft.irfft(moved, n)),
+        transfer,
+        whitening,
+        basis,
+        residual,
+        np.asarray(fft.irfft(slopes, n, axis=-1)),
+        jacobian,
+        slow_profile(beside, used),
+        float(np.sum(twice[counted])) * float(used.mean()) - len(basis) - (0.0 if pull is None else len(jacobian)),
+        np.zeros((0, n)) if errors is None else white(np.asarray(fft.rfft(errors * used, axis=-1))),
+        white(np.concatenate([effects * likely, _doubt_of_reference(spectrum, rest, likely, transfer, unit)[None]])),
+        pull,
+        turns,
+        record.optical is not None,
+        doubted=True,
+    )
+
+
+def _doubt_of_reference(
+    spectrum: NoiseSpectrum, rest: ComplexArray, likely: ComplexArray, transfer: ComplexArray, unit: float
+) -> ComplexArray:
+    """What an error of σx² by its standard uncertainty has in common with each departure, shape (bins,).
+
+    It leaves ε H* R/S of the residual R in the most likely motion, so that a departure D = L Ŷ has Σ L* ε |R|²/S with
+    it: as much as with the signal ε |R|²/(S Ŷ*).
+    """
+    part = np.asarray(spectrum.doubt()) * power_of(transfer) / (DOUBT * np.asarray(spectrum.level) * unit**2)
+    part = np.minimum(part, 1.0) * power_of(rest)
+    return np.divide(part, np.conj(likely), out=np.zeros_like(likely), where=power_of(likely) > 0.0)
+
+
+def _effects(evidence: Evidence, estimate: Estimate, hz: FloatArray) -> ComplexArray:
+    """Relative change of the response by one standard uncertainty of each stated systematic effect, shape (K, bins)."""
+    stated = effects_of(evidence.calibration)
+    if not stated or not evidence.model.is_linear:
+        return np.zeros((0, hz.size), dtype=complex)
+    return patterns(stated, Place(estimate.coordinates, estimate.z, evidence.quantity), hz).T
+
+
+def _projected(bins: ComplexArray, columns: ComplexArray, root: FloatArray) -> ComplexArray:
+    """Bins less the columns that fit them best, each bin weighted by ``root``; shape (bins,)."""
+    if not len(columns):
+        return bins
+    size = np.sqrt(np.sum(power_of(columns * root), axis=1, keepdims=True))
+    unit = np.divide(columns, size, out=np.zeros_like(columns), where=size > 0.0)
+    flat, right = (np.ascontiguousarray(rows * root).view(float) for rows in (unit, bins[None]))
+    values, vectors = np.linalg.eigh(flat @ flat.T)
+    kept = values > ROUNDING * max(float(values[-1]), 1e-300)
+    share = (vectors[:, kept] / values[kept]) @ (vectors[:, kept].T @ (flat @ right[0]))
+    return bins - share @ unit

@@ -1,0 +1,133 @@
+"""The laws of the score tests: χ² without a departure, the impact that a refit would show, and no unit in either."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.support.random_record import SAMPLES, TRUTH, calibration, motion
+
+import vibrident
+from vibrident.fit.departures.part import Part
+from vibrident.fit.departures.score import LinearFit, Sums
+
+
+def linear_part(rng: np.random.Generator, n: int, extra: np.ndarray) -> Part:
+    """White noise beside two parameters, one nuisance column, and a departure that is there."""
+    basis = np.linalg.qr(rng.normal(size=(n, 1)))[0].T
+    jacobian = rng.normal(size=(2, n))
+    freed = [row - (row @ basis.T) @ basis for row in (jacobian, rng.normal(size=n) + extra)]
+    nothing, bins = np.zeros((12, n)), np.ones(n // 2 + 1)
+    first, second = freed
+    return Part(
+        record=0,
+        name="linear",
+        begin_s=0.0,
+        rate_hz=1.0,
+        used=np.ones(n, bool),
+        motion=second,
+        reference=second,
+        transfer=bins + 0j,
+        whitening=bins,
+        basis=basis,
+        residual=second,
+        slopes=first,
+        jacobian=first,
+        profile=np.ones(n),
+        freedom=n - 1.0,
+        rounding=nothing,
+        effects=nothing[:0],
+    )
+
+
+def test_without_a_departure_t_is_chi_squared():
+    """400 draws, four columns: mean 4, variance 8, and the chance is even."""
+    rng, n = np.random.default_rng(1), 600
+    statistics, chances = [], []
+    for _ in range(400):
+        part = linear_part(rng, n, np.zeros(n))
+        columns = rng.normal(size=(4, n))
+        white = columns - (columns @ part.basis.T) @ part.basis
+        found = LinearFit.of([part], np.ones(2)).test(Sums.of(part, white, 2))
+        assert found is not None
+        statistics.append(found.statistic)
+        chances.append(found.chance)
+    assert np.mean(statistics) == pytest.approx(4.0, abs=4.0 * np.sqrt(8.0 / 400))
+    assert np.var(statistics) == pytest.approx(8.0, rel=0.35)
+    assert np.mean(np.array(chances) < 0.1) == pytest.approx(0.1, abs=0.06)
+
+
+def test_the_impact_is_the_shift_of_the_fit_with_the_departure_admitted():
+    rng, n = np.random.default_rng(2), 600
+    columns = rng.normal(size=(2, n))
+    part = linear_part(rng, n, 0.3 * columns[0])
+    white = columns - (columns @ part.basis.T) @ part.basis
+    found = LinearFit.of([part], np.ones(2)).test(Sums.of(part, white, 2))
+    alone = np.linalg.lstsq(part.jacobian.T, part.residual, rcond=None)[0]
+    beside = np.linalg.lstsq(np.concatenate([part.jacobian, white]).T, part.residual, rcond=None)[0]
+    assert found is not None
+    assert found.shift == pytest.approx(alone - beside[:2], rel=1e-9)
+    assert found.amounts == pytest.approx(beside[2:], rel=1e-9)
+    freer = part.beside(white)
+    assert LinearFit.of([freer], np.ones(2)).inverse @ (freer.jacobian @ freer.residual) == pytest.approx(beside[:2])
+
+
+def test_a_column_within_the_span_of_the_parameters_tells_nothing():
+    part = linear_part(np.random.default_rng(3), 400, np.zeros(400))
+    assert LinearFit.of([part], np.ones(2)).test(Sums.of(part, part.jacobian[:1] * 3.0, 2)) is None
+
+
+T = np.arange(SAMPLES) / SAMPLES
+DEFECTS = {
+    "regimes": lambda y: y * np.where(T > 0.6, 1.01, 1.0),
+    "nonlinear": lambda y: y - 0.03 * y**3 / np.max(np.abs(y)) ** 2,
+    "clipped": lambda y: np.where(np.abs(y) > 0.7 * y.max(), 0.98 * y + 0.014 * y.max() * np.sign(y), y),
+}
+
+
+@pytest.mark.parametrize("code", DEFECTS)
+def test_a_defect_is_named_with_the_value_that_the_sensor_has_without_it(code):
+    """The stated value less the impact of the first finding is within 30 % of the shift, or two u, of the truth."""
+    u, y = motion(np.random.default_rng(4))
+    result = vibrident.identify(calibration(u, DEFECTS[code](y)))
+    assert code in result.warning_codes
+    named = [f for f in result.findings if f.code == code]
+    stated = result.parameters["sensitivity"]
+    off, told = stated.value - TRUTH["sensitivity"], sum(f.impact["sensitivity"] for f in named)
+    if code != "clipped":  # one level of a few stands for a soft limit
+        assert abs(off - told) < max(0.3 * abs(off), 2.0 * stated.standard_uncertainty)
+    assert "Without it the" in next(w.message for w in result.warnings if w.code == code)
+
+
+def test_what_is_clean_has_no_finding_and_no_unit_matters():
+    u, y = motion(np.random.default_rng(5))
+    assert vibrident.identify(calibration(u, y)).findings == ()
+    bent = DEFECTS["nonlinear"](y)
+    one = vibrident.identify(calibration(u, bent)).findings
+    other = vibrident.identify(calibration(1e6 * u, 1e-9 * bent)).findings
+    assert [f.code for f in one] == [f.code for f in other]
+    relative = [[f.impact["sensitivity"] for f in each] for each in (one, other)]
+    assert np.array(relative[1]) == pytest.approx(1e-15 * np.array(relative[0]), rel=1e-4)
+
+
+def test_a_finding_below_the_stated_uncertainty_is_no_warning():
+    """A curvature of 0.1 % is told by the noise, and drowns in an uncertainty of 5 % of the reference."""
+    u, y = motion(np.random.default_rng(6))
+    bent = calibration(u, y - 1e-3 * y**3 / np.max(np.abs(y)) ** 2)
+    loud = vibrident.identify(bent)
+    quiet = vibrident.identify(replace(bent, reference_standard_uncertainty=0.05))
+    assert "nonlinear" in loud.warning_codes
+    impact = [f.impact["sensitivity"] for f in quiet.findings if f.code == "nonlinear"]
+    assert impact
+    assert all(abs(size) < quiet.parameters["sensitivity"].standard_uncertainty for size in impact)
+    assert quiet.uncertainty["covers"] == ["noise", "gain"]
+    assert loud.uncertainty["covers"] == ["noise"]
+
+
+def test_findings_and_covers_are_in_the_document():
+    u, y = motion(np.random.default_rng(4))
+    result = vibrident.identify(calibration(u, DEFECTS["regimes"](y)))
+    document = result.to_dict()
+    assert {"code", "record", "time_s", "probability", "impact", "message"} == set(document["findings"][0])
+    assert set(document["findings"][0]["impact"]) == {"sensitivity", "natural_frequency", "damping_ratio"}
+    assert document["uncertainty"] == {"covers": ["noise"]}
+    assert vibrident.Result.from_dict(document) == result

@@ -1,0 +1,27 @@
+"""Data that do not suit the model are said, quietly: no Python warning, no u of zero or none beside a firm value."""
+
+import warnings
+
+import numpy as np
+import pytest
+from bench.unsuited import UNSUITED, suited
+
+from vibrident import VibridentError, identify
+
+
+@pytest.mark.parametrize("kind", UNSUITED)
+def test_they_are_named_without_a_python_warning(kind):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        try:
+            result = identify(UNSUITED[kind](np.random.default_rng(1)))
+        except VibridentError:
+            return
+    assert result.warnings
+    for parameter in result.parameters.values():
+        assert parameter.standard_uncertainty is None or parameter.standard_uncertainty > 0.0
+        assert parameter.standard_uncertainty is not None or not parameter.identifiable
+
+
+def test_what_suits_has_none():
+    assert identify(suited(np.random.default_rng(1))).warnings == ()
