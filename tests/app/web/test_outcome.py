@@ -1,0 +1,21 @@
+"""What the page shows of a result, as HTML."""
+
+from dataclasses import replace
+
+from tests.support.sample_results import table2
+
+from vibrident.app.web import looks
+from vibrident.result import Finding
+
+
+def test_findings_are_shown_beside_the_warnings_and_nothing_where_there_are_none(tmp_path):
+    clean = table2()
+    assert looks.outcome(clean.save(tmp_path / "clean.json"))["warnings"] == ""
+    u = clean.parameters["sensitivity"].standard_uncertainty
+    message = "a.csv: The response <i>drifts</i>. Without it the sensitivity would be 1 V in place of 2 V (0.3 u)."
+    result = replace(clean, findings=(Finding("drift", "a.csv", None, 1e-7, {"sensitivity": 0.3 * u}, message),))
+    shown = looks.outcome(result.save(tmp_path / "found.json"))["warnings"]
+    assert "1 finding that moves no parameter by its u:" in shown
+    assert "<summary>Findings (1)</summary>" in shown
+    assert "<td>0.3 u of the sensitivity</td>" in shown
+    assert "<i>" not in shown
