@@ -126,6 +126,12 @@ class Part:
         """Of the record's own information, shape (p, p)."""
         return inverse_where_shown(self.jacobian @ self.jacobian.T)
 
+    @functools.cached_property
+    def own(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Products of the Jacobian with the residual, with itself under the profile, and with the common errors."""
+        loud = self.jacobian * self.profile
+        return self.jacobian @ self.residual, loud @ self.jacobian.T, self.in_common(self.jacobian)
+
     def beside(self, columns: FloatArray) -> Part:
         """The part with more nuisance columns, whitened, shape (m, n)."""
         basis = orthonormal(columns - (columns @ self.basis.T) @ self.basis)

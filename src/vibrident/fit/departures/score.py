@@ -67,17 +67,17 @@ class Sums:
         """The same with the record's own parameters projected out, where it has any."""
         if part.pull is None:
             return self
-        own = part.jacobian
+        gradient, loud, common = part.own
         share = self.cross @ part.inverse
         both = share @ self.cross_spread.T
         nothing = np.zeros((len(self.score), parameters))
         return Sums(
-            self.score - share @ (own @ part.residual),
+            self.score - share @ gradient,
             self.gram - share @ self.cross.T,
-            self.spread - both - both.T + share @ (own * part.profile @ own.T) @ share.T,
+            self.spread - both - both.T + share @ loud @ share.T,
             nothing,
             nothing,
-            self.common - share @ part.in_common(own),
+            self.common - share @ common,
             share @ part.pull.T,
             self.least,
             self.steps,

@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy import fft
 
+from vibrident.base.fft_lengths import fast_below
 from vibrident.data.records import BoolArray, FloatArray, Record
 from vibrident.fit.departures.noise import slow_profile
 from vibrident.fit.departures.part import ROUNDING, Part, orthonormal
@@ -32,6 +33,8 @@ from vibrident.physics.models.slopes import response_and_slopes
 
 #: A bin holds motion where the power of the prediction is so many times the noise in it.
 HEARD = 10.0
+#: Largest part of a record that is left out for a length that transforms fast.
+MOST_LOST = 0.01
 #: Longer records are looked at in pieces of so many samples, so many of them: a limit of memory.
 LONGEST, MOST_PIECES = 1 << 16, 4
 #: Central differences of a nonlinear model's response, in its coordinates.
@@ -170,6 +173,7 @@ def _spans(record: Record, series: FloatArray) -> list[slice]:
     if used.sum() < SHORTEST:
         return []
     first, last = int(np.argmax(used)), used.size - int(np.argmax(used[::-1]))
+    last = first + fast_below(last - first, MOST_LOST)
     spans = [slice(first + piece.start, first + piece.stop) for piece in _pieces(last - first)]
     return [span for span in spans if used[span].sum() >= SHORTEST]
 
