@@ -12,12 +12,12 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from tests.support.random_record import RATE_HZ, SAMPLES, Real, answered
 
 from bench.figures import Figure, Options, Section, steps
 from vibrident import Calibration, Record, VibridentError, identify
 
-Real = NDArray[np.float64]
-SAMPLES, RATE_HZ, BAND_HZ, NOISE = 8000, 20e3, (20.0, 4000.0), 1e-3
+NOISE = 1e-3
 GAIN, NATURAL_HZ, DAMPING = 0.1, 1200.0, 0.2
 #: Most that data which do not suit may take, in units of those that do.
 MOST = 3.0
@@ -35,15 +35,9 @@ def _sensor(hz: Real, natural_hz: float = NATURAL_HZ, damping: float = DAMPING) 
 def _made(
     transfer: Callable[[Real], NDArray[np.complex128]], rng: np.random.Generator, noise: float = NOISE
 ) -> tuple[Real, Real]:
-    """Reference and response of a piece of a long random motion, with noise of the response."""
-    n = 4 * SAMPLES
-    hz = np.fft.rfftfreq(n, 1.0 / RATE_HZ)
-    motion = ((hz > BAND_HZ[0]) & (hz < BAND_HZ[1])) * (rng.normal(size=hz.size) + 1j * rng.normal(size=hz.size))
-    hz[0] = hz[1]
-    u, y = (np.fft.irfft(lines, n)[SAMPLES : 2 * SAMPLES] for lines in (motion, motion * transfer(hz)))
-    u = u / np.std(u)
-    scale = np.std(y)
-    return u, y / scale * GAIN + noise * GAIN * rng.normal(size=SAMPLES)
+    """Reference of rms one, and response of rms GAIN with noise."""
+    u, y = answered(transfer, rng)
+    return u / np.std(u), y / np.std(y) * GAIN + noise * GAIN * rng.normal(size=SAMPLES)
 
 
 def _calibration(u: Real, y: Real, quantity: str = "acceleration") -> Calibration:

@@ -19,7 +19,6 @@ def linear_part(rng: np.random.Generator, n: int, extra: np.ndarray) -> Part:
     nothing, bins = np.zeros((12, n)), np.ones(n // 2 + 1)
     first, second = freed
     return Part(
-        record=0,
         name="linear",
         begin_s=0.0,
         rate_hz=1.0,
@@ -35,7 +34,7 @@ def linear_part(rng: np.random.Generator, n: int, extra: np.ndarray) -> Part:
         profile=np.ones(n),
         freedom=n - 1.0,
         rounding=nothing,
-        effects=nothing[:0],
+        effects=nothing[:1],
     )
 
 

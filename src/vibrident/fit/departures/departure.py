@@ -23,19 +23,17 @@ from vibrident.fit.measure.response import ComplexArray
 
 @dataclass(frozen=True)
 class Scale:
-    """Largest motion and reference of all parts, edges of bands of like information, Hz, and the number of parts."""
+    """Largest motion of all parts, edges of bands of like information, Hz, and the number of parts."""
 
     motion: float
-    reference: float
     bands_hz: tuple[float, ...]
     parts: int
 
     @classmethod
     def of(cls, parts: Sequence[Part], bands: int) -> Scale:
         """Of all parts, with so many bands."""
-        tiny = float(np.finfo(float).tiny)
-        motion = max(float(np.max(np.abs(part.motion), initial=0.0)) for part in parts)
-        reference = max(float(np.max(np.abs(part.reference), initial=0.0)) for part in parts)
+        largest = (float(np.max(np.abs(part.motion), initial=0.0)) for part in parts)
+        motion = max(float(np.finfo(float).tiny), *largest)
         top = 0.5 * max(part.rate_hz for part in parts)
         edges, power = np.linspace(0.0, top, 401), np.zeros(400)
         for part in parts:
@@ -43,9 +41,7 @@ class Scale:
             power += np.histogram(np.arange(own.size) * part.rate_hz / part.samples, edges, weights=own)[0]
         total = np.cumsum(power)
         inner = np.searchsorted(total, total[-1] * np.arange(1, bands) / bands)
-        return cls(
-            max(motion, tiny), max(reference, tiny), (0.0, *np.unique(edges[inner + 1]).tolist(), top), len(parts)
-        )
+        return cls(motion, (0.0, *np.unique(edges[inner + 1]).tolist(), top), len(parts))
 
 
 #: Columns that sums over blocks approximate tell nothing where the parameters leave less than this part, in squares.

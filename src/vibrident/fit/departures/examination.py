@@ -87,29 +87,37 @@ def examine(
         uncertainty: of the coordinates as stated, shape (P,).
         misfit: whether the model does not explain the data: then what explains most is asked for alone.
     """
-    found = list[Together]()
-    parts, rounds = list(parts), 1 if misfit else ROUNDS
-    for _ in range(rounds if parts else 0):
-        fit, now = LinearFit.of(parts, uncertainty), _strongest(_of_records(parts, uncertainty))
+    rounds = 1 if misfit else ROUNDS
+    found = _among_records(list(parts), uncertainty, rounds) if parts else []
+    return found + ([] if points is None else _among_points(points, uncertainty, rounds))
+
+
+def _among_records(parts: list[Part], uncertainty: FloatArray, rounds: int) -> list[Together]:
+    found, fit = list[Together](), LinearFit.of(parts, uncertainty)
+    for _ in range(rounds):
+        now = _strongest(_of_records(fit, parts))
         if not now:
             break
-        before = _optimum(fit, parts)
+        before, tested = _optimum(fit, parts), fit
         for one in now:
             places = range(len(parts)) if one.place is None else [one.place]
             for place, columns in zip(places, one.candidate.white(), strict=True):
                 parts[place] = parts[place].beside(columns)
-        shift = before - _optimum(LinearFit.of(parts, uncertainty), parts)
-        found.append(_together(now, shift, fit))
-    for _ in range(rounds if points is not None else 0):
-        assert points is not None
-        now = _strongest(_of_points(points, uncertainty))
+        fit = LinearFit.of(parts, uncertainty)
+        found.append(_together(now, before - _optimum(fit, parts), tested))
+    return found
+
+
+def _among_points(points: PointsPart, uncertainty: FloatArray, rounds: int) -> list[Together]:
+    found, fit = list[Together](), points.fit(uncertainty)
+    for _ in range(rounds):
+        now = _strongest(_of_points(fit, points))
         if not now:
             break
-        fit = points.fit(uncertainty)
+        before, tested = _optimum(fit), fit
         points = reduce(PointsPart.beside, (one.candidate.white()[0] for one in now), points)
-        beside = points.fit(uncertainty)
-        shift = fit.inverse @ fit.gradient - beside.inverse @ beside.gradient
-        found.append(_together(now, shift, fit))
+        fit = points.fit(uncertainty)
+        found.append(_together(now, before - _optimum(fit), tested))
     return found
 
 
@@ -120,9 +128,9 @@ def _together(found: Sequence[Found], shift: FloatArray, fit: LinearFit) -> Toge
     return Together(tuple(found), shift, fit.impact(shift))
 
 
-def _optimum(fit: LinearFit, parts: Sequence[Part]) -> FloatArray:
-    """Where the best coordinates are from those of the fit, shape (P,)."""
-    own = [part.pull @ part.inverse @ (part.jacobian @ part.residual) for part in parts if part.pull is not None]
+def _optimum(fit: LinearFit, parts: Sequence[Part] = ()) -> FloatArray:
+    """Where the best coordinates are from those of the fit, shape (P,); ``parts``: those with their own tell theirs."""
+    own = [part.pull @ part.inverse @ part.own[0] for part in parts if part.pull is not None]
     return np.sum([fit.inverse @ fit.gradient, *own], axis=0)
 
 
@@ -136,8 +144,8 @@ def _strongest(found: Sequence[Found]) -> list[Found]:
     return sorted((one for one in found if one.departure is best), key=lambda one: -one.score.explained)
 
 
-def _of_points(points: PointsPart, uncertainty: FloatArray) -> list[Found]:
-    fit, kinds, found = points.fit(uncertainty), DEPARTURES.all(), []
+def _of_points(fit: LinearFit, points: PointsPart) -> list[Found]:
+    kinds, found = DEPARTURES.all(), list[Found]()
     for departure in kinds.values():
         best = _best(fit, departure, departure.at_points(points), len(kinds))
         if best is not None:
@@ -145,19 +153,18 @@ def _of_points(points: PointsPart, uncertainty: FloatArray) -> list[Found]:
     return found
 
 
-def _of_records(parts: Sequence[Part], uncertainty: FloatArray) -> list[Found]:
-    fit, scale, kinds = LinearFit.of(parts, uncertainty), Scale.of(parts, BANDS), DEPARTURES.all()
-    found = []
+def _of_records(fit: LinearFit, parts: Sequence[Part]) -> list[Found]:
+    scale, kinds, parameters, found = Scale.of(parts, BANDS), DEPARTURES.all(), len(fit.uncertainty), list[Found]()
     narrow = any(part.optical and part.turns is not None for part in parts)
     for departure in kinds.values():
         if narrow and not departure.of_light:
             continue
         if departure.pooled:
-            best = _best(fit, departure, _pooled(departure, parts, scale, len(uncertainty)), len(kinds))
+            best = _best(fit, departure, _pooled(departure, parts, scale, parameters), len(kinds))
             found += [] if best is None else [Found(departure, *best, None, None)]
             continue
         for place, part in enumerate(parts):
-            own = departure.candidates(part, scale, len(uncertainty))
+            own = departure.candidates(part, scale, parameters)
             best = _best(fit, departure, own, len(kinds) * len(parts))
             found += [] if best is None else [Found(departure, *best, place, part.name)]
     return found

@@ -25,7 +25,6 @@ class Part:
     offset, drift and hum.
 
     Attributes:
-        record: index of the record.
         name: of the record.
         begin_s: time of the first sample.
         rate_hz: sampling rate.
@@ -41,15 +40,14 @@ class Part:
         profile: noise power in time over its mean, shape (n,).
         rounding: whitened errors of the converters that repeat with the motion; their products sum to a covariance,
             shape (2 TRIALS, n); empty where there are none.
-        effects: what one standard uncertainty of each stated systematic effect adds to the response, whitened, and of
-            the variance of the reference's noise, the last, where it is ``doubted``, shape (K, n).
+        effects: what one standard uncertainty of each stated systematic effect adds to the response, whitened, and, the
+            last, one of the variance of the reference's noise, shape (K, n).
         freedom: degrees of freedom of the residual.
         pull: shift of the fit's coordinates by those of the record, shape (P, p); None where these are the same.
         turns: of the record's sine from sample to sample; None for other motion.
         optical: whether the reference is an interferometer's raw light.
     """
 
-    record: int
     name: str
     begin_s: float
     rate_hz: float
@@ -69,7 +67,6 @@ class Part:
     pull: FloatArray | None = None
     turns: float | None = None
     optical: bool = False
-    doubted: bool = False
 
     @property
     def samples(self) -> int:
@@ -94,10 +91,9 @@ class Part:
         return found
 
     @functools.cached_property
-    def steps(self) -> FloatArray:
-        """Power of the converters' errors and of those of interpolation, whitened, shape (1,)."""
-        between = LEAST_DEVIATION**2 * float(np.sum(np.square(self.moved[0])))
-        return np.array([float(np.sum(np.square(self.rounding))) + between])
+    def steps(self) -> float:
+        """Power of the converters' errors and of those of interpolation, whitened."""
+        return float(np.sum(np.square(self.rounding)) + LEAST_DEVIATION**2 * np.sum(np.square(self.moved[0])))
 
     @property
     def radians(self) -> FloatArray:

@@ -66,5 +66,5 @@ class PointsPart:
         gram, cross = freed @ freed.T, freed @ self.linear.matrix
         nothing = np.zeros((len(rows), self.linear.matrix.shape[1]))
         rounding = freed @ self.common.T
-        sums = Sums(freed @ self.linear.rest, gram, gram, cross, cross, rounding, nothing, least, np.zeros(1))
+        sums = Sums(freed @ self.linear.rest, gram, gram, cross, cross, rounding, nothing, least, 0.0)
         return Candidate(words, sums, lambda: (rows,), record=record)

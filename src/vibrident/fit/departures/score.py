@@ -5,9 +5,10 @@ With A = J Jᵀ and D⊥ = D − D Jᵀ A⁻¹ J (rows are signals),
 
     T = (D⊥e)ᵀ (D⊥ V D⊥ᵀ)⁻¹ (D⊥e),    α = (D⊥D⊥ᵀ)⁻¹ D⊥e,    Δz = A⁻¹ J Dᵀ α.
 
-V is the covariance of e: the slow profile of the noise in time, and the converters' errors that repeat with the motion.
-T is χ² with as many degrees of freedom as columns, and Δz what the stated coordinates have beyond those beside the
-departure (Rao 1948; Breusch & Pagan 1980; White 1980).
+V is the covariance of e: the slow profile of the noise in time, the converters' errors that repeat with the motion, the
+stated systematic effects, and what is not known of the reference's noise. T is χ² with as many degrees of freedom as
+columns, and Δz what the stated coordinates have beyond those beside the departure (Rao 1948; Breusch & Pagan 1980;
+White 1980).
 """
 
 from __future__ import annotations
@@ -41,14 +42,14 @@ class Sums:
     common: FloatArray  # D times the errors common to the record, or to all, shape (m, 2 TRIALS + K)
     shift: FloatArray  # of the coordinates by a unit of each column, of records with their own, shape (m, P)
     least: FloatArray  # of D Dᵀ beside the parameters, below which a column tells nothing, shape (m,)
-    steps: FloatArray  # power of the errors of converters and interpolation, shape (1,)
+    steps: float  # power of the errors of converters and interpolation
 
     @classmethod
     def of(cls, part: Part, white: FloatArray, parameters: int, *, linear: bool = True) -> Sums:
-        """Of whitened columns, shape (m, n); ``linear``: in the motion."""
+        """Of whitened columns, shape (m, n); ``linear``: in the motion, and with it in noise of the reference."""
         loud, nothing = white * part.profile, np.zeros((len(white), parameters))
         common = part.in_common(white)
-        if not linear and part.doubted:
+        if not linear:
             common[:, -1] = 0.0
         sums = cls(
             white @ part.residual,
@@ -156,16 +157,16 @@ class LinearFit:
         gradient, common = np.zeros(count), np.zeros((count, 2 * TRIALS + len(parts[0].effects)))
         chi2, freedom = 0.0, -float(count)
         for part in parts:
-            own, left = part.jacobian, part.jacobian @ part.residual
+            left, loud, errors = part.own
             chi2 += float(part.residual @ part.residual)
             freedom += part.freedom
             if part.pull is not None:
                 chi2 -= float(left @ part.inverse @ left)
                 continue
-            normal += own @ own.T
-            spread += own * part.profile @ own.T
+            normal += part.jacobian @ part.jacobian.T
+            spread += loud
             gradient += left
-            common += part.in_common(own)
+            common += errors
         inverse = inverse_where_shown(normal)
         chi2 -= float(gradient @ inverse @ gradient)
         return cls(inverse, spread, gradient, common, max(chi2, 0.0), max(freedom, 1.0), uncertainty)
@@ -196,7 +197,7 @@ class LinearFit:
         )
         told = min(TRIALS / max(repeated, SMALLEST) ** 2, self.told)
         m = turned.size
-        rounded = explained < float(sums.steps[0])  # converters or interpolation may do as much
+        rounded = explained < sums.steps  # converters or interpolation may do as much
         chance = 1.0 if rounded else self._chance(statistic, explained, m, told)
         return Score(statistic, m, shift, amounts, chance, explained - m)
 

@@ -17,6 +17,7 @@ from vibrident.data.records import BoolArray, FloatArray, Record
 from vibrident.fit.departures.noise import slow_profile
 from vibrident.fit.departures.part import ROUNDING, Part, orthonormal
 from vibrident.fit.estimators import Estimate
+from vibrident.fit.estimators.incoherent import HEARD
 from vibrident.fit.estimators.noise_metric import beside_hum, likelier, with_edges
 from vibrident.fit.estimators.noise_motion import SHORTEST, Motion, motion_of
 from vibrident.fit.estimators.noise_spectrum import DOUBT, NoiseSpectrum, noise_spectrum
@@ -31,8 +32,6 @@ from vibrident.fit.uncertainty.steps import rounding_in_residual
 from vibrident.physics.discretisation.inputs import USABLE_BAND
 from vibrident.physics.models.slopes import response_and_slopes
 
-#: A bin holds motion where the power of the prediction is so many times the noise in it.
-HEARD = 10.0
 #: Largest part of a record that is left out for a length that transforms fast.
 MOST_LOST = 0.01
 #: Longer records are looked at in pieces of so many samples, so many of them: a limit of memory.
@@ -71,10 +70,9 @@ def _of_bins(
     lines = problem.lines(estimate.z, estimate.coordinates, network.noise)
     motions = [motion_of(record) for record in lines]
     spectra = beside_hum(lines, motions)
-    del motions
     tones = _tones(evidence)
-    every = zip(evidence.records, lines, spectra, network.noise.tolist(), predicted, strict=True)
-    for index, (given, record, spectrum, noise, series) in enumerate(every):
+    every = zip(evidence.records, lines, motions, spectra, network.noise.tolist(), predicted, strict=True)
+    for index, (given, record, motion_at, spectrum, noise, series) in enumerate(every):
         if record.count < SHORTEST or record.free is None or record.model is None or given.reference is None:
             continue
         first = int(np.argmax(np.isfinite(series)))
@@ -85,11 +83,10 @@ def _of_bins(
             for piece in _pieces(record.samples):
                 whole = slice(first + piece.start, first + piece.stop)
                 signals = (rest[piece] * noise, motion[piece] * noise, slopes[:, piece] * noise)
-                yield _in_time(index, evidence, estimate, whole, record.used[piece], *signals)
+                yield _in_time(given, evidence, estimate, whole, record.used[piece], *signals)
             continue
-        motion = motion_of(record)()
-        if index in tones and motion is not None:
-            beside = _beside_harmonics(motion, record.samples, tones[index])
+        if index in tones and (own := motion_at()) is not None:
+            beside = _beside_harmonics(own, record.samples, tones[index])
             spectrum = noise_spectrum(record.residual, beside, record.floor)
         nuisance = record.unknowns(edges=with_edges(record, spectrum), tones=spectrum.tones)(slice(None))
         slopes = record.slopes
@@ -97,7 +94,7 @@ def _of_bins(
             rest = _projected(record.residual, nuisance, np.sqrt(record.twice))
             slopes = slopes + np.stack(list(record.model.slopes())) * likelier(record, spectrum, rest)
         yield _part(
-            (index, given, span),
+            (given, span),
             record.used,
             (record.residual * noise, np.array(record.predicted(slice(None))) * noise, slopes * noise),
             record.model.through(),
@@ -136,7 +133,7 @@ def _of_sines(evidence: Evidence, estimate: Estimate, predicted: Sequence[FloatA
             rest = np.where(used, record.response[span] - series[span], 0.0)
             rows = np.stack([linear.matrix[place], linear.matrix[count + place]], axis=1) * linear.weight[place]
             own = (rest, motion, np.stack([tone.real, -tone.imag]))
-            yield _in_time(index, evidence, estimate, span, used, *own, inverse @ rows, turns)
+            yield _in_time(record, evidence, estimate, span, used, *own, inverse @ rows, turns)
 
 
 def _of_samples(evidence: Evidence, estimate: Estimate, predicted: Sequence[FloatArray]) -> Iterator[Part]:
@@ -156,7 +153,7 @@ def _of_samples(evidence: Evidence, estimate: Estimate, predicted: Sequence[Floa
             slopes = [np.where(used, (up[index] - down[index])[span], 0.0) / (2.0 * STEP) for up, down in ends]
             rest = np.where(used, record.response[span] - series[span], 0.0)
             own = (rest, _about_mean(series[span], used), np.array(slopes))
-            yield _in_time(index, evidence, estimate, span, used, *own, turns=tones.get(index))
+            yield _in_time(record, evidence, estimate, span, used, *own, turns=tones.get(index))
 
 
 def _tones(evidence: Evidence) -> dict[int, float]:
@@ -192,7 +189,7 @@ def _about_mean(series: FloatArray, used: BoolArray) -> FloatArray:
 
 
 def _in_time(
-    index: int,
+    record: Record,
     evidence: Evidence,
     estimate: Estimate,
     span: slice,
@@ -204,7 +201,7 @@ def _in_time(
     turns: float | None = None,
 ) -> Part:
     """A part by its signals in time: residual and motion, shape (n,), and slopes, shape (p, n), zero where not used."""
-    record, n = evidence.records[index], used.size
+    n = used.size
     unit = max(float(np.sqrt(np.mean(np.square(motion)))), float(np.finfo(float).tiny))
     rest, motion, slopes = rest / unit, motion / unit, slopes / unit  # noise levels are of numbers near one
     hz = line_frequencies(n, record.sampling_rate_hz)
@@ -229,7 +226,7 @@ def _in_time(
     signals = _scaled(unit, left, bins, jacobian)
     effects = _effects(evidence, estimate, hz)
     return _part(
-        (index, record, span),
+        (record, span),
         used,
         signals,
         _scaled(unit, transfer)[0],
@@ -270,8 +267,7 @@ def _beside_tone(
     Motion beside the tone tells of the parameters too; the points do not use it.
     """
     values, model = estimate.coordinates.values(estimate.z), evidence.model
-    response, slopes = response_and_slopes(model, values, hz, evidence.quantity)
-    del response
+    _, slopes = response_and_slopes(model, values, hz, evidence.quantity)
     moved = np.divide(bins, transfer, out=np.zeros_like(bins), where=power_of(transfer) > 0.0)
     place = round((turns or 0.0) * 2.0 * (bins.size - 1))
     moved[max(place - NEAR_TONE, 0) : place + NEAR_TONE + 1] = 0.0
@@ -279,7 +275,7 @@ def _beside_tone(
 
 
 def _part(
-    place: tuple[int, Record, slice],
+    place: tuple[Record, slice],
     used: BoolArray,
     bins: tuple[ComplexArray, ...],
     transfer: ComplexArray,
@@ -294,7 +290,7 @@ def _part(
     """A part by the bins of its signals.
 
     Args:
-        place: index of the record, the record, and the samples.
+        place: the record, and the samples.
         used: samples that count, shape (n,).
         bins: of residual and prediction, shape (bins,), and of the slopes, shape (p, bins).
         transfer: of the sensor, shape (bins,).
@@ -306,7 +302,7 @@ def _part(
         pull: as of :class:`Part`.
         turns: as of :class:`Part`.
     """
-    index, record, span = place
+    record, span = place
     rest, predicted, slopes = bins
     n, counted = used.size, twice > 0.0
     level = np.asarray(spectrum.level) * unit**2
@@ -332,7 +328,6 @@ def _part(
     errors = rounding_in_residual(record, span, np.asarray(fft.irfft(predicted, n)), used, between, transfer, turns)
     moved = np.divide(likely, transfer, out=np.zeros_like(likely), where=power_of(transfer) > 0.0)
     return Part(
-        index,
         record.name,
         span.start / record.sampling_rate_hz,
         record.sampling_rate_hz,
@@ -352,7 +347,6 @@ def _part(
         pull,
         turns,
         record.optical is not None,
-        doubted=True,
     )
 
 

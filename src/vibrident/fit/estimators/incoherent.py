@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from vibrident.data.records import FloatArray
 from vibrident.fit.estimators.noise_motion import Motion, lines_around, typical
 from vibrident.fit.measure.lines import power_of
 from vibrident.fit.measure.response import ComplexArray
@@ -42,11 +41,8 @@ def incoherent(residual: ComplexArray, motion: Motion) -> ComplexArray:
     return found
 
 
-def without_coherent(residual: ComplexArray, predicted: ComplexArray, weight: FloatArray | None = None) -> ComplexArray:
-    """The residual less what is coherent with the prediction in each block; both of shape (bins,).
-
-    ``weight``: of each bin, by which blocks of uneven noise are projected, shape (bins,); None: alike.
-    """
+def without_coherent(residual: ComplexArray, predicted: ComplexArray) -> ComplexArray:
+    """The residual less what is coherent with the prediction in each block; both of shape (bins,)."""
     blocks = max((residual.size - 1) // BLOCK, 1)
     width = (residual.size - 1) // blocks
     found = residual.copy()

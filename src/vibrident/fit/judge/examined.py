@@ -48,7 +48,7 @@ def examined(
     groups = examine(parts, _points(evidence, estimate, judgement), uncertainty, misfit=misfit)
     words = _Words(evidence, estimate, uncertainty)
     findings = [words.finding(one) for group in groups for one in group.found]
-    unexplained = not judgement.adequacy.adequate and judgement.adequacy.degrees_of_freedom > 0
+    unexplained = misfit and judgement.adequacy.degrees_of_freedom > 0
     matter = [
         group
         for number, group in enumerate(groups)

@@ -4,22 +4,18 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy import fft
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from vibrident.data.records import BoolArray, FloatArray, Record
-from vibrident.data.records.basis import distinct
 
 #: Windows and transforms of filters are kept for signals of up to so many samples.
 MOST_KEPT = 1 << 16
 #: Lines that are worked on at once.
 AT_ONCE = 1 << 13
-#: Lines around one that tell its noise by their median: so many on either side, or a part of the line's own number.
-MEDIAN_LINES, MEDIAN_SHARE = 12, 1 / 6
 #: Of an exponential distribution, median over mean.
 MEDIAN_OF_POWER = float(np.log(2.0))
 
@@ -137,41 +133,3 @@ def _hann(samples: int) -> FloatArray:
 
 
 _hann_kept = functools.lru_cache(maxsize=8)(_hann)
-
-
-def median_level(power: FloatArray) -> FloatArray:
-    """Noise power by the median of the lines around, at places evenly spread over the logarithm, joined by lines."""
-    windows = _windows(power.size)
-    values = [median(power[begin:end]) for begin, end in windows.first]
-    if windows.alike.size:
-        side_by_side = sliding_window_view(power, 2 * MEDIAN_LINES + 1)[windows.alike]
-        values += np.partition(side_by_side, MEDIAN_LINES, axis=1)[:, MEDIAN_LINES].tolist()
-    values += [median(power[begin:end]) for begin, end in windows.last]
-    smooth = np.log(np.maximum(np.array(values) / MEDIAN_OF_POWER, np.finfo(float).tiny))
-    return np.exp(np.interp(np.arange(power.size), windows.places, smooth))
-
-
-class _Windows(NamedTuple):
-    """Lines around the places at which a level is read.
-
-    Attributes:
-        places: in order.
-        first: begin and end of those with fewer lines before them than behind.
-        alike: begins of the next ones, which have the same reach: their windows are sorted side by side.
-        last: begin and end of the others.
-    """
-
-    places: NDArray[np.int_]
-    first: tuple[tuple[int, int], ...]
-    alike: NDArray[np.int_]
-    last: tuple[tuple[int, int], ...]
-
-
-@functools.lru_cache(maxsize=8)
-def _windows(count: int) -> _Windows:
-    places = distinct(np.geomspace(1, count, 160).astype(int)) - 1
-    reach = np.maximum(MEDIAN_LINES, (MEDIAN_SHARE * places).astype(int))
-    around = list(zip(np.maximum(places - reach, 0).tolist(), (places + reach + 1).tolist(), strict=True))
-    alike = (places >= MEDIAN_LINES) & (places < min(MEDIAN_LINES / MEDIAN_SHARE, count - MEDIAN_LINES))
-    first, both = int(np.sum(places < MEDIAN_LINES)), int(np.sum(alike))
-    return _Windows(places, tuple(around[:first]), places[alike] - MEDIAN_LINES, tuple(around[first + both :]))

@@ -231,18 +231,3 @@ def rounding_errors(values: FloatArray, used: BoolArray, step: float, origin: fl
     sized = factor[:, None] * motion + (mean - origin)
     errors = step * np.rint(sized / step) - sized
     return np.where(used, errors - np.mean(errors[:, used], axis=1, keepdims=True), 0.0)
-
-
-def step_in_response(record: Record, motion: FloatArray, used: BoolArray) -> float:
-    """The larger step of both channels' converters; of the reference's, what the sensor makes of it.
-
-    Args:
-        record: with a reference or without.
-        motion: the predicted response, shape (samples,).
-        used: samples that count, shape (samples,).
-    """
-    own = step_of_response(record)
-    if record.reference is None:
-        return own
-    size = float(np.std(record.reference[used]))
-    return max(own, float(np.std(motion[used])) / size * converter_step(record.reference)) if size > 0.0 else own

@@ -128,11 +128,6 @@ def products(values: FloatArray, exponents: NDArray[np.complex128], first: int =
     return _summed(values, *_tables(exponents, first, values.size))
 
 
-def swung(amounts: NDArray[np.complex128], exponents: NDArray[np.complex128], samples: int) -> FloatArray:
-    """Re Σ amount e^{pk} of K exponents at k = 0 … samples − 1, shape (samples,)."""
-    return _swung(amounts, *_tables(exponents, 0, samples))[:samples]
-
-
 def _swung(amounts: NDArray[np.complex128], steps: FloatArray, begins: NDArray[np.complex128]) -> FloatArray:
     own = begins * amounts
     return (np.concatenate([own.real, -own.imag], axis=1) @ steps).ravel()

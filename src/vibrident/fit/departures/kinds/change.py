@@ -42,23 +42,21 @@ class Change(Departure):
             sets = {GAIN: [0], CHANNEL: [0, 1]}
             if each.time_s is not None and len(each.sums.score) > 2:
                 sets[SENSOR] = list(range(1, len(each.sums.score)))
-            place = "over the record" if each.time_s is None else f"at about {plain(each.time_s, 4)} s"
             for words, kept in sets.items():
-                exactly = partial(_exactly, part, each, kept, f"{words} {place}", parameters)
-                found.append(Candidate(f"{words} {place}", each.sums.some(kept), _none, each.time_s, exactly=exactly))
+                exactly = partial(_exactly, part, each, kept, words, parameters)
+                found.append(Candidate(words, each.sums.some(kept), time_s=each.time_s, exactly=exactly))
         return found
 
     def sentence(self, candidate: Candidate, score: Score) -> str:
         """What changed, and by how much."""
-        what, _, place = candidate.words.partition(" at ")
-        ramp, place = not place, f"at {place}" if place else "over the record"
-        verb = "changes evenly" if ramp else "changed"
-        if what.startswith(SENSOR):
-            return f"the sensor {verb} {place}"
-        gain = float(score.amounts[0])
-        words = f"the sensor {verb} {place}: its response is {plain(abs(100.0 * gain), 2)} % "
-        words += f"{'larger' if gain > 0.0 else 'smaller'} {'at the end than at the begin' if ramp else 'than before'}"
-        if what.startswith(CHANNEL):
+        time_s = candidate.time_s
+        when = "changes evenly over the record" if time_s is None else f"changed at about {plain(time_s, 4)} s"
+        if candidate.words == SENSOR:
+            return f"the sensor {when}"
+        gain, than = float(score.amounts[0]), "at the end than at the begin" if time_s is None else "than before"
+        size = f"{plain(abs(100.0 * gain), 2)} % {'larger' if gain > 0.0 else 'smaller'}"
+        words = f"the sensor {when}: its response is {size} {than}"
+        if candidate.words == CHANNEL:
             later = -float(score.amounts[1])
             words += f" and comes {amount(abs(later), 'samples', 2)} {'later' if later > 0.0 else 'earlier'}"
         return words
@@ -67,10 +65,6 @@ class Change(Departure):
 def _exactly(part: Part, change: InTime, kept: Sequence[int], words: str, parameters: int) -> Candidate:
     white = part.white(part.changing[kept] * np.repeat(change.factor, np.diff(change.edges)))
     return Candidate(words, Sums.of(part, white, parameters), lambda: (white,), change.time_s)
-
-
-def _none() -> tuple[FloatArray, ...]:
-    return ()
 
 
 CHANGE = Change()
