@@ -12,7 +12,7 @@ from vibrident.base.warning_kinds import WarningCode
 from vibrident.fit.departures.departure import Candidate, Departure, Scale
 from vibrident.fit.departures.part import Part
 from vibrident.fit.departures.points import PointsPart
-from vibrident.fit.departures.score import Score
+from vibrident.fit.departures.score import Score, Sums
 from vibrident.fit.measure.response import ComplexArray
 
 
@@ -31,13 +31,13 @@ class Spring(Departure):
             yield "is bent as by a spring that is stiffer on one side of its rest point", bent[:1]
             yield "is bent as by a spring that is not linear", bent[1:]
 
-    def at_points(self, points: PointsPart) -> list[Candidate]:
+    def at_points(self, points: PointsPart) -> list[tuple[Candidate, Sums]]:
         """The describing function of a cubic stiffness: −¾ k₃ |V|² H/S₀ (Nayfeh & Mook 1979, sec. 2.3)."""
         if points.response is None:
             return []
         effect = np.abs(points.response) ** 2 * points.transfer
         words = "is bent as by a spring that is not linear"
-        return [points.candidate(words, (effect / np.max(np.abs(effect)))[None])]
+        return [points.place(words, (effect / np.max(np.abs(effect)))[None])]
 
     def sentence(self, candidate: Candidate, score: Score) -> str:
         """How much, at the largest motion."""
