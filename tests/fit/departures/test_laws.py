@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from bench.adversary.cases import BY_NAME
 from tests.support.random_record import SAMPLES, TRUTH, calibration, motion
 
 import vibrident
@@ -35,6 +36,7 @@ def linear_part(rng: np.random.Generator, n: int, extra: np.ndarray) -> Part:
         freedom=n - 1.0,
         rounding=nothing,
         effects=nothing[:1],
+        doubt=0.0 * bins,
     )
 
 
@@ -130,3 +132,23 @@ def test_findings_and_covers_are_in_the_document():
     assert set(document["findings"][0]["impact"]) == {"sensitivity", "natural_frequency", "damping_ratio"}
     assert document["uncertainty"] == {"covers": ["noise"]}
     assert vibrident.Result.from_dict(document) == result
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1e6])
+def test_what_is_not_known_of_the_reference_s_noise_has_no_unit(unit):
+    given = vibrident.simulate("paper", "random", samples=4000, reference_noise=1e-2, response_noise=3e-3, seed=3)
+    (record,) = given.records
+    bent = record.response - 1e-2 * record.response**3 / np.max(np.abs(record.response)) ** 2
+    chances = []
+    for size in (1.0, unit):
+        found = vibrident.identify(replace(given, records=(replace(record, response=size * bent),))).findings
+        chances.append([finding.probability for finding in found])
+    assert 0.0 < chances[0][0] < 1e-4
+    assert np.log(chances[1]) == pytest.approx(np.log(chances[0]), rel=1e-6)
+
+
+@pytest.mark.parametrize("sensor", ["below-damped", "in-damped+delay", "pickup-below-damped+delay"])
+def test_noise_of_the_reference_bends_no_characteristic(sensor):
+    """It is in the prediction and, turned, in the residual: the mean of Σ ŷ² e is −2 σ² Σ ŷ, which a shock has."""
+    result = vibrident.identify(BY_NAME[f"clean/{sensor}/shock/reference 0.1 %"].trial(2).calibration())
+    assert result.findings == ()

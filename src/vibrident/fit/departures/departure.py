@@ -56,8 +56,6 @@ class Departure(ABC):
         code: of the warning where it matters.
         pooled: whether the records share its amounts.
         own_columns: whether its columns are tested for what each moves, as each may be there without the others.
-        linear: whether its columns are linear in the motion: an error of the reference's noise is then in common with
-            them.
         of_light: whether it is looked for in a sine by an interferometer's raw light, whose noise is filtered around
             the tone as no spectrum of a record shows.
         joint: whether what several move is what the fit beside all of them moves; else it is the sum.
@@ -67,7 +65,6 @@ class Departure(ABC):
     code: ClassVar[WarningCode]
     pooled: ClassVar[bool] = True
     own_columns: ClassVar[bool] = False
-    linear: ClassVar[bool] = True
     of_light: ClassVar[bool] = False
     joint: ClassVar[bool] = True
 
@@ -84,12 +81,16 @@ class Departure(ABC):
         white = part.white(together)
         last = np.cumsum([len(columns) for _, columns in found])
         rows = [range(end - len(columns), end) for end, (_, columns) in zip(last.tolist(), found, strict=True)]
-        sums = Sums.of(part, white, parameters, linear=self.linear)
+        sums = Sums.of(part, white, parameters, self.doubt(part, scale))
         every = [
             (Candidate(words, partial(_alone, white[own])), sums.some(own))
             for (words, _), own in zip(found, rows, strict=True)
         ]
         return in_widths(every)
+
+    def doubt(self, part: Part, scale: Scale) -> FloatArray | None:
+        """What the columns have in common with an error of the reference's noise; as of :meth:`Sums.of`."""
+        return None
 
     def at_points(self, points: PointsPart) -> list[tuple[Candidate, Sums]]:
         """All places of a response at points, with their sums; none where the departure shows in records only."""
@@ -102,6 +103,68 @@ class Departure(ABC):
     def sentence(self, candidate: Candidate, score: Score) -> str:
         """What is there, without place and impact; a clause that ends without a stop."""
         return candidate.words
+
+
+class WithoutMotion(Departure):
+    """A departure of which the columns do not depend on the motion, nor on noise in it."""
+
+    def doubt(self, part: Part, scale: Scale) -> FloatArray:
+        """None of it."""
+        return np.zeros(sum(len(columns) for _, columns in self.columns(part, scale)))
+
+
+class Shape(Departure):
+    """A departure by functions without memory of the response's motion, or of the reference's.
+
+    Attributes:
+        of_reference: whether they are of the reference; the sensor answers them.
+        through: whether the sensor answers those of the response, too.
+        turned: whether each has its quadrature beside it.
+    """
+
+    of_reference: ClassVar[bool] = False
+    through: ClassVar[bool] = False
+    turned: ClassVar[bool] = False
+
+    @abstractmethod
+    def shapes(self, motion: FloatArray, scale: Scale, largest: float) -> Iterable[tuple[str, FloatArray]]:
+        """For each what it is in words, and the function of the motion, each of shape (n,).
+
+        ``largest``: of the motion of this part; that of all is in the scale.
+        """
+
+    def _series(self, part: Part) -> tuple[FloatArray, float]:
+        motion = part.reference if self.of_reference else part.motion
+        return motion, float(np.max(np.abs(motion), initial=0.0))
+
+    def columns(self, part: Part, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
+        """The functions by their bins."""
+        motion, largest = self._series(part)
+        for words, shape in self.shapes(motion, scale, largest):
+            bins = np.asarray(np.fft.rfft(shape * part.used)) * self._answer(part)
+            yield words, np.stack([bins, 1j * bins] if self.turned else [bins])
+
+    def _answer(self, part: Part) -> ComplexArray | float:
+        size = float(np.max(np.abs(part.transfer), initial=0.0)) or 1.0
+        return part.transfer if self.of_reference else part.transfer / size if self.through else 1.0
+
+    def doubt(self, part: Part, scale: Scale) -> FloatArray:
+        """Mean of a column times the residual e = −η, where the motion holds η: −Σ E[f(y + η) η] |W|² of the bins.
+
+        By the two nodes y ± σ of Gauss and Hermite's quadrature.
+        """
+        (motion, largest), n = self._series(part), part.samples
+        power = np.divide(part.doubt, part.whitening**2, out=np.zeros_like(part.doubt), where=part.whitening > 0.0)
+        gain = np.abs(part.transfer) ** 2 if self.of_reference else np.ones(power.size)
+        power = np.divide(power, gain, out=np.zeros_like(power), where=gain > 0.0)
+        sigma = float(np.sqrt(2.0 * np.sum(power) / n))
+        share = 2.0 / n * float(np.sum(part.doubt * (np.real(self._answer(part)) if self.through else 1.0)))
+        ends = [[shape for _, shape in self.shapes(motion + sign * sigma, scale, largest)] for sign in (1.0, -1.0)]
+        found = [
+            -share / max(2.0 * sigma, np.finfo(float).tiny) * float(np.sum((up - down) * part.used))
+            for up, down in zip(*ends, strict=True)
+        ]
+        return np.array([one for each in found for one in ([each, 0.0] if self.turned else [each])])
 
 
 def in_widths(every: Sequence[tuple[Candidate, Sums]]) -> list[Places]:
@@ -143,15 +206,18 @@ def in_steps(part: Part, blocks: int, parameters: int) -> InTime:
     """
     rows = part.changing_white
     edges = np.linspace(0, part.samples, blocks + 1).astype(int)
+    doubt = part.in_common(rows)[:, -1] / part.samples  # noise is in all of the record, whenever the motion is
     own, other = [], np.concatenate([rows, part.basis, part.jacobian, part.residual[None]])
     for first, last in pairwise(edges.tolist()):
         block, loud = rows[:, first:last], rows[:, first:last] * part.profile[first:last]
+        common = part.in_common(block, slice(first, last))
+        common[:, -1] = doubt * (last - first)
         own.append(
             (
                 block @ other[:, first:last].T,
                 loud @ rows[:, first:last].T,
                 loud @ part.jacobian[:, first:last].T,
-                part.in_common(block, slice(first, last)),
+                common,
             )
         )
     products, spreads, crossed, commons = (np.array(each) for each in zip(*own, strict=True))

@@ -48,12 +48,16 @@ class Sums:
     steps: FloatArray  # power of the errors of converters and interpolation, shape (…)
 
     @classmethod
-    def of(cls, part: Part, white: FloatArray, parameters: int, *, linear: bool = True) -> Sums:
-        """Of whitened columns, shape (m, n); ``linear``: in the motion, and with it in noise of the reference."""
+    def of(cls, part: Part, white: FloatArray, parameters: int, doubt: FloatArray | None = None) -> Sums:
+        """Of whitened columns, shape (m, n).
+
+        ``doubt``: what they have in common with an error of the reference's noise, shape (m,); None: they are linear in
+        the motion, and :attr:`Part.effects` tells it.
+        """
         loud, nothing = white * part.profile, np.zeros((len(white), parameters))
         common = part.in_common(white)
-        if not linear:
-            common[:, -1] = 0.0
+        if doubt is not None:
+            common[:, -1] = doubt
         sums = cls(
             white @ part.residual,
             white @ white.T,
@@ -216,20 +220,22 @@ class LinearFit:
                 shift[k],
                 amounts[k],
                 # converters or interpolation may do as much as what is rounded
-                1.0 if explained[k] < sums.steps[k] else self._chance(statistic[k], explained[k], m, told[k]),
+                1.0
+                if explained[k] < sums.steps[k]
+                else self._chance(*map(float, (statistic[k], explained[k], m, told[k]))),
                 float(explained[k]) - m,
             )
             for k, m in enumerate(columns.tolist())
         ]
 
-    def _chance(self, statistic: float, explained: float, columns: int, told: float) -> float:
+    def _chance(self, statistic: float, explained: float, columns: float, told: float) -> float:
         """An F test against what the departure leaves, where that is more than noise.
 
         ``told``: degrees of freedom by which the covariance of the columns is known.
         """
         left = max(self.freedom - columns, 1.0)
         rest = max((self.chi2 - explained) / left, 1.0)
-        return f_tail(float(columns), min(left, told), statistic / columns / rest)
+        return f_tail(columns, min(left, told), statistic / columns / rest)
 
     def impact(self, shift: FloatArray) -> float:
         """Largest shift of a coordinate, in its stated standard uncertainty."""

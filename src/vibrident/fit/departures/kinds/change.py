@@ -64,11 +64,18 @@ class Change(Departure):
 
 
 def _candidate(part: Part, changes: InTime, number: int, kept: Sequence[int], words: str, parameters: int) -> Candidate:
+    factor = np.repeat(changes.factors[number], np.diff(changes.edges))
+
     def white() -> FloatArray:
-        return part.white(part.changing[kept] * np.repeat(changes.factors[number], np.diff(changes.edges)))
+        return part.white(part.changing[kept] * factor)
+
+    def exactly() -> Sums:
+        return Sums.of(
+            part, white(), parameters, float(np.mean(factor)) * part.in_common(part.changing_white[kept])[:, -1]
+        )
 
     time_s = float(changes.time_s[number]) if number < BLOCKS - 1 else None
-    return Candidate(words, lambda: (white(),), time_s, exactly=lambda: Sums.of(part, white(), parameters))
+    return Candidate(words, lambda: (white(),), time_s, exactly=exactly)
 
 
 CHANGE = Change()

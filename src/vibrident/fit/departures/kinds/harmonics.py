@@ -13,7 +13,7 @@ from vibrident.base.amounts import plain
 from vibrident.base.warning_kinds import WarningCode
 from vibrident.data.records import FloatArray
 from vibrident.fit.departures.candidate import Candidate, Places
-from vibrident.fit.departures.departure import Departure, Scale
+from vibrident.fit.departures.departure import Scale, WithoutMotion
 from vibrident.fit.departures.part import Part
 from vibrident.fit.departures.score import Score
 from vibrident.physics.discretisation.inputs import USABLE_BAND
@@ -37,13 +37,12 @@ class Harmonic(Candidate):
         )
 
 
-class Harmonics(Departure):
+class Harmonics(WithoutMotion):
     """What the response has at multiples of the tone beyond what the motion has there, or lacks of it."""
 
     name: ClassVar[str] = "harmonics"
     code: ClassVar[WarningCode] = "nonlinear"
     pooled: ClassVar[bool] = False
-    linear: ClassVar[bool] = False
     joint: ClassVar[bool] = False
     of_light: ClassVar[bool] = True
 
