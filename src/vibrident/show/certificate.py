@@ -17,6 +17,7 @@ from vibrident.result import Result
 from vibrident.show import figures, tables, words
 from vibrident.show.coverage import coverage, interval_text, parameter_factor
 from vibrident.show.findings import findings
+from vibrident.show.formulas import Words
 from vibrident.show.history import date_of
 from vibrident.show.numbers import COVERAGE_FACTOR, NONE, plain, reference_unit, sensitivity_scale, sensor_name, with_u
 from vibrident.show.points import Point, measured_band, nominal_points, reference_point
@@ -247,24 +248,25 @@ def statements(result: Result) -> tuple[str, ...]:
     """Paragraphs on uncertainty, phase and adequacy."""
     covers = result.settings.get("uncertainty_covers")
     reference = result.settings.get("reference_standard_uncertainty")
-    parts = [
-        "U is the expanded uncertainty, U = k·u with the standard uncertainty u (GUM) and the coverage factor "
-        + coverage(result).text,
-        "It covers: " + str(covers) + "." if covers else "",
-        f"It includes the reference's relative standard uncertainty of {plain(100.0 * reference, 3)} %."
-        if reference
-        else "",
-    ]
+    uncertainty = (
+        "U is the expanded uncertainty, U = k·u with the standard uncertainty u (GUM) and the coverage factor",
+        coverage(result).text,
+        interval_text(result),
+    )
     verdict = (
         f"The model {'describes' if result.fit.adequate else 'does not describe'} the data within their uncertainties."
     )
-    parts.append(interval_text(result))
-    more = (tables.small_signals(result), *((tables.UNSTATED,) if _unstated(result) else ()))
-    return (
-        " ".join(part for part in parts if part),
+    parts = (
+        Words(" ".join(part for part in uncertainty if part)),
+        f"It covers: {covers}." if covers else "",
+        f"It includes the reference's relative standard uncertainty of {plain(100.0 * reference, 3)} %."
+        if reference
+        else "",
         " ".join((verdict, tables.worst(result.measured))).strip(),
-        *(part for part in more if part),
+        tables.small_signals(result),
+        tables.UNSTATED if _unstated(result) else "",
     )
+    return tuple(part for part in parts if part)
 
 
 def _unstated(result: Result) -> bool:

@@ -14,6 +14,7 @@ from vibrident.physics.naming import described, parameter_name
 from vibrident.result import Result
 from vibrident.show import axes, words
 from vibrident.show.curves import continuous, numbers, principal
+from vibrident.show.formulas import Words
 from vibrident.show.numbers import (
     COVERAGE_FACTOR,
     NONE,
@@ -30,7 +31,7 @@ from vibrident.use.comparison import normalized_error, not_comparable, shared_co
 
 MOST_COLUMNS = 5  # results in one table, including the first; more results need further tables
 _LEAST_FIXED = 1e-7  # differences smaller than this carry a power of ten
-EN = (
+EN = Words(
     "E_n = (value − first)/√(U² + U_first² − 2 k² cov) with the expanded uncertainties U, k = 2: |E_n| ≤ 1 says that "
     "the two agree within their uncertainties. The covariance is that of the stated sources which both share, such as "
     "the same reference. None is given for two evaluations of the same data, nor for different sensors."
@@ -171,8 +172,8 @@ def _at_nominal(first: Result, other: Result, names: tuple[str, str], reason: st
     values = [
         column for name in names for column in (Column(f"{name}: |S|", "number", scale.unit), Column("U", "number"))
     ]
-    heads = (Column("nominal", "number", "Hz"), *values, *columns("difference", "E_n", kind="number"))
-    heads += (Column("phase difference", "number", "°"), Column("E_n of phase", "number"))
+    heads = (Column("nominal", "number", "Hz"), *values, *columns("difference", Words("E_n"), kind="number"))
+    heads += (Column("phase difference", "number", "°"), Column(Words("E_n of phase"), "number"))
     table = Table(heads, tuple(rows), notes=("Values are those of each identified model.",))
     return table if any(row[-2] != NONE for row in rows) else table.select(tuple(range(len(heads) - 2)))
 
@@ -207,7 +208,7 @@ def _lines(row: ComparedQuantity, chunk: Sequence[int], reasons: Sequence[str]) 
     first = values[0]
     off = [difference(value, first, row) for value in values[1:]]
     en = [reasons[i] or error(value, first) for i, value in zip(chunk[1:], values[1:], strict=True)]
-    return [*lines, ("", "" if row.relative else unit, "difference", "", *off), ("", "", "E_n", "", *en)]
+    return [*lines, ("", "" if row.relative else unit, "difference", "", *off), ("", "", Words("E_n"), "", *en)]
 
 
 def printed_value(value: Value | None, factor: float) -> tuple[str, str]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from vibrident.base.tails import f_tail
 from vibrident.result import Result
+from vibrident.show.formulas import Words
 from vibrident.show.numbers import COVERAGE_FACTOR, plain
 
 _KEY = "effective_degrees_of_freedom"
@@ -22,8 +23,11 @@ class Coverage:
     probability: float  # of the interval value ± U
 
     @property
-    def text(self) -> str:
+    def text(self) -> Words:
         """All of it in a sentence."""
+        return Words(self._said())
+
+    def _said(self) -> str:
         percent = f"{100 * self.probability:.1f} %"
         if self.degrees_of_freedom is None:
             return f"k = {self.factor:g}: coverage probability {percent} for a normal distribution."
@@ -52,10 +56,11 @@ def parameter_factor(result: Result) -> float:
     return max(float(k), COVERAGE_FACTOR)
 
 
-def interval_text(result: Result) -> str:
+def interval_text(result: Result) -> Words:
     """Which k the parameters' U and intervals have, where that is not 2; else empty."""
     k = parameter_factor(result)
     if k == COVERAGE_FACTOR:
-        return ""
+        return Words()
     freedom = plain(coverage(result).degrees_of_freedom, 3)
-    return f"U and 95 % interval of the parameters are u times k = {plain(k, 3)} (Student's t with ν_eff = {freedom})."
+    said = f"U and 95 % interval of the parameters are u times k = {plain(k, 3)} (Student's t with ν_eff = {freedom})."
+    return Words(said)

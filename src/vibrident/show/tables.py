@@ -16,7 +16,7 @@ from vibrident.physics.naming import parameter_name
 from vibrident.result import MeasuredCurve, Parameter, Result
 from vibrident.show import words
 from vibrident.show.coverage import coverage, interval_text, parameter_factor
-from vibrident.show.formulas import symbol
+from vibrident.show.formulas import Words, symbol
 from vibrident.show.numbers import (
     COVERAGE_FACTOR,
     NONE,
@@ -118,7 +118,7 @@ def per_g(result: Result) -> str:
         k,
     )
     bar = f", U = {number.expanded} {number.unit} (k = {plain(k, 3)})" if u else ""
-    return f"Per standard gravity (g = {STANDARD_GRAVITY} m/s²): S_0 = {number.value} {number.unit}{bar}."
+    return f"Per standard gravity (g = {STANDARD_GRAVITY} m/s²) the sensitivity is {number.value} {number.unit}{bar}."
 
 
 def correlation(result: Result) -> Table | None:
@@ -192,21 +192,20 @@ def measured(result: Result, most_rows: int = MOST_ROWS) -> Table | None:
         )
         rows.append(row)
     heads = [("frequency", "Hz"), ("nominal", "Hz"), ("magnitude", scale.unit), ("U", scale.unit)]
-    heads += [("noise", scale.unit), ("deviation", ""), ("E_n", ""), ("phase", "°"), ("U", "°"), ("noise", "°")]
-    heads += [("deviation", "°"), ("E_n of phase", "")]
+    heads += [("noise", scale.unit), ("deviation", ""), (Words("E_n"), ""), ("phase", "°"), ("U", "°"), ("noise", "°")]
+    heads += [("deviation", "°"), (Words("E_n of phase"), "")]
     thinned = f" Every {step}th of {total} points is listed." if step > 1 else ""
     lead = f"Deviation is model − measured, of the magnitude relative to the measured one; U with k = 2.{thinned}"
-    lead += f" {_APART}" if apart else ""
     return Table(
         (*(Column(title, "number", unit) for title, unit in heads), Column("record")),
         tuple(rows),
-        tuple(text for text in (lead, worst(points)) if text),
+        tuple(text for text in (lead, worst(points), _APART if apart else "") if text),
         (*((words.PHASE,) if phases else ()), *((UNSTATED,) if np.isnan(points.magnitude_uncertainty).any() else ())),
     ).telling()
 
 
 UNSTATED = f"{NONE} in the place of an uncertainty: not stated, the data do not tell it."
-_APART = (
+_APART = Words(
     "U is of noise and stated systematic effects together, noise the U of the point's noise alone. E_n is the "
     "deviation over its own U, which is not that of the point: the model follows what is common to all points."
 )
@@ -295,7 +294,9 @@ def _leaves(value: Any, name: str) -> Iterator[tuple[str, Any]]:
 
 
 def _spoken(key: Any) -> str:
-    return str(key).replace("_", " ")
+    """A key of the settings in words; a name of others, such as a file's, as it is."""
+    name = str(key)
+    return name.replace("_", " ") if name.isidentifier() and name.islower() else name
 
 
 def _listed(title: str, rows: list[Mapping[str, Any]]) -> Table:

@@ -7,6 +7,7 @@ from typing import Any
 
 from vibrident.base.amounts import Scale, scaled
 from vibrident.physics.naming import in_words
+from vibrident.show.formulas import Words
 from vibrident.show.numbers import NONE, frequency_text, pair, plain
 from vibrident.show.views import Column, Facts, Sentence, Table, columns
 from vibrident.use.comparison import COVERAGE_FACTOR as K
@@ -54,13 +55,15 @@ def calibrations(document: Document) -> Table:
         Column("id", "number"),
         Column("date"),
         Column("value", "number", scale.printed),
-        *columns("U", "series", "E_n", "ordinary E_n", kind="number"),
+        *columns("U", "series", Words("E_n"), Words("ordinary E_n"), kind="number"),
         *columns("left out", "standing", "warnings"),
     )
     notes = (
-        "U has k = 2. E_n is to the calibration before, with U of the difference: what both share (the same reference, "
-        "the same stated source) is no part of it. Ordinary E_n takes them as independent, and is too small where they "
-        "are not. |E_n| > 1 is a change that the uncertainties do not explain.",
+        Words(
+            "U has k = 2. E_n is to the calibration before, with U of the difference: what both share (the same "
+            "reference, the same stated source) is no part of it. Ordinary E_n takes them as independent, and is too "
+            "small where they are not. |E_n| > 1 is a change that the uncertainties do not explain."
+        ),
     )
     return Table(heads, tuple(rows), notes=notes).telling()
 

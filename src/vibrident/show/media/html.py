@@ -64,7 +64,7 @@ def _template() -> Any:
         """All that is printed passes here: text of others becomes text, our formulas are set."""
         if isinstance(value, Markup):
             return value
-        return Markup(typeset(escaped(value), lambda base, small, kind: f"{base}<{kind}>{small}</{kind}>"))
+        return Markup(typeset(value, escaped, lambda base, small, kind: f"{base}<{kind}>{small}</{kind}>"))
 
     loader = jinja2.FileSystemLoader(_TEMPLATES)
     environment = jinja2.Environment(loader=loader, autoescape=True, finalize=text, undefined=jinja2.StrictUndefined)
