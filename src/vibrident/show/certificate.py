@@ -15,7 +15,7 @@ from vibrident.base.amounts import pretty
 from vibrident.base.nominal import same
 from vibrident.result import Result
 from vibrident.show import figures, tables, words
-from vibrident.show.coverage import coverage, interval_text, parameter_factor
+from vibrident.show.coverage import coverage, interval_text, parameter_factor, scatter_only, unstated
 from vibrident.show.findings import findings
 from vibrident.show.formulas import Words
 from vibrident.show.history import date_of
@@ -72,8 +72,14 @@ def certificate(result: Result) -> Document:
         section("signatures", "", Signatures(signatures(result))),
     ]
     return replace(
-        document("Calibration certificate", (Beside(groups(result)),), sections), letterhead=letterhead(result)
+        document(title(result), (*scatter_only(result), Beside(groups(result))), sections),
+        letterhead=letterhead(result),
     )
+
+
+def title(result: Result) -> str:
+    """What the document is: a certificate states an uncertainty of the sensor, not of the scatter alone."""
+    return "Measurement report" if unstated(result) else "Calibration certificate"
 
 
 def letterhead(result: Result) -> Letterhead:

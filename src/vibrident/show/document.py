@@ -8,7 +8,7 @@ from vibrident.physics.naming import parameter_name
 from vibrident.result import Result
 from vibrident.show import certificate, figures, tables
 from vibrident.show.comparison import beside, comparison_tables
-from vibrident.show.coverage import parameter_factor
+from vibrident.show.coverage import parameter_factor, scatter_only
 from vibrident.show.findings import findings
 from vibrident.show.history import drift, drift_table, histories
 from vibrident.show.numbers import NONE, plain, sensor_name, stated
@@ -49,7 +49,11 @@ def report(result: Result, more: Sequence[Section] = ()) -> Document:
         section("interferometer", "Interferometer", light(result)),
         section("correlation", "Correlation of the estimated parameters", tables.correlation(result)),
         section("training", "Training", *_training(result)),
-        *([section("certificate", "Certificate", *_certificate(result))] if result.certificate else []),
+        *(
+            [section("certificate", "Statements of the laboratory", *_certificate(result))]
+            if result.certificate
+            else []
+        ),
         *more,
         section("settings", "Settings", *_settings(result)),
         section("provenance", "Provenance", *_provenance(result)),
@@ -74,7 +78,7 @@ def comparison(results: Sequence[Result], names: Sequence[str]) -> Document:
 
 def head(result: Result) -> tuple[Block, ...]:
     """The verdict, what was calibrated and how, and the numbers that most readers look for."""
-    return (verdict(result), Facts(tables.facts(result)), cards(result))
+    return (verdict(result), *scatter_only(result), Facts(tables.facts(result)), cards(result))
 
 
 def verdict(result: Result) -> Sentence:

@@ -11,6 +11,7 @@ from vibrident.physics.naming import parameter_name
 from vibrident.result import Curve, MeasuredCurve, Parameter, Result
 from vibrident.result.sensor import IdentifiedSensor
 from vibrident.show import terminal
+from vibrident.show.coverage import scatter_only
 from vibrident.show.figures import PICTURES
 from vibrident.show.findings import told
 from vibrident.show.media import html
@@ -24,7 +25,8 @@ POINTS = 200  # of a sensor's curve
 def result(shown: Result) -> str:
     """Parameters with their uncertainties, the verdict, warnings and findings, and the sensitivity over frequency."""
     curve = PICTURES["sensitivity"](shown)
-    blocks: list[Block] = [terminal.parameter_table(shown), terminal.fit_line(shown), *told(shown)]
+    said = (terminal.fit_line(shown), *scatter_only(shown), *told(shown))
+    blocks: list[Block] = [terminal.parameter_table(shown), *said]
     return html.fragment(*blocks, *([] if curve is None else [curve]))
 
 

@@ -23,11 +23,12 @@ from vibrident.data.io.guess import Columns, guess_columns
 from vibrident.data.io.readers import open_columns
 from vibrident.fit.measure.motion import kind_of_motion
 from vibrident.result import Result
-from vibrident.show import document, figures, tables
+from vibrident.show import certificate, document, figures, tables
 from vibrident.show.comparison import beside, comparison_tables
+from vibrident.show.coverage import scatter_only
 from vibrident.show.findings import told
 from vibrident.show.media import charts, html
-from vibrident.show.report import content
+from vibrident.show.report import content, file_name
 from vibrident.show.views import Figure, count
 
 #: Most files whose motion is examined, spread over all of them.
@@ -158,7 +159,8 @@ def outcome(path: Path) -> dict[str, Any]:
     shown, left = _fitting(named, MOST_BYTES)
     signals, left = _fitting(_charts(figures.signals(result)), left)
     return {
-        "verdict": html.fragment(document.verdict(result)),
+        "verdict": html.fragment(document.verdict(result), *scatter_only(result)),
+        "pdf": (certificate.title(result), file_name(result, "pdf")),
         "parameters": html.fragment(tables.parameters(result)),
         "warnings": html.fragment(*told(result)),
         "charts": shown,
