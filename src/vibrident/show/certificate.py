@@ -19,7 +19,16 @@ from vibrident.show.coverage import coverage, interval_text, parameter_factor, s
 from vibrident.show.findings import findings
 from vibrident.show.formulas import Words
 from vibrident.show.history import date_of
-from vibrident.show.numbers import COVERAGE_FACTOR, NONE, plain, reference_unit, sensitivity_scale, sensor_name, with_u
+from vibrident.show.numbers import (
+    COVERAGE_FACTOR,
+    NONE,
+    plain,
+    printed,
+    reference_unit,
+    sensitivity_scale,
+    sensor_name,
+    with_u,
+)
 from vibrident.show.points import Point, measured_band, nominal_points, reference_point
 from vibrident.show.views import (
     Beside,
@@ -166,7 +175,9 @@ def _ambient(stated: Mapping[str, Any], name: str, suffix: str, unit: str) -> st
     value, expanded = stated.get(f"{name}_{suffix}"), stated.get(f"{name}_uncertainty_{suffix}")
     if value is None:
         return None
-    return f"{value:.12g} {unit}" + (f" (U = {expanded:.12g} {unit}, k = 2)" if expanded is not None else "")
+    return f"{printed(f'{value:.12g}')} {unit}" + (
+        f" (U = {expanded:.12g} {unit}, k = 2)" if expanded is not None else ""
+    )
 
 
 def _band(result: Result) -> str:

@@ -22,8 +22,12 @@ from vibrident.show.numbers import (
     percent,
     plain,
     reference_unit,
+    rounded,
     sensitivity_scale,
     sensor_name,
+    signed,
+    unit_of_sensitivity,
+    with_sign,
 )
 from vibrident.show.points import Point, nominal_points, reference_point, sensitivity_at
 from vibrident.show.views import LINES, Column, Figure, Panel, Series, Stack, Table, columns
@@ -83,9 +87,15 @@ def quantities(results: Sequence[Result]) -> list[ComparedQuantity]:
         ]
         known = [abs(value.value) for value in values if value is not None and value.value]
         if sum(value is not None for value in values) > 1:
-            scale, relative = scaled(unit, known[0] if known else 0.0), getattr(described(key), "kind", "") != "time"
+            scale, relative = _scale(results[0], unit, known), getattr(described(key), "kind", "") != "time"
             found.append(ComparedQuantity(parameter_name(key).words, scale, tuple(values), relative))
     return found
+
+
+def _scale(first: Result, unit: str, known: Sequence[float]) -> Scale:
+    if pretty(unit) == pretty(unit_of_sensitivity(first)):
+        return sensitivity_scale(first)
+    return scaled(unit, known[0] if known else 0.0)
 
 
 def _sensitivity_kind(result: Result) -> tuple[str, str]:
@@ -228,9 +238,8 @@ def difference(value: Value | None, base: Value, row: ComparedQuantity) -> str:
     joint = _joint(value, base, abs(factor))
     if relative and not joint:
         return percent(off * factor)
-    text = _fixed_point(pair(off * factor, joint)[0])
-    signed = text if text.startswith("-") or not text.strip("0.") else f"+{text}"
-    return f"{signed} %" if relative else signed
+    text = with_sign(_fixed_point(rounded(off * factor, joint)[0]))
+    return f"{text} %" if relative else text
 
 
 def _fixed_point(text: str) -> str:
@@ -253,7 +262,7 @@ def error(value: Value | None, base: Value) -> str:
         return NONE
     both = shared_covariance(value.shared, base.shared)
     en = normalized_error(value.value, value.expanded, base.value, base.expanded, both)
-    return NONE if en is None else f"{en:+.2f}".replace("-0.00", "+0.00")
+    return NONE if en is None else signed(en, 2)
 
 
 def beside(results: Sequence[Result], names: Sequence[str]) -> Figure | None:

@@ -11,7 +11,7 @@ from vibrident.show.comparison import beside, comparison_tables
 from vibrident.show.coverage import parameter_factor, scatter_only
 from vibrident.show.findings import findings
 from vibrident.show.history import drift, drift_table, histories
-from vibrident.show.numbers import NONE, plain, sensor_name, stated
+from vibrident.show.numbers import NONE, parameter_scale, plain, sensor_name, stated
 from vibrident.show.residual_tests import residual_tests
 from vibrident.show.setting_tables import budget, light
 from vibrident.show.views import (
@@ -99,7 +99,7 @@ def cards(result: Result) -> Cards:
     k = parameter_factor(result)
     for name, parameter in result.parameters.items():
         if not parameter.derived:
-            number = stated(parameter, k)
+            number = stated(parameter, k, parameter_scale(result, parameter))
             value = f"{number.value} {number.unit}".strip()
             bar = "" if number.expanded == NONE else f", U = {number.expanded} {number.unit}".rstrip()
             found.append((parameter_name(name).words, f"{value}{bar}{f' (k = {plain(k, 3)})' if bar else ''}"))

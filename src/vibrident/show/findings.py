@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
-from vibrident.base.amounts import plain
 from vibrident.physics.naming import in_words
 from vibrident.result import Finding, Result
+from vibrident.show.numbers import plain
 from vibrident.show.tables import doubts
 from vibrident.show.views import Block, Column, Folded, Section, Sentence, Table, count, section
 
@@ -64,7 +64,7 @@ def table(result: Result) -> Table | None:
     rows = []
     for finding in result.findings[:MOST_ROWS]:
         time = "" if finding.time_s is None else plain(finding.time_s, 4)
-        chance = f"<{_LEAST:g}" if finding.probability < _LEAST else plain(finding.probability, 1)
+        chance = f"<{plain(_LEAST)}" if finding.probability < _LEAST else plain(finding.probability, 1)
         rows.append((_what(finding), finding.record or "all", time, chance, _moved(result, finding)))
     heads = (Column("what"), Column("record"), Column("time", "number", "s"), Column("probability", "number"))
     left = len(result.findings) - len(rows)

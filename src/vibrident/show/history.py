@@ -13,7 +13,7 @@ from vibrident.show import axes
 from vibrident.show.comparison import ComparedQuantity, Value, difference, error, printed_value, quantities
 from vibrident.show.curves import numbers
 from vibrident.show.formulas import Words
-from vibrident.show.numbers import NONE, sensor_name
+from vibrident.show.numbers import NONE, sensor_name, with_sign
 from vibrident.show.views import GREY, MEASURED, Figure, FloatArray, Look, Panel, Series, Stack, Table, columns
 from vibrident.use.comparison import not_comparable
 
@@ -75,7 +75,9 @@ def drift(history: History, name: str) -> Figure:
     panels = []
     for quantity in history.quantities:
         change, half, unit = changes(quantity)
-        texts = tuple(f"{label}: {value:+.3g} {unit}" for label, value in zip(history.labels, change, strict=True))
+        texts = tuple(
+            f"{label}: {with_sign(f'{value:.3g}')} {unit}" for label, value in zip(history.labels, change, strict=True)
+        )
         bars = half if np.isfinite(half).any() else None
         series = (
             Series(days, change, "", Look(GREY, "dotted", 1.0)),

@@ -15,7 +15,7 @@ from vibrident.show.coverage import scatter_only
 from vibrident.show.figures import PICTURES
 from vibrident.show.findings import told
 from vibrident.show.media import html
-from vibrident.show.numbers import sensitivity_unit, stated
+from vibrident.show.numbers import magnitude_scale, sensitivity_unit, stated
 from vibrident.show.response_figures import response_panels
 from vibrident.show.views import Block, Column, Figure, K, Sentence, Stack, Table, columns
 
@@ -42,7 +42,9 @@ def sensor(shown: IdentifiedSensor) -> str:
     blocks: list[Block] = [Sentence(f"Identified sensor, model {shown.model.name}."), Table(heads, tuple(rows))]
     if shown.band_hz is not None and shown.band_hz[0] < shown.band_hz[1]:
         unit = sensitivity_unit(shown.response_unit, shown.input_unit)
-        panels = response_panels(_curve(shown, shown.band_hz), MeasuredCurve.none(), unit, shown.quantity, "")
+        curve = _curve(shown, shown.band_hz)
+        scale = magnitude_scale(unit, curve.magnitude)
+        panels = response_panels(curve, MeasuredCurve.none(), scale, shown.quantity, "")
         blocks.append(Figure("sensor", "Sensitivity", (Stack(panels),)))
     return html.fragment(*blocks)
 

@@ -6,10 +6,20 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from vibrident.base.amounts import Scale
 from vibrident.result import Curve, Result
 from vibrident.show import axes, words
 from vibrident.show.curves import bars_of_deviation, column, continuous, expanded, nearest_turn, principal, spread
-from vibrident.show.numbers import at, magnitude_scale, shortened, subject, unit_of_sensitivity, with_u
+from vibrident.show.numbers import (
+    NONE,
+    at,
+    rounded,
+    sensitivity_scale,
+    shortened,
+    subject,
+    with_sign,
+    with_u,
+)
 from vibrident.show.views import (
     BLACK,
     BLUE,
@@ -33,7 +43,7 @@ def sensitivity(result: Result) -> Figure | None:
     """Magnitude and phase of the model and of the measured points, both with U (k = 2)."""
     if not result.has_gain and not result.measured.frequency_hz.size:
         return None
-    panels = response_panels(result.response, result.measured, unit_of_sensitivity(result), result.quantity, "measured")
+    panels = response_panels(result.response, result.measured, sensitivity_scale(result), result.quantity, "measured")
     codes = ", ".join(code.replace("_", " ") for code in result.warning_codes)
     return Figure(
         "sensitivity",
@@ -61,19 +71,18 @@ def _any(values: FloatArray) -> bool:
     return bool(np.isfinite(values).any())
 
 
-def response_panels(model: Curve | None, measured: Curve, unit: str, quantity: str, label: str) -> tuple[Panel, ...]:
+def response_panels(model: Curve | None, measured: Curve, scale: Scale, quantity: str, label: str) -> tuple[Panel, ...]:
     """Magnitude and, where there is any, phase.
 
     Args:
         model: drawn as a line with its band; None leaves it out.
         measured: drawn as points with bars.
-        unit: of the magnitudes.
+        scale: unit in which the magnitudes are drawn, and the factor to it.
         quantity: of the reference.
         label: what the points are called.
     """
     curves = [curve for curve in (model, measured) if curve is not None]
     x = axes.frequency(np.concatenate([curve.frequency_hz for curve in curves]))
-    scale = magnitude_scale(unit, np.concatenate([curve.magnitude for curve in curves]))
     word = _PER_DRIVE.get(quantity, f"Sensitivity to {quantity}" if quantity else "Sensitivity")
     name = f"{word}\nin {scale.unit}"
     series = _quantity(model, measured, "magnitude", scale.factor, scale.unit, label)
@@ -140,6 +149,12 @@ def _stated(frequency: float, value: float, half: float, unit: str) -> str:
     return f"{frequency:.6g} Hz: {text}{f' ± {bar}' if np.isfinite(half) else ''} {unit}"
 
 
+def _deviated(value: float, half: float) -> str:
+    if not np.isfinite(value):
+        return NONE
+    return with_sign(rounded(value, half)[0] if half > 0 else f"{value:.3g}")
+
+
 def _records(measured: Curve) -> tuple[str, ...]:
     names = getattr(measured, "record", ())
     order = np.argsort(measured.frequency_hz, kind="stable")
@@ -182,7 +197,7 @@ def _deviation(result: Result, word: str, unit: str, values: FloatArray, half: F
     label = "model − measured" if crowd or not np.isfinite(bars).any() else "model − measured, U (k = 2)"
     look = Look(ORANGE if crowd else VERMILION, marker="." if crowd else "o")
     drawn = None if crowd or not np.isfinite(bars).any() else bars
-    texts = tuple(f"{f:.6g} Hz: {value:+.3g} {unit}" for f, value in zip(x, y, strict=True))
+    texts = tuple(f"{f:.6g} Hz: {_deviated(value, bar)} {unit}" for f, value, bar in zip(x, y, bars, strict=True))
     series.append(Series(x, y, label, look, "points", drawn, texts=texts, names=_records(measured)))
     if crowd and np.isfinite(bars).any():
         few = spread(len(x), 4 * CROWD)

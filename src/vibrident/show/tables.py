@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -22,14 +21,18 @@ from vibrident.show.numbers import (
     NONE,
     at,
     fit_unit,
-    magnitude_scale,
     nominal_frequency,
+    parameter_scale,
     percent,
     plain,
+    printed,
     reference_unit,
+    rounded,
+    sensitivity_scale,
+    signed,
     stated,
     uncertainty,
-    unit_of_sensitivity,
+    with_sign,
     with_u,
 )
 from vibrident.show.views import Column, Doubt, Facts, Table, columns, count
@@ -72,7 +75,7 @@ def parameters(result: Result) -> Table:
     """Value, u, k, U, unit and interval of each parameter, derived ones last."""
     rows, k = [], parameter_factor(result)
     for name, parameter in sorted(result.parameters.items(), key=lambda item: item[1].derived):
-        number = stated(parameter, k)
+        number = stated(parameter, k, parameter_scale(result, parameter))
         full = parameter_name(name)
         known = parameter.standard_uncertainty is not None
         rows.append(
@@ -130,7 +133,7 @@ def correlation(result: Result) -> Table | None:
     rows = tuple(
         (
             parameter_name(name).words,
-            *(NONE if value is None or not math.isfinite(value) else f"{value:+.3f}" for value in row),
+            *(signed(value, 3) for value in row),
         )
         for name, row in zip(names, result.correlation.matrix, strict=False)
     )
@@ -140,12 +143,12 @@ def correlation(result: Result) -> Table | None:
 def fit(result: Result) -> Table:
     """Every metric with its unit and definition."""
     unit = fit_unit(result)
+    scale = scaled(unit, result.fit.rmse or 0.0)  # one for all of its metrics
     rows = []
     for field, metric in words.METRICS.items():
         value = getattr(result.fit, field)
         power = metric.in_response_unit
         if power == 1 and value:
-            scale = scaled(unit, value)
             text, label = plain(value * scale.factor, 4), scale.unit
         else:
             text = plain(value, 6 if field == "r2" else 4)
@@ -166,7 +169,7 @@ def measured(result: Result, most_rows: int = MOST_ROWS) -> Table | None:
     total = len(points.frequency_hz)
     if total == 0:
         return None
-    scale = magnitude_scale(unit_of_sensitivity(result), points.magnitude)
+    scale = sensitivity_scale(result)
     phases = bool(np.isfinite(points.phase_deg).any())
     apart = bool(np.isfinite(points.magnitude_noise).any())
     step = max(1, -(-total // most_rows))
@@ -177,7 +180,7 @@ def measured(result: Result, most_rows: int = MOST_ROWS) -> Table | None:
         phase = (
             *with_u(at(points.phase_deg, i), at(points.phase_deg_uncertainty, i), 1.0),
             _expanded(at(points.phase_deg_noise, i), 1.0) * apart,
-            NONE if shift is None else f"{shift:+.3f}",
+            _turned(shift, at(points.deviation_phase_uncertainty_deg, i)),
             _en(shift, at(points.deviation_phase_uncertainty_deg, i)) * apart,
         )
         row = (
@@ -185,7 +188,7 @@ def measured(result: Result, most_rows: int = MOST_ROWS) -> Table | None:
             nominal_frequency(points.frequency_hz[i]) or "",
             *with_u(at(points.magnitude, i), at(points.magnitude_uncertainty, i), scale.factor),
             _expanded(at(points.magnitude_noise, i), scale.factor) * apart,
-            percent(at(points.deviation_percent, i)),
+            percent(at(points.deviation_percent, i), _twice(at(points.deviation_uncertainty_percent, i))),
             _en(at(points.deviation_percent, i), at(points.deviation_uncertainty_percent, i)) * apart,
             *(text * phases for text in phase),
             at(points.record, i) or "",
@@ -216,7 +219,18 @@ def _expanded(u: float | None, factor: float) -> str:
 
 
 def _en(deviation: float | None, u: float | None) -> str:
-    return NONE if deviation is None or not u else f"{deviation / (COVERAGE_FACTOR * u):+.2f}"
+    return NONE if deviation is None or not u else signed(deviation / (COVERAGE_FACTOR * u), 2)
+
+
+def _twice(u: float | None) -> float | None:
+    return None if u is None else COVERAGE_FACTOR * u
+
+
+def _turned(deviation_deg: float | None, u_deg: float | None) -> str:
+    """A deviation of the phase: to the place of its U, else three places."""
+    if deviation_deg is None or not u_deg:
+        return signed(deviation_deg, 3)
+    return with_sign(rounded(deviation_deg, _twice(u_deg))[0])
 
 
 def worst(points: MeasuredCurve) -> str:
@@ -263,6 +277,8 @@ def leaf(value: Any) -> str:
         return NONE
     if isinstance(value, bool):
         return "yes" if value else "no"
+    if isinstance(value, int):
+        return printed(str(value))
     return plain(value) if isinstance(value, float) else str(value)
 
 

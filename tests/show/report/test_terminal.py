@@ -62,7 +62,7 @@ def test_compare(width):
     lsm = replace(lsm, model="accelerometer+delay", parameters={**lsm.parameters, "sensitivity": lower}, settings={})
     text = printed(shown(*compared([table2(), lsm])), width)
     assert "104.04(11)" in text
-    assert "-1.0 %" in text
+    assert "−1.0 %" in text
     assert "deviation from ipnn" in text
     assert "0.84" in text  # time of the one that states it
     truth = {"sensitivity": S0, "delay": 0.0}
