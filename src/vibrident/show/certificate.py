@@ -43,6 +43,7 @@ from vibrident.show.views import (
     columns,
     count,
     document,
+    listed,
     section,
 )
 
@@ -311,5 +312,6 @@ def _files(result: Result) -> Table | None:
     entries = [entry for entry in result.provenance.get("files") or () if isinstance(entry, Mapping)]
     known = [entry for entry in entries if entry.get("file") or entry.get("sha256")]
     rows = tuple((str(entry.get("file") or NONE), str(entry.get("sha256") or NONE)) for entry in known)
-    more = (f"and {len(rows) - MOST_FILES} more, listed in result.json",) if len(rows) > MOST_FILES else ()
-    return Table(columns("Data file", "SHA-256"), rows[:MOST_FILES], notes=more) if rows else None
+    kept = listed(len(rows), MOST_FILES)
+    more = (f"and {len(rows) - kept} more, listed in result.json",) if len(rows) > kept else ()
+    return Table(columns("Data file", "SHA-256"), rows[:kept], notes=more) if rows else None

@@ -28,6 +28,7 @@ from vibrident.show.views import (
     columns,
     count,
     document,
+    listed,
     section,
 )
 
@@ -155,9 +156,10 @@ def _provenance(result: Result) -> tuple[Block, ...]:
     """Versions and times, and the files in a table of their own."""
     files = [entry for entry in result.provenance.get("files") or () if isinstance(entry, Mapping)]
     others = {key: value for key, value in result.provenance.items() if key != "files" or not files}
-    more = (f"and {len(files) - MOST_FILES} more, listed in result.json",) if len(files) > MOST_FILES else ()
-    told = [(str(f.get("file") or NONE), str(f.get("sha256") or NONE)) for f in files[:MOST_FILES]]
-    steps = ["; ".join(map(str, entry.get("history") or ())) for entry in files[:MOST_FILES]]
+    kept = listed(len(files), MOST_FILES)
+    more = (f"and {len(files) - kept} more, listed in result.json",) if len(files) > kept else ()
+    told = [(str(f.get("file") or NONE), str(f.get("sha256") or NONE)) for f in files[:kept]]
+    steps = ["; ".join(map(str, entry.get("history") or ())) for entry in files[:kept]]
     alike = len(steps) > 1 and len(set(steps)) == 1 and steps[0] != ""
     rows = tuple((*names, "" if alike else history) for names, history in zip(told, steps, strict=True))
     notes = (*more, *((f"History of each: {steps[0]}.",) if alike else ()))

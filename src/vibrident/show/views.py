@@ -303,6 +303,11 @@ def document(title: str, head: tuple[Block, ...], sections: list[Section]) -> Do
     return Document(title, head, tuple(part for part in sections if part.blocks))
 
 
+def listed(length: int, most: int) -> int:
+    """How many of a list's entries to show: all, or ``most`` where that leaves out more than one."""
+    return length if length <= most + 1 else most
+
+
 def count(number: int, thing: str) -> str:
     """``1 point``, ``2 points``."""
     return f"{number} {thing}{'' if number == 1 else 's'}"

@@ -17,6 +17,7 @@ from vibrident.app.web.session import KNOWN, MEGABYTE, MOST_FILES, safe_name, to
 from vibrident.app.web.users import User
 from vibrident.app.web.worker import simulate_demo
 from vibrident.base.errors import InputError
+from vibrident.show import views
 from vibrident.show.views import count
 
 #: Most files listed one by one, each with a button to remove it.
@@ -206,7 +207,7 @@ class DataStep:
         names = self.user.session.names
         number = count(len(names), "file")
         self.named.clear()
-        if len(names) > _MOST_NAMED:
+        if len(names) > views.listed(len(names), _MOST_NAMED):
             self.listing.text = f"{number}: {frame.listed(names)}"
         else:
             self.listing.text = f"{number}:" if names else "No data yet."

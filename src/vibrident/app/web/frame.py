@@ -15,6 +15,7 @@ from vibrident.app.web.session import Session
 from vibrident.app.web.users import User
 from vibrident.base.errors import InputError, VibridentError
 from vibrident.base.process import WorkerError
+from vibrident.show import views
 
 #: Naming it makes its library available to the browser.
 _PLOTLY = ui.plotly
@@ -65,8 +66,8 @@ def show_left_out(place: ui.element, left_out: Mapping[str, Sequence[str]]) -> N
 
 def listed(names: Sequence[str]) -> str:
     """Some names, and the number of the others."""
-    more = len(names) - _MOST_NAMES
-    return ", ".join(names[:_MOST_NAMES]) + (f" and {more} more" if more > 0 else "")
+    kept = views.listed(len(names), _MOST_NAMES)
+    return ", ".join(names[:kept]) + (f" and {len(names) - kept} more" if len(names) > kept else "")
 
 
 def step(number: int, title: str, name: str) -> ui.element:
