@@ -11,7 +11,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from tests.support.serving import choose, field, simulated, upload
+from tests.support.serving import VIBRIDENT, choose, field, serving, simulated, upload
 
 WAIT_MS = 120_000
 ROWS = "time,reference,response\n" + "".join(f"{i / 100},{i % 7},{i % 5}\n" for i in range(50))
@@ -139,6 +139,30 @@ def test_a_reload_asks_and_loses_nothing_even_while_it_identifies(visit, picture
     other.goto(server.address)
     other.get_by_text("No data yet.").wait_for()
     other.close()
+
+
+def test_after_the_server_died_the_page_says_what_is_lost(browser, picture, tmp_path):
+    (tmp_path / "a.csv").write_text(ROWS)
+    command = (*VIBRIDENT, "serve", "--port")
+    context = browser.new_context()
+    page = context.new_page()
+    for folder in ("one", "other"):
+        (tmp_path / folder).mkdir()
+    with serving(tmp_path / "one", *command, "0") as first:
+        port = first.address.rstrip("/").rpartition(":")[2]
+        page.goto(first.address)
+        page.get_by_role("heading", name="Data").wait_for()
+        assert page.locator("#gone").count() == 0
+        upload(page, tmp_path / "a.csv")
+        page.locator("#confirm").wait_for(timeout=WAIT_MS)
+    with serving(tmp_path / "other", *command, port):
+        page.locator("#gone").wait_for(timeout=WAIT_MS)
+        page.get_by_text("No data yet.").wait_for(timeout=WAIT_MS)
+        assert page.locator("#gone").is_visible()
+        picture(page, "gone")
+        upload(page, tmp_path / "a.csv")
+        page.locator("#confirm").wait_for(timeout=WAIT_MS)
+    context.close()
 
 
 @pytest.mark.slow

@@ -5,13 +5,6 @@ window.vibrident = {
     this.holds = now;
     if (now) sessionStorage.vibridentHeld = 'yes'; else sessionStorage.removeItem('vibridentHeld');
   },
-  back(empty) {
-    if (!empty || sessionStorage.vibridentHeld !== 'yes') return;
-    const note = document.createElement('div');
-    note.className = 'warning'; note.id = 'gone'; note.setAttribute('role', 'alert');
-    note.textContent = 'The state of this page was removed: the server keeps it for an hour, while it runs and has room.';
-    document.getElementById('main').prepend(note);
-  },
   go(name) {
     const calm = matchMedia('(prefers-reduced-motion: reduce)').matches;
     document.getElementById(name)?.scrollIntoView({ behavior: calm ? 'auto' : 'smooth', block: 'start' });
