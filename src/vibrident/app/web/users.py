@@ -229,7 +229,7 @@ class User:
         """End running processes, remove the files."""
         self.worker.cancel()
         self.session.close()
-        self.results, self.form, self.confirmed = [], None, None
+        self.results, self.form, self.confirmed, self.notice = [], None, None, ""
 
 
 class Users:
