@@ -111,7 +111,7 @@ class Text:
 
     def __init__(self, name: str, text: str = "") -> None:
         with ui.element("div").classes("code w-full").props(f"id={name}"):
-            self._label = ui.label(text).classes("plain")
+            self._label = ui.label(text).classes("plain").props(f'tabindex=0 role=region aria-label="{name}"')
             copy = f"() => navigator.clipboard.writeText(document.querySelector('#{name} .plain').textContent)"
             button = ui.button(icon="content_copy").props('round flat size=sm aria-label="Copy"').classes("copy")
             button.on("click", js_handler=copy)

@@ -181,7 +181,7 @@ class History:
         with self.body:
             for _, figure, height in shown["charts"]:
                 frame.Chart(figure, height)
-            ui.html(f'<div class="scroll">{shown["tables"]}</div>', sanitize=False)
+            ui.html(shown["tables"], sanitize=False)
 
 
 async def give(user: User, errors: ui.element, name: str, function: Any, *args: Any) -> None:

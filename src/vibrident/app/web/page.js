@@ -32,6 +32,13 @@ window.vibrident = {
   },
   folders(id) {
     const box = getElement(id), root = getHtmlElement(id), picker = document.createElement('input');
+    const name = () => {
+      root.querySelector('.q-uploader__header a.q-btn')?.setAttribute('aria-label', 'Choose files');
+      root.querySelector('input[type=file]')?.setAttribute('aria-label', 'Files');
+    };
+    new MutationObserver(name).observe(root, { childList: true, subtree: true });
+    name();
+    picker.setAttribute('aria-label', 'Folder');
     const add = files => box.$refs.qRef.addFiles([...files].filter(f => !f.name.startsWith('.')));
     const all = async reader => {
       const found = [];

@@ -29,7 +29,7 @@ async def page(users: Users) -> None:
     ui.html('<a class="skip" href="#main">To the content</a>', sanitize=False)
     with ui.element("header").classes("top"):
         ui.html("<h1>vibrident</h1><p>From calibration records to a sensor's dynamic model</p>", sanitize=False)
-    main = ui.element("main").classes("steps").props("id=main")
+    main = ui.element("div").classes("steps").props("id=main")  # within the main of NiceGUI
     client = ui.context.client
     await client.connected()
     if client.is_deleted:
