@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from vibrident.base.amounts import Scale
-from vibrident.result import Curve, Result
+from vibrident.result import Curve, MeasuredCurve, Result
 from vibrident.show import axes, words
 from vibrident.show.curves import bars_of_deviation, column, continuous, expanded, nearest_turn, principal, spread
 from vibrident.show.numbers import (
@@ -17,6 +17,7 @@ from vibrident.show.numbers import (
     sensitivity_scale,
     shortened,
     subject,
+    uncertainty,
     with_sign,
     with_u,
 )
@@ -149,6 +150,11 @@ def _stated(frequency: float, value: float, half: float, unit: str) -> str:
     return f"{frequency:.6g} Hz: {text}{f' ± {bar}' if np.isfinite(half) else ''} {unit}"
 
 
+def _span(values: FloatArray) -> str:
+    low, high = (uncertainty(float(end)) for end in (np.nanmin(values), np.nanmax(values)))
+    return low if low == high else f"{low} to {high}"
+
+
 def _deviated(value: float, half: float) -> str:
     if not np.isfinite(value):
         return NONE
@@ -162,7 +168,11 @@ def _records(measured: Curve) -> tuple[str, ...]:
 
 
 def deviation(result: Result) -> Figure | None:
-    """Model − measured at each excited frequency with U (k = 2), and around zero the model's own U."""
+    """Model − measured at each excited frequency with U (k = 2), and around zero the model's own U.
+
+    Where most of U is common to all points, as that of a reference is, the model follows it and no deviation shows it:
+    around zero is then the noise of the points, and the common part is said above the panel.
+    """
     measured, model = result.measured, result.response
     frequency = measured.frequency_hz
     percent, phase = column(measured, "deviation_percent"), principal(column(measured, "deviation_phase_deg"))
@@ -170,30 +180,53 @@ def deviation(result: Result) -> Figure | None:
         return None
     bars = bars_of_deviation(measured)
     own = 100.0 * expanded(model, "magnitude") / column(model, "magnitude")
-    parts = [("Magnitude deviation", "%", percent, bars[0], own)]
+    size = 100.0 / column(measured, "magnitude")
+    parts = [("Magnitude deviation", "%", percent, bars[0], own, *_apart(measured, "magnitude", size))]
     if np.isfinite(phase).any():
-        parts.append(("Phase deviation", "°", phase, bars[1], expanded(model, "phase_deg")))
+        of_phase = _apart(measured, "phase_deg", np.ones(frequency.size))
+        parts.append(("Phase deviation", "°", phase, bars[1], expanded(model, "phase_deg"), *of_phase))
     panels = [_deviation(result, *part) for part in parts]
     crowd = len(frequency) > CROWD
     caption = (
         "Deviation = model − measured, magnitude relative to measured. Expanded uncertainty U, k = 2: "
-        f"{'dashed lines' if crowd else 'bars'} deviation, band model."
+        f"{'dashed lines' if crowd else 'bars'} deviation, band as named."
     )
     title = "Deviation of the model from the measurement"
     return Figure("deviation", title, (Stack(tuple(panels)),), subject(result.model, result.sensor), caption)
 
 
-def _deviation(result: Result, word: str, unit: str, values: FloatArray, half: FloatArray, band: FloatArray) -> Panel:
-    measured, x_model = result.measured, result.response.frequency_hz
+def _apart(measured: MeasuredCurve, quantity: str, factor: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """U (k = 2) of the points: of their noise, and of what is common to them all."""
+    noise, whole = K * column(measured, f"{quantity}_noise") * factor, expanded(measured, quantity) * factor
+    return noise, np.sqrt(np.maximum(whole**2 - noise**2, 0.0))
+
+
+def _deviation(
+    result: Result,
+    word: str,
+    unit: str,
+    values: FloatArray,
+    half: FloatArray,
+    band: FloatArray,
+    noise: FloatArray,
+    common: FloatArray,
+) -> Panel:
+    measured, x_model, named, title = result.measured, result.response.frequency_hz, "model, U (k = 2)", ""
+    if (common > noise).sum() * 2 > len(common):
+        title = f"U common to all points (k = 2): {_span(common)} {unit}"
+        x_model, band, named = measured.frequency_hz, noise, "noise of the points, U (k = 2)"
     frequency = measured.frequency_hz
     order = np.argsort(frequency, kind="stable")
     x, y, bars = frequency[order], values[order], half[order]
     crowd = len(x) > CROWD
-    series = []
-    if np.isfinite(band).any():
+    y_axis, series = axes.about_zero(f"{word}\nin {unit}", y, bars), []
+    inside = band[(x_model >= x[0]) & (x_model <= x[-1]) & np.isfinite(band)]
+    if inside.size and float(np.median(inside)) > y_axis.high:  # it would fill the panel
+        title = title or f"U of the model (k = 2): {_span(inside)} {unit}"
+    elif np.isfinite(band).any():
         order = np.argsort(x_model, kind="stable")
         nothing = Look(BLACK, width=0.0)
-        series.append(Series(x_model[order], 0.0 * x_model, "", nothing, half=band[order], band="model, U (k = 2)"))
+        series.append(Series(x_model[order], 0.0 * x_model, "", nothing, half=band[order], band=named))
     label = "model − measured" if crowd or not np.isfinite(bars).any() else "model − measured, U (k = 2)"
     look = Look(ORANGE if crowd else VERMILION, marker="." if crowd else "o")
     drawn = None if crowd or not np.isfinite(bars).any() else bars
@@ -203,5 +236,4 @@ def _deviation(result: Result, word: str, unit: str, values: FloatArray, half: F
         few = spread(len(x), 4 * CROWD)
         series += [Series(x[few], sign * bars[few], "measured, U (k = 2)", _BEYOND) for sign in (1, -1)]
     empty = "" if np.isfinite(y).any() else "no measured points to compare with"
-    y_axis = axes.about_zero(f"{word}\nin {unit}", y, bars)
-    return Panel(axes.frequency(frequency), y_axis, tuple(series), 1.6, rules=(0.0,), empty=empty)
+    return Panel(axes.frequency(frequency), y_axis, tuple(series), 1.6, title, rules=(0.0,), empty=empty)
