@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from vibrident.base.errors import InputError
-from vibrident.base.process import Died, Ended, Limits, Process
+from vibrident.base.process import Died, Ended, Limits, Process, WorkerError
 
 #: Memory of an identification, bytes.
 _MEMORY = 4_000_000_000
@@ -91,6 +91,8 @@ def _memory(folder: Path) -> int:
 
 
 def _refusal(death: Died, limits: Limits) -> Exception:
+    if death.reason == "crash" and "signal" not in death.ending:
+        return WorkerError(str(death))
     if death.reason == "crash":
         _LOG.error("%s", death)
         return Stopped(
