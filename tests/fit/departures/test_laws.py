@@ -24,6 +24,7 @@ def linear_part(rng: np.random.Generator, n: int, extra: np.ndarray) -> Part:
         begin_s=0.0,
         rate_hz=1.0,
         used=np.ones(n, bool),
+        predicted=second,
         motion=second,
         reference=second,
         transfer=bins + 0j,

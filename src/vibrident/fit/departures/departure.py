@@ -157,13 +157,11 @@ class Shape(Departure):
         power = np.divide(part.doubt, part.whitening**2, out=np.zeros_like(part.doubt), where=part.whitening > 0.0)
         gain = np.abs(part.transfer) ** 2 if self.of_reference else np.ones(power.size)
         power = np.divide(power, gain, out=np.zeros_like(power), where=gain > 0.0)
-        sigma = float(np.sqrt(2.0 * np.sum(power) / n))
+        sigma = float(np.sqrt(2.0 * np.sum(power) / n)) if largest > 0.0 else 0.0
         share = 2.0 / n * float(np.sum(part.doubt * (np.real(self._answer(part)) if self.through else 1.0)))
         ends = [[shape for _, shape in self.shapes(motion + sign * sigma, scale, largest)] for sign in (1.0, -1.0)]
-        found = [
-            -share / max(2.0 * sigma, np.finfo(float).tiny) * float(np.sum((up - down) * part.used))
-            for up, down in zip(*ends, strict=True)
-        ]
+        slope = -0.5 * share / sigma if sigma > 0.0 else 0.0
+        found = [slope * float(np.sum((up - down) * part.used)) for up, down in zip(*ends, strict=True)]
         return np.array([one for each in found for one in ([each, 0.0] if self.turned else [each])])
 
 

@@ -29,6 +29,7 @@ class Part:
         begin_s: time of the first sample.
         rate_hz: sampling rate.
         used: samples that count, shape (n,).
+        predicted: response to the reference as it was recorded, shape (n,).
         motion: predicted response to the most likely motion, shape (n,).
         reference: the most likely motion at the sensor's input, shape (n,).
         transfer: of the sensor at the bins, shape (bins,).
@@ -53,6 +54,7 @@ class Part:
     begin_s: float
     rate_hz: float
     used: BoolArray
+    predicted: FloatArray
     motion: FloatArray
     reference: FloatArray
     transfer: ComplexArray

@@ -103,6 +103,7 @@ class Signals:
             self.span.start / self.record.sampling_rate_hz,
             self.record.sampling_rate_hz,
             self.used,
+            predicted,
             np.asarray(fft.irfft(likely, n)),
             np.asarray(fft.irfft(moved, n)),
             transfer,

@@ -83,19 +83,19 @@ def _at_one_delay(records: Sequence[tuple[int, Record]]) -> list[tuple[int, Meas
 def _clearer(record: Record, white: Record | None, late: int) -> list[_Look]:
     """The bands of a record as it is, or whitened: of the look in which the two channels agree more.
 
-    The other look has bands in which they agree more than in this one: whitening hides frequencies below those that it
-    raises. These are taken from it where it shows by itself, by no chance, that the channels have something in common.
+    The other look has bands in which they agree where they do not in this one: whitening hides frequencies below those
+    that it raises. These are taken where they show, by no chance, that the channels have something in common.
     """
     looks = [look for one in (record, white) if one is not None and (look := _Look.at(one, late)) is not None]
     looks.sort(key=lambda look: -look.whole)
-    if len(looks) < 2 or not looks[1].sure:
-        return looks[:1]
+    if len(looks) < 2:
+        return looks
     first, second = looks
-    known = np.zeros(len(first.edges) - 1)
-    known[first.keep] = first.evidence
-    there = np.clip(np.searchsorted(first.edges_hz, second.middle_hz) - 1, 0, known.size - 1)
-    more = second.evidence > known[there]
-    return [first.only(~np.isin(first.keep, there[more])), second.only(more)]
+    dropped = np.ones(len(first.edges) - 1, dtype=bool)
+    dropped[first.keep] = False
+    there = np.clip(np.searchsorted(first.edges_hz, second.middle_hz) - 1, 0, dropped.size - 1)
+    others = second.only(dropped[there])
+    return [first, others] if others.sure else [first]
 
 
 def _evidence_of_motion(coherence: FloatArray, lines: FloatArray, least: float = 0.0) -> FloatArray:
@@ -174,7 +174,7 @@ class _Look:
         """Whether the channels have something in common by no chance, in bands that were kept for that."""
         freedom = np.maximum(INDEPENDENT * np.diff(self.edges)[self.keep] - 1.0, 1.0)
         beyond = self.whole + float(np.sum(freedom)) * np.log(1.0 - LEAST_COHERENCE)
-        return self.keep.size >= FEWEST_BANDS and gamma_tail(float(self.keep.size), beyond) < SURE
+        return bool(self.keep.size) and gamma_tail(float(self.keep.size), beyond) < SURE
 
     @property
     def edges_hz(self) -> FloatArray:

@@ -66,7 +66,7 @@ class Harmonics(WithoutMotion):
         if not part.optical:
             return [places]
         size = 0.5 * part.samples * float(np.max(np.abs(part.motion))) ** 2
-        moved = [columns @ part.motion / size for _, columns in self.columns(part, scale)]
+        moved = [columns @ part.predicted / size for _, columns in self.columns(part, scale)]
         both = zip(places.candidates, moved, strict=True)
         return [replace(places, candidates=tuple(Harmonic(one.words, one.white, moved=own) for one, own in both))]
 
