@@ -12,7 +12,6 @@ threshold follows from that rate and the length alone.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,84 +57,95 @@ class Thresholds:
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """A tested change of the parameters: T, its degrees of freedom, which changed, by how much.
+    """A tested change: T, its degrees of freedom, the coordinates before, shape (P,), and their change, shape (P,).
 
-    Attributes:
-        statistic: T.
-        columns: its degrees of freedom.
-        named: places of the parameters that changed.
-        before: coordinates before, shape (P,), relative to the point of linearisation.
-        amount: change of the coordinates named, zero for others, shape (P,).
-        uncertainty: its standard uncertainty, shape (P,).
+    Coordinates are relative to the point of linearisation; what the segment does not tell has no change.
     """
 
     statistic: float
     columns: int
-    named: tuple[int, ...]
     before: FloatArray
     amount: FloatArray
-    uncertainty: FloatArray
 
 
-def change(known: FloatArray, segment: FloatArray, nuisances: int, further: Sequence[float] | FloatArray) -> Change:
+def change(known: FloatArray, segment: FloatArray, nuisances: int) -> Change:
     """Test of a change at the start of a segment.
 
     Args:
         known: square-root information before it, shape (m, m + 1).
         segment: products of its whitened rows, shape (m + 1, m + 1).
         nuisances: columns before the parameters.
-        further: thresholds of T for one more parameter, by the degrees of freedom that are left.
     """
     m = known.shape[0]
     prior = known.T @ known
     both = prior[:m, :m] + segment[:m, :m]
-    right = prior[:m, m] + segment[:m, m]
-    size = np.sqrt(np.maximum(np.diag(both), np.finfo(float).tiny))
-    wanted = np.column_stack([right, segment[:m, nuisances:m]]) / size[:, None]
-    solved = np.linalg.solve(both / np.outer(size, size), wanted) / size[:, None]
+    size = np.sqrt(np.maximum(both.diagonal(), np.finfo(float).tiny))
+    wanted = segment[:m, nuisances - 1 : m].copy()
+    wanted[:, 0] = prior[:m, m] + segment[:m, m]
+    solved = np.linalg.solve(both / (size * size[:, None]), wanted / size[:, None]) / size[:, None]
     across = segment[nuisances:m, :m] @ solved
     p = m - nuisances
-    table = np.zeros((p + 1, p + 1))
-    table[:p, :p] = segment[nuisances:m, nuisances:m] - across[:, 1:]
-    table[:p, p] = segment[nuisances:m, m] - across[:, 0]
-    table[p, :p] = table[:p, p]
-    order, increments, stages = _swept(table, np.diag(segment)[nuisances:m].copy())
-    named = 0
-    left = sum(increments)
-    while named < len(order) and (named == 0 or left > further[len(order) - named - 1]):
-        left -= increments[named]
-        named += 1
-    amount, uncertainty = np.zeros(p), np.zeros(p)
-    if named:
-        at = list(order[:named])
-        amount[at] = stages[named - 1][at, p]
-        uncertainty[at] = np.sqrt(np.diag(stages[named - 1])[at])
-    before = solved[:, 0] - solved[:, 1:] @ amount
-    return Change(sum(increments), len(order), tuple(order[:named]), before[nuisances:], amount, uncertainty)
+    table = np.empty((p, p + 1))
+    table[:, :p] = segment[nuisances:m, nuisances:m] - across[:, 1:]
+    table[:, p] = segment[nuisances:m, m] - across[:, 0]
+    order, increments, amounts = swept(table, segment.diagonal()[nuisances:m])
+    amount = amounts[-1] if order else np.zeros(p)
+    return Change(sum(increments), len(order), (solved[:, 0] - solved[:, 1:] @ amount)[nuisances:], amount)
 
 
-def _swept(table: FloatArray, size: FloatArray) -> tuple[list[int], list[float], list[FloatArray]]:
-    """Sweep the parameters in, each time that which explains most; their order, what each explains, the tables."""
+def swept(table: FloatArray, size: FloatArray) -> tuple[list[int], list[float], list[FloatArray]]:
+    """Parameters in the order in which they explain most; what each explains, and the amounts with it.
+
+    ``table``: information about the changes and score, shape (P, P + 1); ``size``: of its diagonal before anything
+    was projected out, shape (P,).
+    """
     p = len(size)
+    square, right = table[:, :p].copy(), table[:, p].copy()
     order: list[int] = []
     increments: list[float] = []
-    stages: list[FloatArray] = []
-    while len(order) < p:
-        gains = [
-            table[k, p] ** 2 / table[k, k] if k not in order and table[k, k] > WITHIN * size[k] else -1.0
-            for k in range(p)
-        ]
-        best = int(np.argmax(gains))
-        if gains[best] < 0.0:
+    amounts: list[FloatArray] = []
+    left, score = square.copy(), right.copy()
+    for _ in range(p):
+        pivots = left.diagonal()
+        free = (pivots > WITHIN * size) & ~np.isin(range(p), order)
+        if not free.any():
             break
-        pivot, row, column = table[best, best], table[best].copy(), table[:, best].copy()
-        table = table - np.outer(column, row) / pivot
-        table[best], table[:, best] = row / pivot, -column / pivot
-        table[best, best] = 1.0 / pivot
+        gains = np.where(free, score**2 / np.where(free, pivots, 1.0), -1.0)
+        best = int(gains.argmax())
         order.append(best)
-        increments.append(gains[best])
-        stages.append(table)
-    return order, increments, stages
+        increments.append(float(gains[best]))
+        share = left[:, best] / left[best, best]
+        score = score - share * score[best]
+        left = left - share[:, None] * left[best]
+        amount = np.zeros(p)
+        amount[order] = np.linalg.solve(square[np.ix_(order, order)], right[order])
+        amounts.append(amount)
+    return order, increments, amounts
+
+
+def named(
+    before: FloatArray, after: FloatArray, covariance: FloatArray, further: FloatArray
+) -> list[tuple[int, float, float]]:
+    """Which coordinates differ: place, change and its standard uncertainty, the most certain first.
+
+    Args:
+        before: shape (P,).
+        after: shape (P,).
+        covariance: of their difference, shape (P, P).
+        further: T from which one more has changed, by the degrees of freedom that are left, shape (P,).
+    """
+    inverse = np.linalg.inv(covariance)
+    table = np.column_stack([inverse, inverse @ (after - before)])
+    order, increments, amounts = swept(table, inverse.diagonal())
+    left, count = sum(increments), 0
+    while count < len(order) and left > further[len(order) - count - 1]:
+        left -= increments[count]
+        count += 1
+    if not count:
+        return []
+    chosen = order[:count]
+    u = np.sqrt(np.linalg.inv(inverse[np.ix_(chosen, chosen)]).diagonal())
+    return [(place, float(amounts[count - 1][place]), float(each)) for place, each in zip(chosen, u, strict=True)]
 
 
 def likelihood_ratio(statistic: float, freedom: float) -> float:
@@ -156,8 +166,8 @@ class Ladder:
     Attributes:
         known: what was known at each one's start, shape (levels, m, m + 1).
         gram: products of its rows, shape (levels, m + 1, m + 1).
-        meta: of each, shape (levels, 6): blocks, squares and degrees of freedom of its noise; variance of the noise
-            before it and its degrees of freedom; time of its start, s.
+        meta: of each, shape (levels, 7): blocks, squares and degrees of freedom of its noise; variance of the noise
+            before it, its degrees of freedom and its spread; time of its start, s.
     """
 
     known: FloatArray
@@ -170,18 +180,18 @@ class Ladder:
         return cls(
             np.zeros((levels, columns, columns + 1)),
             np.zeros((levels, columns + 1, columns + 1)),
-            np.zeros((levels, 6)),
+            np.zeros((levels, 7)),
         )
 
     def add(self, known: FloatArray, gram: FloatArray, noise: tuple[float, ...], time_s: float, blocks: int) -> None:
         """A block that began at ``time_s`` after ``blocks`` others; ``known``, ``noise``: as they were before it.
 
-        ``noise``: squares and degrees of freedom of the block, variance of the noise before it and its degrees.
+        ``noise``: squares and degrees of freedom of the block; of the noise before it variance, degrees, spread.
         """
         starting = blocks % (1 << np.arange(len(self.meta))) == 0
         self.known[starting] = known
         self.gram[starting] = 0.0
-        self.meta[starting] = (0.0, 0.0, 0.0, noise[2], noise[3], time_s)
+        self.meta[starting] = (0.0, 0.0, 0.0, *noise[2:], time_s)
         self.gram += gram
         self.meta[:, :3] += (1.0, noise[0], noise[1])
 

@@ -24,6 +24,7 @@ from vibrident.use.tracking.detection import (
     Thresholds,
     change,
     likelihood_ratio,
+    named,
     variance_deviate,
 )
 from vibrident.use.tracking.network import TAPS, Linearised, Network
@@ -31,10 +32,14 @@ from vibrident.use.tracking.network import TAPS, Linearised, Network
 SECONDS_A_YEAR = 365.25 * 86400.0
 #: Power of the response to the motion, in units of the noise's, from which a block counts: as the bins of a fit.
 EXCITED = 10.0
+#: Part of what a motion tells of a parameter that the others leave: one tone in a reference with noise of 1 % has less.
+ALONE = 1e-3
 #: Information that stands for none about a nuisance, in units of its first block's: a limit of the arithmetic.
 NONE = 1e-8
 #: Standard deviation that a changed parameter is given after an alarm, in units of its change.
 RELEARN = 10.0
+#: Blocks before a segment from which on its noise can be told to be another.
+BEHIND = 8
 #: Part of a block that sets the point of linearisation, where it is not settled.
 FIRST = 8
 #: Steps taken from the reference at once.
@@ -108,13 +113,18 @@ class State:
     gram: FloatArray  # products of the whitened rows of the block under way, shape (m + 1, m + 1)
     own: FloatArray  # of that block: steps, rows, fourth powers; then its autocovariance, shape (3 + order + 1,)
     whitening: FloatArray  # autoregression of the residual, shape (order,)
-    noise: FloatArray  # squares, degrees of freedom, fourth powers and rows of the whitened residual, shape (4,)
+    # of the whitened residual: squares, degrees of freedom, fourth powers, rows; squares² over degrees of freedom of
+    # each block, blocks; shape (6,)
+    noise: FloatArray
     lags: FloatArray  # number of residuals, blocks; their autocovariance, shape (2 + order + 1,)
-    # time of the run's first sample, s; samples fed and steps taken in it; time of the last random walk, s; blocks since
-    # the start or the last alarm; rows that whitening may look back to; whether the run's nuisances are all unknown;
-    # samples of reference and response still to be left out; whether the point is settled; shape (10,)
+    # time of the run's first sample, s; samples fed and steps taken in it; time of the last random walk, s; blocks
+    # since the start or the last alarm; rows that whitening may look back to; whether the run's nuisances are all
+    # unknown; samples of reference and response still to be left out; whether the point is settled; shape (10,)
     clock: FloatArray
     row: FloatArray  # products since the last row that was read, shape (m + 1, m + 1); its squares and rows behind
+    # a change that is not named yet: whether there is one, its time and that of its detection, s; variance of the noise
+    # before it, its degrees of freedom and spread; then what was known before it, shape (6 + m (m + 1),)
+    pending: FloatArray
     ladder: Ladder
     # samples that wait for others
     reference: FloatArray = field(default_factory=lambda: np.zeros(0))
@@ -132,10 +142,11 @@ class State:
             np.zeros((m + 1, m + 1)),
             np.zeros(4 + settings.order),
             np.zeros(settings.order),
-            np.zeros(4),
+            np.zeros(6),
             np.zeros(3 + settings.order),
             np.array([0.0, 0.0, 0.0, np.nan, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]),
             np.zeros((m + 1) ** 2 + 2),
+            np.zeros(6 + m * (m + 1)),
             Ladder.empty(settings.levels, m),
         )
 
@@ -150,7 +161,8 @@ class Estimate:
         uncertainty: name → standard uncertainty.
         covariance: of the values in the model's order, the reference's uncertainty included, shape (P, P).
         innovation: rms of the whitened residual since the last reading, response unit; NaN where nothing moved.
-        excited: names of the parameters that the motion since then tells by itself, better than ± 100 %.
+        excited: names of the parameters that the motion since then tells by itself, apart from the others and better
+            than ± 100 %.
     """
 
     time_s: float
@@ -237,10 +249,13 @@ class Tracker:
         covariance = information.covariance(self._walked(), k) * np.outer(net.scale, net.scale)
         covariance[net.gain, net.gain] += (self.settings.reference_uncertainty * values[net.gain]) ** 2
         gram, squares, rows = s.row[:-2].reshape(s.gram.shape), s.row[-2], s.row[-1]
-        alone = information.covariance(information.triangle(gram)[:-1], k)
-        told = np.sqrt(np.diag(alone)) * net.scale < np.abs(values)
-        full = np.diag(information.triangle(gram))[k:-1] > 0.0
-        excited = tuple(name for name, one in zip(names, told & full.all(), strict=True) if one)
+        seen = information.triangle(information.without_nuisances(gram, k))[k:-1, k:-1]
+        excited: tuple[str, ...] = ()
+        if (np.diag(seen) > 0.0).all():
+            inverse = np.linalg.inv(seen)
+            alone = 1.0 / np.sum(inverse**2, axis=1)
+            told = (alone > ALONE * np.sum(seen**2, axis=0)) & (alone * (values / net.scale) ** 2 > 1.0)
+            excited = tuple(name for name, one in zip(names, told, strict=True) if one)
         u = np.sqrt(np.diag(covariance))
         s.row[:] = 0.0
         return Estimate(
@@ -272,6 +287,7 @@ class Tracker:
         s.point[: n + 1] = 0.0
         s.known[: n + 1] = 0.0
         s.ladder.drop(n + 1)
+        self._before[: n + 1] = 0.0
         s.clock[5:7] = 0.0, 1.0
 
     def _feed(self, reference: FloatArray, response: FloatArray) -> None:
@@ -351,10 +367,14 @@ class Tracker:
         known_noise = s.noise[1] > 0.0
         variance = s.noise[0] / s.noise[1] if known_noise else squares / max(freedom, 1.0)
         gain = k + net.gain
-        power = (upper[gain, gain] * s.point[gain]) ** 2
-        if not (freedom > 0.0 and variance > 0.0 and power > EXCITED * s.own[1] * variance):
+        least = EXCITED * s.own[1] * variance / max(upper[gain, gain], 1e-300) ** 2  # of the gain's square
+        if not (freedom > 0.0 and variance > 0.0 and max(1.0, s.point[gain] ** 2) > least):
             self._free_run()
             return
+        if s.point[gain] ** 2 <= least:  # a dead channel: motion without a response tells the gain alone
+            others = np.delete(np.arange(k, m), net.gain)
+            s.gram[others], s.gram[:, others] = 0.0, 0.0
+            upper = information.triangle(s.gram)
         if s.clock[6]:
             diagonal = np.arange(k)
             s.known[diagonal, diagonal] = np.sqrt(NONE * np.maximum(np.diag(s.gram)[:k], 1e-300) / variance)
@@ -365,18 +385,20 @@ class Tracker:
             s.own[:], s.gram[:] = 0.0, 0.0
             self._move(information.solve(learned))
             return
-        before = (float(s.noise[0] / s.noise[1]), float(s.noise[1])) if known_noise else (0.0, 0.0)
+        before = (variance, float(s.noise[1]), self._spread()) if known_noise else (0.0, 0.0, 0.0)
         start = self.time_s - s.own[0] * net.interval_s
         gram = s.gram / variance
-        s.ladder.add(s.known, gram, (squares, freedom, *before), start, int(s.clock[4]))
+        if not s.pending[0]:
+            s.ladder.add(s.known, gram, (squares, freedom, *before), start, int(s.clock[4]))
         s.known, s.clock[9] = learned, 1.0
         s.row[:-2] += gram.ravel()
         s.row[-2:] += (squares, freedom)
-        s.noise += (squares, freedom, s.own[2], s.own[1])
+        s.noise += (squares, freedom, s.own[2], s.own[1], squares**2 / freedom, 1.0)
         s.clock[4] += 1.0
         lags = s.own[3:].copy(), s.own[1]
         s.own[:], s.gram[:] = 0.0, 0.0
-        if not self._alarmed() and not self._moved():
+        tested = self._name() if s.pending[0] else self._alarmed()
+        if not tested and not self._moved():
             self._learn_whitening(*lags)
 
     def _unsettled(self, learned: FloatArray) -> bool:
@@ -403,7 +425,8 @@ class Tracker:
         s.point[n:] += move[n:]
         free, slopes = s.cell[n * (1 + p) :].reshape(n, n), s.cell[n : n * (1 + p)].reshape(p, n)
         s.cell[:n] += move[:n] @ free + move[k:] @ slopes
-        s.known[:, -1] -= s.known[:, :-1] @ move
+        for known in (s.known, self._before):
+            known[:, -1] -= known[:, :-1] @ move
         s.rows[:, -1] -= s.rows[:, :-1] @ move
         s.ladder.shift(move)
         side = s.gram.shape[0]
@@ -424,11 +447,11 @@ class Tracker:
             left *= 1.0 - reflection**2
         ratio = left / (s.noise[0] / s.noise[1])
         s.noise[0] *= ratio
-        s.noise[2] *= ratio**2
+        s.noise[[2, 4]] *= ratio**2
         s.whitening[:] = a
 
     def _alarmed(self) -> bool:
-        """Test the segments that end here; act on the first that is certain to be of another sensor."""
+        """Test the segments that end here; where one is certain to be of another sensor, learn that anew."""
         s = self.state
         blocks = int(s.clock[4])
         for level in range(self.settings.levels):
@@ -436,9 +459,8 @@ class Tracker:
                 break
             found, statistic, deviate = self._tested(level)
             certain = found.columns > 0 and statistic > self.thresholds.change[level, found.columns - 1]
-            noisy = deviate > self.thresholds.noise[level]
-            if certain or noisy:
-                self._act(certain=certain, noisy=noisy)
+            if certain or deviate > self.thresholds.noise[level]:
+                self._relearn(certain=certain)
                 return True
         return False
 
@@ -448,62 +470,93 @@ class Tracker:
         A segment that is noisier than the rest is tested against its own noise.
         """
         s = self.state
-        _, squares, freedom, variance, behind, _ = s.ladder.meta[level]
-        found = change(s.ladder.known[level], s.ladder.gram[level], self.network.nuisances, self.thresholds.further)
-        present = s.noise[0] / s.noise[1]
-        own = max(1.0, squares / freedom / present) if freedom > 0.0 else 1.0
+        _, squares, freedom, variance, behind, spread, _ = s.ladder.meta[level]
+        found = change(s.ladder.known[level], s.ladder.gram[level], self.network.nuisances)
+        own = max(1.0, squares / freedom / (s.noise[0] / s.noise[1]))
         statistic = likelihood_ratio(found.statistic / own, float(s.noise[1]))
-        if not (behind > 0.0 and freedom > 0.0):
+        if behind < BEHIND * self.settings.block:
             return found, statistic, 0.0
-        spread = max(NORMAL, s.noise[2] / s.noise[3] / present**2) - 1.0
-        ratio = squares / freedom / variance
-        return found, statistic, variance_deviate(ratio, 2.0 * freedom / spread, 2.0 * behind / spread)
+        return found, statistic, _deviate(squares / freedom / variance, freedom, behind, spread)
 
-    def _act(self, *, certain: bool, noisy: bool) -> None:
-        """Say what changed and when, and learn it anew from there on."""
-        s, net = self.state, self.network
-        under_way = np.flatnonzero(s.ladder.meta[:, 0] > 0.0)
-        tests = {int(level): self._tested(int(level)) for level in under_way}
-        if certain:
-            level = max(tests, key=lambda each: tests[each][1])
-            self._relearn(tests[level][0], level)
-        if noisy:
-            level = max(tests, key=lambda each: tests[each][2])
-            _, squares, freedom, variance, behind, start = s.ladder.meta[level]
-            before, after = float(np.sqrt(variance)), float(np.sqrt(squares / freedom))
-            kurtosis = s.noise[2] / s.noise[3] / (s.noise[0] / s.noise[1]) ** 2
-            u = float(np.sqrt((kurtosis - 1.0) / 4.0 * (variance / behind + after**2 / freedom)))
-            self.alarms.append(Alarm(start, self.time_s, "innovation", before, after, u, INNOVATION))
-            s.noise[:] = squares, freedom, kurtosis * after**4 * freedom, freedom
-            s.lags[:] = 0.0
-        s.ladder.meta[:] = 0.0
-        s.clock[4] = 0.0
+    def _spread(self) -> float:
+        """Variance of the squares of the noise, in units of its squared variance: by fourth powers, or from block to
+        block where that is more."""
+        squares, freedom, fourth, rows, blocks_squared, blocks = self.state.noise
+        variance = squares / freedom
+        between = (blocks_squared / freedom / variance**2 - 1.0) * freedom / blocks
+        return float(max(NORMAL - 1.0, fourth / rows / variance**2 - 1.0, between))
 
-    def _relearn(self, found: Change, level: int) -> None:
+    def _keep_others(self, before: FloatArray, after: FloatArray) -> None:
+        """A response without motion tells the gain alone."""
         s, net = self.state, self.network
-        k = net.nuisances
-        for place in found.named:
-            spec, scale = net.model.parameters[place], float(net.scale[place])
-            before = float(s.point[k + place] + found.before[place]) * scale
-            amount, u = float(found.amount[place]) * scale, float(found.uncertainty[place]) * scale
-            what = in_words(spec, before, before + amount, u)
-            start = float(s.ladder.meta[level, 5])
-            self.alarms.append(Alarm(start, self.time_s, spec.name, before, before + amount, u, what))
+        k, amount = net.nuisances, np.zeros(net.parameters)
+        amount[net.gain] = after[net.gain] - before[net.gain]
+        s.known = information.walk(self._before, (RELEARN * amount) ** 2, k)
+        self._move(np.concatenate([np.zeros(k), before + amount]))
+
+    @property
+    def _before(self) -> FloatArray:
+        """What was known before a change that is not named yet, shape (m, m + 1)."""
+        return self.state.pending[6:].reshape(self.state.known.shape)
+
+    def _relearn(self, *, certain: bool) -> None:
+        """Something changed: find when, and open what is known to what follows."""
+        s, k = self.state, self.network.nuisances
+        tests = {int(level): self._tested(int(level)) for level in np.flatnonzero(s.ladder.meta[:, 0] > 0.0)}
+        level = max(tests, key=lambda each: tests[each][1 if certain else 2])
+        found = tests[level][0]
+        _, _, _, variance, behind, spread, start = s.ladder.meta[level]
+        s.pending[:6] = 1.0, start, self.time_s, variance, behind, spread
+        self._before[:] = s.ladder.known[level]
         s.known = information.walk(s.ladder.known[level], (RELEARN * found.amount) ** 2, k)
-        s.clock[9] = 0.0
+        s.noise[:], s.lags[:], s.ladder.meta[:] = 0.0, 0.0, 0.0
+        s.clock[4] = s.clock[9] = 0.0
         self._move(np.concatenate([np.zeros(k), found.before + found.amount]))
 
+    def _name(self) -> bool:
+        """A whole block after a change: say what it was."""
+        s, net = self.state, self.network
+        k = net.nuisances
+        before, after = (information.solve(known)[k:] for known in (self._before, s.known))
+        spread = information.covariance(self._before, k) + information.covariance(s.known, k)
+        _, start, detected, variance, behind, noise_spread = s.pending[:6].tolist()
+        changed = named(before, after, spread, self.thresholds.further)
+        for place, amount, u in changed:
+            spec, scale = net.model.parameters[place], float(net.scale[place])
+            value = float(s.point[k + place] + before[place]) * scale
+            what = in_words(spec, value, value + amount * scale, u * scale)
+            self.alarms.append(Alarm(start, detected, spec.name, value, value + amount * scale, u * scale, what))
+            if what == DEAD:
+                self._keep_others(before, after)
+                break
+        if behind > 0.0:
+            freedom, ratio = float(s.noise[1]), float(s.noise[0] / s.noise[1]) / variance
+            louder = _deviate(ratio, freedom, behind, noise_spread) > self.thresholds.noise[0]
+            if louder or not changed:
+                values = float(np.sqrt(variance)), float(np.sqrt(ratio * variance))
+                u = float(np.sqrt(noise_spread / 4.0 * (values[0] ** 2 / behind + values[1] ** 2 / freedom)))
+                what = LOUDER if louder else PASSED
+                self.alarms.append(Alarm(start, detected, "innovation", *values, u, what))
+        s.pending[0] = s.clock[4] = 0.0
+        return False
 
-INNOVATION = "noise, or a part of the response that the model does not have (a second mode, a loose mounting)"
+
+DEAD = "dead channel"
+LOUDER = "noise, or a part of the response that the model does not have: a second mode, a loose mounting"
+PASSED = "a disturbance that has passed"
 
 
 def in_words(spec: ParameterSpec, before: float, after: float, u: float) -> str:
     """What a change of this parameter is called; by it a gain of zero within 3 u is a dead channel."""
     if spec.kind == "gain":
         if abs(after) < 3.0 * u:
-            return "dead channel"
+            return DEAD
         return "polarity" if abs(after + before) < 3.0 * u else "gain"
     return "clock, or delay of a channel" if spec.kind == "time" else spec.words or spec.name.replace("_", " ")
+
+
+def _deviate(ratio: float, above: float, below: float, spread: float) -> float:
+    return variance_deviate(ratio, 2.0 * above / spread, 2.0 * below / spread)
 
 
 def _square_root(covariance: FloatArray) -> FloatArray:
