@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from tests.support.random_record import RATE_HZ, TRUTH, Real
 
 from vibrident.physics.models import parse
-from vibrident.use.tracking.tracker import Settings, Tracker
+from vibrident.use.tracking.state import Settings
+from vibrident.use.tracking.tracker import Tracker
 
 BAND_HZ = (20.0, 4000.0)
 USUAL = Settings()

@@ -88,39 +88,39 @@ def change(known: FloatArray, segment: FloatArray, nuisances: int) -> Change:
     table = np.empty((p, p + 1))
     table[:, :p] = segment[nuisances:m, nuisances:m] - across[:, 1:]
     table[:, p] = segment[nuisances:m, m] - across[:, 0]
-    order, increments, amounts = swept(table, segment.diagonal()[nuisances:m])
-    amount = amounts[-1] if order else np.zeros(p)
+    order, increments = swept(table, segment.diagonal()[nuisances:m])
+    amount = amounts(table, order)
     return Change(sum(increments), len(order), (solved[:, 0] - solved[:, 1:] @ amount)[nuisances:], amount)
 
 
-def swept(table: FloatArray, size: FloatArray) -> tuple[list[int], list[float], list[FloatArray]]:
-    """Parameters in the order in which they explain most; what each explains, and the amounts with it.
+def swept(table: FloatArray, size: FloatArray) -> tuple[list[int], list[float]]:
+    """Parameters in the order in which they explain most, and what each explains.
 
     ``table``: information about the changes and score, shape (P, P + 1); ``size``: of its diagonal before anything
     was projected out, shape (P,).
     """
     p = len(size)
-    square, right = table[:, :p].copy(), table[:, p].copy()
+    left, least = table.copy(), WITHIN * size
     order: list[int] = []
     increments: list[float] = []
-    amounts: list[FloatArray] = []
-    left, score = square.copy(), right.copy()
     for _ in range(p):
-        pivots = left.diagonal()
-        free = (pivots > WITHIN * size) & ~np.isin(range(p), order)
-        if not free.any():
+        best, most = -1, -1.0
+        for k in range(p):
+            if k not in order and left[k, k] > least[k] and left[k, p] ** 2 > most * left[k, k]:
+                best, most = k, float(left[k, p] ** 2 / left[k, k])
+        if best < 0:
             break
-        gains = np.where(free, score**2 / np.where(free, pivots, 1.0), -1.0)
-        best = int(gains.argmax())
         order.append(best)
-        increments.append(float(gains[best]))
-        share = left[:, best] / left[best, best]
-        score = score - share * score[best]
-        left = left - share[:, None] * left[best]
-        amount = np.zeros(p)
-        amount[order] = np.linalg.solve(square[np.ix_(order, order)], right[order])
-        amounts.append(amount)
-    return order, increments, amounts
+        increments.append(most)
+        left -= left[:, best, None] * (left[best] / left[best, best])
+    return order, increments
+
+
+def amounts(table: FloatArray, order: list[int]) -> FloatArray:
+    """Changes of these parameters, where they alone have changed; zero for the others, shape (P,)."""
+    found = np.zeros(len(table))
+    found[order] = np.linalg.solve(table[np.ix_(order, order)], table[order, -1])
+    return found
 
 
 def named(
@@ -136,7 +136,7 @@ def named(
     """
     inverse = np.linalg.inv(covariance)
     table = np.column_stack([inverse, inverse @ (after - before)])
-    order, increments, amounts = swept(table, inverse.diagonal())
+    order, increments = swept(table, inverse.diagonal())
     left, count = sum(increments), 0
     while count < len(order) and left > further[len(order) - count - 1]:
         left -= increments[count]
@@ -145,7 +145,8 @@ def named(
         return []
     chosen = order[:count]
     u = np.sqrt(np.linalg.inv(inverse[np.ix_(chosen, chosen)]).diagonal())
-    return [(place, float(amounts[count - 1][place]), float(each)) for place, each in zip(chosen, u, strict=True)]
+    changed = amounts(table, chosen)
+    return [(place, float(changed[place]), float(each)) for place, each in zip(chosen, u, strict=True)]
 
 
 def likelihood_ratio(statistic: float, freedom: float) -> float:

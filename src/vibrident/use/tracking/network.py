@@ -195,8 +195,8 @@ class Linearised:
             forced[at, : k * q] = self.h @ ends[k]
         return powers, free, ends, forced
 
-    def run(self, state: FloatArray, inputs: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Outputs, shape (steps, O), the state after them, and those at the start of each SPAN steps."""
+    def run(self, state: FloatArray, inputs: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Outputs, shape (steps, O), and the state after them."""
         powers, free, ends, forced = self._span
         steps, q = inputs.shape
         rows = self.h.shape[0]
@@ -215,4 +215,4 @@ class Linearised:
             part = free[: rest * rows] @ end + forced[: rest * rows, : rest * q] @ last
             out = np.concatenate([out, part.reshape(rest, rows)])
             end = powers[rest] @ end + ends[rest] @ last
-        return out, end, starts
+        return out, end
