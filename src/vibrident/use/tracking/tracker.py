@@ -128,6 +128,12 @@ class Tracker:
         )
 
     @property
+    def noise(self) -> float | None:
+        """Standard deviation of the whitened residual, response unit; None where it is not known."""
+        squares, freedom = self.state.noise[:2].tolist()
+        return (squares / freedom) ** 0.5 if freedom > 0.0 else None
+
+    @property
     def time_s(self) -> float:
         """Time of the next step, s: samples before it are taken."""
         return self.knowledge.time_s
