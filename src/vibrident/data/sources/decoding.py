@@ -33,7 +33,7 @@ def chunks(pieces: Iterator[bytes], wanted: Wanted, form: str, where: str) -> It
     if wanted.rate_hz is None:
         raise InputError(
             "The sampling rate of a stream is not given.",
-            expected="[sampling] rate_hz",
+            expected="rate_hz under [sampling], or under [[records]] beside a time_column",
             found="none",
             where=str(wanted.file),
             remedy="add rate_hz = … (samples per second)",

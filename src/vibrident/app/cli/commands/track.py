@@ -74,7 +74,7 @@ def track(
     if rate_hz is None:
         raise InputError(
             "The sampling rate is not given.",
-            expected="[sampling] rate_hz",
+            expected="rate_hz under [sampling], or under [[records]] beside a time_column",
             found="none",
             where=str(calibration),
             remedy="add rate_hz = … (samples per second)",
