@@ -33,12 +33,12 @@ unsigned long bytes(void) { return sizeof t; }
 class Compiled:
     """A tracker in C; one state."""
 
-    def __init__(self, folder: Path, parameters: int, *, single: bool = False) -> None:
+    def __init__(self, folder: Path, parameters: int, *, single: bool = False, more: tuple[str, ...] = ()) -> None:
         (folder / "harness.c").write_text(HARNESS)
         library = folder / ("single.so" if single else "double.so")
         if not library.exists():
-            more = ["-DSENSOR_FLOAT"] if single else []
-            done = [*STRICT, *more, "-shared", "-fPIC", "-o", library.name, "sensor.c", "harness.c", "-lm"]
+            kind = ["-DSENSOR_FLOAT"] if single else []
+            done = [*STRICT, *kind, *more, "-shared", "-fPIC", "-o", library.name, "sensor.c", "harness.c", "-lm"]
             subprocess.run(done, cwd=folder, check=True, capture_output=True, text=True)
         self._library = ctypes.CDLL(str(library))
         self._library.reading.restype = ctypes.c_double
