@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import shutil
+import subprocess
 
 import numpy as np
 import pytest
 from tests.support.exported import case as exported
-from tests.support.online_c import Compiled
+from tests.support.online_c import STRICT, Compiled
 from tests.support.random_record import RATE_HZ, TRUTH
+from tests.support.sources import ROOT
 from tests.support.tracked import answered, motion
 
 from vibrident import Calibration, InputError, Result, identify
@@ -166,3 +168,22 @@ def test_a_sensor_that_the_code_does_not_have_is_refused(tmp_path):
     result = exported("coil")
     with pytest.raises(InputError, match="cannot be exported as a tracker"):
         export(result, "c", tmp_path, rate_hz=RATE_HZ, online=True)
+
+
+def test_the_example_on_standard_input_says_what_changed(case, tmp_path):
+    result, folder, model = case
+    for name in ("sensor.h", "sensor.c"):
+        shutil.copy(folder / name, tmp_path)
+    shutil.copy(ROOT / "examples" / "online" / "main.c", tmp_path)
+    subprocess.run([*STRICT, "-o", "track", "main.c", "sensor.c", "-lm"], cwd=tmp_path, check=True)
+    u, y = samples("gain", model)
+    text = "\n".join(f"{a!r} {b!r}" for a, b in zip(u.tolist(), y.tolist(), strict=True))
+    said = subprocess.run(
+        [tmp_path / "track"], input=text, capture_output=True, text=True, check=True
+    ).stdout.splitlines()
+    (alarm,) = [line for line in said if line.startswith("alarm")]
+    one = python(result)
+    one.feed(u, y)
+    assert f"parameter 0 at {one.alarms[0].time_s:.6f} s" in alarm
+    one.finish()
+    assert float(said[-1].split()[1]) == pytest.approx(one.read().values["sensitivity"], rel=1e-8)

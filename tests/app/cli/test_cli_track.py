@@ -16,7 +16,7 @@ import pytest
 from tests.support.random_record import RATE_HZ, TRUTH
 from tests.support.tracked import answered, motion
 
-from vibrident import Calibration, identify
+from vibrident import Calibration, Result, identify
 
 SAMPLES = 40000
 TEXT = """[sensor]
@@ -88,6 +88,22 @@ def test_records_give_rows_parameters_and_the_alarm(whole):
     assert abs(alarm["to"] - 0.101) < 5.0 * alarm["u"]
     found = document["parameters"]["sensitivity"]
     assert abs(found["value"] - 0.101) < 5.0 * found["standard_uncertainty"]
+
+
+@pytest.mark.needs("history")
+def test_the_end_is_a_result_that_other_commands_take(case, whole):
+    folder = case[0]
+    result = Result.load(folder / "whole" / "result.json")
+    assert result.estimator == "tracked"
+    for name in TRUTH:
+        assert result.parameters[name].value == pytest.approx(whole[0]["parameters"][name]["value"], rel=1e-12)
+    store = f"sqlite:///{folder / 'history.sqlite'}"
+    base = [sys.executable, "-m", "vibrident", "history"]
+    more = ["--serial", "4711", "--store", store]
+    added = subprocess.run([*base, "add", str(folder / "whole" / "result.json"), *more], capture_output=True, text=True)
+    assert added.returncode == 0, added.stderr
+    asked = [*base, "show", "4711", "--quantity", "sensitivity", "--format", "json", "--store", store]
+    assert '"tracked"' in subprocess.check_output(asked, text=True)
 
 
 def test_standard_input_gives_the_same_in_either_form(case, whole):

@@ -192,3 +192,14 @@ def test_a_second_mode_is_told_by_the_innovation(rng):
     first = next(alarm for alarm in one.alarms if alarm.parameter == "innovation")
     assert abs(first.time_s - n / 2 / RATE_HZ) < 1024 / RATE_HZ
     assert first.after - first.before > 5.0 * first.u
+
+
+def test_the_random_walk_begins_with_the_first_sample_whatever_the_clock_says(rng):
+    u, y = record("random", 20000, rng)
+    ends = []
+    for start_s in (0.0, 1.4e9):
+        one = tracker(None, u=1e-3)
+        one.begin(start_s)
+        ends.append(fed(one, u, y).read())
+    assert relative(ends[1].uncertainty) == pytest.approx(relative(ends[0].uncertainty), rel=1e-6)
+    assert relative(ends[1].values) == pytest.approx(relative(ends[0].values), rel=1e-9)

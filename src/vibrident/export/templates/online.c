@@ -503,7 +503,9 @@ static void learn_whitening(tracker *t, const double lags[AR + 1], double rows) 
     for (order = 1; order <= AR; order++) {
         double sum = r[order], reflection, criterion;
         EACH(i, order - 1) sum += a[i] * r[order - 1 - i];
-        reflection = -sum / left; EACH(i, order - 1) next[i] = a[i] + reflection * a[order - 2 - i];
+        reflection = -sum / left;
+        if (!(reflection * reflection < 1.0)) break;
+        EACH(i, order - 1) next[i] = a[i] + reflection * a[order - 2 - i];
         next[order - 1] = reflection; memcpy(a, next, (unsigned)order * sizeof(double));
         left *= 1.0 - reflection * reflection; criterion = count * log(left / r[0]) + order * log(count);
         if (criterion < least) { least = criterion; kept = left; memcpy(t->whitening, a, sizeof t->whitening); }
@@ -652,9 +654,10 @@ static const real *oldest(const real *ring, int size, int next, int count) {
 
 void @N@_finish(tracker *t) { if (t->own[1] > 0.0) end_block(t); }
 void @N@_begin(tracker *t, double time_s) {
-    @N@_finish(t); t->references = t->responses = 0; t->clock[0] = time_s; t->clock[1] = 0.0;
+    @N@_finish(t);
+    if (isnan(t->clock[3]) || (t->clock[1] == 0.0 && t->clock[3] == t->clock[0])) t->clock[3] = time_s;
+    t->references = t->responses = 0; t->clock[0] = time_s; t->clock[1] = 0.0;
     t->clock[2] = t->clock[8] = FIRST < 0 ? -FIRST : 0; t->clock[7] = FIRST > 0 ? FIRST : 0;
-    if (isnan(t->clock[3])) t->clock[3] = time_s;
     free_run(t);
 }
 

@@ -134,7 +134,7 @@ def named(
         covariance: of their difference, shape (P, P).
         further: T from which one more has changed, by the degrees of freedom that are left, shape (P,).
     """
-    inverse = np.linalg.inv(covariance)
+    inverse: FloatArray = np.asarray(np.linalg.inv(covariance), dtype=float)
     table = np.column_stack([inverse, inverse @ (after - before)])
     order, increments = swept(table, inverse.diagonal())
     left, count = sum(increments), 0

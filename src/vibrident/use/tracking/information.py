@@ -33,7 +33,7 @@ def triangle(gram: FloatArray) -> FloatArray:
 def absorb(known: FloatArray, rows: FloatArray) -> FloatArray:
     """What is known together with further rows, shape (rows, m + 1); the diagonal is not negative."""
     m = known.shape[0]
-    found = np.linalg.qr(np.concatenate([known, rows]), mode="r")[:m]
+    found = np.asarray(np.linalg.qr(np.concatenate([known, rows]), mode="r"))[:m]
     return found * np.where(np.diag(found) < 0.0, -1.0, 1.0)[:, None]
 
 
@@ -47,7 +47,7 @@ def walk(known: FloatArray, variance: FloatArray, first: int) -> FloatArray:
     stacked[:w, :w] = np.diag(1.0 / np.sqrt(variance[moving]))
     stacked[w:, :w] = -known[:, first + moving]
     stacked[w:, w:] = known
-    found = np.linalg.qr(stacked, mode="r")[w : w + m, w:]
+    found = np.asarray(np.linalg.qr(stacked, mode="r"))[w : w + m, w:]
     return found * np.where(np.diag(found) < 0.0, -1.0, 1.0)[:, None]
 
 

@@ -102,6 +102,8 @@ class Learner:
         a, left, kept = np.zeros(0), r[0], (0.0, np.zeros(0), r[0])
         for order in range(1, len(r)):
             reflection = -(r[order] + a @ r[order - 1 : 0 : -1]) / left
+            if not reflection**2 < 1.0:  # a residual of pure tones: the estimate is no autocovariance any more
+                break
             a = np.concatenate([a + reflection * a[::-1], [reflection]])
             left *= 1.0 - reflection**2
             criterion = rows * np.log(left / r[0]) + order * np.log(rows)

@@ -73,11 +73,11 @@ class Tracker:
         """A run of samples begins: its first is of this time; what came before it does not tell its state."""
         self.finish()
         s, first = self.state, self.network.first
+        if np.isnan(s.clock[3]) or (s.clock[1] == 0.0 and s.clock[3] == s.clock[0]):  # nothing came so far
+            s.clock[3] = time_s
         s.reference, s.response = np.zeros(0), np.zeros(0)
         s.clock[:3] = time_s, 0.0, max(0, -first)
         s.clock[7:9] = max(0, first), max(0, -first)
-        if np.isnan(s.clock[3]):
-            s.clock[3] = time_s
         self.knowledge.free_run()
 
     def feed(self, reference: FloatArray, response: FloatArray) -> None:
@@ -206,5 +206,5 @@ def _square_root(covariance: FloatArray) -> FloatArray:
     """Upper triangle R with (RᵀR)⁻¹ = ``covariance``, shape (P, P)."""
     values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
     kept = np.maximum(values, np.finfo(float).eps * values[-1])
-    found = np.linalg.qr((vectors / np.sqrt(kept)).T, mode="r")
+    found = np.asarray(np.linalg.qr((vectors / np.sqrt(kept)).T, mode="r"))
     return found * np.where(np.diag(found) < 0.0, -1.0, 1.0)[:, None]

@@ -53,7 +53,8 @@ def track(
     """Keep a sensor's parameters up to date, with their uncertainties, and say when the sensor changes.
 
     Takes the records of the calibration file, or samples as they come. Writes a row an interval in track.csv, and the
-    end, the alarms and what was wrong with the samples in track.json.
+    end, the alarms and what was wrong with the samples in track.json, and the sensor as it is now in
+    result.json, for other commands.
     """
     name, address = _chosen(follow=follow, stdin=stdin, tcp=tcp, source=source)
     known = load_result(result)
@@ -90,7 +91,9 @@ def track(
         _run(kind.open(wanted), session, files, show, resumable=kind.resumable)
     document = files.end()
     _say(document)
-    written = [folder / "track.csv", folder / "track.json"]
+    from vibrident.use.tracking.outcome import tracked_result
+
+    written = [folder / "track.csv", folder / "track.json", tracked_result(known, session).save(folder / "result.json")]
     if not no_plots:
         written.append(_drawn(folder, document, dict(known.sensor)))
     wrote(written)
@@ -127,11 +130,10 @@ def _run(chunks: Iterator[Chunk], session: Session, files: Files, show: Any, *, 
         rows = session.take(chunk)
         files.write(rows)
         for alarm in session.alarms[said[0] :]:
-            note(
-                f"Alarm at {alarm.time_s:.6g} s: {alarm.parameter} {alarm.before:.6g} → {alarm.after:.6g}: {alarm.what}"
-            )
+            change = f"{alarm.parameter} {alarm.before:.6g} → {alarm.after:.6g}"
+            note(f"Alarm at {alarm.time_s:.12g} s: {change}: {alarm.what}")
         for trouble in session.troubles[said[1] :]:
-            note(f"{trouble.samples} samples {trouble.what} at {trouble.time_s:.6g} s")
+            note(f"{trouble.samples} samples {trouble.what} at {trouble.time_s:.12g} s")
         said = len(session.alarms), len(session.troubles)
         if resumable and chunk.position:
             files.keep(chunk.position)
@@ -177,9 +179,15 @@ def _say(document: dict[str, Any]) -> None:
     for name, each in document["parameters"].items():
         value, u = pair(each["value"], each["standard_uncertainty"])
         rows.append({"parameter": name, "value": value, "u": u, "unit": each["unit"]})
-    console.print(terminal.inspection_table(rows, f"Tracked sensor, {document['time_s']:.6g} s"))
+    console.print(terminal.inspection_table(rows, f"Tracked sensor, {document['time_s']:.12g} s"))
     alarms = [
-        {"time / s": a["time_s"], "parameter": a["parameter"], "from": a["from"], "to": a["to"], "what": a["what"]}
+        {
+            "time / s": f"{a['time_s']:.12g}",
+            "parameter": a["parameter"],
+            "from": a["from"],
+            "to": a["to"],
+            "what": a["what"],
+        }
         for a in document["alarms"]
     ]
     if alarms:

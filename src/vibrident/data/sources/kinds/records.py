@@ -8,13 +8,15 @@ import numpy as np
 
 from vibrident.base.errors import InputError
 from vibrident.data.io.reading import read_guarded
+from vibrident.data.io.sampling import SAME_RATE
 from vibrident.data.sources.source import Chunk, Source, Wanted
 
 
 def _open(wanted: Wanted) -> Iterator[Chunk]:
     calibration = read_guarded(wanted.file)
     rates = {record.sampling_rate_hz for record in calibration.records}
-    if len(rates) != 1 or any(record.reference is None for record in calibration.records):
+    apart = not rates or max(rates) / min(rates) - 1.0 > SAME_RATE
+    if apart or any(record.reference is None for record in calibration.records):
         raise InputError(
             "These records cannot be tracked one after the other.",
             expected="records of one sampling rate, each with a reference",
