@@ -23,7 +23,6 @@ from vibrident.use.tracking.knowledge import SECONDS_A_YEAR
 from vibrident.use.tracking.state import Settings
 from vibrident.use.tracking.tracker import Tracker
 
-MODELS = ("accelerometer", "accelerometer+delay")
 REACH = 48  # samples of the corrector on either side
 #: The corrector passes all up to so much of the sampling rate beyond the band, and nothing TRANSITION further on.
 FLAT = 0.03
@@ -43,10 +42,11 @@ def tracker_of(sensor: ExportedSensor, rate_hz: float, settings: Settings) -> Tr
     Raises:
         InputError: the model is not one that the C code has, or an uncertainty is not stated.
     """
-    if sensor.model.name not in MODELS:
+    model = sensor.model
+    if model.core.output != "displacement" or not all(part.is_delay for part in model.add_ons):
         raise InputError(
             "This sensor cannot be exported as a tracker.",
-            expected=" or ".join(repr(name) for name in MODELS),
+            expected="a displacement pickup of second order, with or without a delay",
             found=repr(sensor.model.name),
             where="result, model",
             remedy="leave --online out, or track it with `vibrident track`",

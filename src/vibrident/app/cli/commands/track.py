@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from vibrident.use.tracking.session import Session
     from vibrident.use.tracking.state import Estimate
 
+#: The source where none is given.
+RECORDS = "calibration-records"
 #: Rows of a session of records, where --every does not say.
 ROWS = 100
 #: Time between rows of a stream, s, where --every does not say.
@@ -68,7 +70,7 @@ def track(
     described = read_calibration_file(calibration)
     kind = SOURCES[name]
     rate_hz, length_s = described.sampling.rate_hz, None
-    if name == "records":
+    if name == RECORDS:
         rate_hz, length_s = _of_records(calibration, known)
     if rate_hz is None:
         rate_hz = next((entry.rate_hz for entry in described.records if entry.rate_hz), None)
@@ -112,7 +114,7 @@ def _chosen(*, follow: bool, stdin: str | None, tcp: str | None, source: str | N
             where="options",
             remedy="leave the others out",
         )
-    return given[0] if given else ("records", "")
+    return given[0] if given else (RECORDS, "")
 
 
 def _of_records(calibration: Path, known: Any) -> tuple[float | None, float]:

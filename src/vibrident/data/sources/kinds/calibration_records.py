@@ -31,4 +31,4 @@ def _open(wanted: Wanted) -> Iterator[Chunk]:
         yield Chunk(reference, response, record.start_time_s, separate=True)
 
 
-RECORDS = Source("records", "the records of the calibration file", _open)
+CALIBRATION_RECORDS = Source("calibration-records", "the records of the calibration file", _open)
