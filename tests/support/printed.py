@@ -25,7 +25,8 @@ CERTIFICATE = {
     "remarks": ["First remark.", "Second remark."],
 }
 PREFIXES = {"k": 3, "M": 6, "m": -3, "µ": -6, "n": -9, "p": -12, "f": -15}
-NUMBER = r"[+-]?\d+(?:\.\d+)?(?:e-?\d+)?"
+NUMBER = r"[+−]?\d+(?:\.\d+)?(?:·10⁻?[⁰¹²³⁴⁵⁶⁷⁸⁹]+)?"
+_TYPED = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻−", "0123456789--")
 
 
 def stated(result=None):
@@ -33,10 +34,15 @@ def stated(result=None):
     return replace(result or table2(), certificate=CERTIFICATE)
 
 
+def typed(number: str) -> str:
+    """A printed number as Python reads it."""
+    return number.replace("·10", "e").translate(_TYPED)
+
+
 def assert_rounded(text: str, value: float, factor: float = 1.0):
     """The printed number is the value times factor, rounded to its last place."""
     assert re.fullmatch(NUMBER, text), text
-    number = Decimal(text)
+    number = Decimal(typed(text))
     half_a_place = Decimal(5).scaleb(number.as_tuple().exponent - 1)
     assert abs(number - Decimal(value * factor)) <= half_a_place * Decimal("1.000001"), (text, value * factor)
 

@@ -132,6 +132,7 @@ def table2(seed=1, codes=()):
             },
         ),
         weights=WEIGHTS,
+        uncertainty={"covers": ["noise", "gain", "phase"]},
     )
 
 

@@ -105,6 +105,15 @@ def upload(page, *files: Path) -> None:
     page.locator("input[type=file][multiple]").first.set_input_files([str(file) for file in files])
 
 
+def start_anew(page) -> None:
+    """Remove all from the page; where there is nothing it does not ask."""
+    page.get_by_role("button", name="Start anew").click()
+    remove = page.get_by_role("button", name="Remove all")
+    remove.or_(page.get_by_text("No data yet.")).first.wait_for()
+    if remove.is_visible():
+        remove.click()
+
+
 def field(page, label: str):
     """What the person can fill in or choose under this label."""
     return page.get_by_label(label, exact=True).locator("visible=true")

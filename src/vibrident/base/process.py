@@ -49,6 +49,14 @@ _UNREADABLE = (ValueError, TypeError, KeyError, RecursionError)
 _T = TypeVar("_T")
 
 
+def _signal(number: int) -> str:
+    """A signal's number and name: ``signal 9, SIGKILL``."""
+    try:
+        return f"signal {number}, {signal.Signals(number).name}"
+    except ValueError:
+        return f"signal {number}"
+
+
 class WorkerError(RuntimeError):
     """An unexpected failure in the process; the message is its traceback."""
 
@@ -253,7 +261,7 @@ class _Child:
         if overdue.is_set() or code == _OUT_OF_TIME:
             return Died("time", "a process that was still at work")
         self._listener.join(_ENDING_S)
-        ending = f"a process that ended with {f'signal {-code}' if code < 0 else f'status {code}'}"
+        ending = f"a process that ended with {_signal(-code) if code < 0 else f'status {code}'}"
         return Died("crash", ending, self._printed.decode(errors="replace").strip())
 
     def kill(self) -> None:

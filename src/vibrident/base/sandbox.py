@@ -90,5 +90,5 @@ def _refusal(death: Died, limits: Limits) -> InputError:
         "Reading this file costs too much.",
         expected=f"at most {expected}",
         found=found,
-        remedy="give a shorter record, or use vibrident identify in a shell of your own machine",
+        remedy="give a shorter record, or use the command line of your own machine",
     )

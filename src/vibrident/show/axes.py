@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from vibrident.show.numbers import plain
+from vibrident.show.numbers import plain, printed
 from vibrident.show.views import Axis, FloatArray
 
 _SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
@@ -168,24 +168,14 @@ def linear_ticks(
         return tuple((float(value), _plain(float(f"{value:.10g}"), thousands=True)) for value in places)
     digits = max(0, -math.floor(math.log10(step) + 1e-9) + (f"{step:.3e}"[2:4] not in ("00",)))
     texts = [f"{value:.{digits}f}" if digits < 7 and abs(value) < 1e6 else plain(value) for value in places]
-    return tuple((float(value), _minus(text)) for value, text in zip(places, texts, strict=True))
+    return tuple((float(value), printed(text)) for value, text in zip(places, texts, strict=True))
 
 
 def _plain(value: float, thousands: bool) -> str:
     if thousands and value >= 1e6:
         return f"{value / 1e6:g} M"
-    return f"{value / 1e3:g} k" if thousands and value >= 1e3 else _minus(plain(value))
+    return f"{value / 1e3:g} k" if thousands and value >= 1e3 else plain(value)
 
 
 def _power(value: float) -> str:
     return f"10{str(round(math.log10(value))).translate(_SUPERSCRIPTS)}"
-
-
-def _minus(text: str) -> str:
-    return (
-        "0"
-        if not text.strip("-0.") and "." not in text
-        else text.replace("-", "−")
-        if text.strip("-0.")
-        else text.lstrip("-")
-    )

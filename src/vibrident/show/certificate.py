@@ -15,10 +15,20 @@ from vibrident.base.amounts import pretty
 from vibrident.base.nominal import same
 from vibrident.result import Result
 from vibrident.show import figures, tables, words
-from vibrident.show.coverage import coverage, interval_text, parameter_factor
+from vibrident.show.coverage import coverage, interval_text, parameter_factor, scatter_only, unstated
 from vibrident.show.findings import findings
+from vibrident.show.formulas import Words
 from vibrident.show.history import date_of
-from vibrident.show.numbers import COVERAGE_FACTOR, NONE, plain, reference_unit, sensitivity_scale, sensor_name, with_u
+from vibrident.show.numbers import (
+    COVERAGE_FACTOR,
+    NONE,
+    plain,
+    printed,
+    reference_unit,
+    sensitivity_scale,
+    sensor_name,
+    with_u,
+)
 from vibrident.show.points import Point, measured_band, nominal_points, reference_point
 from vibrident.show.views import (
     Beside,
@@ -33,6 +43,7 @@ from vibrident.show.views import (
     columns,
     count,
     document,
+    listed,
     section,
 )
 
@@ -71,8 +82,14 @@ def certificate(result: Result) -> Document:
         section("signatures", "", Signatures(signatures(result))),
     ]
     return replace(
-        document("Calibration certificate", (Beside(groups(result)),), sections), letterhead=letterhead(result)
+        document(title(result), (*scatter_only(result), Beside(groups(result))), sections),
+        letterhead=letterhead(result),
     )
+
+
+def title(result: Result) -> str:
+    """What the document is: a certificate states an uncertainty of the sensor, not of the scatter alone."""
+    return "Measurement report" if unstated(result) else "Calibration certificate"
 
 
 def letterhead(result: Result) -> Letterhead:
@@ -159,7 +176,9 @@ def _ambient(stated: Mapping[str, Any], name: str, suffix: str, unit: str) -> st
     value, expanded = stated.get(f"{name}_{suffix}"), stated.get(f"{name}_uncertainty_{suffix}")
     if value is None:
         return None
-    return f"{value:.12g} {unit}" + (f" (U = {expanded:.12g} {unit}, k = 2)" if expanded is not None else "")
+    return f"{printed(f'{value:.12g}')} {unit}" + (
+        f" (U = {expanded:.12g} {unit}, k = 2)" if expanded is not None else ""
+    )
 
 
 def _band(result: Result) -> str:
@@ -247,24 +266,25 @@ def statements(result: Result) -> tuple[str, ...]:
     """Paragraphs on uncertainty, phase and adequacy."""
     covers = result.settings.get("uncertainty_covers")
     reference = result.settings.get("reference_standard_uncertainty")
-    parts = [
-        "U is the expanded uncertainty, U = k·u with the standard uncertainty u (GUM) and the coverage factor "
-        + coverage(result).text,
-        "It covers: " + str(covers) + "." if covers else "",
-        f"It includes the reference's relative standard uncertainty of {plain(100.0 * reference, 3)} %."
-        if reference
-        else "",
-    ]
+    uncertainty = (
+        "U is the expanded uncertainty, U = k·u with the standard uncertainty u (GUM) and the coverage factor",
+        coverage(result).text,
+        interval_text(result),
+    )
     verdict = (
         f"The model {'describes' if result.fit.adequate else 'does not describe'} the data within their uncertainties."
     )
-    parts.append(interval_text(result))
-    more = (tables.small_signals(result), *((tables.UNSTATED,) if _unstated(result) else ()))
-    return (
-        " ".join(part for part in parts if part),
+    parts = (
+        Words(" ".join(part for part in uncertainty if part)),
+        f"It covers: {covers}." if covers else "",
+        f"It includes the reference's relative standard uncertainty of {plain(100.0 * reference, 3)} %."
+        if reference
+        else "",
         " ".join((verdict, tables.worst(result.measured))).strip(),
-        *(part for part in more if part),
+        tables.small_signals(result),
+        tables.UNSTATED if _unstated(result) else "",
     )
+    return tuple(part for part in parts if part)
 
 
 def _unstated(result: Result) -> bool:
@@ -292,5 +312,6 @@ def _files(result: Result) -> Table | None:
     entries = [entry for entry in result.provenance.get("files") or () if isinstance(entry, Mapping)]
     known = [entry for entry in entries if entry.get("file") or entry.get("sha256")]
     rows = tuple((str(entry.get("file") or NONE), str(entry.get("sha256") or NONE)) for entry in known)
-    more = (f"and {len(rows) - MOST_FILES} more, listed in result.json",) if len(rows) > MOST_FILES else ()
-    return Table(columns("Data file", "SHA-256"), rows[:MOST_FILES], notes=more) if rows else None
+    kept = listed(len(rows), MOST_FILES)
+    more = (f"and {len(rows) - kept} more, listed in result.json",) if len(rows) > kept else ()
+    return Table(columns("Data file", "SHA-256"), rows[:kept], notes=more) if rows else None

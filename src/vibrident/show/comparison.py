@@ -14,6 +14,7 @@ from vibrident.physics.naming import described, parameter_name
 from vibrident.result import Result
 from vibrident.show import axes, words
 from vibrident.show.curves import continuous, numbers, principal
+from vibrident.show.formulas import Words
 from vibrident.show.numbers import (
     COVERAGE_FACTOR,
     NONE,
@@ -21,8 +22,12 @@ from vibrident.show.numbers import (
     percent,
     plain,
     reference_unit,
+    rounded,
     sensitivity_scale,
     sensor_name,
+    signed,
+    unit_of_sensitivity,
+    with_sign,
 )
 from vibrident.show.points import Point, nominal_points, reference_point, sensitivity_at
 from vibrident.show.views import LINES, Column, Figure, Panel, Series, Stack, Table, columns
@@ -30,7 +35,7 @@ from vibrident.use.comparison import normalized_error, not_comparable, shared_co
 
 MOST_COLUMNS = 5  # results in one table, including the first; more results need further tables
 _LEAST_FIXED = 1e-7  # differences smaller than this carry a power of ten
-EN = (
+EN = Words(
     "E_n = (value − first)/√(U² + U_first² − 2 k² cov) with the expanded uncertainties U, k = 2: |E_n| ≤ 1 says that "
     "the two agree within their uncertainties. The covariance is that of the stated sources which both share, such as "
     "the same reference. None is given for two evaluations of the same data, nor for different sensors."
@@ -82,9 +87,15 @@ def quantities(results: Sequence[Result]) -> list[ComparedQuantity]:
         ]
         known = [abs(value.value) for value in values if value is not None and value.value]
         if sum(value is not None for value in values) > 1:
-            scale, relative = scaled(unit, known[0] if known else 0.0), getattr(described(key), "kind", "") != "time"
+            scale, relative = _scale(results[0], unit, known), getattr(described(key), "kind", "") != "time"
             found.append(ComparedQuantity(parameter_name(key).words, scale, tuple(values), relative))
     return found
+
+
+def _scale(first: Result, unit: str, known: Sequence[float]) -> Scale:
+    if pretty(unit) == pretty(unit_of_sensitivity(first)):
+        return sensitivity_scale(first)
+    return scaled(unit, known[0] if known else 0.0)
 
 
 def _sensitivity_kind(result: Result) -> tuple[str, str]:
@@ -171,8 +182,8 @@ def _at_nominal(first: Result, other: Result, names: tuple[str, str], reason: st
     values = [
         column for name in names for column in (Column(f"{name}: |S|", "number", scale.unit), Column("U", "number"))
     ]
-    heads = (Column("nominal", "number", "Hz"), *values, *columns("difference", "E_n", kind="number"))
-    heads += (Column("phase difference", "number", "°"), Column("E_n of phase", "number"))
+    heads = (Column("nominal", "number", "Hz"), *values, *columns("difference", Words("E_n"), kind="number"))
+    heads += (Column("phase difference", "number", "°"), Column(Words("E_n of phase"), "number"))
     table = Table(heads, tuple(rows), notes=("Values are those of each identified model.",))
     return table if any(row[-2] != NONE for row in rows) else table.select(tuple(range(len(heads) - 2)))
 
@@ -207,7 +218,7 @@ def _lines(row: ComparedQuantity, chunk: Sequence[int], reasons: Sequence[str]) 
     first = values[0]
     off = [difference(value, first, row) for value in values[1:]]
     en = [reasons[i] or error(value, first) for i, value in zip(chunk[1:], values[1:], strict=True)]
-    return [*lines, ("", "" if row.relative else unit, "difference", "", *off), ("", "", "E_n", "", *en)]
+    return [*lines, ("", "" if row.relative else unit, "difference", "", *off), ("", "", Words("E_n"), "", *en)]
 
 
 def printed_value(value: Value | None, factor: float) -> tuple[str, str]:
@@ -227,9 +238,8 @@ def difference(value: Value | None, base: Value, row: ComparedQuantity) -> str:
     joint = _joint(value, base, abs(factor))
     if relative and not joint:
         return percent(off * factor)
-    text = _fixed_point(pair(off * factor, joint)[0])
-    signed = text if text.startswith("-") or not text.strip("0.") else f"+{text}"
-    return f"{signed} %" if relative else signed
+    text = with_sign(_fixed_point(rounded(off * factor, joint)[0]))
+    return f"{text} %" if relative else text
 
 
 def _fixed_point(text: str) -> str:
@@ -252,7 +262,7 @@ def error(value: Value | None, base: Value) -> str:
         return NONE
     both = shared_covariance(value.shared, base.shared)
     en = normalized_error(value.value, value.expanded, base.value, base.expanded, both)
-    return NONE if en is None else f"{en:+.2f}".replace("-0.00", "+0.00")
+    return NONE if en is None else signed(en, 2)
 
 
 def beside(results: Sequence[Result], names: Sequence[str]) -> Figure | None:

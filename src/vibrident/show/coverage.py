@@ -1,15 +1,25 @@
-"""What U = k u covers: the coverage probability that belongs to k and the effective degrees of freedom (GUM G.3)."""
+"""What U = k u covers: the effects that u holds, and the probability by k and the degrees of freedom (GUM G.3)."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from vibrident.base.tails import f_tail
 from vibrident.result import Result
+from vibrident.show.formulas import Words
 from vibrident.show.numbers import COVERAGE_FACTOR, plain
+from vibrident.show.views import Sentence
 
 _KEY = "effective_degrees_of_freedom"
+#: What to state of the measuring chain, for U to hold it.
+_TO_STATE = {
+    "gain": "the standard uncertainty of the reference (standard_uncertainty of [reference], or an [[uncertainty]] of "
+    "kind gain)",
+    "phase": "that of the phase (an [[uncertainty]] of kind phase or timing)",
+}
 _NEARLY_NORMAL = 60.0  # effective degrees of freedom from which k = 2 covers 95 %
 
 
@@ -22,8 +32,11 @@ class Coverage:
     probability: float  # of the interval value ± U
 
     @property
-    def text(self) -> str:
+    def text(self) -> Words:
         """All of it in a sentence."""
+        return Words(self._said())
+
+    def _said(self) -> str:
         percent = f"{100 * self.probability:.1f} %"
         if self.degrees_of_freedom is None:
             return f"k = {self.factor:g}: coverage probability {percent} for a normal distribution."
@@ -52,10 +65,32 @@ def parameter_factor(result: Result) -> float:
     return max(float(k), COVERAGE_FACTOR)
 
 
-def interval_text(result: Result) -> str:
+def interval_text(result: Result) -> Words:
     """Which k the parameters' U and intervals have, where that is not 2; else empty."""
     k = parameter_factor(result)
     if k == COVERAGE_FACTOR:
-        return ""
+        return Words()
     freedom = plain(coverage(result).degrees_of_freedom, 3)
-    return f"U and 95 % interval of the parameters are u times k = {plain(k, 3)} (Student's t with ν_eff = {freedom})."
+    said = f"U and 95 % interval of the parameters are u times k = {plain(k, 3)} (Student's t with ν_eff = {freedom})."
+    return Words(said)
+
+
+def unstated(result: Result) -> tuple[str, ...]:
+    """Which of ``gain`` and ``phase`` no uncertainty was stated of, of those that the result has."""
+    phases = bool(np.isfinite(result.measured.phase_deg).any())
+    parts = (("gain",) if result.has_gain else ()) + (("phase",) if result.has_gain and phases else ())
+    return tuple(part for part in parts if part not in (result.uncertainty.get("covers") or ()))
+
+
+def scatter_only(result: Result) -> tuple[Sentence, ...]:
+    """That U covers scatter only, and what to state; nothing where gain and phase are stated."""
+    missing = unstated(result)
+    if not missing:
+        return ()
+    of = f"of the {missing[0]} " if missing == ("phase",) else ""
+    lead = f"U {of}covers scatter only."
+    text = (
+        f"No uncertainty of the {' and of the '.join(missing)} of the measuring chain is stated. To include it, state "
+        f"in the calibration file {', and '.join(_TO_STATE[part] for part in missing)}, then identify again."
+    )
+    return (Sentence(text, "doubt", lead),)

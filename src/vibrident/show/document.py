@@ -8,10 +8,10 @@ from vibrident.physics.naming import parameter_name
 from vibrident.result import Result
 from vibrident.show import certificate, figures, tables
 from vibrident.show.comparison import beside, comparison_tables
-from vibrident.show.coverage import parameter_factor
+from vibrident.show.coverage import parameter_factor, scatter_only
 from vibrident.show.findings import findings
 from vibrident.show.history import drift, drift_table, histories
-from vibrident.show.numbers import NONE, plain, sensor_name, stated
+from vibrident.show.numbers import NONE, parameter_scale, plain, sensor_name, stated
 from vibrident.show.residual_tests import residual_tests
 from vibrident.show.setting_tables import budget, light
 from vibrident.show.views import (
@@ -28,6 +28,7 @@ from vibrident.show.views import (
     columns,
     count,
     document,
+    listed,
     section,
 )
 
@@ -49,7 +50,11 @@ def report(result: Result, more: Sequence[Section] = ()) -> Document:
         section("interferometer", "Interferometer", light(result)),
         section("correlation", "Correlation of the estimated parameters", tables.correlation(result)),
         section("training", "Training", *_training(result)),
-        *([section("certificate", "Certificate", *_certificate(result))] if result.certificate else []),
+        *(
+            [section("certificate", "Statements of the laboratory", *_certificate(result))]
+            if result.certificate
+            else []
+        ),
         *more,
         section("settings", "Settings", *_settings(result)),
         section("provenance", "Provenance", *_provenance(result)),
@@ -74,7 +79,7 @@ def comparison(results: Sequence[Result], names: Sequence[str]) -> Document:
 
 def head(result: Result) -> tuple[Block, ...]:
     """The verdict, what was calibrated and how, and the numbers that most readers look for."""
-    return (verdict(result), Facts(tables.facts(result)), cards(result))
+    return (verdict(result), *scatter_only(result), Facts(tables.facts(result)), cards(result))
 
 
 def verdict(result: Result) -> Sentence:
@@ -95,7 +100,7 @@ def cards(result: Result) -> Cards:
     k = parameter_factor(result)
     for name, parameter in result.parameters.items():
         if not parameter.derived:
-            number = stated(parameter, k)
+            number = stated(parameter, k, parameter_scale(result, parameter))
             value = f"{number.value} {number.unit}".strip()
             bar = "" if number.expanded == NONE else f", U = {number.expanded} {number.unit}".rstrip()
             found.append((parameter_name(name).words, f"{value}{bar}{f' (k = {plain(k, 3)})' if bar else ''}"))
@@ -151,9 +156,10 @@ def _provenance(result: Result) -> tuple[Block, ...]:
     """Versions and times, and the files in a table of their own."""
     files = [entry for entry in result.provenance.get("files") or () if isinstance(entry, Mapping)]
     others = {key: value for key, value in result.provenance.items() if key != "files" or not files}
-    more = (f"and {len(files) - MOST_FILES} more, listed in result.json",) if len(files) > MOST_FILES else ()
-    told = [(str(f.get("file") or NONE), str(f.get("sha256") or NONE)) for f in files[:MOST_FILES]]
-    steps = ["; ".join(map(str, entry.get("history") or ())) for entry in files[:MOST_FILES]]
+    kept = listed(len(files), MOST_FILES)
+    more = (f"and {len(files) - kept} more, listed in result.json",) if len(files) > kept else ()
+    told = [(str(f.get("file") or NONE), str(f.get("sha256") or NONE)) for f in files[:kept]]
+    steps = ["; ".join(map(str, entry.get("history") or ())) for entry in files[:kept]]
     alike = len(steps) > 1 and len(set(steps)) == 1 and steps[0] != ""
     rows = tuple((*names, "" if alike else history) for names, history in zip(told, steps, strict=True))
     notes = (*more, *((f"History of each: {steps[0]}.",) if alike else ()))

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 
-from vibrident.base.amounts import plain
 from vibrident.physics.naming import in_words
 from vibrident.result import Finding, Result
+from vibrident.show.numbers import plain
 from vibrident.show.tables import doubts
-from vibrident.show.views import Block, Column, Folded, Section, Sentence, Table, count, section
+from vibrident.show.views import Block, Column, Folded, Section, Sentence, Table, count, listed, section
 
 MOST_ROWS = 30  # findings in a table; the result lists them all
 _MOST_SAID = 3  # kinds of finding in a line
@@ -37,11 +37,12 @@ def line(result: Result) -> tuple[Sentence, ...]:
     for finding in left:
         kinds.setdefault(finding.code, []).append(finding)
     said = [_said(result, alike) for alike in kinds.values()]
-    more = [f"And {count(len(said) - _MOST_SAID, 'more kind')}."] if len(said) > _MOST_SAID else []
+    kept = listed(len(said), _MOST_SAID)
+    more = [f"And {count(len(said) - kept, 'more kind')}."] if len(said) > kept else []
     small = all(name and size < 1.0 for size, name in (_impact(result, finding) for finding in left))
     verb = "moves" if len(left) == 1 else "move"
     why = f"that {verb} no parameter by its u" if small else "without a warning"
-    return (Sentence(" ".join([*said[:_MOST_SAID], *more]), "note", f"{count(len(left), 'finding')} {why}:"),)
+    return (Sentence(" ".join([*said[:kept], *more]), "note", f"{count(len(left), 'finding')} {why}:"),)
 
 
 def _said(result: Result, alike: list[Finding]) -> str:
@@ -62,9 +63,9 @@ def table(result: Result) -> Table | None:
     if not result.findings:
         return None
     rows = []
-    for finding in result.findings[:MOST_ROWS]:
+    for finding in result.findings[: listed(len(result.findings), MOST_ROWS)]:
         time = "" if finding.time_s is None else plain(finding.time_s, 4)
-        chance = f"<{_LEAST:g}" if finding.probability < _LEAST else plain(finding.probability, 1)
+        chance = f"<{plain(_LEAST)}" if finding.probability < _LEAST else plain(finding.probability, 1)
         rows.append((_what(finding), finding.record or "all", time, chance, _moved(result, finding)))
     heads = (Column("what"), Column("record"), Column("time", "number", "s"), Column("probability", "number"))
     left = len(result.findings) - len(rows)

@@ -1,4 +1,7 @@
-"""The few formulas among our words, ``E_n`` or ``e^{jωt}``, and how a medium sets what is below or above the line."""
+"""The few formulas among our words, ``E_n`` or ``e^{jωt}``, and how a medium sets what is below or above the line.
+
+Only ``Words`` hold formulas. Any other text may be of others, whose ``CALS_0042`` is a number and no formula.
+"""
 
 from __future__ import annotations
 
@@ -9,10 +12,16 @@ from collections.abc import Callable, Mapping
 from vibrident.physics.naming import parameter_name, parameter_names
 
 
-def symbol(name: str) -> str:
+class Words(str):
+    """Our own words, without text of others: their formulas are set."""
+
+    __slots__ = ()
+
+
+def symbol(name: str) -> Words:
     """Symbol of a parameter: ``f_n``; empty if it has no symbol."""
     known = parameter_name(name).symbol
-    return f"{known[0]}_{known[1:]}" if len(known) > 1 else known
+    return Words(f"{known[0]}_{known[1:]}" if len(known) > 1 else known)
 
 
 _BELOW = str.maketrans("0123456789n", "₀₁₂₃₄₅₆₇₈₉ₙ")
@@ -30,14 +39,15 @@ def formulas() -> Mapping[str, tuple[str, str, str]]:
     return found
 
 
-def typeset(
-    escaped: str, mark: Callable[[str, str, str], str], escape: Callable[[str], str] = lambda text: text
-) -> str:
-    """Set the formulas in a text that is escaped already.
+def typeset(text: str, escape: Callable[[str], str], mark: Callable[[str, str, str], str]) -> str:
+    """A text for a medium, with the formulas in it set where it is ours.
 
-    ``escaped``: for the medium; ``mark``: from base, small text and ``sub`` or ``sup`` to what the medium writes;
-    ``escape``: what the medium made of the formula.
+    ``text``: ``Words``, or any other text, which is escaped alone; ``escape``: what the medium makes of text; ``mark``:
+    from base, small text and ``sub`` or ``sup`` to what the medium writes.
     """
+    escaped = escape(text)
+    if not isinstance(text, Words):
+        return escaped
     found = {escape(text): parts for text, parts in formulas().items()}
     pattern = "|".join(re.escape(text) for text in found)
     return re.sub(rf"(?<![A-Za-z0-9_])(?:{pattern})(?![A-Za-z0-9_])", lambda match: mark(*found[match[0]]), escaped)
@@ -50,4 +60,4 @@ def in_a_line(text: str) -> str:
         below = small.translate(_BELOW)
         return base + below if kind == "sub" and below != small else f"{base}{'_' if kind == 'sub' else '^'}{small}"
 
-    return typeset(text, mark)
+    return typeset(text, str, mark)

@@ -12,7 +12,8 @@ from vibrident.result import Result
 from vibrident.show import axes
 from vibrident.show.comparison import ComparedQuantity, Value, difference, error, printed_value, quantities
 from vibrident.show.curves import numbers
-from vibrident.show.numbers import NONE, sensor_name
+from vibrident.show.formulas import Words
+from vibrident.show.numbers import NONE, sensor_name, with_sign
 from vibrident.show.views import GREY, MEASURED, Figure, FloatArray, Look, Panel, Series, Stack, Table, columns
 from vibrident.use.comparison import not_comparable
 
@@ -74,7 +75,9 @@ def drift(history: History, name: str) -> Figure:
     panels = []
     for quantity in history.quantities:
         change, half, unit = changes(quantity)
-        texts = tuple(f"{label}: {value:+.3g} {unit}" for label, value in zip(history.labels, change, strict=True))
+        texts = tuple(
+            f"{label}: {with_sign(f'{value:.3g}')} {unit}" for label, value in zip(history.labels, change, strict=True)
+        )
         bars = half if np.isfinite(half).any() else None
         series = (
             Series(days, change, "", Look(GREY, "dotted", 1.0)),
@@ -83,7 +86,7 @@ def drift(history: History, name: str) -> Figure:
         ends = np.concatenate([change - np.nan_to_num(half), change + np.nan_to_num(half), [0.0]])
         y = axes.linear(f"Change\nin {unit}", ends, most=4)
         panels.append(Panel(x, y, series, 0.95, quantity.label, rules=(0.0,)))
-    caption = "Change from the first date; bars: U (k = 2). Calibrations agree where E_n is within ±1."
+    caption = Words("Change from the first date; bars: U (k = 2). Calibrations agree where E_n is within ±1.")
     return Figure(name, f"Drift of {history.sensor}", (Stack(tuple(panels)),), "", caption)
 
 
@@ -115,13 +118,15 @@ def drift_table(history: History) -> Table:
                 )
             )
     notes = [
-        "Change is from the first date; E_n to the first date and to the date before, with U (k = 2): |E_n| > 1 is a "
-        "change that the uncertainties do not explain. Stated sources that both share, such as the same reference, are "
-        "no part of U of the difference."
+        Words(
+            "Change is from the first date; E_n to the first date and to the date before, with U (k = 2): |E_n| > 1 is "
+            "a change that the uncertainties do not explain. Stated sources that both share, such as the same "
+            "reference, are no part of U of the difference."
+        )
     ]
     if history.evaluated:
-        notes.append("Where no date of calibration is stated, the date is that of the evaluation.")
-    heads = columns("value", "U", "change", "E_n to first", "E_n to previous", kind="number")
+        notes.append(Words("Where no date of calibration is stated, the date is that of the evaluation."))
+    heads = columns("value", "U", "change", Words("E_n to first"), Words("E_n to previous"), kind="number")
     return Table((*columns("quantity", "unit", "date"), *heads), tuple(rows), notes=tuple(notes))
 
 

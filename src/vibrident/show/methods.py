@@ -10,7 +10,17 @@ from vibrident.base.nominal import Nominal
 from vibrident.physics.naming import parameter_name
 from vibrident.result import Parameter, Result
 from vibrident.show import words
-from vibrident.show.numbers import NONE, concise, fit_unit, percent, plain, sensitivity_scale, stated, uncertainty
+from vibrident.show.numbers import (
+    NONE,
+    concise,
+    fit_unit,
+    percent,
+    plain,
+    sensitivity_scale,
+    signed,
+    stated,
+    uncertainty,
+)
 from vibrident.show.points import sensitivity_at
 from vibrident.show.tables import weight_rows
 from vibrident.show.views import Column, Sentence, Table, columns
@@ -193,7 +203,7 @@ def _against(
 ) -> list[tuple[str, ...]]:
     """Values with u beside the true one, and how many u they are from it."""
     cells = [NONE if p is None else _with_u(*p, scale) for p in pairs]
-    off = ["" if p is None or not p[1] else f"{(p[0] - true) / p[1]:+.1f} u".replace("-0.0", "+0.0") for p in pairs]
+    off = ["" if p is None or not p[1] else f"{signed((p[0] - true) / p[1], 1)} u" for p in pairs]
     return [(name, scale.printed, plain(scale.times(true), 8), *cells), ("", "", "", *off)]
 
 

@@ -11,10 +11,11 @@ from vibrident.physics.naming import parameter_name
 from vibrident.result import Curve, MeasuredCurve, Parameter, Result
 from vibrident.result.sensor import IdentifiedSensor
 from vibrident.show import terminal
+from vibrident.show.coverage import scatter_only
 from vibrident.show.figures import PICTURES
 from vibrident.show.findings import told
 from vibrident.show.media import html
-from vibrident.show.numbers import sensitivity_unit, stated
+from vibrident.show.numbers import magnitude_scale, sensitivity_unit, stated
 from vibrident.show.response_figures import response_panels
 from vibrident.show.views import Block, Column, Figure, K, Sentence, Stack, Table, columns
 
@@ -24,7 +25,8 @@ POINTS = 200  # of a sensor's curve
 def result(shown: Result) -> str:
     """Parameters with their uncertainties, the verdict, warnings and findings, and the sensitivity over frequency."""
     curve = PICTURES["sensitivity"](shown)
-    blocks: list[Block] = [terminal.parameter_table(shown), terminal.fit_line(shown), *told(shown)]
+    said = (terminal.fit_line(shown), *scatter_only(shown), *told(shown))
+    blocks: list[Block] = [terminal.parameter_table(shown), *said]
     return html.fragment(*blocks, *([] if curve is None else [curve]))
 
 
@@ -40,7 +42,9 @@ def sensor(shown: IdentifiedSensor) -> str:
     blocks: list[Block] = [Sentence(f"Identified sensor, model {shown.model.name}."), Table(heads, tuple(rows))]
     if shown.band_hz is not None and shown.band_hz[0] < shown.band_hz[1]:
         unit = sensitivity_unit(shown.response_unit, shown.input_unit)
-        panels = response_panels(_curve(shown, shown.band_hz), MeasuredCurve.none(), unit, shown.quantity, "")
+        curve = _curve(shown, shown.band_hz)
+        scale = magnitude_scale(unit, curve.magnitude)
+        panels = response_panels(curve, MeasuredCurve.none(), scale, shown.quantity, "")
         blocks.append(Figure("sensor", "Sensitivity", (Stack(panels),)))
     return html.fragment(*blocks)
 

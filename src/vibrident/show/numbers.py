@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from decimal import ROUND_HALF_EVEN, Decimal
 from typing import Any, TypeGuard
 
-from vibrident.base.amounts import NONE, Scale, plain, scaled
+from vibrident.base import amounts
+from vibrident.base.amounts import NONE, PLAIN_DIGITS, Scale, pretty, scaled
 from vibrident.base.nominal import nominal_value
 from vibrident.data.records import REFERENCE_UNITS, FloatArray
 from vibrident.result import Parameter, Result
@@ -47,6 +48,28 @@ def _rounded(value: Decimal, last: int) -> Decimal:
     return (value / unit).quantize(Decimal(1), rounding=ROUND_HALF_EVEN) * unit
 
 
+_SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
+
+
+def printed(number: str) -> str:
+    """A number as it is set: ``-1.5e-7`` becomes ``−1.5·10⁻⁷``; zero has neither sign nor power."""
+    head, _, power = number.partition("e")
+    if not head.strip("+-0."):
+        return head.lstrip("+-") if "." in head and not power else "0"
+    return head.replace("-", "−") + (f"·10{power.translate(_SUPERSCRIPTS)}" if power else "")
+
+
+def plain(value: float | None, digits: int = PLAIN_DIGITS) -> str:
+    """A number without stated uncertainty: that many significant digits at most; – for None and not finite."""
+    text = amounts.plain(value, digits)
+    return text if text == NONE else printed(text)
+
+
+def signed(value: float | None, places: int) -> str:
+    """A number with its sign and so many places; – for None and not finite."""
+    return printed(f"{value:+.{places}f}") if _known(value) else NONE
+
+
 def _known(value: float | None) -> TypeGuard[float]:
     return value is not None and math.isfinite(value)
 
@@ -59,20 +82,30 @@ def pair(value: float | None, uncertainty: float | None) -> tuple[str, str]:
 
     ``value``: best estimate; ``uncertainty``: standard uncertainty, same unit.
     """
+    value_text, u_text = rounded(value, uncertainty)
+    return _set(value_text), _set(u_text)
+
+
+def rounded(value: float | None, uncertainty: float | None) -> tuple[str, str]:
+    """The same as Python writes numbers, to compute with."""
     texts = _aligned(value, uncertainty, [uncertainty])
     return texts[0], texts[1]
+
+
+def _set(text: str) -> str:
+    return text if text == NONE else printed(text)
 
 
 def _aligned(value: float | None, uncertainty: float | None, own: list[float | None]) -> list[str]:
     """Value to the uncertainty's place, and each of ``own`` to two digits of its own, all with one power of ten."""
     if not _known(uncertainty) or uncertainty <= 0:
-        texts = [plain(value)]
-        return texts + [NONE if not _known(u) else "0" if u == 0 else plain(u, 2) for u in own]
+        texts = [amounts.plain(value)]
+        return texts + [NONE if not _known(u) else "0" if u == 0 else amounts.plain(u, 2) for u in own]
     last = place(uncertainty)
     size = Decimal(repr(float(value))) if _known(value) else Decimal(0)
     first = max(size.adjusted() if size else -400, last + 1)
     if first - last >= _MOST_DIGITS:  # finer than a float resolves: round the uncertainty alone
-        return [plain(value, _MOST_DIGITS), *(plain(u, 2) for u in own)]
+        return [amounts.plain(value, _MOST_DIGITS), *(amounts.plain(u, 2) for u in own)]
     power = first if last > 3 or first < -4 else 0
     texts = [_fixed(size, last, power) if _known(value) else NONE]
     for u in own:
@@ -83,7 +116,7 @@ def _aligned(value: float | None, uncertainty: float | None, own: list[float | N
 def _fixed(value: Decimal, last: int, power: int) -> str:
     text = f"{_rounded(value, last).scaleb(-power):.{max(0, power - last)}f}"
     if not text.strip("-0."):
-        text = text.lstrip("-")  # no negative zero
+        return "0" if power else text.lstrip("-")  # no negative zero
     return f"{text}e{power}" if power else text
 
 
@@ -94,24 +127,32 @@ def uncertainty(u: float | None) -> str:
 
 def concise(value: float | None, uncertainty: float | None) -> str:
     """Value with its standard uncertainty in the last digits, GUM 7.2.2: ``104.01(11)``; the value alone without u."""
-    text, u = pair(value, uncertainty)
+    text, u = rounded(value, uncertainty)
     if not _known(uncertainty) or uncertainty == 0 or text == NONE:
-        return text
+        return _set(text)
     head, _, power = text.partition("e")
     u_head, _, u_power = u.partition("e")
     if power != u_power:
-        return f"{text} ± {u}"
+        return f"{_set(text)} ± {_set(u)}"
     digits = u_head.replace(".", "").lstrip("0") if float(u_head) < 1 else u_head
-    return f"{head}({digits}){'e' + power if power else ''}"
+    return f"{printed(head)}({digits}){printed(f'1e{power}').removeprefix('1') if power else ''}"
 
 
-def stated(parameter: Parameter, k: float = COVERAGE_FACTOR) -> Stated:
-    """All numbers of a parameter in one unit with a natural prefix, rounded by GUM 7.2.6; U = k u."""
+def natural_scale(parameter: Parameter) -> Scale:
+    """The unit in which a parameter reads well, and the factor to it."""
+    sizes = [abs(x) for x in (parameter.value, parameter.standard_uncertainty) if _known(x)]
+    return scaled(parameter.unit, max(sizes, default=0.0))
+
+
+def stated(parameter: Parameter, k: float = COVERAGE_FACTOR, scale: Scale | None = None) -> Stated:
+    """All numbers of a parameter in one unit, rounded by GUM 7.2.6; U = k u.
+
+    ``scale``: unit and factor to it; None for a natural prefix.
+    """
     u = parameter.standard_uncertainty
-    sizes = [abs(x) for x in (parameter.value, u) if x is not None and math.isfinite(x)]
-    scale = scaled(parameter.unit, max(sizes, default=0.0))
+    scale = scale or natural_scale(parameter)
     value, u = scale.times(parameter.value), scale.times(u)
-    texts = _aligned(value, u, [u, None if u is None else k * u])
+    texts = [_set(text) for text in _aligned(value, u, [u, None if u is None else k * u])]
     low, high = map(scale.times, parameter.interval_95)
     return Stated(
         value=texts[0],
@@ -135,16 +176,23 @@ def _interval(low: float | None, high: float | None, u: float | None, *, stated_
     return "not bounded" if stated_open else NONE
 
 
-def percent(value: float | None) -> str:
-    """A signed percentage: two significant digits, never more than six places; ``+0.12 %``."""
-    if value is None or not math.isfinite(value):
+def percent(value: float | None, expanded: float | None = None) -> str:
+    """A signed percentage, ``+0.12 %``: to the place of its U, else two significant digits and at most six places."""
+    if not _known(value):
         return NONE
+    if _known(expanded) and expanded > 0:
+        return f"{with_sign(rounded(value, expanded)[0])} %"
     if value == 0:
         return "0 %"
     if abs(value) < 5e-6:
-        return f"{value:+.1e} %".replace("e-0", "e-")
+        return f"{printed(f'{value:+.1e}'.replace('e-0', 'e-'))} %"
     places = min(6, max(0, 1 - math.floor(math.log10(abs(value)))))
-    return f"{value:+.{places}f} %"
+    return f"{printed(f'{value:+.{places}f}')} %"
+
+
+def with_sign(number: str) -> str:
+    """A number as Python writes it, set with its sign."""
+    return printed(number if number.startswith("-") else f"+{number}")
 
 
 def with_u(value: float | None, u: float | None, factor: float) -> tuple[str, str]:
@@ -207,9 +255,19 @@ def frequency_text(frequency_hz: float) -> str:
 
 
 def sensitivity_scale(result: Result) -> Scale:
-    """Unit in which the sensitivities of a result are printed, and the factor to it."""
+    """Unit in which all sensitivities of a result are printed, and the factor to it; by its parameter if it has one."""
+    unit = unit_of_sensitivity(result)
+    gain = next((p for p in result.parameters.values() if pretty(p.unit) == pretty(unit)), None)
+    if gain is not None and _known(gain.value) and gain.value:
+        return natural_scale(gain)
     curve = result.response if result.response.magnitude.size else result.measured
-    return magnitude_scale(unit_of_sensitivity(result), curve.magnitude)
+    return magnitude_scale(unit, curve.magnitude)
+
+
+def parameter_scale(result: Result, parameter: Parameter) -> Scale:
+    """Unit in which a parameter of a result is printed: sensitivities have one."""
+    same = pretty(parameter.unit) == pretty(unit_of_sensitivity(result))
+    return sensitivity_scale(result) if same else natural_scale(parameter)
 
 
 def magnitude_scale(unit: str, magnitudes: FloatArray) -> Scale:

@@ -15,10 +15,11 @@ from vibrident.base.errors import unknown
 from vibrident.result import Result
 from vibrident.show import document, plots
 from vibrident.show.certificate import certificate
+from vibrident.show.coverage import unstated
 from vibrident.show.media import markdown
 from vibrident.show.views import Section
 
-__all__ = ["FILE_NAMES", "Form", "content", "render", "write"]
+__all__ = ["FILE_NAMES", "Form", "content", "file_name", "render", "write"]
 
 Form = Literal["html", "pdf", "md"]
 #: File name of each form: of one result, and of several side by side.
@@ -27,6 +28,11 @@ FILE_NAMES: dict[str, tuple[str, str]] = {
     "pdf": ("certificate.pdf", "comparison.pdf"),
     "md": ("report.md", "comparison.md"),
 }
+
+
+def file_name(result: Result, form: Form) -> str:
+    """Usual name of the file of one result."""
+    return "measurement-report.pdf" if form == "pdf" and unstated(result) else FILE_NAMES[form][0]
 
 
 def content(
@@ -111,7 +117,7 @@ def write(
     one = results if isinstance(results, Result) else results[0] if len(results) == 1 else None
     target = Path(path)
     if target.suffix.lower() != f".{form}" and form in FILE_NAMES:
-        target = target / FILE_NAMES[form][0 if one else 1]
+        target = target / (file_name(one, form) if one else FILE_NAMES[form][1])
     if form == "md" and one is not None:
         target.parent.mkdir(parents=True, exist_ok=True)
         plots.save_all(one, target.parent)

@@ -13,7 +13,7 @@ import numpy as np
 from vibrident.data.records import FloatArray
 from vibrident.result import Result
 from vibrident.show.curves import bars_of_deviation, column, principal
-from vibrident.show.numbers import COVERAGE_FACTOR, NONE, plain
+from vibrident.show.numbers import COVERAGE_FACTOR, NONE, plain, signed
 from vibrident.show.views import Table, columns
 
 LEVEL = 0.01  # probability below which a test fails
@@ -93,7 +93,7 @@ def _pattern_tests(name: str, z: FloatArray, common: bool) -> list[_Outcome]:
         return sizes
     smooth = "the deviation varies smoothly with frequency: something is missing in the model"
     within = f"within ±{limit:.2f}"
-    correlated = (f"{name}: correlation of neighbours", f"{lagged:+.2f}", within, abs(lagged) <= limit, smooth)
+    correlated = (f"{name}: correlation of neighbours", signed(lagged, 2), within, abs(lagged) <= limit, smooth)
     return [*sizes, _runs(name, z), correlated]
 
 

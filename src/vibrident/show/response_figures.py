@@ -6,10 +6,21 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from vibrident.result import Curve, Result
+from vibrident.base.amounts import Scale
+from vibrident.result import Curve, MeasuredCurve, Result
 from vibrident.show import axes, words
 from vibrident.show.curves import bars_of_deviation, column, continuous, expanded, nearest_turn, principal, spread
-from vibrident.show.numbers import at, magnitude_scale, shortened, subject, unit_of_sensitivity, with_u
+from vibrident.show.numbers import (
+    NONE,
+    at,
+    rounded,
+    sensitivity_scale,
+    shortened,
+    subject,
+    uncertainty,
+    with_sign,
+    with_u,
+)
 from vibrident.show.views import (
     BLACK,
     BLUE,
@@ -33,7 +44,7 @@ def sensitivity(result: Result) -> Figure | None:
     """Magnitude and phase of the model and of the measured points, both with U (k = 2)."""
     if not result.has_gain and not result.measured.frequency_hz.size:
         return None
-    panels = response_panels(result.response, result.measured, unit_of_sensitivity(result), result.quantity, "measured")
+    panels = response_panels(result.response, result.measured, sensitivity_scale(result), result.quantity, "measured")
     codes = ", ".join(code.replace("_", " ") for code in result.warning_codes)
     return Figure(
         "sensitivity",
@@ -61,19 +72,18 @@ def _any(values: FloatArray) -> bool:
     return bool(np.isfinite(values).any())
 
 
-def response_panels(model: Curve | None, measured: Curve, unit: str, quantity: str, label: str) -> tuple[Panel, ...]:
+def response_panels(model: Curve | None, measured: Curve, scale: Scale, quantity: str, label: str) -> tuple[Panel, ...]:
     """Magnitude and, where there is any, phase.
 
     Args:
         model: drawn as a line with its band; None leaves it out.
         measured: drawn as points with bars.
-        unit: of the magnitudes.
+        scale: unit in which the magnitudes are drawn, and the factor to it.
         quantity: of the reference.
         label: what the points are called.
     """
     curves = [curve for curve in (model, measured) if curve is not None]
     x = axes.frequency(np.concatenate([curve.frequency_hz for curve in curves]))
-    scale = magnitude_scale(unit, np.concatenate([curve.magnitude for curve in curves]))
     word = _PER_DRIVE.get(quantity, f"Sensitivity to {quantity}" if quantity else "Sensitivity")
     name = f"{word}\nin {scale.unit}"
     series = _quantity(model, measured, "magnitude", scale.factor, scale.unit, label)
@@ -140,6 +150,17 @@ def _stated(frequency: float, value: float, half: float, unit: str) -> str:
     return f"{frequency:.6g} Hz: {text}{f' ± {bar}' if np.isfinite(half) else ''} {unit}"
 
 
+def _span(values: FloatArray) -> str:
+    low, high = (uncertainty(float(end)) for end in (np.nanmin(values), np.nanmax(values)))
+    return low if low == high else f"{low} to {high}"
+
+
+def _deviated(value: float, half: float) -> str:
+    if not np.isfinite(value):
+        return NONE
+    return with_sign(rounded(value, half)[0] if half > 0 else f"{value:.3g}")
+
+
 def _records(measured: Curve) -> tuple[str, ...]:
     names = getattr(measured, "record", ())
     order = np.argsort(measured.frequency_hz, kind="stable")
@@ -147,7 +168,11 @@ def _records(measured: Curve) -> tuple[str, ...]:
 
 
 def deviation(result: Result) -> Figure | None:
-    """Model − measured at each excited frequency with U (k = 2), and around zero the model's own U."""
+    """Model − measured at each excited frequency with U (k = 2), and around zero the model's own U.
+
+    Where most of U is common to all points, as that of a reference is, the model follows it and no deviation shows it:
+    around zero is then the noise of the points, and the common part is said above the panel.
+    """
     measured, model = result.measured, result.response
     frequency = measured.frequency_hz
     percent, phase = column(measured, "deviation_percent"), principal(column(measured, "deviation_phase_deg"))
@@ -155,38 +180,60 @@ def deviation(result: Result) -> Figure | None:
         return None
     bars = bars_of_deviation(measured)
     own = 100.0 * expanded(model, "magnitude") / column(model, "magnitude")
-    parts = [("Magnitude deviation", "%", percent, bars[0], own)]
+    size = 100.0 / column(measured, "magnitude")
+    parts = [("Magnitude deviation", "%", percent, bars[0], own, *_apart(measured, "magnitude", size))]
     if np.isfinite(phase).any():
-        parts.append(("Phase deviation", "°", phase, bars[1], expanded(model, "phase_deg")))
+        of_phase = _apart(measured, "phase_deg", np.ones(frequency.size))
+        parts.append(("Phase deviation", "°", phase, bars[1], expanded(model, "phase_deg"), *of_phase))
     panels = [_deviation(result, *part) for part in parts]
     crowd = len(frequency) > CROWD
     caption = (
         "Deviation = model − measured, magnitude relative to measured. Expanded uncertainty U, k = 2: "
-        f"{'dashed lines' if crowd else 'bars'} deviation, band model."
+        f"{'dashed lines' if crowd else 'bars'} deviation, band as named."
     )
     title = "Deviation of the model from the measurement"
     return Figure("deviation", title, (Stack(tuple(panels)),), subject(result.model, result.sensor), caption)
 
 
-def _deviation(result: Result, word: str, unit: str, values: FloatArray, half: FloatArray, band: FloatArray) -> Panel:
-    measured, x_model = result.measured, result.response.frequency_hz
+def _apart(measured: MeasuredCurve, quantity: str, factor: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """U (k = 2) of the points: of their noise, and of what is common to them all."""
+    noise, whole = K * column(measured, f"{quantity}_noise") * factor, expanded(measured, quantity) * factor
+    return noise, np.sqrt(np.maximum(whole**2 - noise**2, 0.0))
+
+
+def _deviation(
+    result: Result,
+    word: str,
+    unit: str,
+    values: FloatArray,
+    half: FloatArray,
+    band: FloatArray,
+    noise: FloatArray,
+    common: FloatArray,
+) -> Panel:
+    measured, x_model, named, title = result.measured, result.response.frequency_hz, "model, U (k = 2)", ""
+    if (common > noise).sum() * 2 > len(common):
+        title = f"U common to all points (k = 2): {_span(common)} {unit}"
+        x_model, band, named = measured.frequency_hz, noise, "noise of the points, U (k = 2)"
     frequency = measured.frequency_hz
     order = np.argsort(frequency, kind="stable")
     x, y, bars = frequency[order], values[order], half[order]
     crowd = len(x) > CROWD
-    series = []
-    if np.isfinite(band).any():
+    y_axis, series = axes.about_zero(f"{word}\nin {unit}", y, bars), []
+    inside = band[(x_model >= x[0]) & (x_model <= x[-1]) & np.isfinite(band)]
+    if inside.size and float(np.median(inside)) > y_axis.high:  # it would fill the panel
+        title = title or f"U of the model (k = 2): {_span(inside)} {unit}"
+    elif np.isfinite(band).any():
         order = np.argsort(x_model, kind="stable")
         nothing = Look(BLACK, width=0.0)
-        series.append(Series(x_model[order], 0.0 * x_model, "", nothing, half=band[order], band="model, U (k = 2)"))
+        series.append(Series(x_model[order], 0.0 * x_model, "", nothing, half=band[order], band=named))
     label = "model − measured" if crowd or not np.isfinite(bars).any() else "model − measured, U (k = 2)"
     look = Look(ORANGE if crowd else VERMILION, marker="." if crowd else "o")
     drawn = None if crowd or not np.isfinite(bars).any() else bars
-    texts = tuple(f"{f:.6g} Hz: {value:+.3g} {unit}" for f, value in zip(x, y, strict=True))
+    texts = tuple(f"{f:.6g} Hz: {_deviated(value, bar)} {unit}" for f, value, bar in zip(x, y, bars, strict=True))
     series.append(Series(x, y, label, look, "points", drawn, texts=texts, names=_records(measured)))
     if crowd and np.isfinite(bars).any():
         few = spread(len(x), 4 * CROWD)
         series += [Series(x[few], sign * bars[few], "measured, U (k = 2)", _BEYOND) for sign in (1, -1)]
     empty = "" if np.isfinite(y).any() else "no measured points to compare with"
-    y_axis = axes.about_zero(f"{word}\nin {unit}", y, bars)
-    return Panel(axes.frequency(frequency), y_axis, tuple(series), 1.6, rules=(0.0,), empty=empty)
+    return Panel(axes.frequency(frequency), y_axis, tuple(series), 1.6, title, rules=(0.0,), empty=empty)

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from vibrident.base.amounts import Scale, pretty, scaled
+from vibrident.base.amounts import Scale, pretty
 from vibrident.physics.naming import parameter_name
-from vibrident.result import Parameter, Result
-from vibrident.show.numbers import NONE, plain, uncertainty
+from vibrident.result import Result
+from vibrident.show.numbers import NONE, parameter_scale, plain, uncertainty
 from vibrident.show.views import Column, Table, columns
 
 _BUDGET_NOTE = (
@@ -25,7 +25,7 @@ def budget(result: Result) -> Table | None:
     names = [
         name for name in dict.fromkeys(n for row in rows for n in row["contributions"]) if name in result.parameters
     ]
-    units = {name: _scale(result.parameters[name]) for name in names}
+    units = {name: parameter_scale(result, result.parameters[name]) for name in names}
     body = [
         (
             str(row["source"]),
@@ -46,11 +46,6 @@ def budget(result: Result) -> Table | None:
 
 def _is_row(row: Any) -> bool:
     return isinstance(row, Mapping) and "source" in row and isinstance(row.get("contributions"), Mapping)
-
-
-def _scale(parameter: Parameter) -> Scale:
-    known = [abs(x) for x in (parameter.value, parameter.standard_uncertainty) if x is not None]
-    return scaled(parameter.unit, max(known, default=0.0))
 
 
 def _size(value: float | None, scale: Scale) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -16,20 +15,24 @@ from vibrident.physics.naming import parameter_name
 from vibrident.result import MeasuredCurve, Parameter, Result
 from vibrident.show import words
 from vibrident.show.coverage import coverage, interval_text, parameter_factor
-from vibrident.show.formulas import symbol
+from vibrident.show.formulas import Words, symbol
 from vibrident.show.numbers import (
     COVERAGE_FACTOR,
     NONE,
     at,
     fit_unit,
-    magnitude_scale,
     nominal_frequency,
+    parameter_scale,
     percent,
     plain,
+    printed,
     reference_unit,
+    rounded,
+    sensitivity_scale,
+    signed,
     stated,
     uncertainty,
-    unit_of_sensitivity,
+    with_sign,
     with_u,
 )
 from vibrident.show.views import Column, Doubt, Facts, Table, columns, count
@@ -72,7 +75,7 @@ def parameters(result: Result) -> Table:
     """Value, u, k, U, unit and interval of each parameter, derived ones last."""
     rows, k = [], parameter_factor(result)
     for name, parameter in sorted(result.parameters.items(), key=lambda item: item[1].derived):
-        number = stated(parameter, k)
+        number = stated(parameter, k, parameter_scale(result, parameter))
         full = parameter_name(name)
         known = parameter.standard_uncertainty is not None
         rows.append(
@@ -118,7 +121,7 @@ def per_g(result: Result) -> str:
         k,
     )
     bar = f", U = {number.expanded} {number.unit} (k = {plain(k, 3)})" if u else ""
-    return f"Per standard gravity (g = {STANDARD_GRAVITY} m/s²): S_0 = {number.value} {number.unit}{bar}."
+    return f"Per standard gravity (g = {STANDARD_GRAVITY} m/s²) the sensitivity is {number.value} {number.unit}{bar}."
 
 
 def correlation(result: Result) -> Table | None:
@@ -130,7 +133,7 @@ def correlation(result: Result) -> Table | None:
     rows = tuple(
         (
             parameter_name(name).words,
-            *(NONE if value is None or not math.isfinite(value) else f"{value:+.3f}" for value in row),
+            *(signed(value, 3) for value in row),
         )
         for name, row in zip(names, result.correlation.matrix, strict=False)
     )
@@ -140,12 +143,12 @@ def correlation(result: Result) -> Table | None:
 def fit(result: Result) -> Table:
     """Every metric with its unit and definition."""
     unit = fit_unit(result)
+    scale = scaled(unit, result.fit.rmse or 0.0)  # one for all of its metrics
     rows = []
     for field, metric in words.METRICS.items():
         value = getattr(result.fit, field)
         power = metric.in_response_unit
         if power == 1 and value:
-            scale = scaled(unit, value)
             text, label = plain(value * scale.factor, 4), scale.unit
         else:
             text = plain(value, 6 if field == "r2" else 4)
@@ -166,7 +169,7 @@ def measured(result: Result, most_rows: int = MOST_ROWS) -> Table | None:
     total = len(points.frequency_hz)
     if total == 0:
         return None
-    scale = magnitude_scale(unit_of_sensitivity(result), points.magnitude)
+    scale = sensitivity_scale(result)
     phases = bool(np.isfinite(points.phase_deg).any())
     apart = bool(np.isfinite(points.magnitude_noise).any())
     step = max(1, -(-total // most_rows))
@@ -177,7 +180,7 @@ def measured(result: Result, most_rows: int = MOST_ROWS) -> Table | None:
         phase = (
             *with_u(at(points.phase_deg, i), at(points.phase_deg_uncertainty, i), 1.0),
             _expanded(at(points.phase_deg_noise, i), 1.0) * apart,
-            NONE if shift is None else f"{shift:+.3f}",
+            _turned(shift, at(points.deviation_phase_uncertainty_deg, i)),
             _en(shift, at(points.deviation_phase_uncertainty_deg, i)) * apart,
         )
         row = (
@@ -185,28 +188,27 @@ def measured(result: Result, most_rows: int = MOST_ROWS) -> Table | None:
             nominal_frequency(points.frequency_hz[i]) or "",
             *with_u(at(points.magnitude, i), at(points.magnitude_uncertainty, i), scale.factor),
             _expanded(at(points.magnitude_noise, i), scale.factor) * apart,
-            percent(at(points.deviation_percent, i)),
+            percent(at(points.deviation_percent, i), _twice(at(points.deviation_uncertainty_percent, i))),
             _en(at(points.deviation_percent, i), at(points.deviation_uncertainty_percent, i)) * apart,
             *(text * phases for text in phase),
             at(points.record, i) or "",
         )
         rows.append(row)
     heads = [("frequency", "Hz"), ("nominal", "Hz"), ("magnitude", scale.unit), ("U", scale.unit)]
-    heads += [("noise", scale.unit), ("deviation", ""), ("E_n", ""), ("phase", "°"), ("U", "°"), ("noise", "°")]
-    heads += [("deviation", "°"), ("E_n of phase", "")]
+    heads += [("noise", scale.unit), ("deviation", ""), (Words("E_n"), ""), ("phase", "°"), ("U", "°"), ("noise", "°")]
+    heads += [("deviation", "°"), (Words("E_n of phase"), "")]
     thinned = f" Every {step}th of {total} points is listed." if step > 1 else ""
     lead = f"Deviation is model − measured, of the magnitude relative to the measured one; U with k = 2.{thinned}"
-    lead += f" {_APART}" if apart else ""
     return Table(
         (*(Column(title, "number", unit) for title, unit in heads), Column("record")),
         tuple(rows),
-        tuple(text for text in (lead, worst(points)) if text),
+        tuple(text for text in (lead, worst(points), _APART if apart else "") if text),
         (*((words.PHASE,) if phases else ()), *((UNSTATED,) if np.isnan(points.magnitude_uncertainty).any() else ())),
     ).telling()
 
 
 UNSTATED = f"{NONE} in the place of an uncertainty: not stated, the data do not tell it."
-_APART = (
+_APART = Words(
     "U is of noise and stated systematic effects together, noise the U of the point's noise alone. E_n is the "
     "deviation over its own U, which is not that of the point: the model follows what is common to all points."
 )
@@ -217,7 +219,18 @@ def _expanded(u: float | None, factor: float) -> str:
 
 
 def _en(deviation: float | None, u: float | None) -> str:
-    return NONE if deviation is None or not u else f"{deviation / (COVERAGE_FACTOR * u):+.2f}"
+    return NONE if deviation is None or not u else signed(deviation / (COVERAGE_FACTOR * u), 2)
+
+
+def _twice(u: float | None) -> float | None:
+    return None if u is None else COVERAGE_FACTOR * u
+
+
+def _turned(deviation_deg: float | None, u_deg: float | None) -> str:
+    """A deviation of the phase: to the place of its U, else three places."""
+    if deviation_deg is None or not u_deg:
+        return signed(deviation_deg, 3)
+    return with_sign(rounded(deviation_deg, _twice(u_deg))[0])
 
 
 def worst(points: MeasuredCurve) -> str:
@@ -264,6 +277,8 @@ def leaf(value: Any) -> str:
         return NONE
     if isinstance(value, bool):
         return "yes" if value else "no"
+    if isinstance(value, int):
+        return printed(str(value))
     return plain(value) if isinstance(value, float) else str(value)
 
 
@@ -295,7 +310,9 @@ def _leaves(value: Any, name: str) -> Iterator[tuple[str, Any]]:
 
 
 def _spoken(key: Any) -> str:
-    return str(key).replace("_", " ")
+    """A key of the settings in words; a name of others, such as a file's, as it is."""
+    name = str(key)
+    return name.replace("_", " ") if name.isidentifier() and name.islower() else name
 
 
 def _listed(title: str, rows: list[Mapping[str, Any]]) -> Table:

@@ -11,7 +11,7 @@ from vibrident.base.amounts import pretty, scaled
 from vibrident.physics.naming import parameter_name
 from vibrident.result import Result
 from vibrident.show import tables
-from vibrident.show.coverage import interval_text, parameter_factor
+from vibrident.show.coverage import interval_text, parameter_factor, scatter_only
 from vibrident.show.findings import told
 from vibrident.show.media.console import Shown, shown
 from vibrident.show.media.console import written as paths_written
@@ -24,10 +24,10 @@ _UNITS = {"hz": "Hz", "s": "s", "percent": "%", "deg": "°", "rad": "rad", "v": 
 
 
 def summary(result: Result, written: Sequence[str | os.PathLike[str]] = ()) -> Any:
-    """Everything ``vibrident identify`` prints: parameters, fit, warnings and findings, files written."""
+    """Everything ``vibrident identify`` prints: parameters, fit, what U covers, warnings, findings, files written."""
     from rich.console import Group
 
-    said = shown(parameter_table(result), fit_line(result), *told(result))
+    said = shown(parameter_table(result), fit_line(result), *scatter_only(result), *told(result))
     return Group(said, paths_written(written)) if written else said
 
 

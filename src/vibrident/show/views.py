@@ -1,4 +1,7 @@
-"""View models: what is shown, said once for every medium. Text is plain; renderers escape it and set it in type."""
+"""View models: what is shown, said once for every medium. Text is plain; renderers escape it.
+
+Formulas are set in ``formulas.Words`` alone.
+"""
 
 from __future__ import annotations
 
@@ -38,9 +41,10 @@ class Column:
     @property
     def heading(self) -> str:
         """Title and unit: ``magnitude / (mV/(m/s²))``."""
-        return (
-            f"{self.title} / ({self.unit})" if "/" in self.unit else " / ".join(filter(None, (self.title, self.unit)))
-        )
+        if not self.unit:
+            return self.title
+        unit = f"({self.unit})" if "/" in self.unit else self.unit
+        return f"{self.title} / {unit}" if self.title else unit
 
 
 def columns(*titles: str, kind: Literal["text", "number"] = "text") -> tuple[Column, ...]:
@@ -297,6 +301,11 @@ def section(name: str, title: str, *blocks: Block | None) -> Section:
 def document(title: str, head: tuple[Block, ...], sections: list[Section]) -> Document:
     """A document of the sections that hold something."""
     return Document(title, head, tuple(part for part in sections if part.blocks))
+
+
+def listed(length: int, most: int) -> int:
+    """How many of a list's entries to show: all, or ``most`` where that leaves out more than one."""
+    return length if length <= most + 1 else most
 
 
 def count(number: int, thing: str) -> str:

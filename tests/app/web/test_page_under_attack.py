@@ -13,7 +13,7 @@ from urllib.parse import urlsplit
 
 import h5py
 import pytest
-from tests.support.serving import VIBRIDENT, serving, simulated, upload
+from tests.support.serving import VIBRIDENT, serving, simulated, start_anew, upload
 from tests.support.shell import printed
 
 WAIT_MS = 120_000
@@ -185,7 +185,7 @@ def test_a_bomb_goes_off_elsewhere(visit, server, tmp_path):
         upload(page, tmp_path / name)
         page.get_by_role("alert").first.wait_for(timeout=WAIT_MS)
         assert "Traceback" not in page.content()
-        page.get_by_role("button", name="Start anew").click()
+        start_anew(page)
         page.get_by_text("No data yet.").wait_for()
         page.get_by_role("alert").first.wait_for(state="detached")
     assert server.process.poll() is None

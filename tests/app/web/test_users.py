@@ -156,7 +156,7 @@ def worked(task, *args, folder: Path, progress=None) -> worker.Worker:
         (tasks.refused, InputError, "xxx"),
         (tasks.not_converged, NotConverged, "no optimum"),
         (tasks.broken, WorkerError, "a bug"),
-        (tasks.killed, WorkerError, "signal 9"),
+        (tasks.killed, worker.Stopped, "signal 9"),
         (tasks.talkative, WorkerError, "the end"),
         (tasks.hungry, InputError, "more memory than the page allows"),
     ],

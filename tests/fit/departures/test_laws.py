@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from bench.adversary.cases import BY_NAME
 from tests.support.random_record import SAMPLES, TRUTH, calibration, motion
 
 import vibrident
@@ -35,6 +36,7 @@ def linear_part(rng: np.random.Generator, n: int, extra: np.ndarray) -> Part:
         freedom=n - 1.0,
         rounding=nothing,
         effects=nothing[:1],
+        doubt=0.0 * bins,
     )
 
 
@@ -46,7 +48,7 @@ def test_without_a_departure_t_is_chi_squared():
         part = linear_part(rng, n, np.zeros(n))
         columns = rng.normal(size=(4, n))
         white = columns - (columns @ part.basis.T) @ part.basis
-        found = LinearFit.of([part], np.ones(2)).test(Sums.of(part, white, 2))
+        found = LinearFit.of([part], np.ones(2)).test(Sums.stacked([Sums.of(part, white, 2)]))[0]
         assert found is not None
         statistics.append(found.statistic)
         chances.append(found.chance)
@@ -60,7 +62,7 @@ def test_the_impact_is_the_shift_of_the_fit_with_the_departure_admitted():
     columns = rng.normal(size=(2, n))
     part = linear_part(rng, n, 0.3 * columns[0])
     white = columns - (columns @ part.basis.T) @ part.basis
-    found = LinearFit.of([part], np.ones(2)).test(Sums.of(part, white, 2))
+    found = LinearFit.of([part], np.ones(2)).test(Sums.stacked([Sums.of(part, white, 2)]))[0]
     alone = np.linalg.lstsq(part.jacobian.T, part.residual, rcond=None)[0]
     beside = np.linalg.lstsq(np.concatenate([part.jacobian, white]).T, part.residual, rcond=None)[0]
     assert found is not None
@@ -72,7 +74,7 @@ def test_the_impact_is_the_shift_of_the_fit_with_the_departure_admitted():
 
 def test_a_column_within_the_span_of_the_parameters_tells_nothing():
     part = linear_part(np.random.default_rng(3), 400, np.zeros(400))
-    assert LinearFit.of([part], np.ones(2)).test(Sums.of(part, part.jacobian[:1] * 3.0, 2)) is None
+    assert LinearFit.of([part], np.ones(2)).test(Sums.stacked([Sums.of(part, part.jacobian[:1] * 3.0, 2)])) == [None]
 
 
 T = np.arange(SAMPLES) / SAMPLES
@@ -130,3 +132,23 @@ def test_findings_and_covers_are_in_the_document():
     assert set(document["findings"][0]["impact"]) == {"sensitivity", "natural_frequency", "damping_ratio"}
     assert document["uncertainty"] == {"covers": ["noise"]}
     assert vibrident.Result.from_dict(document) == result
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1e6])
+def test_what_is_not_known_of_the_reference_s_noise_has_no_unit(unit):
+    given = vibrident.simulate("paper", "random", samples=4000, reference_noise=1e-2, response_noise=3e-3, seed=3)
+    (record,) = given.records
+    bent = record.response - 1e-2 * record.response**3 / np.max(np.abs(record.response)) ** 2
+    chances = []
+    for size in (1.0, unit):
+        found = vibrident.identify(replace(given, records=(replace(record, response=size * bent),))).findings
+        chances.append([finding.probability for finding in found])
+    assert 0.0 < chances[0][0] < 1e-4
+    assert np.log(chances[1]) == pytest.approx(np.log(chances[0]), rel=1e-6)
+
+
+@pytest.mark.parametrize("sensor", ["below-damped", "in-damped+delay", "pickup-below-damped+delay"])
+def test_noise_of_the_reference_bends_no_characteristic(sensor):
+    """It is in the prediction and, turned, in the residual: the mean of Σ ŷ² e is −2 σ² Σ ŷ, which a shock has."""
+    result = vibrident.identify(BY_NAME[f"clean/{sensor}/shock/reference 0.1 %"].trial(2).calibration())
+    assert result.findings == ()

@@ -1,5 +1,8 @@
 """A package adds a departure by an object of the built-in ones' class."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 from tests.support.random_record import calibration, motion
 
@@ -33,3 +36,15 @@ def test_it_is_looked_for_beside_the_others(monkeypatch):
     result = vibrident.identify(calibration(u, y + 0.02 * np.max(y) * knock(np.arange(y.size) / 20e3)))
     assert any("Somebody knocks" in f.message for f in result.findings)
     assert not any("Somebody knocks" in f.message for f in vibrident.identify(calibration(u, y)).findings)
+
+
+def test_the_example_of_the_docs_finds_crosstalk(monkeypatch):
+    page = (Path(__file__).parents[3] / "docs" / "plug-ins.md").read_text(encoding="utf-8")
+    (source,) = [code for code in re.findall(r"```python\n(.*?)```", page, re.DOTALL) if "Crosstalk" in code]
+    names = {}
+    exec(source, names)
+    every = {**DEPARTURES.all(), "crosstalk": names["CROSSTALK"]}
+    monkeypatch.setattr(DEPARTURES, "all", lambda: every)
+    u, y = motion(np.random.default_rng(8))
+    result = vibrident.identify(calibration(u, y + 1e-3 * u))
+    assert any("holds the reference itself" in finding.message for finding in result.findings)

@@ -246,3 +246,13 @@ def test_the_shortest_delay_comes_first_whatever_the_size_of_the_cost(cost):
     u, sign, costs = np.array([[0.0, 0.0, 0.0, 3.0], [0.0, 0.0, 0.0, 1.0]]), np.ones(2), np.array([cost, cost])
     front = Front(u, sign, costs, (u[None], costs[None]))
     assert _shortest_delay_first(np.array([0, 1]), front, parse("accelerometer+delay")) == [1, 0]
+
+
+@pytest.mark.parametrize(("samples", "seed"), [(600, 7), (1000, 0), (4000, 0), (8000, 0)])
+def test_a_shock_is_found_where_whitening_hides_its_low_frequencies(samples, seed):
+    """Noise of the reference: the whitened channels agree at high frequencies alone, in many bands."""
+    given = vibrident.simulate("paper", "shock", samples=samples, reference_noise=1e-3, seed=seed)
+    result = vibrident.identify(given)
+    found = result.parameters["natural_frequency"]
+    assert abs(found.value - 651.966) < 4.0 * found.standard_uncertainty < 0.4
+    assert result.warning_codes == ()

@@ -10,6 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from tests.support.lives import at_reference, calibrated
+from tests.support.printed import typed
 from tests.support.shell import printed, run
 
 from vibrident.base.nominal import Nominal
@@ -75,7 +76,7 @@ def test_a_report_of_the_results_states_the_same_en(lived, store):
     rows = drift_table(told).rows[: len(results)]
     assert rows[0][0] == "|S| at 160 Hz"
     en = [row["en"]["correlated"] for row in document["calibrations"][1:]]
-    assert [float(row[-1]) for row in rows[1:]] == pytest.approx(en, abs=0.0051)
+    assert [float(typed(row[-1])) for row in rows[1:]] == pytest.approx(en, abs=0.0051)
 
 
 def test_a_report_holds_the_history_of_its_sensor(lived, store, tmp_path):

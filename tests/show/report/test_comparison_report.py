@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pypdf
 import pytest
-from tests.support.printed import NUMBER, assert_rounded, later
+from tests.support.printed import NUMBER, assert_rounded, later, typed
 from tests.support.sample_results import pickup, table2, table_only
 
 from vibrident.base.amounts import Scale
@@ -110,8 +110,8 @@ def test_the_drift_of_one_sensor(results):
     assert len(set(u)) == 1
     for i in range(1, 4):
         assert_rounded(rows[i][5].removesuffix(" %"), 100 * (FACTORS[i] - 1))
-        assert float(rows[i][6]) == pytest.approx((FACTORS[i] - 1) * 110.06 / math.hypot(0.227, 0.227), abs=0.02)
-        assert float(rows[i][7]) == pytest.approx(
+        assert float(typed(rows[i][6])) == pytest.approx((FACTORS[i] - 1) * 110.06 / math.hypot(0.227, 0.227), abs=0.02)
+        assert float(typed(rows[i][7])) == pytest.approx(
             (FACTORS[i] - FACTORS[i - 1]) * 110.06 / math.hypot(0.227, 0.227), abs=0.02
         )
 
@@ -169,7 +169,7 @@ def test_files_have_names_of_their_own(results, tmp_path):
 def test_differences_stand_to_the_place_of_their_uncertainty():
     row = ComparedQuantity("", Scale(1.0, "V"), (), relative=True)
     assert difference(Value(100.002, 0.002), Value(100.0, 0.002), row) == "+0.0020 %"  # U of it is 0.0057 %
-    assert difference(Value(99.9996, 0.002), Value(100.0, 0.002), row) == "-0.0004 %"
+    assert difference(Value(99.9996, 0.002), Value(100.0, 0.002), row) == "−0.0004 %"
     assert difference(Value(-101.0, None), Value(-100.0, None), row) == "+1.0 %"
     phase = ComparedQuantity("", Scale(1.0, "°"), (), relative=False)
-    assert difference(Value(-1.1e-5, 2e-6), Value(0.0, 2e-6), phase) == "-0.0000110"
+    assert difference(Value(-1.1e-5, 2e-6), Value(0.0, 2e-6), phase) == "−0.0000110"

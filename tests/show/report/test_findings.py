@@ -39,8 +39,8 @@ def test_the_table_says_what_where_how_probable_and_how_far():
     table = findings.table(BOTH)
     assert table.header == ("what", "record", "time / s", "probability", "largest impact")
     assert table.rows == (
-        ("The response drifts.", "100_Hz.csv", "1.25", "3e-9", "0.31 u of the damping ratio"),
-        ("The sensor adds harmonics.", "all", "", "<1e-99", "0.6 u of the damping ratio"),
+        ("The response drifts.", "100_Hz.csv", "1.25", "3·10⁻⁹", "0.31 u of the damping ratio"),
+        ("The sensor adds harmonics.", "all", "", "<1·10⁻⁹⁹", "0.6 u of the damping ratio"),
     )
     assert "time / s" not in findings.table(departing(finding())).header
 
@@ -102,7 +102,7 @@ def test_every_report_has_the_table(form):
     elif form == "md":
         text = content.decode()
         assert "## Warnings\n\nNone.\n\n## Findings\n\n| what | record |" in text
-        assert "| The response drifts. | 100\\_Hz.csv | 1.25 | 3e-9 | 0.31 u of the damping ratio |" in text
+        assert "| The response drifts. | 100\\_Hz.csv | 1.25 | 3·10⁻⁹ | 0.31 u of the damping ratio |" in text
     else:
         text = flat(" ".join(page.extract_text() for page in pypdf.PdfReader(io.BytesIO(content)).pages))
         assert "Findings what record time / s probability largest impact The response drifts. 100_Hz.csv" in text
@@ -128,7 +128,7 @@ def test_text_of_others_is_text():
     for text in (report.content(result, "html").decode(), result._repr_html_()):
         assert "<b>a|b" not in text
         assert "&lt;b&gt;a|b" in text
-    rows = [line for line in report.render(result).splitlines() if "3e-9" in line]
+    rows = [line for line in report.render(result).splitlines() if "3·10⁻⁹" in line]
     assert "<b>" not in rows[0]
     assert rows[0].replace("\\|", "").count("|") == 5  # four columns
     assert report.content(result, "pdf").startswith(b"%PDF")

@@ -60,7 +60,7 @@ def test_every_code_is_explained_and_none_else():
 def test_report_states_conventions_and_g():
     text = report.render(table2())
     assert "lag is negative" in text
-    assert "S<sub>0</sub> = 1.0203 V/g" in text
+    assert "the sensitivity is 1.0203 V/g" in text
     assert "Phase" not in report.render(table_only())
     assert "V/g" not in report.render(pickup())
 

@@ -4,6 +4,7 @@ import pytest
 from rich.console import Console
 from tests.support.sample_results import S0, SAMPLES, pickup, table2, table_only, troubled
 
+from vibrident.lab.history.tables import all_due
 from vibrident.show import terminal, words
 from vibrident.show.media.console import shown
 from vibrident.show.methods import compared, planned
@@ -62,7 +63,7 @@ def test_compare(width):
     lsm = replace(lsm, model="accelerometer+delay", parameters={**lsm.parameters, "sensitivity": lower}, settings={})
     text = printed(shown(*compared([table2(), lsm])), width)
     assert "104.04(11)" in text
-    assert "-1.0 %" in text
+    assert "−1.0 %" in text
     assert "deviation from ipnn" in text
     assert "0.84" in text  # time of the one that states it
     truth = {"sensitivity": S0, "delay": 0.0}
@@ -139,3 +140,12 @@ def test_a_plan_states_u_to_two_digits_and_values_to_its_place():
         assert len(u.replace(".", "").lstrip("0")) == 2, name
         assert len(value.partition(".")[2]) == len(u.partition(".")[2]), name
         assert f"{value}" in text
+
+
+@pytest.mark.parametrize("width", [80, 100, 120])
+def test_words_of_headings_are_whole_beside_long_sentences(width):
+    why = "the drift is not known: fewer than three calibrations count, and of these two are of one day"
+    row = {"serial_number": "ACS_001", "type": "MSV 3000", "calibrations": 12, "last": "2025-03-31", "date": ""}
+    row |= {"why": why, "by_interval": "2026-03-31", "by_staircase": "2026-09-30", "risk_today": 0.01, "axis": ""}
+    text = printed(shown(all_due([row, row])), width)
+    assert all(word in text.split() for word in ("serial", "calibrations", "risk", "interval", "staircase", "today"))

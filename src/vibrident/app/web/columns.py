@@ -11,7 +11,7 @@ from nicegui import ui
 
 from vibrident.app.web import frame
 from vibrident.app.web.description import ROLES, Description, calibration_text, described
-from vibrident.app.web.looks import Guess, calibration, chart, guess
+from vibrident.app.web.looks import Guess, calibration, chart, faults, guess, readable
 from vibrident.app.web.preview import HEIGHT
 from vibrident.app.web.session import CALIBRATION
 from vibrident.app.web.users import Confirmed, Form, User
@@ -99,6 +99,7 @@ class ColumnsStep:
         with self.body:
             if name is not None:
                 self._as_it_stands(name, text)
+                await frame.looked(self.user, self.errors, readable, session.data, name)
                 return True
             try:
                 await self._ask()
@@ -110,6 +111,7 @@ class ColumnsStep:
         """Show the uploaded calibration file."""
         ui.label(f"{name} came with the data and describes the columns:").classes("hint")
         frame.Text("calibration-came", text)
+        self.errors = ui.element("div").props("aria-live=assertive")
         ui.button("Confirm", on_click=lambda: self.on_confirmed(Confirmed(name, False))).props("id=confirm")
 
     async def _ask(self) -> None:
@@ -139,11 +141,13 @@ class ColumnsStep:
         with ui.element("div").classes("actions"):
             ui.button("Draw these columns", on_click=self._plot).props("outline id=show")
         self.plot, self.chart = ui.element("div").classes("chart"), None
+        self.faults = ui.element("div").props("aria-live=polite id=faults")
         self.errors = ui.element("div").props("aria-live=assertive")
         with ui.element("div").classes("actions"):
             ui.button("Confirm", on_click=self._confirm).props("id=confirm")
         if form.guess.chart and not form.touched:
             self._draw(form.guess.chart)
+            await self._examine()
         else:
             await self._plot()
 
@@ -292,6 +296,17 @@ class ColumnsStep:
         drawn = await frame.looked(self.user, errors, chart, form.given, session.data, session.files)
         if drawn is not None and place is self.plot and not place.is_deleted:
             self._draw(drawn)
+            await self._examine()
+
+    async def _examine(self) -> None:
+        """Say of every file what an identification would refuse."""
+        form, session, place = self.user.form, self.user.session, self.faults
+        if form is None:
+            return
+        place.clear()
+        found = await frame.looked(self.user, place, faults, form.given, session.data, session.files)
+        if found and not place.is_deleted:
+            frame.show_faults(place, [InputError(**fields) for fields in found], session)
 
     async def _confirm(self) -> None:
         self.errors.clear()

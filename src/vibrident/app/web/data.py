@@ -17,6 +17,7 @@ from vibrident.app.web.session import KNOWN, MEGABYTE, MOST_FILES, safe_name, to
 from vibrident.app.web.users import User
 from vibrident.app.web.worker import simulate_demo
 from vibrident.base.errors import InputError
+from vibrident.show import views
 from vibrident.show.views import count
 
 #: Most files listed one by one, each with a button to remove it.
@@ -65,7 +66,7 @@ class DataStep:
             with ui.element("div").classes("actions"):
                 ui.button("Choose a folder").props("outline id=choose-folder")
                 self.demo_button = ui.button("Load the simulated demo", on_click=self._demo).props("outline")
-                ui.button("Start anew", on_click=self._anew).props("flat")
+                ui.button("Start anew", on_click=self._ask_anew).props("flat")
             self.errors = ui.element("div").props("aria-live=assertive")
             self.left = ui.element("div").props("aria-live=polite")
             self.listing = ui.label("").classes("hint").props("role=status id=files")
@@ -193,20 +194,34 @@ class DataStep:
         self._list()
         await self.on_data()
 
+    async def _ask_anew(self) -> None:
+        """Ask before anything is lost."""
+        if self.user.empty:
+            await self._anew()
+            return
+        lost = count(len(self.user.session.names), "file") + ", the form and " + count(len(self.user.results), "result")
+        with ui.dialog() as dialog, ui.card().props('role=alertdialog aria-label="Start anew"'):
+            ui.label(f"Remove {lost} from the page?").classes("problem")
+            with ui.element("div").classes("actions"):
+                ui.button("Remove all", on_click=lambda: dialog.submit(True)).props("color=negative")
+                ui.button("Keep", on_click=lambda: dialog.submit(False)).props("outline autofocus")
+        if await dialog:
+            await self._anew()
+        dialog.delete()
+
     async def _anew(self) -> None:
-        self.user.worker.cancel()
-        self.user.session.clear()
-        self.user.form = None
+        self.user.close()
         self.errors.clear()
         self.left.clear()
         self._list()
         await self.on_data()
+        await self.on_result()
 
     def _list(self) -> None:
         names = self.user.session.names
         number = count(len(names), "file")
         self.named.clear()
-        if len(names) > _MOST_NAMED:
+        if len(names) > views.listed(len(names), _MOST_NAMED):
             self.listing.text = f"{number}: {frame.listed(names)}"
         else:
             self.listing.text = f"{number}:" if names else "No data yet."

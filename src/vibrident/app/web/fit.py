@@ -14,6 +14,7 @@ from vibrident.app.web.description import calibration_text
 from vibrident.app.web.looks import calibration
 from vibrident.app.web.session import CALIBRATION
 from vibrident.app.web.users import Choices, Confirmed, Job, User
+from vibrident.app.web.worker import Stopped
 from vibrident.app.workflow.choices import DISCRETISATIONS, UNCERTAINTIES
 from vibrident.app.workflow.estimators import AUTO, estimators_with
 from vibrident.fit.registry import ESTIMATORS
@@ -160,6 +161,9 @@ class FitStep:
         self._renew()
         if job.error is not None:
             frame.show_error(self.errors, job.error, self.user.session)
+            if isinstance(job.error, Stopped) and not self.errors.is_deleted:
+                with self.errors:
+                    ui.button("Repeat", on_click=self._identify).props("outline id=repeat")
         elif job.words == Job.DONE:
             self._forget_curve()  # the result shows the whole curve
             await self.on_result()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import re
 import secrets
 import traceback
 from collections.abc import Callable, Mapping, Sequence
@@ -13,8 +14,11 @@ from nicegui import ui
 
 from vibrident.app.web.session import Session
 from vibrident.app.web.users import User
+from vibrident.base import memory
 from vibrident.base.errors import InputError, VibridentError
 from vibrident.base.process import WorkerError
+from vibrident.export.form import OPTIONS
+from vibrident.show import views
 
 #: Naming it makes its library available to the browser.
 _PLOTLY = ui.plotly
@@ -23,11 +27,18 @@ _LOG = logging.getLogger("vibrident.app.web")
 _LONGEST = 20_000
 #: Most names in a list; the rest is counted.
 _MOST_NAMES = 12
+#: Words of the command line in messages: a flag with the sign of its value, a command, a package to install.
+_FLAG = re.compile(r"--([a-z][a-z-]*)(?: [A-Z][A-Z:]*\b)?")
+_COMMAND = re.compile(r"`?vibrident (identify|inspect|serve|export)\b`?")
+_INSTALL = re.compile(r"pip install '?([^' ]+)'?")
+_STEPS = {"identify": "Identify", "inspect": "“Draw these columns”", "serve": "the server", "export": "“Export”"}
+_LABELS = {option.flag.removeprefix("--"): option.label for option in OPTIONS.values() if option.label}
+_LABELS |= {"format": "Export as", "estimator": "Estimator", "model": "Model"}
 
 
 def show_error(place: ui.element, error: BaseException, session: Session | None = None) -> None:
     """The message of the command line, in a box; for unexpected errors, the number in the log."""
-    known = _error_to_show(error)
+    known = in_page_words(_error_to_show(error))
     local = session.local(known) if session else known
     if place.is_deleted:  # the page was left meanwhile
         return
@@ -63,10 +74,21 @@ def show_left_out(place: ui.element, left_out: Mapping[str, Sequence[str]]) -> N
             ui.label(f"{reason}: {listed(names)}")
 
 
+def show_faults(place: ui.element, errors: Sequence[InputError], session: Session) -> None:
+    """What is wrong in the files, each once with the places where it is."""
+    places: dict[str, list[str]] = {}
+    for error in (session.local(error) for error in errors):
+        places.setdefault(f"{error.problem.rstrip('.')} ({error.remedy})", []).append(error.where)
+    with place, ui.element("div").classes("warning").props("role=alert"):
+        ui.label(f"To mend before you identify, in {views.count(len(errors), 'file')}:").classes("problem")
+        for problem, where in places.items():
+            ui.label(f"{problem}: {listed(where)}")
+
+
 def listed(names: Sequence[str]) -> str:
     """Some names, and the number of the others."""
-    more = len(names) - _MOST_NAMES
-    return ", ".join(names[:_MOST_NAMES]) + (f" and {more} more" if more > 0 else "")
+    kept = views.listed(len(names), _MOST_NAMES)
+    return ", ".join(names[:kept]) + (f" and {len(names) - kept} more" if len(names) > kept else "")
 
 
 def step(number: int, title: str, name: str) -> ui.element:
@@ -89,7 +111,7 @@ class Text:
 
     def __init__(self, name: str, text: str = "") -> None:
         with ui.element("div").classes("code w-full").props(f"id={name}"):
-            self._label = ui.label(text).classes("plain")
+            self._label = ui.label(text).classes("plain").props(f'tabindex=0 role=region aria-label="{name}"')
             copy = f"() => navigator.clipboard.writeText(document.querySelector('#{name} .plain').textContent)"
             button = ui.button(icon="content_copy").props('round flat size=sm aria-label="Copy"').classes("copy")
             button.on("click", js_handler=copy)
@@ -115,6 +137,21 @@ class Chart:
         """Draw, or draw anew."""
         text = json.dumps(figure.decode())
         self.place.client.run_javascript(f"vibrident.draw('{self.place.html_id}', {text})")
+
+
+def in_page_words(error: VibridentError) -> VibridentError:
+    """The error with the labels of the page in place of words of the command line."""
+    if not isinstance(error, InputError):
+        return error
+    said = {key: _of_page(text) for key, text in vars(error).items() if key in ("expected", "where", "remedy")}
+    return type(error)(**{**vars(error), **said})
+
+
+def _of_page(text: str) -> str:
+    text = text.replace(memory.VARIABLE, "the memory that the server may take for a file")
+    text = _INSTALL.sub(r"ask whoever runs the server to install \1", text)
+    text = _COMMAND.sub(lambda found: _STEPS.get(found[1], found[1]), text)
+    return _FLAG.sub(lambda found: f"“{_LABELS.get(found[1], found[1].replace('-', ' '))}”", text)
 
 
 def _error_to_show(error: BaseException) -> VibridentError:

@@ -21,7 +21,8 @@ _HEADERS = (
     (b"cross-origin-resource-policy", b"same-origin"),
 )
 _STRANGER = (
-    b"The page is not known by this name. Open the address that vibrident serve printed, or start it with --name NAME."
+    b"The page is not known by this name. Open the address that the server printed, or start the server with this name "
+    b"among its own."
 )
 _TOO_LARGE = b"The files are too large for the page."
 _BUSY = b"The server takes as many files as it can at this moment. Try again in a minute."

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import io
 import json
+import time
 import zipfile
 from collections import Counter
 from collections.abc import Sequence
@@ -18,16 +19,19 @@ from vibrident.app.web.description import POINTS, Description, described
 from vibrident.app.web.pairs import mark, paired
 from vibrident.app.web.preview import preview
 from vibrident.app.web.session import refuse_outside
-from vibrident.base.errors import VibridentError
+from vibrident.base.errors import InputError, VibridentError
+from vibrident.data.io import read
+from vibrident.data.io.allowance import require_room
 from vibrident.data.io.guess import Columns, guess_columns
 from vibrident.data.io.readers import open_columns
 from vibrident.fit.measure.motion import kind_of_motion
 from vibrident.result import Result
-from vibrident.show import document, figures, tables
+from vibrident.show import certificate, document, figures, tables
 from vibrident.show.comparison import beside, comparison_tables
+from vibrident.show.coverage import scatter_only
 from vibrident.show.findings import told
 from vibrident.show.media import charts, html
-from vibrident.show.report import content
+from vibrident.show.report import content, file_name
 from vibrident.show.views import Figure, count
 
 #: Most files whose motion is examined, spread over all of them.
@@ -39,6 +43,8 @@ MOST_TEXT = 20_000
 #: Most bytes of charts sent to the browser at once.
 MOST_BYTES = 4_000_000
 _LONGEST_LABEL = 200
+#: Seconds after which no further file is examined.
+_MOST_SECONDS = 40.0
 
 
 @dataclass(frozen=True)
@@ -140,6 +146,43 @@ def chart(given: Description, folder: Path, files: Sequence[str]) -> bytes:
     return _json(preview(given, folder, files))
 
 
+def faults(given: Description, folder: Path, files: Sequence[str]) -> list[dict[str, str]]:
+    """What an identification would refuse in the chosen columns of any file: the fields of the message, one a file."""
+    found, until = [], time.monotonic() + _MOST_SECONDS
+    motion = given.signals or (given.reference,)
+    for file, other in given.pairs(files):
+        here = (given.time, given.response) if other else (given.time, *motion, given.response)
+        for name, columns in (
+            (file, [getattr(given, role) for role in POINTS] if given.table else here),
+            (other, motion),
+        ):
+            try:
+                if name is not None:
+                    _require_numbers(folder / name, [column for column in columns if column is not None])
+            except InputError as error:
+                found.append(dict(vars(error)))
+        if time.monotonic() > until:
+            break
+    return found
+
+
+def _require_numbers(path: Path, columns: Sequence[int | str]) -> None:
+    source = open_columns(path)
+    places = [source.position_of(column, "columns and units") for column in columns]
+    require_room(path, sum(source.length(place) for place in places))
+    for place, values in zip(places, source.load(places), strict=True):
+        source.require_finite(place, values, 0, "repair the file, or remove it")
+
+
+def readable(folder: Path, name: str) -> None:
+    """Read all that a calibration file names.
+
+    Raises:
+        InputError: something in it cannot be read.
+    """
+    read(folder / name)
+
+
 def facts(path: Path) -> tuple[str, str]:
     """Model and estimator of a result.
 
@@ -158,7 +201,8 @@ def outcome(path: Path) -> dict[str, Any]:
     shown, left = _fitting(named, MOST_BYTES)
     signals, left = _fitting(_charts(figures.signals(result)), left)
     return {
-        "verdict": html.fragment(document.verdict(result)),
+        "verdict": html.fragment(document.verdict(result), *scatter_only(result)),
+        "pdf": (certificate.title(result), file_name(result, "pdf")),
         "parameters": html.fragment(tables.parameters(result)),
         "warnings": html.fragment(*told(result)),
         "charts": shown,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import shutil
+from functools import partial
 from typing import Any
 
 from nicegui import ui
@@ -67,7 +68,7 @@ class OutcomeStep:
         self.body.clear()
         with self.body:
             _verdict(shown)
-            self._downloads(named)
+            self._downloads(named, *shown["pdf"])
             self.errors = ui.element("div").props("aria-live=assertive")
             _curves(shown)
             self._exports(named)
@@ -77,12 +78,14 @@ class OutcomeStep:
             if self.user.users.store:
                 await History(self.user, named, self.user.users.store).build()
 
-    def _downloads(self, named: Named) -> None:
+    def _downloads(self, named: Named, title: str, pdf: str) -> None:
         ui.html("<h3>Download</h3>", sanitize=False)
         with ui.element("div").classes("actions"):
             ui.button("result.json", on_click=lambda: ui.download.file(named.path, RESULT)).props("id=get-json")
-            for form, label in (("html", "Report (HTML)"), ("pdf", "Certificate (PDF)"), ("md", "Report (Markdown)")):
-                ui.button(label, on_click=lambda form=form: self._report(named, form)).props(f"outline id=get-{form}")
+            names = {**{form: own for form, (own, _) in FILE_NAMES.items()}, "pdf": pdf}
+            for form, label in (("html", "Report (HTML)"), ("pdf", f"{title} (PDF)"), ("md", "Report (Markdown)")):
+                asked = partial(self._report, named, form, names[form])
+                ui.button(label, on_click=asked).props(f"outline id=get-{form}")
             if named.choices is not None:
                 name = named.choices.calibration
                 ui.button(name, on_click=lambda: ui.download.file(named.calibration, name)).props("outline id=get-toml")
@@ -124,9 +127,9 @@ class OutcomeStep:
                 "outline id=get-export"
             )
 
-    async def _report(self, named: Named, form: Any) -> None:
+    async def _report(self, named: Named, form: str, name: str) -> None:
         self.errors.clear()
-        await give(self.user, self.errors, FILE_NAMES[form][0], looks.report, [named.path], form, [])
+        await give(self.user, self.errors, name, looks.report, [named.path], form, [])
 
     async def _export(self, named: Named, form: str, options: dict[str, Any]) -> None:
         self.export_errors.clear()
@@ -178,7 +181,7 @@ class History:
         with self.body:
             for _, figure, height in shown["charts"]:
                 frame.Chart(figure, height)
-            ui.html(f'<div class="scroll">{shown["tables"]}</div>', sanitize=False)
+            ui.html(shown["tables"], sanitize=False)
 
 
 async def give(user: User, errors: ui.element, name: str, function: Any, *args: Any) -> None:

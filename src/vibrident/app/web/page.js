@@ -5,13 +5,6 @@ window.vibrident = {
     this.holds = now;
     if (now) sessionStorage.vibridentHeld = 'yes'; else sessionStorage.removeItem('vibridentHeld');
   },
-  back(empty) {
-    if (!empty || sessionStorage.vibridentHeld !== 'yes') return;
-    const note = document.createElement('div');
-    note.className = 'warning'; note.id = 'gone'; note.setAttribute('role', 'alert');
-    note.textContent = 'The state of this page was removed: the server keeps it for an hour, while it runs and has room.';
-    document.getElementById('main').prepend(note);
-  },
   go(name) {
     const calm = matchMedia('(prefers-reduced-motion: reduce)').matches;
     document.getElementById(name)?.scrollIntoView({ behavior: calm ? 'auto' : 'smooth', block: 'start' });
@@ -39,6 +32,13 @@ window.vibrident = {
   },
   folders(id) {
     const box = getElement(id), root = getHtmlElement(id), picker = document.createElement('input');
+    const name = () => {
+      root.querySelector('.q-uploader__header a.q-btn')?.setAttribute('aria-label', 'Choose files');
+      root.querySelector('input[type=file]')?.setAttribute('aria-label', 'Files');
+    };
+    new MutationObserver(name).observe(root, { childList: true, subtree: true });
+    name();
+    picker.setAttribute('aria-label', 'Folder');
     const add = files => box.$refs.qRef.addFiles([...files].filter(f => !f.name.startsWith('.')));
     const all = async reader => {
       const found = [];

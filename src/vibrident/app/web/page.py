@@ -29,7 +29,7 @@ async def page(users: Users) -> None:
     ui.html('<a class="skip" href="#main">To the content</a>', sanitize=False)
     with ui.element("header").classes("top"):
         ui.html("<h1>vibrident</h1><p>From calibration records to a sensor's dynamic model</p>", sanitize=False)
-    main = ui.element("main").classes("steps").props("id=main")
+    main = ui.element("div").classes("steps").props("id=main")  # within the main of NiceGUI
     client = ui.context.client
     await client.connected()
     if client.is_deleted:
@@ -42,7 +42,21 @@ async def page(users: Users) -> None:
         except InputError as error:
             frame.show_error(errors, error)
             return
+        if user.empty:
+            await _say_if_gone()
         await _steps(user)
+
+
+async def _say_if_gone() -> None:
+    """Before the steps, which tell the browser that it holds nothing: say it if the state of this tab is lost."""
+    try:
+        held = await ui.run_javascript("sessionStorage.vibridentHeld === 'yes'", timeout=5.0)
+    except TimeoutError:
+        return
+    if held:
+        with ui.element("div").classes("warning").props("role=alert id=gone"):
+            ui.label("The server no longer has the data, the form and the results of this page.").classes("problem")
+            ui.label("It was started again or needed the room, or the page was left for an hour. Load the files again.")
 
 
 async def _steps(user: User) -> None:
@@ -61,7 +75,6 @@ async def _steps(user: User) -> None:
     await asyncio.sleep(0)
     outcome.build()
     compare.build()
-    ui.run_javascript(f"vibrident.back({str(user.empty).lower()})")
     data.hold()
     if user.empty:
         return

@@ -67,7 +67,7 @@ def serve(
             reload=False,
             show_welcome_message=False,
             reconnect_timeout=_RECONNECT_S,
-            dark=False,
+            dark=None,  # as the system is
             language="en-US",
             gzip_middleware_factory=None,  # compressing takes longer than sending, and
             ws_per_message_deflate=False,  # delays all users

@@ -237,7 +237,7 @@ def too_large(limit_mb: float, where: str = "upload") -> InputError:
         expected=f"at most {limit_mb:g} MB and {MOST_FILES} files in all",
         found="more",
         where=where,
-        remedy="start with vibrident serve --limit-mb N, or use vibrident identify in a shell",
+        remedy="leave files out, or ask whoever runs the server for a higher limit",
     )
 
 

@@ -229,7 +229,7 @@ class User:
         """End running processes, remove the files."""
         self.worker.cancel()
         self.session.close()
-        self.results, self.form, self.confirmed = [], None, None
+        self.results, self.form, self.confirmed, self.notice = [], None, None, ""
 
 
 class Users:
@@ -296,7 +296,7 @@ class Users:
                     "The server has reached its limit of users.",
                     expected=f"at most {MOST_USERS} at once",
                     found="as many",
-                    remedy="reload the page later, or start vibrident serve on a machine of your own",
+                    remedy="reload the page later, or start a server on a machine of your own",
                 )
         tab[_KEY] = secrets.token_hex(16)
         user = self.kept[tab[_KEY]] = User(self)
@@ -316,7 +316,7 @@ class Users:
                     expected=f"at most {_ALL_LIMITS * self.limit_mb:g} MB of all users together",
                     found="more",
                     where="upload",
-                    remedy="try again later, or start vibrident serve on a machine of your own",
+                    remedy="try again later, or start a server on a machine of your own",
                 )
 
     def forget(self) -> None:

@@ -6,6 +6,7 @@ The process works in the folder of the data, as the command line does.
 from __future__ import annotations
 
 import asyncio
+import logging
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
@@ -20,6 +21,11 @@ _MEMORY = 4_000_000_000
 _MEMORY_A_BYTE = 20
 _MOST_SECONDS = 7200.0
 _MOST_FILE_BYTES = 1_000_000_000
+_LOG = logging.getLogger("vibrident.app.web")
+
+
+class Stopped(InputError):
+    """The process was ended before its task was done: by a limit or a signal."""
 
 
 class Worker:
@@ -39,7 +45,8 @@ class Worker:
         """Run a function of this module in the folder; ``progress`` is called in this thread.
 
         Raises:
-            InputError, NotConverged: as the task does, or it needs more memory or time than it may have (InputError).
+            InputError, NotConverged: as the task does.
+            Stopped: the process was ended by a limit or a signal.
             WorkerError: any other failure in the process.
             asyncio.CancelledError: it was cancelled.
         """
@@ -84,12 +91,21 @@ def _memory(folder: Path) -> int:
 
 
 def _refusal(death: Died, limits: Limits) -> Exception:
-    if death.reason == "crash":
+    if death.reason == "crash" and "signal" not in death.ending:
         return WorkerError(str(death))
+    if death.reason == "crash":
+        _LOG.error("%s", death)
+        return Stopped(
+            "The computation was ended before it was done.",
+            expected="a computation that runs to its end",
+            found=death.ending,
+            where="the process of the computation, on the server",
+            remedy="repeat it; if it is ended again, leave out records: the system may be short of memory",
+        )
     most = f"{(limits.memory_bytes or 0) / 1e9:.1f} GB" if death.reason == "memory" else f"{limits.seconds:g} s"
-    return InputError(
-        f"The identification needs more {death.reason} than the page allows.",
+    return Stopped(
+        f"The computation was ended: it needs more {death.reason} than the page allows.",
         expected=f"at most {most}",
         found="more",
-        remedy="leave out records or parts of them, or use vibrident identify in a shell",
+        remedy="leave out records or parts of them, then repeat it; the command line has no such limit",
     )

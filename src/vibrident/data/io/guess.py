@@ -37,6 +37,8 @@ _DETECTORS = tuple(
 _CARRIER = re.compile(r"hetero|beat|carrier", re.IGNORECASE)
 _RESPONSE = re.compile(r"resp|out|dut|sensor|volt|charge|signal|laser|pickup|\bu\b", re.IGNORECASE)
 _BRACKETS = re.compile(r"[\[(]([^\])]+)[\])]")
+#: In brackets, a channel's number is no unit.
+_CHANNEL = re.compile(r"(?:ch(?:an(?:nel)?)?|kanal|ai|in(?:put)?|no|nr|#)?[\s._:#/-]*\d+", re.IGNORECASE)
 _LONGEST_NAME = 200
 _EXCITATIONS = (
     ("multisine", re.compile(r"multi", re.IGNORECASE)),
@@ -189,8 +191,8 @@ def _detectors(names: Sequence[str], positions: Sequence[int]) -> tuple[int, ...
 
 
 def _unit(names: Sequence[str], position: int | None) -> str:
-    found = None if position is None else _BRACKETS.search(names[position][:_LONGEST_NAME])
-    return found.group(1).strip() if found else ""
+    found = [] if position is None else _BRACKETS.findall(names[position][:_LONGEST_NAME])
+    return next((text for text in map(str.strip, found) if not _CHANNEL.fullmatch(text)), "")
 
 
 def _table(names: Sequence[str]) -> dict[str, int | None]:

@@ -21,7 +21,7 @@ from vibrident.export.dcc_tree import LANGUAGE, SI, Tree, cleaned
 from vibrident.export.form import Format, Options
 from vibrident.export.sensor import ExportedSensor
 from vibrident.result import Result
-from vibrident.show.coverage import coverage, interval_text
+from vibrident.show.coverage import coverage, interval_text, scatter_only
 from vibrident.show.tables import small_signals
 
 VERSION = "3.2.1"
@@ -186,6 +186,7 @@ def _statements(tree: Tree, result: Result) -> Iterable[tuple[str, Any]]:
     )
     covered = result.settings.get("uncertainty_covers")
     said = [coverage(result).text, f"Uncertainties cover: {covered}." if covered else "", interval_text(result)]
+    said += [f"{sentence.lead} {sentence.text}" for sentence in scatter_only(result)]
     yield "uncertainty", ours(*(line for line in said if line))
     if remark := small_signals(result):
         yield "small signals", ours(remark)

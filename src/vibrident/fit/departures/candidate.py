@@ -1,4 +1,4 @@
-"""A place where a departure may be."""
+"""Places where a departure may be."""
 
 from __future__ import annotations
 
@@ -15,16 +15,22 @@ class Candidate:
 
     Attributes:
         words: what it is there.
-        sums: of its columns.
-        white: its whitened columns, one set a part that has them; none where they are made ``exactly``.
+        white: its whitened columns, one set a part that has them.
         time_s: where in the record; None where it has no place.
         record: name of the record; None for that of the part, or all.
-        exactly: makes the same with its columns whitened one by one, where the sums approximate that; None where not.
+        exactly: sums of its columns whitened one by one, where those of the place approximate that; None where not.
     """
 
     words: str
-    sums: Sums
-    white: Callable[[], tuple[FloatArray, ...]] = tuple
+    white: Callable[[], tuple[FloatArray, ...]]
     time_s: float | None = None
     record: str | None = None
-    exactly: Callable[[], Candidate] | None = None
+    exactly: Callable[[], Sums] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """Places with as many columns each, and what these have in common with the fit, stacked."""
+
+    candidates: tuple[Candidate, ...]
+    sums: Sums

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vibrident.base.warning_kinds import WarningCode
 from vibrident.data.records import FloatArray
-from vibrident.fit.departures.candidate import Candidate
+from vibrident.fit.departures.candidate import Candidate, Places
 from vibrident.fit.departures.part import Part
 from vibrident.fit.departures.points import PointsPart
 from vibrident.fit.departures.score import Score, Sums
@@ -56,8 +56,6 @@ class Departure(ABC):
         code: of the warning where it matters.
         pooled: whether the records share its amounts.
         own_columns: whether its columns are tested for what each moves, as each may be there without the others.
-        linear: whether its columns are linear in the motion: an error of the reference's noise is then in common with
-            them.
         of_light: whether it is looked for in a sine by an interferometer's raw light, whose noise is filtered around
             the tone as no spectrum of a record shows.
         joint: whether what several move is what the fit beside all of them moves; else it is the sum.
@@ -67,27 +65,35 @@ class Departure(ABC):
     code: ClassVar[WarningCode]
     pooled: ClassVar[bool] = True
     own_columns: ClassVar[bool] = False
-    linear: ClassVar[bool] = True
     of_light: ClassVar[bool] = False
     joint: ClassVar[bool] = True
 
     @abstractmethod
     def columns(self, part: Part, scale: Scale) -> Iterable[tuple[str, FloatArray | ComplexArray]]:
-        """For each place what it is in words, and its columns in time, shape (m, n), or by bins, shape (m, bins)."""
+        """For each place what it is in words, and its columns: all in time, shape (m, n), or all by bins, (m, bins)."""
 
-    def candidates(self, part: Part, scale: Scale, parameters: int) -> list[Candidate]:
-        """All places of a part."""
+    def places(self, part: Part, scale: Scale, parameters: int) -> list[Places]:
+        """All places of a part; ``parameters``: number P of the coordinates."""
         found = list(self.columns(part, scale))
         if not found:
             return []
-        white = [part.white(columns) for _, columns in found]
-        return [
-            Candidate(words, Sums.of(part, own, parameters, linear=self.linear), partial(alone, own))
-            for (words, _), own in zip(found, white, strict=True)
+        together: Any = np.concatenate([columns for _, columns in found])
+        white = part.white(together)
+        last = np.cumsum([len(columns) for _, columns in found])
+        rows = [range(end - len(columns), end) for end, (_, columns) in zip(last.tolist(), found, strict=True)]
+        sums = Sums.of(part, white, parameters, self.doubt(part, scale))
+        every = [
+            (Candidate(words, partial(_alone, white[own])), sums.some(own))
+            for (words, _), own in zip(found, rows, strict=True)
         ]
+        return in_widths(every)
 
-    def at_points(self, points: PointsPart) -> list[Candidate]:
-        """All places of a response at points; none where the departure shows in records only."""
+    def doubt(self, part: Part, scale: Scale) -> FloatArray | None:
+        """What the columns have in common with an error of the reference's noise; as of :meth:`Sums.of`."""
+        return None
+
+    def at_points(self, points: PointsPart) -> list[tuple[Candidate, Sums]]:
+        """All places of a response at points, with their sums; none where the departure shows in records only."""
         return []
 
     def code_of(self, candidate: Candidate, score: Score) -> WarningCode:
@@ -99,31 +105,100 @@ class Departure(ABC):
         return candidate.words
 
 
-def alone(columns: FloatArray) -> tuple[FloatArray, ...]:
+class WithoutMotion(Departure):
+    """A departure of which the columns do not depend on the motion, nor on noise in it."""
+
+    def doubt(self, part: Part, scale: Scale) -> FloatArray:
+        """None of it."""
+        return np.zeros(sum(len(columns) for _, columns in self.columns(part, scale)))
+
+
+class Shape(Departure):
+    """A departure by functions without memory of the response's motion, or of the reference's.
+
+    Attributes:
+        of_reference: whether they are of the reference; the sensor answers them.
+        through: whether the sensor answers those of the response, too.
+        turned: whether each has its quadrature beside it.
+    """
+
+    of_reference: ClassVar[bool] = False
+    through: ClassVar[bool] = False
+    turned: ClassVar[bool] = False
+
+    @abstractmethod
+    def shapes(self, motion: FloatArray, scale: Scale, largest: float) -> Iterable[tuple[str, FloatArray]]:
+        """For each what it is in words, and the function of the motion, each of shape (n,).
+
+        ``largest``: of the motion of this part; that of all is in the scale.
+        """
+
+    def _series(self, part: Part) -> tuple[FloatArray, float]:
+        motion = part.reference if self.of_reference else part.motion
+        return motion, float(np.max(np.abs(motion), initial=0.0))
+
+    def columns(self, part: Part, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
+        """The functions by their bins."""
+        motion, largest = self._series(part)
+        for words, shape in self.shapes(motion, scale, largest):
+            bins = np.asarray(np.fft.rfft(shape * part.used)) * self._answer(part)
+            yield words, np.stack([bins, 1j * bins] if self.turned else [bins])
+
+    def _answer(self, part: Part) -> ComplexArray | float:
+        size = float(np.max(np.abs(part.transfer), initial=0.0)) or 1.0
+        return part.transfer if self.of_reference else part.transfer / size if self.through else 1.0
+
+    def doubt(self, part: Part, scale: Scale) -> FloatArray:
+        """Mean of a column times the residual e = −η, where the motion holds η: −Σ E[f(y + η) η] |W|² of the bins.
+
+        By the two nodes y ± σ of Gauss and Hermite's quadrature.
+        """
+        (motion, largest), n = self._series(part), part.samples
+        power = np.divide(part.doubt, part.whitening**2, out=np.zeros_like(part.doubt), where=part.whitening > 0.0)
+        gain = np.abs(part.transfer) ** 2 if self.of_reference else np.ones(power.size)
+        power = np.divide(power, gain, out=np.zeros_like(power), where=gain > 0.0)
+        sigma = float(np.sqrt(2.0 * np.sum(power) / n))
+        share = 2.0 / n * float(np.sum(part.doubt * (np.real(self._answer(part)) if self.through else 1.0)))
+        ends = [[shape for _, shape in self.shapes(motion + sign * sigma, scale, largest)] for sign in (1.0, -1.0)]
+        found = [
+            -share / max(2.0 * sigma, np.finfo(float).tiny) * float(np.sum((up - down) * part.used))
+            for up, down in zip(*ends, strict=True)
+        ]
+        return np.array([one for each in found for one in ([each, 0.0] if self.turned else [each])])
+
+
+def in_widths(every: Sequence[tuple[Candidate, Sums]]) -> list[Places]:
+    """Places with the sums of each, those of as many columns together."""
+    widths = dict.fromkeys(len(sums.score) for _, sums in every)
+    some = [[one for one in every if len(one[1].score) == width] for width in widths]
+    return [Places(tuple(one for one, _ in own), Sums.stacked([sums for _, sums in own])) for own in some]
+
+
+def _alone(columns: FloatArray) -> tuple[FloatArray, ...]:
     """The columns of a departure of one part."""
     return (columns,)
 
 
 @dataclass(frozen=True, eq=False)
 class InTime:
-    """A change at a time.
+    """Steps at the places between blocks of a record, and behind them a ramp.
 
     Attributes:
-        time_s: of a step; None for a ramp.
-        behind: part of the motion's power behind it.
-        factor: of each block, shape (blocks,).
+        time_s: of each step, shape (blocks − 1,).
+        behind: part of the motion's power behind each, shape (blocks − 1,).
+        factors: of each block, shape (blocks, blocks).
         edges: of the blocks, in samples, shape (blocks + 1,).
         sums: of all that a change adds (:attr:`Part.changing`), each times the factor.
     """
 
-    time_s: float | None
-    behind: float
-    factor: FloatArray
+    time_s: FloatArray
+    behind: FloatArray
+    factors: FloatArray
     edges: NDArray[np.int_]
     sums: Sums
 
 
-def in_steps(part: Part, blocks: int, parameters: int) -> Iterator[InTime]:
+def in_steps(part: Part, blocks: int, parameters: int) -> InTime:
     """Sums of all that a change adds, each times a step in time or a ramp, by sums over blocks.
 
     Whitening and a slow factor commute but for the whitening filter's length, so one filtering serves all places (sup
@@ -131,39 +206,39 @@ def in_steps(part: Part, blocks: int, parameters: int) -> Iterator[InTime]:
     """
     rows = part.changing_white
     edges = np.linspace(0, part.samples, blocks + 1).astype(int)
+    doubt = part.in_common(rows)[:, -1] / part.samples  # noise is in all of the record, whenever the motion is
     own, other = [], np.concatenate([rows, part.basis, part.jacobian, part.residual[None]])
     for first, last in pairwise(edges.tolist()):
         block, loud = rows[:, first:last], rows[:, first:last] * part.profile[first:last]
+        common = part.in_common(block, slice(first, last))
+        common[:, -1] = doubt * (last - first)
         own.append(
             (
                 block @ other[:, first:last].T,
                 loud @ rows[:, first:last].T,
                 loud @ part.jacobian[:, first:last].T,
-                part.in_common(block, slice(first, last)),
+                common,
             )
         )
     products, spreads, crossed, commons = (np.array(each) for each in zip(*own, strict=True))
     m, q, p = len(rows), len(part.basis), len(part.jacobian)
     power = np.cumsum(products[:, 0, 0])
-    behind = 1.0 - power / max(float(power[-1]), np.finfo(float).tiny)
-    middles = (np.arange(blocks) + 0.5) / blocks  # zero at the begin: parameters are those before a change
-    steps = [(np.arange(blocks) >= b) * 1.0 for b in range(1, blocks)]
-    for number, factor in enumerate(np.array([*steps, middles], dtype=float)):
-        once, twice = np.tensordot(factor, products, 1), np.tensordot(factor**2, products[:, :, :m], 1)
-        freed = once[:, m : m + q]
-        gram = twice - freed @ freed.T
-        sums = Sums(
-            once[:, -1],
-            gram,
-            np.tensordot(factor**2, spreads, 1) - freed @ freed.T,
-            once[:, m + q : m + q + p],
-            np.tensordot(factor, crossed, 1),
-            np.tensordot(factor, commons, 1),
-            np.zeros((m, parameters)),
-            WITHIN_BLOCKS * np.diag(twice),
-            part.steps,
-        ).beside(part, parameters)
-        if number == len(steps):
-            yield InTime(None, 0.5, factor, edges, sums)
-        else:
-            yield InTime(part.begin_s + edges[number + 1] / part.rate_hz, float(behind[number]), factor, edges, sums)
+    number = np.arange(blocks)
+    ramp = (number + 0.5) / blocks  # zero at the begin: parameters are those before a change
+    factors: FloatArray = np.concatenate([number >= number[1:, None], ramp[None]], dtype=float)
+    once, squared = np.tensordot(factors, products, 1), np.tensordot(factors**2, products[:, :, :m], 1)
+    freed = once[:, :, m : m + q]
+    taken = freed @ freed.mT
+    sums = Sums(
+        once[:, :, -1],
+        squared - taken,
+        np.tensordot(factors**2, spreads, 1) - taken,
+        once[:, :, m + q : m + q + p],
+        np.tensordot(factors, crossed, 1),
+        np.tensordot(factors, commons, 1),
+        np.zeros((blocks, m, parameters)),
+        WITHIN_BLOCKS * np.diagonal(squared, axis1=1, axis2=2),
+        np.full(blocks, part.steps),
+    ).beside(part, parameters)
+    behind = 1.0 - power[:-1] / max(float(power[-1]), np.finfo(float).tiny)
+    return InTime(part.begin_s + edges[1:-1] / part.rate_hz, behind, factors, edges, sums)

@@ -12,13 +12,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add
+from typing import TypeGuard
 
 import numpy as np
 
 from vibrident.base.warning_kinds import WarningCode
 from vibrident.data.records import FloatArray
-from vibrident.fit.departures.candidate import Candidate
-from vibrident.fit.departures.departure import Departure, Scale
+from vibrident.fit.departures.candidate import Candidate, Places
+from vibrident.fit.departures.departure import Departure, Scale, in_widths
 from vibrident.fit.departures.part import Part
 from vibrident.fit.departures.points import PointsPart
 from vibrident.fit.departures.score import LinearFit, Score, Sums
@@ -147,7 +148,7 @@ def _strongest(found: Sequence[Found]) -> list[Found]:
 def _of_points(fit: LinearFit, points: PointsPart) -> list[Found]:
     kinds, found = DEPARTURES.all(), list[Found]()
     for departure in kinds.values():
-        best = _best(fit, departure, departure.at_points(points), len(kinds))
+        best = _best(fit, departure, in_widths(departure.at_points(points)), len(kinds))
         if best is not None:
             found.append(Found(departure, *best, None, best[0].record))
     return found
@@ -164,56 +165,53 @@ def _of_records(fit: LinearFit, parts: Sequence[Part]) -> list[Found]:
             found += [] if best is None else [Found(departure, *best, None, None)]
             continue
         for place, part in enumerate(parts):
-            own = departure.candidates(part, scale, parameters)
+            own = departure.places(part, scale, parameters)
             best = _best(fit, departure, own, len(kinds) * len(parts))
             found += [] if best is None else [Found(departure, *best, place, part.name)]
     return found
 
 
-def _pooled(departure: Departure, parts: Sequence[Part], scale: Scale, parameters: int) -> list[Candidate]:
-    """Candidates whose amounts all parts share."""
-    every = [departure.candidates(part, scale, parameters) for part in parts]
+def _pooled(departure: Departure, parts: Sequence[Part], scale: Scale, parameters: int) -> list[Places]:
+    """Places whose amounts all parts share."""
+    every = [departure.places(part, scale, parameters) for part in parts]
     if not all(every):
         return []
     return [_joined(each) for each in zip(*every, strict=True)]
 
 
-def _joined(each: Sequence[Candidate]) -> Candidate:
-    def white() -> tuple[FloatArray, ...]:
-        return tuple(columns for one in each for columns in one.white())
+def _joined(each: Sequence[Places]) -> Places:
+    def one(own: Sequence[Candidate]) -> Candidate:
+        return Candidate(own[0].words, lambda: tuple(columns for every in own for columns in every.white()))
 
-    return Candidate(each[0].words, reduce(add, (one.sums for one in each)), white)
+    candidates = zip(*(places.candidates for places in each), strict=True)
+    return Places(tuple(one(own) for own in candidates), reduce(add, (places.sums for places in each)))
 
 
 def _best(
-    fit: LinearFit, departure: Departure, candidates: Sequence[Candidate], several: int
+    fit: LinearFit, departure: Departure, places: Sequence[Places], several: int
 ) -> tuple[Candidate, Score, float, float] | None:
     """The most significant candidate with its test, chance and impact; None where that is noise."""
-    several *= len(candidates)
+    several *= sum(len(some.candidates) for some in places)
 
-    def sure(candidate: Candidate) -> tuple[Candidate, Score] | None:
-        score = fit.test(candidate.sums)
-        return None if score is None or not score.chance * several < FALSE_ALARMS else (candidate, score)
+    def sure(score: Score | None, among: int = 1) -> TypeGuard[Score]:
+        return score is not None and score.chance * several * among < FALSE_ALARMS
 
-    def exact(test: tuple[Candidate, Score]) -> tuple[Candidate, Score] | None:
-        return test if test[0].exactly is None else sure(test[0].exactly())
-
-    tests = [test for test in map(sure, candidates) if test is not None]
-    tests.sort(key=lambda test: -test[1].explained)
-    chosen = next((test for test in map(exact, tests[:MOST_EXACT]) if test is not None), None)
-    if chosen is None:
-        return None
-    candidate, score = chosen
-    chance = score.chance * several
-    if departure.own_columns:
-        score = _farthest(fit, candidate.sums, score, several)
-    return candidate, score, chance, fit.impact(score.shift)
-
-
-def _farthest(fit: LinearFit, sums: Sums, whole: Score, several: int) -> Score:
-    """The test of the whole with the shift by that significant pair of columns that moves the parameters most."""
-    pairs = [fit.test(sums.some([first, first + 1])) for first in range(0, len(sums.score), 2)]
-    sure = [one for one in pairs if one is not None and one.chance * len(pairs) * several < FALSE_ALARMS]
-    far = max(sure, key=lambda one: fit.impact(one.shift), default=None)
-    shift = np.zeros_like(whole.shift) if far is None else far.shift
-    return replace(whole, shift=shift)
+    tests = [
+        (candidate, some.sums.at(place), score)
+        for some in places
+        for place, (candidate, score) in enumerate(zip(some.candidates, fit.test(some.sums), strict=True))
+        if sure(score)
+    ]
+    tests.sort(key=lambda test: -test[2].explained)
+    for candidate, sums, score in tests[:MOST_EXACT]:
+        own = sums if candidate.exactly is None else candidate.exactly()
+        exact = score if candidate.exactly is None else fit.test(Sums.stacked([own]))[0]
+        if not sure(exact):
+            continue
+        shift = exact.shift
+        if departure.own_columns:  # of that significant pair that moves the parameters most
+            pairs = [own.some([first, first + 1]) for first in range(0, len(own.score), 2)]
+            alone = [pair for pair in fit.test(Sums.stacked(pairs)) if sure(pair, len(pairs))]
+            shift = max((pair.shift for pair in alone), key=fit.impact, default=np.zeros_like(shift))
+        return candidate, replace(exact, shift=shift), exact.chance * several, fit.impact(shift)
+    return None

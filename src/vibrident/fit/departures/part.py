@@ -42,6 +42,7 @@ class Part:
             shape (2 TRIALS, n); empty where there are none.
         effects: what one standard uncertainty of each stated systematic effect adds to the response, whitened, and, the
             last, one of the variance of the reference's noise, shape (K, n).
+        doubt: part of the noise that one standard uncertainty of the reference's makes, shape (bins,).
         freedom: degrees of freedom of the residual.
         pull: shift of the fit's coordinates by those of the record, shape (P, p); None where these are the same.
         turns: of the record's sine from sample to sample; None for other motion.
@@ -64,6 +65,7 @@ class Part:
     freedom: float
     rounding: FloatArray
     effects: FloatArray
+    doubt: FloatArray
     pull: FloatArray | None = None
     turns: float | None = None
     optical: bool = False

@@ -58,7 +58,7 @@ class PointsPart:
         freedom = float(max(len(rest) - len(uncertainty) - len(self.basis), 1))
         return LinearFit(inverse, normal, gradient, rows @ self.common.T, chi2, freedom, uncertainty, self.told)
 
-    def candidate(self, words: str, changes: ComplexArray, record: str | None = None) -> Candidate:
+    def place(self, words: str, changes: ComplexArray, record: str | None = None) -> tuple[Candidate, Sums]:
         """A departure by relative changes of the response at the points, shape (m, n)."""
         parts = np.concatenate([changes.real, changes.imag], axis=1)[:, : len(self.linear.rest)]
         rows = parts * self.linear.weight
@@ -66,5 +66,5 @@ class PointsPart:
         gram, cross = freed @ freed.T, freed @ self.linear.matrix
         nothing = np.zeros((len(rows), self.linear.matrix.shape[1]))
         rounding = freed @ self.common.T
-        sums = Sums(freed @ self.linear.rest, gram, gram, cross, cross, rounding, nothing, least, 0.0)
-        return Candidate(words, sums, lambda: (rows,), record=record)
+        sums = Sums(freed @ self.linear.rest, gram, gram, cross, cross, rounding, nothing, least, np.array(0.0))
+        return Candidate(words, lambda: (rows,), record=record), sums

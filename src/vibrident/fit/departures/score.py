@@ -32,25 +32,32 @@ SMALLEST = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Sums:
-    """What m columns have in common with the residual, each other and the Jacobian; those of records add up."""
+    """What m columns have in common with the residual, each other and the Jacobian; those of records add up.
 
-    score: FloatArray  # D e, shape (m,)
-    gram: FloatArray  # D Dᵀ, shape (m, m)
-    spread: FloatArray  # D V Dᵀ without the converters' errors, shape (m, m)
-    cross: FloatArray  # D Jᵀ, shape (m, P)
-    cross_spread: FloatArray  # D V Jᵀ, shape (m, P)
-    common: FloatArray  # D times the errors common to the record, or to all, shape (m, 2 TRIALS + K)
-    shift: FloatArray  # of the coordinates by a unit of each column, of records with their own, shape (m, P)
-    least: FloatArray  # of D Dᵀ beside the parameters, below which a column tells nothing, shape (m,)
-    steps: float  # power of the errors of converters and interpolation
+    Those of several places are stacked along axes in front.
+    """
+
+    score: FloatArray  # D e, shape (…, m)
+    gram: FloatArray  # D Dᵀ, shape (…, m, m)
+    spread: FloatArray  # D V Dᵀ without the converters' errors, shape (…, m, m)
+    cross: FloatArray  # D Jᵀ, shape (…, m, P)
+    cross_spread: FloatArray  # D V Jᵀ, shape (…, m, P)
+    common: FloatArray  # D times the errors common to the record, or to all, shape (…, m, 2 TRIALS + K)
+    shift: FloatArray  # of the coordinates by a unit of each column, of records with their own, shape (…, m, P)
+    least: FloatArray  # of D Dᵀ beside the parameters, below which a column tells nothing, shape (…, m)
+    steps: FloatArray  # power of the errors of converters and interpolation, shape (…)
 
     @classmethod
-    def of(cls, part: Part, white: FloatArray, parameters: int, *, linear: bool = True) -> Sums:
-        """Of whitened columns, shape (m, n); ``linear``: in the motion, and with it in noise of the reference."""
+    def of(cls, part: Part, white: FloatArray, parameters: int, doubt: FloatArray | None = None) -> Sums:
+        """Of whitened columns, shape (m, n).
+
+        ``doubt``: what they have in common with an error of the reference's noise, shape (m,); None: they are linear in
+        the motion, and :attr:`Part.effects` tells it.
+        """
         loud, nothing = white * part.profile, np.zeros((len(white), parameters))
         common = part.in_common(white)
-        if not linear:
-            common[:, -1] = 0.0
+        if doubt is not None:
+            common[:, -1] = doubt
         sums = cls(
             white @ part.residual,
             white @ white.T,
@@ -60,9 +67,14 @@ class Sums:
             common,
             nothing,
             WITHIN * np.einsum("ij,ij->i", white, white),
-            part.steps,
+            np.array(part.steps),
         )
         return sums.beside(part, parameters)
+
+    @classmethod
+    def stacked(cls, every: Sequence[Sums]) -> Sums:
+        """Of places with as many columns each."""
+        return cls(*(np.stack([getattr(one, each.name) for one in every]) for each in fields(cls)))
 
     def beside(self, part: Part, parameters: int) -> Sums:
         """The same with the record's own parameters projected out, where it has any."""
@@ -70,12 +82,12 @@ class Sums:
             return self
         gradient, loud, common = part.own
         share = self.cross @ part.inverse
-        both = share @ self.cross_spread.T
-        nothing = np.zeros((len(self.score), parameters))
+        both = share @ self.cross_spread.mT
+        nothing = np.zeros((*self.score.shape, parameters))
         return Sums(
             self.score - share @ gradient,
-            self.gram - share @ self.cross.T,
-            self.spread - both - both.T + share @ loud @ share.T,
+            self.gram - share @ self.cross.mT,
+            self.spread - both - both.mT + share @ loud @ share.mT,
             nothing,
             nothing,
             self.common - share @ common,
@@ -86,18 +98,22 @@ class Sums:
 
     def some(self, kept: Sequence[int]) -> Sums:
         """Of some of the columns."""
-        square, every = np.ix_(kept, kept), list(kept)
+        every = list(kept)
         return Sums(
-            self.score[every],
-            self.gram[square],
-            self.spread[square],
-            self.cross[every],
-            self.cross_spread[every],
-            self.common[every],
-            self.shift[every],
-            self.least[every],
+            self.score[..., every],
+            self.gram[..., every, :][..., every],
+            self.spread[..., every, :][..., every],
+            self.cross[..., every, :],
+            self.cross_spread[..., every, :],
+            self.common[..., every, :],
+            self.shift[..., every, :],
+            self.least[..., every],
             self.steps,
         )
+
+    def at(self, places: int | Sequence[int]) -> Sums:
+        """Of some of the places."""
+        return Sums(*(getattr(self, each.name)[places] for each in fields(self)))
 
     def __add__(self, other: Sums) -> Sums:
         return Sums(*(getattr(self, each.name) + getattr(other, each.name) for each in fields(self)))
@@ -171,44 +187,55 @@ class LinearFit:
         chi2 -= float(gradient @ inverse @ gradient)
         return cls(inverse, spread, gradient, common, max(chi2, 0.0), max(freedom, 1.0), uncertainty)
 
-    def test(self, sums: Sums) -> Score | None:
-        """The score test; None where the parameters can follow the columns."""
+    def test(self, sums: Sums) -> list[Score | None]:
+        """The score test at each of stacked places; None where the parameters can follow the columns."""
         share = sums.cross @ self.inverse
-        score, gram = sums.score - share @ self.gradient, sums.gram - share @ sums.cross.T
-        seen = np.flatnonzero(np.diag(gram) > sums.least)
-        if not seen.size:
-            return None
-        both = share @ sums.cross_spread.T
-        spread = sums.spread - both - both.T + share @ self.spread @ share.T
-        errors = sums.common - share @ self.common
-        scale = 1.0 / np.sqrt(np.diag(gram)[seen])
-        values, vectors = np.linalg.eigh(gram[np.ix_(seen, seen)] * np.outer(scale, scale))
-        kept = values > WITHIN * values[-1]
-        turn = vectors[:, kept].T * scale
-        turned, errors = turn @ score[seen], turn @ errors[seen]
-        noise, coherent = turn @ spread[np.ix_(seen, seen)] @ turn.T, errors @ errors.T
-        statistic = float(turned @ np.linalg.lstsq(noise + coherent, turned, rcond=1e-9)[0])
-        amounts = np.zeros(len(score))
-        amounts[seen] = turn.T @ (turned / values[kept])
-        shift = self.inverse @ sums.cross.T @ amounts + amounts @ sums.shift
-        explained = float(np.sum(turned**2 / values[kept]))
-        repeated = float(np.sum(errors[:, : 2 * TRIALS] ** 2)) / max(
-            float(np.trace(noise + coherent)), np.finfo(float).tiny
+        score, gram = sums.score - share @ self.gradient, sums.gram - share @ sums.cross.mT
+        power = np.diagonal(gram, axis1=-2, axis2=-1)
+        seen = power > sums.least
+        both = share @ sums.cross_spread.mT
+        spread = sums.spread - both - both.mT + share @ self.spread @ share.mT
+        scale = np.where(seen, 1.0 / np.sqrt(np.where(seen, power, 1.0)), 0.0)
+        values, vectors = np.linalg.eigh(gram * scale[..., None] * scale[..., None, :])
+        kept = seen.any(axis=-1, keepdims=True) & (values > WITHIN * values[..., -1:])
+        turn = np.where(kept[..., None], vectors.mT * scale[..., None, :], 0.0)
+        turned, errors = (turn @ score[..., None])[..., 0], turn @ (sums.common - share @ self.common)
+        covariance = turn @ spread @ turn.mT + errors @ errors.mT
+        statistic = np.einsum("...i,...ij,...j", turned, np.linalg.pinv(covariance, 1e-9, hermitian=True), turned)
+        parts = np.where(kept, turned / np.where(kept, values, 1.0), 0.0)
+        amounts = (parts[..., None, :] @ turn)[..., 0, :]
+        shift = (amounts[..., None, :] @ (share + sums.shift))[..., 0, :]
+        explained = np.sum(turned * parts, axis=-1)
+        repeated = np.sum(errors[..., : 2 * TRIALS] ** 2, axis=(-2, -1)) / np.maximum(
+            np.trace(covariance, axis1=-2, axis2=-1), np.finfo(float).tiny
         )
-        told = min(TRIALS / max(repeated, SMALLEST) ** 2, self.told)
-        m = turned.size
-        rounded = explained < sums.steps  # converters or interpolation may do as much
-        chance = 1.0 if rounded else self._chance(statistic, explained, m, told)
-        return Score(statistic, m, shift, amounts, chance, explained - m)
+        told = np.minimum(TRIALS / np.maximum(repeated, SMALLEST) ** 2, self.told)
+        columns = np.sum(kept, axis=-1)
+        return [
+            None
+            if not m
+            else Score(
+                float(statistic[k]),
+                m,
+                shift[k],
+                amounts[k],
+                # converters or interpolation may do as much as what is rounded
+                1.0
+                if explained[k] < sums.steps[k]
+                else self._chance(*map(float, (statistic[k], explained[k], m, told[k]))),
+                float(explained[k]) - m,
+            )
+            for k, m in enumerate(columns.tolist())
+        ]
 
-    def _chance(self, statistic: float, explained: float, columns: int, told: float) -> float:
+    def _chance(self, statistic: float, explained: float, columns: float, told: float) -> float:
         """An F test against what the departure leaves, where that is more than noise.
 
         ``told``: degrees of freedom by which the covariance of the columns is known.
         """
         left = max(self.freedom - columns, 1.0)
         rest = max((self.chi2 - explained) / left, 1.0)
-        return f_tail(float(columns), min(left, told), statistic / columns / rest)
+        return f_tail(columns, min(left, told), statistic / columns / rest)
 
     def impact(self, shift: FloatArray) -> float:
         """Largest shift of a coordinate, in its stated standard uncertainty."""

@@ -14,13 +14,12 @@ from numpy import fft
 
 from vibrident.base.fft_lengths import fast_below
 from vibrident.data.records import BoolArray, FloatArray, Record
-from vibrident.fit.departures.noise import slow_profile
-from vibrident.fit.departures.part import ROUNDING, Part, orthonormal
+from vibrident.fit.departures.part import Part
+from vibrident.fit.departures.signals import Signals, projected
 from vibrident.fit.estimators import Estimate
-from vibrident.fit.estimators.incoherent import HEARD
 from vibrident.fit.estimators.noise_metric import beside_hum, likelier, with_edges
 from vibrident.fit.estimators.noise_motion import SHORTEST, Motion, motion_of
-from vibrident.fit.estimators.noise_spectrum import DOUBT, NoiseSpectrum, noise_spectrum
+from vibrident.fit.estimators.noise_spectrum import noise_spectrum
 from vibrident.fit.information import inverse_normal
 from vibrident.fit.measure.lines import line_frequencies, power_of, reference_colour, waves
 from vibrident.fit.measure.response import ComplexArray
@@ -28,7 +27,6 @@ from vibrident.fit.problem import Evidence, LineProblem
 from vibrident.fit.uncertainty.adequacy import Points
 from vibrident.fit.uncertainty.budget import Place, effects_of, patterns
 from vibrident.fit.uncertainty.linearised import Linearised
-from vibrident.fit.uncertainty.steps import rounding_in_residual
 from vibrident.physics.discretisation.inputs import USABLE_BAND
 from vibrident.physics.models.slopes import response_and_slopes
 
@@ -56,15 +54,17 @@ def parts_of(
     if not estimate.findings.method.is_exact or not evidence.records:
         return []
     if isinstance(estimate.problem, LineProblem) and estimate.criterion == "samples":
-        return list(_of_bins(evidence, estimate, estimate.problem, predicted))
-    if evidence.only_sines and evidence.model.is_linear and tones is not None:
-        return list(_of_sines(evidence, estimate, predicted, tones))
-    return list(_of_samples(evidence, estimate, predicted))
+        every = _of_bins(evidence, estimate, estimate.problem, predicted)
+    elif evidence.only_sines and evidence.model.is_linear and tones is not None:
+        every = _of_sines(evidence, estimate, predicted, tones)
+    else:
+        every = _of_samples(evidence, estimate, predicted)
+    return [one.part(_effects(evidence, estimate, one)) for one in every]
 
 
 def _of_bins(
     evidence: Evidence, estimate: Estimate, problem: LineProblem, predicted: Sequence[FloatArray]
-) -> Iterator[Part]:
+) -> Iterator[Signals]:
     network = estimate.findings.network
     assert network is not None
     lines = problem.lines(estimate.z, estimate.coordinates, network.noise)
@@ -81,9 +81,9 @@ def _of_bins(
             rest, motion = (fft.irfft(own, record.samples) for own in (record.residual, record.predicted(slice(None))))
             slopes = fft.irfft(record.slopes, record.samples, axis=-1)
             for piece in _pieces(record.samples):
-                whole = slice(first + piece.start, first + piece.stop)
+                there = slice(first + piece.start, first + piece.stop)
                 signals = (rest[piece] * noise, motion[piece] * noise, slopes[:, piece] * noise)
-                yield _in_time(given, evidence, estimate, whole, record.used[piece], *signals)
+                yield _in_time(given, evidence, estimate, there, record.used[piece], *signals)
             continue
         if index in tones and (own := motion_at()) is not None:
             beside = _beside_harmonics(own, record.samples, tones[index])
@@ -91,23 +91,27 @@ def _of_bins(
         nuisance = record.unknowns(edges=with_edges(record, spectrum), tones=spectrum.tones)(slice(None))
         slopes = record.slopes
         if spectrum.passed > 0.0:  # at the most likely motion
-            rest = _projected(record.residual, nuisance, np.sqrt(record.twice))
+            rest = projected(record.residual, nuisance, np.sqrt(record.twice))
             slopes = slopes + np.stack(list(record.model.slopes())) * likelier(record, spectrum, rest)
-        yield _part(
-            (given, span),
+        yield Signals(
+            given,
+            span,
             record.used,
-            (record.residual * noise, np.array(record.predicted(slice(None))) * noise, slopes * noise),
+            record.residual * noise,
+            np.array(record.predicted(slice(None))) * noise,
+            slopes * noise,
             record.model.through(),
             nuisance,
             spectrum,
             noise,
             record.twice,
-            _effects(evidence, estimate, line_frequencies(record.samples, given.sampling_rate_hz)),
             turns=tones.get(index),
         )
 
 
-def _of_sines(evidence: Evidence, estimate: Estimate, predicted: Sequence[FloatArray], tones: Points) -> Iterator[Part]:
+def _of_sines(
+    evidence: Evidence, estimate: Estimate, predicted: Sequence[FloatArray], tones: Points
+) -> Iterator[Signals]:
     """Each beside an amplitude and a phase of its own, which the points give to the fit."""
     assert evidence.tones is not None
     count = len(tones.frequency_hz)
@@ -136,7 +140,7 @@ def _of_sines(evidence: Evidence, estimate: Estimate, predicted: Sequence[FloatA
             yield _in_time(record, evidence, estimate, span, used, *own, inverse @ rows, turns)
 
 
-def _of_samples(evidence: Evidence, estimate: Estimate, predicted: Sequence[FloatArray]) -> Iterator[Part]:
+def _of_samples(evidence: Evidence, estimate: Estimate, predicted: Sequence[FloatArray]) -> Iterator[Signals]:
     """Of a network that runs in time, with slopes by differences."""
     if estimate.problem is None or estimate.findings.learned is not None:
         return
@@ -170,8 +174,8 @@ def _spans(record: Record, series: FloatArray) -> list[slice]:
     if used.sum() < SHORTEST:
         return []
     first, last = int(np.argmax(used)), used.size - int(np.argmax(used[::-1]))
-    last = first + fast_below(last - first, MOST_LOST)
-    spans = [slice(first + piece.start, first + piece.stop) for piece in _pieces(last - first)]
+    pieces = _pieces(fast_below(last - first, MOST_LOST))
+    spans = [slice(first + piece.start, first + piece.stop) for piece in pieces]
     return [span for span in spans if used[span].sum() >= SHORTEST]
 
 
@@ -199,49 +203,28 @@ def _in_time(
     slopes: FloatArray,
     pull: FloatArray | None = None,
     turns: float | None = None,
-) -> Part:
-    """A part by its signals in time: residual and motion, shape (n,), and slopes, shape (p, n), zero where not used."""
+) -> Signals:
+    """Of signals in time: residual and motion, shape (n,), and slopes, shape (p, n), zero where not used."""
     n = used.size
     unit = max(float(np.sqrt(np.mean(np.square(motion)))), float(np.finfo(float).tiny))
-    rest, motion, slopes = rest / unit, motion / unit, slopes / unit  # noise levels are of numbers near one
     hz = line_frequencies(n, record.sampling_rate_hz)
     values, model = estimate.coordinates.values(estimate.z), evidence.model.linear
     transfer = np.array(model.frequency_response(values, hz, evidence.quantity), dtype=complex)
-    transfer /= unit
-    bins = np.asarray(fft.rfft(motion), dtype=complex)
+    left, bins, jacobian = (np.asarray(fft.rfft(signal, axis=-1), dtype=complex) for signal in (rest, motion, slopes))
     colour = reference_colour(record, n)
-    count = float(used.sum())
-    through = np.square(np.abs(transfer)) * colour
-    seen = _beside_harmonics(Motion.of(bins.__getitem__, count, through, colour), n, turns)
+    own, over = (np.asarray(signal / unit, dtype=complex) for signal in (left, bins))  # noise levels near one
+    seen = Motion.of(over.__getitem__, float(used.sum()), np.square(np.abs(transfer)) * colour, colour)
     nuisance = np.asarray(fft.rfft(np.stack([used * 1.0, used * np.linspace(-1.0, 1.0, n)])))
     twice = np.where((np.arange(bins.size) > 0) & (np.arange(bins.size) <= USABLE_BAND * n), 2.0, 0.0)
     if pull is not None:
-        nuisance = np.concatenate([nuisance, _beside_tone(evidence, estimate, bins, transfer, hz, turns)])
-    left = np.asarray(fft.rfft(rest), dtype=complex)
+        nuisance = np.concatenate([nuisance, _beside_tone(evidence, estimate, over, transfer, hz, turns)])
     floor = (np.finfo(float).eps * float(np.max(np.abs(record.response[span]))) / unit) ** 2
-    spectrum = noise_spectrum(_projected(left, nuisance, np.sqrt(twice)), seen, floor)
+    freed = projected(own, nuisance, np.sqrt(twice))
+    spectrum = noise_spectrum(freed, _beside_harmonics(seen, n, turns), floor)
     if spectrum.tones:
         nuisance = np.concatenate([nuisance, np.asarray(fft.rfft(waves(spectrum.tones, n) * used, axis=1))])
-    jacobian = np.asarray(fft.rfft(slopes, axis=-1), dtype=complex)
-    signals = _scaled(unit, left, bins, jacobian)
-    effects = _effects(evidence, estimate, hz)
-    return _part(
-        (record, span),
-        used,
-        signals,
-        _scaled(unit, transfer)[0],
-        nuisance,
-        spectrum,
-        unit,
-        twice,
-        effects,
-        pull,
-        turns,
-    )
-
-
-def _scaled(unit: float, *signals: ComplexArray) -> tuple[ComplexArray, ...]:
-    return tuple(np.asarray(signal * unit, dtype=complex) for signal in signals)
+    signals = left, bins, jacobian, transfer, nuisance
+    return Signals(record, span, used, *signals, spectrum, unit, twice, pull, turns)
 
 
 def _beside_harmonics(motion: Motion, samples: int, turns: float | None) -> Motion:
@@ -274,111 +257,10 @@ def _beside_tone(
     return np.asarray(slopes * estimate.coordinates.slopes(estimate.z)[:, None] * moved)
 
 
-def _part(
-    place: tuple[Record, slice],
-    used: BoolArray,
-    bins: tuple[ComplexArray, ...],
-    transfer: ComplexArray,
-    nuisance: ComplexArray,
-    spectrum: NoiseSpectrum,
-    unit: float,
-    twice: FloatArray,
-    effects: ComplexArray,
-    pull: FloatArray | None = None,
-    turns: float | None = None,
-) -> Part:
-    """A part by the bins of its signals.
-
-    Args:
-        place: the record, and the samples.
-        used: samples that count, shape (n,).
-        bins: of residual and prediction, shape (bins,), and of the slopes, shape (p, bins).
-        transfer: of the sensor, shape (bins,).
-        nuisance: bins of the nuisance columns, shape (q, bins).
-        spectrum: of the noise, in the square of ``unit``.
-        unit: standard deviation that the record was weighted by.
-        twice: how often a bin counts, shape (bins,).
-        effects: relative change of the response by one standard uncertainty of each stated effect, shape (K, bins).
-        pull: as of :class:`Part`.
-        turns: as of :class:`Part`.
-    """
-    record, span = place
-    rest, predicted, slopes = bins
-    n, counted = used.size, twice > 0.0
-    level = np.asarray(spectrum.level) * unit**2
-    share = np.minimum(spectrum.passed_at * power_of(transfer) * unit**2 / level, 1.0)
-    predicted[0] = 0.0
-    likely = predicted + share * _projected(rest, nuisance, np.sqrt(twice))
-    unsure = np.where(share > 0.0, share * (1.0 - share), 1.0) * level * float(used.sum())
-    likely *= counted & (power_of(likely) > HEARD * unsure)
-    whitening = np.where(counted, 1.0 / np.sqrt(level), 0.0)
-    basis = orthonormal(np.asarray(fft.irfft(nuisance * whitening, n, axis=-1)))
-
-    def white(columns: ComplexArray) -> FloatArray:
-        signals = np.asarray(fft.irfft(columns * whitening, n, axis=-1))
-        return signals - (signals @ basis.T) @ basis
-
-    slopes = slopes * (power_of(likely) > 0.0) if pull is None else slopes  # the tone of a sine is told from its points
-    residual, jacobian = white(rest), white(slopes)
-    beside = residual
-    if pull is not None:
-        beside = residual - (residual @ jacobian.T) @ inverse_normal(jacobian @ jacobian.T) @ jacobian
-    transfer = np.where(counted, transfer, 0.0)
-    between = float(np.median(level[counted])) if counted.any() else 0.0
-    errors = rounding_in_residual(record, span, np.asarray(fft.irfft(predicted, n)), used, between, transfer, turns)
-    moved = np.divide(likely, transfer, out=np.zeros_like(likely), where=power_of(transfer) > 0.0)
-    return Part(
-        record.name,
-        span.start / record.sampling_rate_hz,
-        record.sampling_rate_hz,
-        used,
-        np.asarray(fft.irfft(likely, n)),
-        np.asarray(fft.irfft(moved, n)),
-        transfer,
-        whitening,
-        basis,
-        residual,
-        np.asarray(fft.irfft(slopes, n, axis=-1)),
-        jacobian,
-        slow_profile(beside, used),
-        float(np.sum(twice[counted])) * float(used.mean()) - len(basis) - (0.0 if pull is None else len(jacobian)),
-        np.zeros((0, n)) if errors is None else white(np.asarray(fft.rfft(errors * used, axis=-1))),
-        white(np.concatenate([effects * likely, _doubt_of_reference(spectrum, rest, likely, transfer, unit)[None]])),
-        pull,
-        turns,
-        record.optical is not None,
-    )
-
-
-def _doubt_of_reference(
-    spectrum: NoiseSpectrum, rest: ComplexArray, likely: ComplexArray, transfer: ComplexArray, unit: float
-) -> ComplexArray:
-    """What an error of σx² by its standard uncertainty has in common with each departure, shape (bins,).
-
-    It leaves ε H* R/S of the residual R in the most likely motion, so that a departure D = L Ŷ has Σ L* ε |R|²/S with
-    it: as much as with the signal ε |R|²/(S Ŷ*).
-    """
-    part = np.asarray(spectrum.doubt()) * power_of(transfer) / (DOUBT * np.asarray(spectrum.level) * unit**2)
-    part = np.minimum(part, 1.0) * power_of(rest)
-    return np.divide(part, np.conj(likely), out=np.zeros_like(likely), where=power_of(likely) > 0.0)
-
-
-def _effects(evidence: Evidence, estimate: Estimate, hz: FloatArray) -> ComplexArray:
+def _effects(evidence: Evidence, estimate: Estimate, signals: Signals) -> ComplexArray:
     """Relative change of the response by one standard uncertainty of each stated systematic effect, shape (K, bins)."""
     stated = effects_of(evidence.calibration)
     if not stated or not evidence.model.is_linear:
-        return np.zeros((0, hz.size), dtype=complex)
+        return np.zeros((0, signals.rest.size), dtype=complex)
+    hz = line_frequencies(signals.used.size, signals.record.sampling_rate_hz)
     return patterns(stated, Place(estimate.coordinates, estimate.z, evidence.quantity), hz).T
-
-
-def _projected(bins: ComplexArray, columns: ComplexArray, root: FloatArray) -> ComplexArray:
-    """Bins less the columns that fit them best, each bin weighted by ``root``; shape (bins,)."""
-    if not len(columns):
-        return bins
-    size = np.sqrt(np.sum(power_of(columns * root), axis=1, keepdims=True))
-    unit = np.divide(columns, size, out=np.zeros_like(columns), where=size > 0.0)
-    flat, right = (np.ascontiguousarray(rows * root).view(float) for rows in (unit, bins[None]))
-    values, vectors = np.linalg.eigh(flat @ flat.T)
-    kept = values > ROUNDING * max(float(values[-1]), 1e-300)
-    share = (vectors[:, kept] / values[kept]) @ (vectors[:, kept].T @ (flat @ right[0]))
-    return bins - share @ unit

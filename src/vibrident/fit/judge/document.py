@@ -119,7 +119,7 @@ def _result(evidence: Evidence, estimate: Estimate, judgement: Judgement, stated
         weights=judgement.weights,
         certificate=dict(calibration.certificate),
         findings=tuple(stated.findings),
-        uncertainty={"covers": what_is_covered(stated.rows)},
+        uncertainty={"covers": what_is_covered(stated.rows, calibration.table)},
     )
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from vibrident.base.amounts import amount, plain
-from vibrident.data.records import FloatArray, SystematicEffect
+from vibrident.data.records import FloatArray, ResponseTable, SystematicEffect
 from vibrident.fit.estimators import Estimate
 from vibrident.fit.judge.adequacy import Judgement, measured_curve
 from vibrident.fit.judge.points import linearised
@@ -134,9 +134,14 @@ def covered(rows: Sequence[BudgetRow]) -> list[str]:
     return list(dict.fromkeys(f"{row.source} ({row.kind})" for row in rows if row.kind != DATA))
 
 
-def what_is_covered(rows: Sequence[BudgetRow]) -> list[str]:
-    """Which of ``noise``, ``gain`` and ``phase`` the uncertainties hold: scatter, and what was stated of the chain."""
+def what_is_covered(rows: Sequence[BudgetRow], table: ResponseTable | None) -> list[str]:
+    """Which of ``noise``, ``gain`` and ``phase`` the uncertainties hold: scatter, and what was stated of the chain.
+
+    The uncertainty that a table states of its points is all that its laboratory says of them, the chain's with it.
+    """
     kinds = {row.kind for row in rows}
+    if table is not None and table.magnitude_uncertainty is not None:
+        kinds |= {"gain"} if table.phase_uncertainty_rad is None else {"gain", "phase"}
     parts = {"noise": {DATA}, "gain": {"gain"}, "phase": {"phase", "timing"}}
     return [name for name, of in parts.items() if kinds & of]
 

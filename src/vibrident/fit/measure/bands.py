@@ -26,6 +26,8 @@ LINES_IN_BAND = 6
 INDEPENDENT = 0.5
 #: Above this probability under independence, the response and the reference of a record have nothing in common.
 BY_CHANCE = 0.1
+#: Chance that two channels with nothing in common show as much.
+SURE = 1e-4
 #: Fewer lines do not tell the noise of a band beside its response.
 FEWEST_LINES = 3
 BANDS_PER_OCTAVE = 12
@@ -53,7 +55,7 @@ def measure_bands(records: Sequence[Record], quantity: Quantity = "acceleration"
     found = [
         part for rate in rates for part in _at_one_delay([one for one in level if one[1].sampling_rate_hz == rate])
     ]
-    parts = [part for _, part in sorted(found, key=lambda one: one[0])]
+    parts = [part for _, part in sorted(found, key=lambda one: (one[0], one[1].frequency_hz[0]))]
     return MeasuredResponse.join(parts) if parts else None
 
 
@@ -71,17 +73,29 @@ def _at_one_delay(records: Sequence[tuple[int, Record]]) -> list[tuple[int, Meas
         found = [
             (index, look)
             for (index, record), white in zip(records, filtered, strict=True)
-            if (look := _clearer(record, white, late)) is not None
+            for look in _clearer(record, white, late)
         ]
-        looks.append((sum(look.evidence for _, look in found), late, found))
+        looks.append((sum(look.whole for _, look in found), late, found))
     _, late, found = max(looks, key=lambda one: one[0])
-    return [(index, look.bands(index, late)) for index, look in found]
+    return [(index, look.bands(index, late)) for index, look in found if look.keep.size]
 
 
-def _clearer(record: Record, white: Record | None, late: int) -> _Look | None:
-    """The bands of a record as it is, or whitened: where the two channels agree more."""
-    looks = [_Look.at(one, late) for one in (record, white) if one is not None]
-    return max((look for look in looks if look is not None), key=lambda look: look.evidence, default=None)
+def _clearer(record: Record, white: Record | None, late: int) -> list[_Look]:
+    """The bands of a record as it is, or whitened: of the look in which the two channels agree more.
+
+    The other look has bands in which they agree more than in this one: whitening hides frequencies below those that it
+    raises. These are taken from it where it shows by itself, by no chance, that the channels have something in common.
+    """
+    looks = [look for one in (record, white) if one is not None and (look := _Look.at(one, late)) is not None]
+    looks.sort(key=lambda look: -look.whole)
+    if len(looks) < 2 or not looks[1].sure:
+        return looks[:1]
+    first, second = looks
+    known = np.zeros(len(first.edges) - 1)
+    known[first.keep] = first.evidence
+    there = np.clip(np.searchsorted(first.edges_hz, second.middle_hz) - 1, 0, known.size - 1)
+    more = second.evidence > known[there]
+    return [first.only(~np.isin(first.keep, there[more])), second.only(more)]
 
 
 def _evidence_of_motion(coherence: FloatArray, lines: FloatArray, least: float = 0.0) -> FloatArray:
@@ -139,7 +153,7 @@ class _Look:
         keep: the bands that count, shape (bands,).
         total: Σ|X|² of these, shape (bands,).
         cross: Σ Y X* of these, shape (bands,).
-        evidence: that the channels have something in common.
+        evidence: that the channels have something in common, shape (bands,).
     """
 
     record: Record
@@ -148,7 +162,34 @@ class _Look:
     keep: NDArray[np.int_]
     total: FloatArray
     cross: ComplexArray
-    evidence: float
+    evidence: FloatArray
+
+    @property
+    def whole(self) -> float:
+        """Evidence of all bands."""
+        return float(np.sum(self.evidence))
+
+    @property
+    def sure(self) -> bool:
+        """Whether the channels have something in common by no chance, in bands that were kept for that."""
+        freedom = np.maximum(INDEPENDENT * np.diff(self.edges)[self.keep] - 1.0, 1.0)
+        beyond = self.whole + float(np.sum(freedom)) * np.log(1.0 - LEAST_COHERENCE)
+        return self.keep.size >= FEWEST_BANDS and gamma_tail(float(self.keep.size), beyond) < SURE
+
+    @property
+    def edges_hz(self) -> FloatArray:
+        """Of all bands, shape (all + 1,)."""
+        return np.asarray(self.edges * (self.record.sampling_rate_hz / self.record.samples), dtype=float)
+
+    @property
+    def middle_hz(self) -> FloatArray:
+        """Of the bands that count, shape (bands,)."""
+        return 0.5 * (self.edges_hz[self.keep] + self.edges_hz[self.keep + 1])
+
+    def only(self, some: BoolArray) -> _Look:
+        """With some of the bands that count, shape (bands,)."""
+        keep, total, cross, evidence = self.keep[some], self.total[some], self.cross[some], self.evidence[some]
+        return replace(self, keep=keep, total=total, cross=cross, evidence=evidence)
 
     @classmethod
     def at(cls, whole: Record, late: int) -> _Look | None:
@@ -170,7 +211,7 @@ class _Look:
             some = response[edges[band] : edges[band + 1] : _stride(counts[band])]
             coherence[band] = power_of(cross[band]) / max(float(np.sum(power_of(some))) * total[band], TINY)
         lines = -(-counts[keep] // _stride(counts[keep]))
-        evidence = float(np.sum(_evidence_of_motion(coherence[keep], lines)))
+        evidence = _evidence_of_motion(coherence[keep], lines)
         kept = (reference, response) if record.samples <= MOST_KEPT else None
         return cls(record, kept, edges, keep, total[keep], cross[keep], evidence)
 

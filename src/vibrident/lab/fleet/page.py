@@ -19,7 +19,7 @@ from vibrident.lab.fleet.table import Tally
 from vibrident.physics.naming import is_derived, parameter_name
 from vibrident.show import axes, words
 from vibrident.show.media import html
-from vibrident.show.numbers import NONE
+from vibrident.show.numbers import NONE, pair
 from vibrident.show.views import (
     BLACK,
     SKY,
@@ -240,8 +240,7 @@ def _outliers(found: Statistics, named: _Names, results: bool) -> Iterator[Block
             (
                 serial_number or calibration,
                 parameter_name(one.parameter).words,
-                f"{one.value * scale.factor:.6g}",
-                NONE if one.u is None else f"{2 * one.u * scale.factor:.2g}",
+                *pair(one.value * scale.factor, None if one.u is None else 2 * one.u * scale.factor),
                 scale.printed,
                 f"{one.distance:.1f}",
                 "outside" if one.outside else "",

@@ -7,7 +7,8 @@ from typing import Any
 
 from vibrident.base.amounts import Scale, scaled
 from vibrident.physics.naming import in_words
-from vibrident.show.numbers import NONE, frequency_text, pair, plain
+from vibrident.show.formulas import Words
+from vibrident.show.numbers import NONE, frequency_text, pair, plain, signed
 from vibrident.show.views import Column, Facts, Sentence, Table, columns
 from vibrident.use.comparison import COVERAGE_FACTOR as K
 
@@ -54,26 +55,27 @@ def calibrations(document: Document) -> Table:
         Column("id", "number"),
         Column("date"),
         Column("value", "number", scale.printed),
-        *columns("U", "series", "E_n", "ordinary E_n", kind="number"),
+        *columns("U", "series", Words("E_n"), Words("ordinary E_n"), kind="number"),
         *columns("left out", "standing", "warnings"),
     )
     notes = (
-        "U has k = 2. E_n is to the calibration before, with U of the difference: what both share (the same reference, "
-        "the same stated source) is no part of it. Ordinary E_n takes them as independent, and is too small where they "
-        "are not. |E_n| > 1 is a change that the uncertainties do not explain.",
+        Words(
+            "U has k = 2. E_n is to the calibration before, with U of the difference: what both share (the same "
+            "reference, the same stated source) is no part of it. Ordinary E_n takes them as independent, and is too "
+            "small where they are not. |E_n| > 1 is a change that the uncertainties do not explain."
+        ),
     )
     return Table(heads, tuple(rows), notes=notes).telling()
 
 
 def _value(row: Mapping[str, Any], scale: Scale) -> tuple[str, str]:
-    """Value and U; the value is rounded by its unshared uncertainty, because changes are compared with that."""
-    sizes = (row["value"], K * (row["u_own"] or row["u"] or 0.0), row["U"])
-    value, own, expanded = (None if size is None else size * scale.factor for size in sizes)
-    return pair(value, own)[0], pair(value, expanded)[1]
+    """Value and U, both to the place of U."""
+    value, expanded = (None if size is None else size * scale.factor for size in (row["value"], row["U"]))
+    return pair(value, expanded)
 
 
 def _en(value: float | None) -> str:
-    return NONE if value is None else f"{value:+.2f}".replace("-0.00", "+0.00")
+    return signed(value, 2)
 
 
 def chart(document: Document, width: int = 54) -> Facts | None:

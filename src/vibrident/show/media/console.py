@@ -116,11 +116,13 @@ def _table(table: Table, width: int) -> Any:
 
 
 def _least(table: Table, j: int) -> int:
-    """Width of a column that must not be gone below: numbers and short words are whole, others fold."""
+    """Width of a column that must not be gone below: numbers, short words and words of the heading are whole."""
     cells = [row[j] for row in table.rows]
+    heading = max(map(len, table.columns[j].heading.split()), default=1)
     longest = max((len(line) for cell in cells for line in cell.split("\n")), default=1)
     words = max((len(word) for cell in cells for word in cell.split()), default=1)
-    return longest if table.columns[j].kind == "number" or longest <= _WORD else max(_LEAST, min(words, _WORD))
+    least = longest if table.columns[j].kind == "number" or longest <= _WORD else max(_LEAST, min(words, _WORD))
+    return max(least, heading)
 
 
 def _fitting(table: Table, width: int) -> Table:

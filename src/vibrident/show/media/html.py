@@ -15,7 +15,7 @@ from vibrident.base.escaping import html as escaped
 from vibrident.base.version import __version__
 from vibrident.show.formulas import typeset
 from vibrident.show.media import charts, drawing
-from vibrident.show.views import Block, Column, Document, Figure, Folded
+from vibrident.show.views import Block, Column, Document, Figure, Folded, Table
 
 _TEMPLATES = Path(__file__).parent / "templates"
 #: With this policy the browser loads nothing from outside the file.
@@ -64,12 +64,13 @@ def _template() -> Any:
         """All that is printed passes here: text of others becomes text, our formulas are set."""
         if isinstance(value, Markup):
             return value
-        return Markup(typeset(escaped(value), lambda base, small, kind: f"{base}<{kind}>{small}</{kind}>"))
+        return Markup(typeset(value, escaped, lambda base, small, kind: f"{base}<{kind}>{small}</{kind}>"))
 
     loader = jinja2.FileSystemLoader(_TEMPLATES)
     environment = jinja2.Environment(loader=loader, autoescape=True, finalize=text, undefined=jinja2.StrictUndefined)
     environment.filters["capital"] = lambda value: value[:1].upper() + value[1:]
     environment.filters["attribute"] = lambda value: Markup(escaped(value))
+    environment.filters["called"] = lambda block: Markup(escaped(_called(block)))
     environment.globals |= {
         "mark": lambda column, cell: Markup(_mark(column, cell)),
         "choices": lambda figure: [name for name, _ in charts.charts(figure)] if figure.choice else [],
@@ -77,6 +78,12 @@ def _template() -> Any:
         "picture": lambda figure: base64.b64encode(drawing.svg(figure).encode()).decode(),
     }
     return environment.get_template("document.html")
+
+
+def _called(block: Block) -> str:
+    """What a table is called for those who do not see it."""
+    title = getattr(block, "title", "")
+    return title or ("table: " + ", ".join(filter(None, block.header[:3])) if isinstance(block, Table) else "facts")
 
 
 def _mark(column: Column, cell: str) -> str:

@@ -35,10 +35,10 @@ def render(document: Document, pictures: Mapping[str, str] | None = None) -> str
         document: any.
         pictures: name of a figure to its link; figures without one are left out.
     """
-    parts = [f"# {_set(markdown(document.title))}", *_blocks(document.head, pictures or {})]
+    parts = [f"# {cell(document.title)}", *_blocks(document.head, pictures or {})]
     for section in document.sections:
         if body := _blocks(section.blocks, pictures or {}):
-            parts += [f"## {_set(markdown(section.title))}", *body]
+            parts += [f"## {cell(section.title)}", *body]
     return "\n\n".join(parts) + "\n"
 
 
@@ -63,17 +63,17 @@ def table(header: Sequence[str], rows: Iterable[Sequence[str]], right: Iterable[
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
-def _set(escaped: str) -> str:
-    return typeset(escaped, lambda base, small, kind: f"{base}<{kind}>{small}</{kind}>", markdown)
+def _mark(base: str, small: str, kind: str) -> str:
+    return f"{base}<{kind}>{small}</{kind}>"
 
 
 def cell(text: str) -> str:
     """Text of a table's cell."""
-    return _set(markdown(text))
+    return typeset(text, markdown, _mark)
 
 
 def _paragraph(text: str) -> str:
-    return _set(markdown_paragraph(text))
+    return typeset(text, markdown_paragraph, _mark)
 
 
 def _blocks(blocks: Iterable[Block], pictures: Mapping[str, str]) -> list[str]:

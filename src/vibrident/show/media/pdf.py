@@ -11,7 +11,7 @@ from typing import Any
 from vibrident.base.escaping import typst_data
 from vibrident.base.extras import library
 from vibrident.base.version import __version__
-from vibrident.show.formulas import formulas
+from vibrident.show.formulas import Words, formulas
 from vibrident.show.media import drawing
 from vibrident.show.views import Beside, Block, Document, Facts, Figure, Folded, Sentence, Signatures, Table
 
@@ -37,7 +37,7 @@ def render(document: Document) -> bytes:
     }
     keys = ("text", "base", "small", "kind")
     written = [dict(zip(keys, (text, *parts), strict=True)) for text, parts in formulas().items()]
-    content = json.dumps({**typst_data(fields), "formulas": written}, ensure_ascii=False, default=str)
+    content = json.dumps({**typst_data(_marked(fields)), "formulas": written}, ensure_ascii=False, default=str)
     # No clock, and no fonts of this machine where typst's own has all the letters.
     noon = datetime.datetime.combine(day or datetime.date(2000, 1, 1), datetime.time(12), datetime.UTC)
     return typst.compile(
@@ -65,6 +65,15 @@ def _block(block: Block) -> dict[str, Any]:
     if isinstance(block, Folded | Beside):
         return {"kind": kind, "blocks": [_block(inner) for inner in block.blocks]}
     raise TypeError(f"A PDF has no {kind} yet.")
+
+
+def _marked(value: Any) -> Any:
+    """The same, with our words apart from all other text: formulas are set in them alone."""
+    if isinstance(value, Words):
+        return {"words": str(value)}
+    if isinstance(value, dict):
+        return {key: _marked(item) for key, item in value.items()}
+    return [_marked(item) for item in value] if isinstance(value, (list, tuple)) else value
 
 
 def _european(text: str) -> bool:

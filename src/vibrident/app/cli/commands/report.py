@@ -32,7 +32,7 @@ def report(
     form: str | None = choice(
         "--format",
         options.FORMATS,
-        "html: interactive, one file; pdf: calibration certificate; md: Markdown with pictures.",
+        "html: interactive, one file; pdf: calibration certificate or measurement report; md: Markdown with pictures.",
         default="by the ending of --out, or md",
     ),
     store: str | None = option("--store", "URL", "Add what this history holds of the sensor; not in a certificate."),

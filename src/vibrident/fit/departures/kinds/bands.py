@@ -12,7 +12,7 @@ from vibrident.base.warning_kinds import WarningCode
 from vibrident.fit.departures.departure import Candidate, Departure, Scale
 from vibrident.fit.departures.part import Part
 from vibrident.fit.departures.points import PointsPart
-from vibrident.fit.departures.score import Score
+from vibrident.fit.departures.score import Score, Sums
 from vibrident.fit.measure.response import ComplexArray
 
 #: Parts of the frequencies of points, and the fewest frequencies that are parted.
@@ -35,13 +35,13 @@ class Bands(Departure):
         inside = [part.bins * ((hz >= low) & (hz < high)) for low, high in pairwise(scale.bands_hz)]
         yield "", np.concatenate([[own, 1j * own] for own in inside])
 
-    def at_points(self, points: PointsPart) -> list[Candidate]:
+    def at_points(self, points: PointsPart) -> list[tuple[Candidate, Sums]]:
         """A complex factor of the points of each part of the frequencies."""
         order = np.argsort(points.frequency_hz, kind="stable")
         if len(np.unique(points.frequency_hz)) < FEWEST:
             return []
         parts = [np.isin(np.arange(order.size), some) for some in np.array_split(order, OF_POINTS)]
-        return [points.candidate("", np.array([turn * one for one in parts for turn in (1.0, 1j)], dtype=complex))]
+        return [points.place("", np.array([turn * one for one in parts for turn in (1.0, 1j)], dtype=complex))]
 
     def sentence(self, candidate: Candidate, score: Score) -> str:
         """That the model misses a band."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from functools import partial
 from typing import ClassVar
 
 import numpy as np
@@ -11,7 +10,8 @@ import numpy as np
 from vibrident.base.amounts import amount, plain
 from vibrident.base.warning_kinds import WarningCode
 from vibrident.data.records import FloatArray
-from vibrident.fit.departures.departure import Candidate, Departure, InTime, Scale, in_steps
+from vibrident.fit.departures.candidate import Candidate, Places
+from vibrident.fit.departures.departure import Departure, InTime, Scale, in_steps
 from vibrident.fit.departures.part import Part
 from vibrident.fit.departures.score import Score, Sums
 
@@ -33,19 +33,20 @@ class Change(Departure):
         """By sums over blocks instead."""
         return ()
 
-    def candidates(self, part: Part, scale: Scale, parameters: int) -> list[Candidate]:
-        """All places of a part."""
-        found = []
-        for each in in_steps(part, BLOCKS, parameters):
-            if not LEAST < each.behind < 1.0 - LEAST:
-                continue
-            sets = {GAIN: [0], CHANNEL: [0, 1]}
-            if each.time_s is not None and len(each.sums.score) > 2:
-                sets[SENSOR] = list(range(1, len(each.sums.score)))
-            for words, kept in sets.items():
-                exactly = partial(_exactly, part, each, kept, words, parameters)
-                found.append(Candidate(words, each.sums.some(kept), time_s=each.time_s, exactly=exactly))
-        return found
+    def places(self, part: Part, scale: Scale, parameters: int) -> list[Places]:
+        """Steps with enough of the motion on either side, and the ramp."""
+        changes = in_steps(part, BLOCKS, parameters)
+        steps = np.flatnonzero((changes.behind > LEAST) & (changes.behind < 1.0 - LEAST)).tolist()
+        sets = {GAIN: ([0], [*steps, BLOCKS - 1]), CHANNEL: ([0, 1], [*steps, BLOCKS - 1])}
+        if steps and len(part.changing) > 2:
+            sets[SENSOR] = list(range(1, len(part.changing))), steps
+        return [
+            Places(
+                tuple(_candidate(part, changes, number, kept, words, parameters) for number in numbers),
+                changes.sums.at(numbers).some(kept),
+            )
+            for words, (kept, numbers) in sets.items()
+        ]
 
     def sentence(self, candidate: Candidate, score: Score) -> str:
         """What changed, and by how much."""
@@ -62,9 +63,19 @@ class Change(Departure):
         return words
 
 
-def _exactly(part: Part, change: InTime, kept: Sequence[int], words: str, parameters: int) -> Candidate:
-    white = part.white(part.changing[kept] * np.repeat(change.factor, np.diff(change.edges)))
-    return Candidate(words, Sums.of(part, white, parameters), lambda: (white,), change.time_s)
+def _candidate(part: Part, changes: InTime, number: int, kept: Sequence[int], words: str, parameters: int) -> Candidate:
+    factor = np.repeat(changes.factors[number], np.diff(changes.edges))
+
+    def white() -> FloatArray:
+        return part.white(part.changing[kept] * factor)
+
+    def exactly() -> Sums:
+        return Sums.of(
+            part, white(), parameters, float(np.mean(factor)) * part.in_common(part.changing_white[kept])[:, -1]
+        )
+
+    time_s = float(changes.time_s[number]) if number < BLOCKS - 1 else None
+    return Candidate(words, lambda: (white(),), time_s, exactly=exactly)
 
 
 CHANGE = Change()

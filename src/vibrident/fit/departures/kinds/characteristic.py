@@ -6,30 +6,27 @@ from collections.abc import Iterable
 from typing import ClassVar
 
 import numpy as np
-from numpy import fft
 
 from vibrident.base.amounts import plain
 from vibrident.base.warning_kinds import WarningCode
-from vibrident.fit.departures.departure import Candidate, Departure, Scale
-from vibrident.fit.departures.part import Part
+from vibrident.data.records import FloatArray
+from vibrident.fit.departures.departure import Candidate, Scale, Shape
 from vibrident.fit.departures.score import Score
-from vibrident.fit.measure.response import ComplexArray
 
 
-class Characteristic(Departure):
+class Characteristic(Shape):
     """Volterra kernels of second and third order without memory, and a dead band (Schetzen 1980)."""
 
     name: ClassVar[str] = "characteristic"
     code: ClassVar[WarningCode] = "nonlinear"
-    linear: ClassVar[bool] = False
+    turned: ClassVar[bool] = True
 
-    def columns(self, part: Part, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
+    def shapes(self, motion: FloatArray, scale: Scale, largest: float) -> Iterable[tuple[str, FloatArray]]:
         """Square, cube and sign of the motion, over their size at the largest."""
-        y = part.motion / scale.motion
-        shapes = {"holds a square of the motion": y * y, "is bent as by a cube of the motion": y**3}
-        for words, shape in {**shapes, "has a dead band, or a step, around its zero": np.sign(y)}.items():
-            bins = np.asarray(fft.rfft(shape * part.used)) * scale.motion
-            yield words, np.stack([bins, 1j * bins])
+        y = motion / scale.motion
+        yield "holds a square of the motion", y * y * scale.motion
+        yield "is bent as by a cube of the motion", y**3 * scale.motion
+        yield "has a dead band, or a step, around its zero", np.sign(y) * scale.motion
 
     def sentence(self, candidate: Candidate, score: Score) -> str:
         """How much, at the largest motion."""

@@ -10,29 +10,26 @@ import numpy as np
 from vibrident.base.amounts import plain
 from vibrident.base.warning_kinds import WarningCode
 from vibrident.data.records import FloatArray
-from vibrident.fit.departures.departure import Departure, Scale
-from vibrident.fit.departures.part import Part
+from vibrident.fit.departures.departure import Scale, Shape
 
 #: Levels over the largest motion.
 LEVELS, OF_SIDES = (0.5, 0.8, 0.95), (0.5, 0.9)
 
 
-class ClippedResponse(Departure):
+class ClippedResponse(Shape):
     """Amplifier or recorder at its limit."""
 
     name: ClassVar[str] = "clipped-response"
     code: ClassVar[WarningCode] = "clipped"
-    linear: ClassVar[bool] = False
 
-    def columns(self, part: Part, scale: Scale) -> Iterable[tuple[str, FloatArray]]:
+    def shapes(self, motion: FloatArray, scale: Scale, largest: float) -> Iterable[tuple[str, FloatArray]]:
         """What lies beyond each level."""
-        y = part.motion
         for level in LEVELS:
-            limit = level * scale.motion
-            yield _words(level, ""), (np.sign(y) * np.maximum(np.abs(y) - limit, 0.0))[None]
+            beyond = np.maximum(np.abs(motion) - level * scale.motion, 0.0)
+            yield _words(level, ""), np.sign(motion) * beyond
         for level in OF_SIDES:
             for sign, side in ((1.0, " above"), (-1.0, " below")):
-                yield _words(level, side), np.maximum(sign * y - level * scale.motion, 0.0)[None]
+                yield _words(level, side), np.maximum(sign * motion - level * scale.motion, 0.0)
 
 
 def _words(level: float, side: str) -> str:

@@ -12,7 +12,7 @@ from vibrident.base.warning_kinds import WarningCode
 from vibrident.fit.departures.departure import Candidate, Departure, Scale
 from vibrident.fit.departures.part import Part
 from vibrident.fit.departures.points import PointsPart
-from vibrident.fit.departures.score import Score
+from vibrident.fit.departures.score import Score, Sums
 from vibrident.fit.measure.response import ComplexArray
 
 
@@ -28,9 +28,9 @@ class Delay(Departure):
             return
         yield "", (-1j * part.radians * part.rate_hz * part.bins)[None]
 
-    def at_points(self, points: PointsPart) -> list[Candidate]:
+    def at_points(self, points: PointsPart) -> list[tuple[Candidate, Sums]]:
         """A phase in proportion to the frequency."""
-        return [points.candidate("", np.asarray(-2j * np.pi * points.frequency_hz[None], dtype=complex))]
+        return [points.place("", np.asarray(-2j * np.pi * points.frequency_hz[None], dtype=complex))]
 
     def sentence(self, candidate: Candidate, score: Score) -> str:
         """How late."""

@@ -10,7 +10,7 @@ import numpy as np
 from vibrident.base.amounts import plain
 from vibrident.base.warning_kinds import WarningCode
 from vibrident.data.records import FloatArray
-from vibrident.fit.departures.departure import Candidate, Departure, Scale
+from vibrident.fit.departures.departure import Candidate, Scale, WithoutMotion
 from vibrident.fit.departures.part import Part
 from vibrident.fit.departures.score import Score
 
@@ -18,13 +18,12 @@ from vibrident.fit.departures.score import Score
 DEGREE = 5
 
 
-class Drift(Departure):
+class Drift(WithoutMotion):
     """A smooth curve that the motion does not explain."""
 
     name: ClassVar[str] = "drift"
     code: ClassVar[WarningCode] = "drift"
     pooled: ClassVar[bool] = False
-    linear: ClassVar[bool] = False
 
     def columns(self, part: Part, scale: Scale) -> Iterable[tuple[str, FloatArray]]:
         """The polynomials, as large as the largest motion."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from functools import partial
 from math import comb
 from typing import ClassVar
 
@@ -13,10 +12,10 @@ import numpy as np
 from vibrident.base.amounts import plain
 from vibrident.base.warning_kinds import WarningCode
 from vibrident.data.records import FloatArray
-from vibrident.fit.departures.candidate import Candidate
-from vibrident.fit.departures.departure import Departure, Scale, alone
+from vibrident.fit.departures.candidate import Candidate, Places
+from vibrident.fit.departures.departure import Scale, WithoutMotion
 from vibrident.fit.departures.part import Part
-from vibrident.fit.departures.score import Score, Sums
+from vibrident.fit.departures.score import Score
 from vibrident.physics.discretisation.inputs import USABLE_BAND
 
 #: Highest order.
@@ -38,13 +37,12 @@ class Harmonic(Candidate):
         )
 
 
-class Harmonics(Departure):
+class Harmonics(WithoutMotion):
     """What the response has at multiples of the tone beyond what the motion has there, or lacks of it."""
 
     name: ClassVar[str] = "harmonics"
     code: ClassVar[WarningCode] = "nonlinear"
     pooled: ClassVar[bool] = False
-    linear: ClassVar[bool] = False
     joint: ClassVar[bool] = False
     of_light: ClassVar[bool] = True
 
@@ -56,19 +54,21 @@ class Harmonics(Departure):
                 angle = 2.0 * np.pi * order * part.turns * np.arange(part.samples)
                 yield f"{order}", size * np.stack([np.cos(angle), np.sin(angle)])
 
-    def candidates(self, part: Part, scale: Scale, parameters: int) -> list[Candidate]:
+    def places(self, part: Part, scale: Scale, parameters: int) -> list[Places]:
         """Each order."""
-        found: list[Candidate] = []
-        for words, columns in self.columns(part, scale):
-            white = part.white(columns)
-            moved = None
-            if part.optical:
-                moved = 2.0 * columns @ part.motion / (part.samples * float(np.max(np.square(columns))))
-            sums = Sums.of(part, white, parameters, linear=False)
-            if part.pull is not None:
-                sums = replace(sums, shift=sums.shift + _of_the_tone(part, int(words), part.pull))
-            found.append(Harmonic(words, sums, partial(alone, white), moved=moved))
-        return found
+        every = super().places(part, scale, parameters)
+        if not every:
+            return []
+        [places] = every
+        if part.pull is not None:
+            own = np.stack([_of_the_tone(part, int(one.words), part.pull) for one in places.candidates])
+            places = replace(places, sums=replace(places.sums, shift=places.sums.shift + own))
+        if not part.optical:
+            return [places]
+        size = 0.5 * part.samples * float(np.max(np.abs(part.motion))) ** 2
+        moved = [columns @ part.motion / size for _, columns in self.columns(part, scale)]
+        both = zip(places.candidates, moved, strict=True)
+        return [replace(places, candidates=tuple(Harmonic(one.words, one.white, moved=own) for one, own in both))]
 
     def code_of(self, candidate: Candidate, score: Score) -> WarningCode:
         """``few_fringes`` for those of an interferometer's light."""

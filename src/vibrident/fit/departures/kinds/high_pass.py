@@ -11,7 +11,7 @@ from vibrident.base.warning_kinds import WarningCode
 from vibrident.fit.departures.departure import Candidate, Departure, Scale
 from vibrident.fit.departures.part import Part
 from vibrident.fit.departures.points import PointsPart
-from vibrident.fit.departures.score import Score
+from vibrident.fit.departures.score import Score, Sums
 from vibrident.fit.measure.response import ComplexArray
 
 
@@ -28,9 +28,9 @@ class HighPass(Departure):
         slope = 1j * np.maximum(part.radians, part.radians[1]) * part.rate_hz
         yield "", (-2.0 * np.pi * part.bins / slope)[None]
 
-    def at_points(self, points: PointsPart) -> list[Candidate]:
+    def at_points(self, points: PointsPart) -> list[tuple[Candidate, Sums]]:
         """What a high-pass does to first order."""
-        return [points.candidate("", np.asarray(1j / points.frequency_hz[None], dtype=complex))]
+        return [points.place("", np.asarray(1j / points.frequency_hz[None], dtype=complex))]
 
     def sentence(self, candidate: Candidate, score: Score) -> str:
         """The corner frequency, to first order."""

@@ -10,7 +10,8 @@ import numpy as np
 from vibrident.base.amounts import plain
 from vibrident.base.warning_kinds import WarningCode
 from vibrident.data.records import FloatArray
-from vibrident.fit.departures.departure import Candidate, Departure, Scale
+from vibrident.fit.departures.candidate import Candidate, Places
+from vibrident.fit.departures.departure import Departure, Scale, in_widths
 from vibrident.fit.departures.part import Part
 from vibrident.fit.departures.points import PointsPart
 from vibrident.fit.departures.score import Score, Sums
@@ -27,22 +28,20 @@ class OtherRecord(Departure):
         """Motion and slope of the whole part."""
         yield "", np.stack([part.motion])
 
-    def candidates(self, part: Part, scale: Scale, parameters: int) -> list[Candidate]:
+    def places(self, part: Part, scale: Scale, parameters: int) -> list[Places]:
         """The whole part; a sine has an amplitude and phase of its own, which its points compare."""
-        return (
-            []
-            if part.pull is not None or scale.parts < 2
-            else [Candidate("", Sums.of(part, part.moved, parameters), lambda: (part.moved,))]
-        )
+        if part.pull is not None or scale.parts < 2:
+            return []
+        return in_widths([(Candidate("", lambda: (part.moved,)), Sums.of(part, part.moved, parameters))])
 
-    def at_points(self, points: PointsPart) -> list[Candidate]:
+    def at_points(self, points: PointsPart) -> list[tuple[Candidate, Sums]]:
         """A complex factor of each record's points."""
         names = dict.fromkeys(points.record)
         if len(names) < 2:
             return []
         own = [np.array([record == name for record in points.record]) for name in names]
         pairs = [np.stack([one + 0j, 1j * one]) for one in own]
-        return [points.candidate("", pair, name) for name, pair in zip(names, pairs, strict=True)]
+        return [points.place("", pair, name) for name, pair in zip(names, pairs, strict=True)]
 
     def sentence(self, candidate: Candidate, score: Score) -> str:
         """By how much it differs."""

@@ -1,0 +1,140 @@
+"""A record's signals at the estimate, by their bins, and the part that the score tests look at."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+from numpy import fft
+
+from vibrident.data.records import BoolArray, FloatArray, Record
+from vibrident.fit.departures.noise import slow_profile
+from vibrident.fit.departures.part import ROUNDING, Part, orthonormal
+from vibrident.fit.estimators.incoherent import HEARD
+from vibrident.fit.estimators.noise_spectrum import DOUBT, NoiseSpectrum
+from vibrident.fit.information import inverse_normal
+from vibrident.fit.measure.lines import power_of
+from vibrident.fit.measure.response import ComplexArray
+from vibrident.fit.uncertainty.steps import rounding_in_residual
+
+
+@dataclass(frozen=True, eq=False)
+class Signals:
+    """Signals of a record, or a piece of it, by the bins of their transforms.
+
+    Attributes:
+        record: the record.
+        span: its samples, n in number.
+        used: those that count, shape (n,).
+        rest: residual, shape (bins,).
+        predicted: response, shape (bins,).
+        slopes: of it with the coordinates, shape (p, bins).
+        transfer: of the sensor, shape (bins,).
+        nuisance: columns of the nuisance parameters, shape (q, bins).
+        spectrum: of the noise, in the square of ``unit``; that of the reference, over |H|².
+        unit: standard deviation that the record was weighted by.
+        twice: how often a bin counts, shape (bins,).
+        pull: as of :class:`Part`.
+        turns: as of :class:`Part`.
+    """
+
+    record: Record
+    span: slice
+    used: BoolArray
+    rest: ComplexArray
+    predicted: ComplexArray
+    slopes: ComplexArray
+    transfer: ComplexArray
+    nuisance: ComplexArray
+    spectrum: NoiseSpectrum
+    unit: float
+    twice: FloatArray
+    pull: FloatArray | None = None
+    turns: float | None = None
+
+    @property
+    def counted(self) -> BoolArray:
+        """Bins that count, shape (bins,)."""
+        return np.asarray(self.twice > 0.0)
+
+    @functools.cached_property
+    def level(self) -> FloatArray:
+        """Power of the noise, a sample, at the bins, shape (bins,)."""
+        return np.asarray(np.asarray(self.spectrum.level) * self.unit**2, dtype=float)
+
+    @functools.cached_property
+    def likely(self) -> ComplexArray:
+        """Response to the most likely motion, zero where noise may be all of it, shape (bins,)."""
+        share = np.minimum(self.spectrum.passed_at * power_of(self.transfer) * self.unit**2 / self.level, 1.0)
+        predicted = np.where(np.arange(self.rest.size) > 0, self.predicted, 0.0)
+        likely = predicted + share * projected(self.rest, self.nuisance, np.sqrt(self.twice))
+        unsure = np.where(share > 0.0, share * (1.0 - share), 1.0) * self.level * float(self.used.sum())
+        return np.asarray(likely * (self.counted & (power_of(likely) > HEARD * unsure)))
+
+    def part(self, effects: ComplexArray) -> Part:
+        """The record whitened; ``effects``: relative change of the response by one u of each, shape (K, bins)."""
+        n, counted, likely, pull = self.used.size, self.counted, self.likely, self.pull
+        whitening = np.where(counted, 1.0 / np.sqrt(self.level), 0.0)
+        basis = orthonormal(np.asarray(fft.irfft(self.nuisance * whitening, n, axis=-1)))
+
+        def white(columns: ComplexArray) -> FloatArray:
+            signals = np.asarray(fft.irfft(columns * whitening, n, axis=-1))
+            return signals - (signals @ basis.T) @ basis
+
+        # the tone of a sine is told from its points
+        slopes = self.slopes * (power_of(likely) > 0.0) if pull is None else self.slopes
+        residual, jacobian = white(self.rest), white(slopes)
+        beside = residual
+        if pull is not None:
+            beside = residual - (residual @ jacobian.T) @ inverse_normal(jacobian @ jacobian.T) @ jacobian
+        transfer = np.where(counted, self.transfer, 0.0)
+        doubt = self._doubt(transfer)
+        # An error ε of σx² leaves ε H* R/S of the residual R in the most likely motion: a departure D = L Ŷ then has
+        # Σ L* ε |R|²/S with it, as much as with the signal ε |R|²/(S Ŷ*).
+        among = np.divide(doubt * power_of(self.rest), np.conj(likely), out=np.zeros_like(likely), where=likely != 0.0)
+        between = float(np.median(self.level[counted])) if counted.any() else 0.0
+        predicted = np.asarray(fft.irfft(np.where(np.arange(self.rest.size) > 0, self.predicted, 0.0), n))
+        errors = rounding_in_residual(self.record, self.span, predicted, self.used, between, transfer, self.turns)
+        moved = np.divide(likely, transfer, out=np.zeros_like(likely), where=power_of(transfer) > 0.0)
+        freedom = float(np.sum(self.twice[counted])) * float(self.used.mean()) - len(basis)
+        return Part(
+            self.record.name,
+            self.span.start / self.record.sampling_rate_hz,
+            self.record.sampling_rate_hz,
+            self.used,
+            np.asarray(fft.irfft(likely, n)),
+            np.asarray(fft.irfft(moved, n)),
+            transfer,
+            whitening,
+            basis,
+            residual,
+            np.asarray(fft.irfft(slopes, n, axis=-1)),
+            jacobian,
+            slow_profile(beside, self.used),
+            freedom - (0.0 if pull is None else len(jacobian)),
+            np.zeros((0, n)) if errors is None else white(np.asarray(fft.rfft(errors * self.used, axis=-1))),
+            white(np.concatenate([effects * likely, among[None]])),
+            doubt,
+            pull,
+            self.turns,
+            self.record.optical is not None,
+        )
+
+    def _doubt(self, transfer: ComplexArray) -> FloatArray:
+        """Part of the noise that one standard uncertainty of σx² makes, behind the sensor, shape (bins,)."""
+        found = np.asarray(self.spectrum.doubt()) * power_of(transfer) * self.unit**2 / (DOUBT * self.level)
+        return np.asarray(np.minimum(found, 1.0))
+
+
+def projected(bins: ComplexArray, columns: ComplexArray, root: FloatArray) -> ComplexArray:
+    """Bins less the columns that fit them best, each bin weighted by ``root``; shape (bins,)."""
+    if not len(columns):
+        return bins
+    size = np.sqrt(np.sum(power_of(columns * root), axis=1, keepdims=True))
+    unit = np.divide(columns, size, out=np.zeros_like(columns), where=size > 0.0)
+    flat, right = (np.ascontiguousarray(rows * root).view(float) for rows in (unit, bins[None]))
+    values, vectors = np.linalg.eigh(flat @ flat.T)
+    kept = values > ROUNDING * max(float(values[-1]), 1e-300)
+    share = (vectors[:, kept] / values[kept]) @ (vectors[:, kept].T @ (flat @ right[0]))
+    return bins - share @ unit
