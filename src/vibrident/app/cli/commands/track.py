@@ -32,9 +32,9 @@ def track(
     calibration: Path = options.CALIBRATION_FILE,
     folder: Path = option("--out", "DIR", "Folder for track.csv, track.json and the picture.", Path("vibrident-track")),
     follow: bool = flag("--follow", help="The record's file grows: go on as it does, and after an interruption."),
-    stdin: str | None = option("--stdin", "csv|float32", "Take the samples from standard input.", default=""),
-    tcp: str | None = option("--tcp", "HOST:PORT[#float32]", "Take the samples from a TCP connection.", default=""),
-    source: str | None = option("--source", "NAME[=ADDRESS]", "Take them from this source or plug-in.", default=""),
+    stdin: str | None = option("--stdin", "csv|float32", "Take the samples from standard input."),
+    tcp: str | None = option("--tcp", "HOST:PORT[#float32]", "Take the samples from a TCP connection."),
+    source: str | None = option("--source", "NAME[=ADDRESS]", "Take them from this source or plug-in."),
     idle: float | None = between("--idle", "SECONDS", "End after so long without samples.", 0.0, 1e9, default="wait"),
     every: float | None = between(
         "--every", "SECONDS", "Time between rows.", 1e-6, 1e9, default=f"{EVERY_S:g}, or a hundredth of the records"
