@@ -26,6 +26,7 @@ SECTIONS = {
     "memory": "bench.memory",
     "unsuited": "bench.unsuited",
     "waits": "bench.waits",
+    "tracking": "bench.tracking",
     "peers": "bench.against",
     "fit_som": "bench.som",
 }

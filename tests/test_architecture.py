@@ -14,7 +14,7 @@ import vibrident
 #: files, these have an order as well, and those joined by | do not know each other.
 ROOMS = {
     "base": "",
-    "data": "registry effects interferometer records io",
+    "data": "registry effects interferometer records io sources",
     "physics": "registry naming models discretisation network simulation",
     "result": "document parts sensor result",
     "fit": "registry information measure lines decay problem estimators uncertainty departures judge identification "

@@ -12,13 +12,13 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from vibrident.data.registry import READERS
+from vibrident.data.registry import READERS, SOURCES
 from vibrident.export.registry import EXPORTS
 from vibrident.fit.registry import DEPARTURES, ESTIMATORS
 from vibrident.physics.registry import MODELS
 
 OLDEST, NEWEST = (3, 11), (3, 14)  # Python versions that it is tested with
-REGISTRIES = (MODELS, ESTIMATORS, DEPARTURES, READERS, EXPORTS)  # of what plug-ins can add
+REGISTRIES = (MODELS, ESTIMATORS, DEPARTURES, READERS, SOURCES, EXPORTS)  # of what plug-ins can add
 CLOSE = 4.0  # a sound estimate lies this close to the truth, in standard uncertainties
 
 

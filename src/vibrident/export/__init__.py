@@ -30,6 +30,7 @@ def export(
     schema: str | os.PathLike[str] | None = None,
     country: str | None = None,
     channel: str | None = None,
+    online: bool = False,
 ) -> list[Path]:
     """Write a result in another program's format.
 
@@ -44,6 +45,7 @@ def export(
         schema: XSD to validate a certificate against.
         country: ISO 3166-1 code of the laboratory's country, for a certificate.
         channel: NET.STA.LOC.CHA, for seismological forms.
+        online: of C: the tracker (learner, detector, corrector) in place of the fixed filters.
 
     Returns:
         The files written.
@@ -58,7 +60,7 @@ def export(
     chosen = EXPORTS[form]
     band = None if band_hz is None else check_band(*band_hz)
     xsd = None if schema is None else Path(schema)
-    options = Options(rate_hz, band, tuple(without), name, xsd, country, channel)
+    options = Options(rate_hz, band, tuple(without), name, xsd, country, channel, online)
     sensor = sensor_of(result, band).without(options.without)
     target = Path(folder)
     target.mkdir(parents=True, exist_ok=True)

@@ -38,6 +38,7 @@ OPTIONS: Mapping[str, Option] = MappingProxyType(
         "channel": Option("--channel", "Channel, NET.STA.LOC.CHA"),
         "country": Option("--country", "Country, two letters"),
         "schema": Option("--schema"),
+        "online": Option("--online"),
     }
 )
 
@@ -54,6 +55,7 @@ class Options:
         schema: XSD to validate a certificate against.
         country: ISO 3166-1 code of the calibration laboratory, for a certificate.
         channel: NET.STA.LOC.CHA for seismological formats; None takes codes for tests (network XX).
+        online: of C: the tracker in place of the fixed filters.
     """
 
     rate_hz: float | None = None
@@ -63,6 +65,7 @@ class Options:
     schema: Path | None = None
     country: str | None = None
     channel: str | None = None
+    online: bool = False
 
     def __post_init__(self) -> None:
         if not _NAME.fullmatch(self.name):

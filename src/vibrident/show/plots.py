@@ -13,13 +13,25 @@ from vibrident.result import Result
 from vibrident.show import figures
 from vibrident.show.data_figures import inspection, light
 from vibrident.show.media import drawing
+from vibrident.show.tracking_figures import tracking
 from vibrident.show.use_figures import correction, plan
 from vibrident.show.views import Figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Picture
 
-__all__ = ["PICTURES", "applicable", "correction", "draw", "inspection", "light", "plan", "save", "save_all"]
+__all__ = [
+    "PICTURES",
+    "applicable",
+    "correction",
+    "draw",
+    "inspection",
+    "light",
+    "plan",
+    "save",
+    "save_all",
+    "tracking",
+]
 
 
 def draw(name: str, result: Result) -> Picture:

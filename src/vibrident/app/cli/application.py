@@ -22,6 +22,7 @@ from vibrident.app.cli.commands.report import report
 from vibrident.app.cli.commands.reproduce import reproduce
 from vibrident.app.cli.commands.serve import serve
 from vibrident.app.cli.commands.simulate import simulate
+from vibrident.app.cli.commands.track import track
 from vibrident.app.cli.console import show_error
 from vibrident.app.cli.options import filled
 from vibrident.base.errors import VibridentError
@@ -76,7 +77,7 @@ app = typer.Typer(
 _PANELS = {
     "Begin": (demo, serve, doctor),
     "From files to a model": (inspect, identify, fleet, report),
-    "Use and judge a model": (predict, correct, plan, compare, simulate, export, reproduce),
+    "Use and judge a model": (predict, correct, track, plan, compare, simulate, export, reproduce),
 }
 app.add_typer(history, name="history", rich_help_panel="Use and judge a model")
 for _panel, _commands in _PANELS.items():

@@ -133,7 +133,10 @@ REGISTERED: Mapping[str, Callable[[], str]] = {
     "{models}": lambda: ", ".join(MODELS.names()),
     "{estimators}": lambda: "|".join(estimator_names()),
     "{estimators by name}": lambda: ", ".join(ESTIMATORS.names()),
-    **{f"{{exports: {option}}}": partial(_with, option) for option in ("rate_hz", "channel", "country", "schema")},
+    **{
+        f"{{exports: {option}}}": partial(_with, option)
+        for option in ("rate_hz", "channel", "country", "schema", "online")
+    },
 }
 
 

@@ -45,6 +45,10 @@ def firmware(sensor: ExportedSensor, rate_hz: float | None) -> Firmware:
 
 def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
     """Write ``NAME.h`` and ``NAME.c``."""
+    if options.online:
+        from vibrident.export.online import write as write_tracker
+
+        return write_tracker(sensor, folder, options)
     made = firmware(sensor, options.rate_hz)
     about = "\n".join(f" * {c_comment(line)}".rstrip() for line in description(made))
     common = _common(made, options.name, about)
@@ -188,5 +192,5 @@ C = Format(
     write=write,
     holds="model, correction, network cell, in `double` and `float`",
     cannot_hold="uncertainty (comment only)",
-    options=("rate_hz",),
+    options=("rate_hz", "online"),
 )

@@ -24,6 +24,9 @@ def correct(
     noise: float | None = option(
         "--noise", "RMS", "White noise of the response, in its unit.", default="estimated from each record"
     ),
+    track: bool = flag(
+        "--track", help="Track the sensor through the records, and correct each with its own parameters."
+    ),
     no_plots: bool = flag("--no-pictures", "--no-plots", help="Draw no picture."),
 ) -> None:
     """Restore the acceleration from the measured response, with an uncertainty for every sample.
@@ -44,7 +47,12 @@ def correct(
             from vibrident.use.correction import correct as run
             from vibrident.use.correction import correction_document
 
-            corrections = run(known, data, band_hz=limits, noise=noise)
+            if track:
+                from vibrident.use.tracking.adaptive import correct_tracked
+
+                corrections = correct_tracked(known, data, band_hz=limits, noise=noise)
+            else:
+                corrections = run(known, data, band_hz=limits, noise=noise)
             files = record_files([c.record.name for c in corrections.corrections])
             for file, correction in zip(files, corrections.corrections, strict=True):
                 a, u = correction.acceleration, correction.standard_uncertainty

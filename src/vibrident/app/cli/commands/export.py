@@ -6,7 +6,7 @@ from pathlib import Path
 
 from vibrident.app.cli import options
 from vibrident.app.cli.console import wrote
-from vibrident.app.cli.options import choice, option
+from vibrident.app.cli.options import choice, flag, option
 from vibrident.app.workflow.folder import load_result, written_whole
 from vibrident.export.registry import EXPORTS
 
@@ -29,6 +29,7 @@ def export(
     schema: Path | None = option("--schema", "XSD", "{exports: schema}: validate against this schema."),
     country: str | None = option("--country", "XX", "{exports: country}: ISO 3166-1 code of the laboratory's country."),
     channel: str | None = option("--channel", "NET.STA.LOC.CHA", "{exports: channel}: codes of the channel."),
+    online: bool = flag("--online", help="{exports: online}: the tracker (learner, detector, corrector)."),
 ) -> None:
     """Write a result in another program's format, from the result alone.
 
@@ -50,5 +51,6 @@ def export(
             schema=schema,
             country=country,
             channel=channel,
+            online=online,
         )
     wrote(output.files)

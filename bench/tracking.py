@@ -1,0 +1,146 @@
+"""The tracker: scatter beside `identify`, coverage, alarms that should and should not be, speed, in Python and in C.
+
+One sensor, 20 kHz. Changes are timed against Lorden's bound: ln(samples between false alarms) over the information of
+a sample (Lorden 1971). The C code is that of ``export --online``, compiled here with -O3.
+"""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+from tests.support.exported import result
+from tests.support.online_c import Compiled
+from tests.support.random_record import RATE_HZ, TRUTH, Real
+from tests.support.tracked import answered, fed, motion, record, tracker
+
+from bench.figures import Figure, Options, Section, steps
+from vibrident import Calibration, identify
+from vibrident.export import export
+
+SAMPLES, NOISE = 8000, 0.01
+NAMES = tuple(TRUTH)
+PIECE = 1_000_000
+DAY_S = 86400.0
+CHANGES: Mapping[str, Mapping[str, float]] = {
+    "sensitivity 1 %": {"sensitivity": 0.101},
+    "natural frequency 5 %": {"natural_frequency": 1260.0},
+    "damping doubled": {"damping_ratio": 0.4},
+}
+
+
+def scatter(kind: str, runs: int) -> tuple[Figure, ...]:
+    """Scatter over the batch's, coverage of 95 % intervals, start values off by 2 %."""
+    tracked, batch, u = (np.zeros((runs, 3)) for _ in range(3))
+    for seed in steps(f"tracking {kind}", range(runs)):
+        rng = np.random.default_rng(seed)
+        samples = record(kind, SAMPLES, rng, NOISE)
+        found = fed(tracker(rng), *samples).read()
+        whole = identify(Calibration.from_arrays(*samples, RATE_HZ, excitation=kind, model="accelerometer"))  # type: ignore[arg-type]
+        tracked[seed] = [found.values[name] / TRUTH[name] - 1.0 for name in NAMES]
+        u[seed] = [found.uncertainty[name] / TRUTH[name] for name in NAMES]
+        batch[seed] = [whole.parameters[name].value / TRUTH[name] - 1.0 for name in NAMES]
+    ratio = np.sqrt(np.mean(tracked**2, axis=0) / np.mean(batch**2, axis=0))
+    covered = np.mean(np.abs(tracked) < 1.96 * u, axis=0)
+    return (
+        Figure(f"{kind}: scatter over that of identify", _named(ratio), high=1.1),
+        Figure(f"{kind}: coverage of 95 % intervals", _named(covered), "percent", 0.93, 0.97, note=f"{runs} runs"),
+    )
+
+
+def _named(values: Real) -> dict[str, float]:
+    return dict(zip(NAMES, values.tolist(), strict=True))
+
+
+def compiled(*, single: bool = False) -> Compiled:
+    """The C tracker at the true values with u of 0.1 %, with all the optimisation that does not change results."""
+    folder = Path(tempfile.mkdtemp())
+    known = result("accelerometer", TRUTH, (20.0, 4000.0))
+    export(known, "c", folder, rate_hz=RATE_HZ, online=True)
+    return Compiled(folder, 3, single=single, more=("-O3", "-march=native"))
+
+
+def long_run(samples: int, make: Callable[[np.random.Generator], tuple[Real, Real]]) -> tuple[float, float, Compiled]:
+    """Alarms, and the largest deviation of a parameter in units of its u, after so many samples in C."""
+    one, most, alarms = compiled(), 0.0, 0
+    rng = np.random.default_rng(1)
+    for _ in range(max(1, samples // PIECE)):
+        alarms = one.feed(*make(rng))
+        value, u, _, _ = one.read()
+        most = max(most, float(np.max(np.abs(value - np.array(list(TRUTH.values()))) / u)))
+    return alarms, most, one
+
+
+def _piece(kind: str, samples: int) -> Callable[[np.random.Generator], tuple[Real, Real]]:
+    """Samples that go on where those before ended: a period of a motion, its response, and new noise."""
+    rng = np.random.default_rng(9)
+    if kind in ("random", "tone"):
+        u = motion(kind, samples, rng)
+        y = answered(u)
+        return lambda rng: (u, y + NOISE * np.std(y) * rng.normal(size=samples))
+    u = np.full(samples, 3.3 if kind == "dead reference" else 0.0)
+    y = answered(motion("random", samples, rng)) if kind == "dead reference" else np.zeros(samples)
+    return lambda rng: (u, y + 1e-3 * rng.normal(size=samples))
+
+
+def delays(runs: int) -> Figure:
+    """Median time from a change to its alarm, over Lorden's bound."""
+    found = {}
+    for name, change in CHANGES.items():
+        late = []
+        for seed in range(runs):
+            rng = np.random.default_rng(seed)
+            n = 40000
+            u = motion("random", n, rng)
+            before, after = answered(u), answered(u, {**TRUTH, **change})
+            sigma, at = NOISE * np.std(before), n // 2 + int(rng.integers(1024))
+            y = np.where(np.arange(n) < at, before, after) + sigma * rng.normal(size=n)
+            alarms = fed(tracker(None, u=1e-3), u, y).alarms
+            late.append(alarms[0].detected_s * RATE_HZ - at if alarms else np.inf)
+            information = np.mean((after - before) ** 2) / (2.0 * sigma**2)
+            bound = max(1.0, np.log(DAY_S / 0.01 * RATE_HZ) / information)
+        found[name] = float(np.median(late)) / bound
+    return Figure("time to alarm over the bound", found, note="an alarm waits for the end of a block of 1024 samples")
+
+
+def speed() -> Figure:
+    """Million samples a second on one core."""
+    u, y = record("random", PIECE, np.random.default_rng(1), NOISE)
+    found = {}
+    one, begin = tracker(None, u=1e-3), time.process_time()
+    fed(one, u, y, lambda n: list(range(16384, n, 16384)))
+    found["Python"] = PIECE / (time.process_time() - begin) / 1e6
+    for label, single in (("C, double", False), ("C, float", True)):
+        other = compiled(single=single)
+        other.feed(u[:1000].copy(), y[:1000].copy())
+        begin = time.process_time()
+        other.feed(u, y)
+        found[label] = PIECE / (time.process_time() - begin) / 1e6
+    return Figure("million samples a second", found, "plain")
+
+
+def measure(options: Options) -> Section:
+    """All of it; the C code where there is a gcc."""
+    runs = 4 if options.quick else 200
+    many = PIECE if options.quick else 10 * PIECE
+    figures = [figure for kind in ("random", "multisine", "sweep") for figure in scatter(kind, runs)]
+    figures.append(delays(2 if options.quick else 20))
+    if shutil.which("gcc"):
+        quiet, off = {}, {}
+        for kind in ("random", "tone", "rest", "dead reference"):
+            quiet[kind], off[kind], _ = long_run(many, _piece(kind, PIECE))
+        figures.append(Figure(f"alarms in {many:.0e} samples without a change", quiet, "plain", high=0.0))
+        figures.append(Figure("largest deviation there, in u", off, "sigma"))
+        u, y = record("random", PIECE, np.random.default_rng(3), NOISE)
+        ends = [one for one in (compiled(), compiled(single=True)) if one.feed(u, y) == 0]
+        (double, u_double, *_), (single, *_) = (one.read() for one in ends)
+        apart = float(np.max(np.abs(double - single) / u_double))
+        figures.append(Figure("float less double, in u", {"largest": apart}, "sigma", high=0.2))
+        sizes = {"double": float(compiled().bytes), "float": float(compiled(single=True).bytes)}
+        figures.append(Figure("RAM of a tracker", sizes, "bytes"))
+        figures.append(speed())
+    return Section("tracking", "Tracking: 20 kHz, 1 % noise", tuple(figures))

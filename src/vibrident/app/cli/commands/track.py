@@ -1,0 +1,208 @@
+"""``vibrident track``: a sensor's parameters kept up to date with the samples as they come, and alarms."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vibrident.app.cli import options
+from vibrident.app.cli.console import note, out, wrote
+from vibrident.app.cli.options import between, flag, option
+from vibrident.app.workflow.folder import load_result
+from vibrident.base.errors import InputError
+
+if TYPE_CHECKING:
+    from vibrident.app.workflow.tracking import Files
+    from vibrident.data.sources.source import Chunk
+    from vibrident.use.tracking.session import Session
+    from vibrident.use.tracking.state import Estimate
+
+#: The source where none is given.
+RECORDS = "calibration-records"
+#: Rows of a session of records, where --every does not say.
+ROWS = 100
+#: Time between rows of a stream, s, where --every does not say.
+EVERY_S = 1.0
+
+
+def track(
+    result: Path = options.RESULT_FILE,
+    calibration: Path = options.CALIBRATION_FILE,
+    folder: Path = option("--out", "DIR", "Folder for track.csv, track.json and the picture.", Path("vibrident-track")),
+    follow: bool = flag("--follow", help="The record's file grows: go on as it does, and after an interruption."),
+    stdin: str | None = option("--stdin", "csv|float32", "Take the samples from standard input."),
+    tcp: str | None = option("--tcp", "HOST:PORT[#float32]", "Take the samples from a TCP connection."),
+    source: str | None = option("--source", "NAME[=ADDRESS]", "Take them from this source or plug-in."),
+    idle: float | None = between("--idle", "SECONDS", "End after so long without samples.", 0.0, 1e9, default="wait"),
+    every: float | None = between(
+        "--every", "SECONDS", "Time between rows.", 1e-6, 1e9, default=f"{EVERY_S:g}, or a hundredth of the records"
+    ),
+    rate: float = between(
+        "--false-alarms-per-day", "RATE", "False alarms expected in a day of motion.", 1e-9, 1e3, 0.01
+    ),
+    drift: float = between(
+        "--drift",
+        "PERCENT",
+        "Random walk of each parameter in a year: where nothing is seen, u grows by it.",
+        0.0,
+        1e3,
+        1.0,
+    ),
+    no_plots: bool = flag("--no-pictures", "--no-plots", help="Draw no picture."),
+) -> None:
+    """Keep a sensor's parameters up to date, with their uncertainties, and say when the sensor changes.
+
+    Takes the records of the calibration file, or samples as they come. Writes a row an interval in track.csv, and the
+    end, the alarms and what was wrong with the samples in track.json, and the sensor as it is now in
+    result.json, for other commands.
+    """
+    name, address = _chosen(follow=follow, stdin=stdin, tcp=tcp, source=source)
+    known = load_result(result)
+    from vibrident.app.workflow.tracking import Files
+    from vibrident.data.io.calibration_file import read_calibration_file
+    from vibrident.data.registry import SOURCES
+    from vibrident.data.sources.source import Wanted
+    from vibrident.use.tracking.session import Session
+    from vibrident.use.tracking.state import Settings
+
+    described = read_calibration_file(calibration)
+    kind = SOURCES[name]
+    rate_hz, length_s = described.sampling.rate_hz, None
+    if name == RECORDS:
+        rate_hz, length_s = _of_records(calibration, known)
+    if rate_hz is None:
+        rate_hz = next((entry.rate_hz for entry in described.records if entry.rate_hz), None)
+    if rate_hz is None:
+        raise InputError(
+            "The sampling rate is not given.",
+            expected="rate_hz under [sampling], or under [[records]] beside a time_column",
+            found="none",
+            where=str(calibration),
+            remedy="add rate_hz = … (samples per second)",
+        )
+    settings = Settings(rate, drift / 100.0, described.reference.standard_uncertainty)
+    seconds = every or (max(settings.block / rate_hz, min(EVERY_S, length_s / ROWS)) if length_s else EVERY_S)
+    session = Session.of(known, rate_hz, described.reference.quantity, seconds, settings)
+    key = {"result": known.to_json(), "file": calibration.read_text(encoding="utf-8"), "source": [name, address]}
+    files = Files(folder, session, {**key, "settings": vars(settings), "every": seconds})
+    position = files.begin(resumable=kind.resumable)
+    wanted = Wanted(described, calibration, rate_hz, address, position, idle)
+    with _live(session) as show:
+        _run(kind.open(wanted), session, files, show, resumable=kind.resumable)
+    document = files.end()
+    _say(document)
+    from vibrident.use.tracking.outcome import tracked_result
+
+    written = [folder / "track.csv", folder / "track.json", tracked_result(known, session).save(folder / "result.json")]
+    if not no_plots:
+        written.append(_drawn(folder, document, dict(known.sensor)))
+    wrote(written)
+
+
+def _chosen(*, follow: bool, stdin: str | None, tcp: str | None, source: str | None) -> tuple[str, str]:
+    """Name and address of the source."""
+    name, _, address = (source or "").partition("=")
+    asked = (("follow", "" if follow else None), ("stdin", stdin), ("tcp", tcp), (name, address if source else None))
+    given = [(name, address) for name, address in asked if address is not None]
+    if len(given) > 1:
+        raise InputError(
+            "More than one source is given.",
+            expected="one of --follow, --stdin, --tcp, --source",
+            found=", ".join(name for name, _ in given),
+            where="options",
+            remedy="leave the others out",
+        )
+    return given[0] if given else (RECORDS, "")
+
+
+def _of_records(calibration: Path, known: Any) -> tuple[float | None, float]:
+    """Sampling rate and length of the records, which must be in the unit of the result."""
+    from vibrident.data.io import read_guarded
+
+    data = read_guarded(calibration)
+    data.require_response(known.response_unit, "A table has no samples to track a sensor by.")
+    return data.records[0].sampling_rate_hz, sum(record.duration_s for record in data.records)
+
+
+def _run(chunks: Iterator[Chunk], session: Session, files: Files, show: Any, *, resumable: bool) -> None:
+    said = len(session.alarms), len(session.troubles)
+    for chunk in chunks:
+        rows = session.take(chunk)
+        files.write(rows)
+        for alarm in session.alarms[said[0] :]:
+            change = f"{alarm.parameter} {alarm.before:.6g} → {alarm.after:.6g}"
+            note(f"Alarm at {alarm.time_s:.12g} s: {change}: {alarm.what}")
+        for trouble in session.troubles[said[1] :]:
+            note(f"{trouble.samples} samples {trouble.what} at {trouble.time_s:.12g} s")
+        said = len(session.alarms), len(session.troubles)
+        if resumable and chunk.position:
+            files.keep(chunk.position)
+        if rows:
+            show(rows[-1])
+
+
+@contextlib.contextmanager
+def _live(session: Session) -> Iterator[Any]:
+    """What shows a row: a table that is renewed, on a terminal."""
+    from vibrident.show import terminal
+
+    console = out()
+    if not console.is_terminal:
+        yield lambda row: None
+        return
+    from rich.live import Live
+
+    with Live(console=console, transient=True, refresh_per_second=4) as live:
+
+        def show(row: Estimate) -> None:
+            live.update(terminal.inspection_table(_rows(row, session.units), f"Tracked, {row.time_s:.6g} s"))
+
+        yield show
+
+
+def _rows(row: Estimate, units: Any) -> list[dict[str, object]]:
+    from vibrident.show.numbers import pair
+
+    shown = []
+    for name, value in row.values.items():
+        number, u = pair(value, row.uncertainty[name])
+        excited = "yes" if name in row.excited else "no"
+        shown.append({"parameter": name, "value": number, "u": u, "unit": units[name], "excited": excited})
+    return shown
+
+
+def _say(document: dict[str, Any]) -> None:
+    from vibrident.show import terminal
+    from vibrident.show.numbers import pair
+
+    console, rows = out(), []
+    for name, each in document["parameters"].items():
+        value, u = pair(each["value"], each["standard_uncertainty"])
+        rows.append({"parameter": name, "value": value, "u": u, "unit": each["unit"]})
+    console.print(terminal.inspection_table(rows, f"Tracked sensor, {document['time_s']:.12g} s"))
+    alarms = [
+        {
+            "time / s": f"{a['time_s']:.12g}",
+            "parameter": a["parameter"],
+            "from": a["from"],
+            "to": a["to"],
+            "what": a["what"],
+        }
+        for a in document["alarms"]
+    ]
+    if alarms:
+        console.print(terminal.inspection_table(alarms, "Alarms"))
+    else:
+        console.print("no alarm", soft_wrap=True)
+
+
+def _drawn(folder: Path, document: dict[str, Any], sensor: dict[str, object]) -> Path:
+    from pandas import read_csv
+
+    from vibrident.show import plots
+
+    table = read_csv(folder / "track.csv")
+    columns = {name: table[name].to_numpy(dtype=float) for name in table.columns if name != "excited"}
+    return plots.save(plots.tracking(columns, document, sensor), folder / "track.png")

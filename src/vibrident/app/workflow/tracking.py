@@ -1,0 +1,117 @@
+"""A tracking session with its files: rows as they come, and a checkpoint after every chunk.
+
+The checkpoint holds the state, the alarms, the place in the source and the length of ``track.csv``. It is replaced in
+one step; what was written after it is cut off when the session is taken up again. So a process that is killed loses
+the chunk that was open, and says nothing twice.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vibrident.app.workflow.folder import write_json
+from vibrident.base.errors import InputError
+
+if TYPE_CHECKING:
+    from vibrident.use.tracking.session import Session
+    from vibrident.use.tracking.state import Estimate
+
+CHECKPOINT = "track.state"
+
+
+class Files:
+    """``track.csv``, ``track.json`` and the checkpoint in a folder; ``key`` says what the session is of."""
+
+    def __init__(self, folder: Path, session: Session, key: Mapping[str, Any]) -> None:
+        self._folder, self._session = folder, session
+        self._key = hashlib.sha256(json.dumps(key, sort_keys=True, default=str).encode()).hexdigest()
+        names = session.tracker.network.model.parameter_names
+        pairs = [column for name in names for column in (name, f"{name}_u")]
+        self.columns = ["time_s", *pairs, "innovation", "excited"]
+
+    def begin(self, *, resumable: bool) -> int:
+        """Make the files, or take them up again; returns the place in the source to go on at.
+
+        Raises:
+            InputError: the folder cannot be written, or holds a session of something else.
+        """
+        try:
+            self._folder.mkdir(parents=True, exist_ok=True)
+            position = self._resumed() if resumable and (self._folder / CHECKPOINT).exists() else 0
+            self._csv = (self._folder / "track.csv").open("a" if position else "w", encoding="utf-8", newline="\n")
+            if not position:
+                (self._folder / CHECKPOINT).unlink(missing_ok=True)
+                self._csv.write(",".join(self.columns) + "\n")
+        except OSError as error:
+            raise InputError(
+                "The output cannot be written.",
+                expected="a folder that can be written",
+                found=error.strerror or str(error),
+                where=str(self._folder),
+                remedy="give another --out",
+            ) from error
+        return position
+
+    def _resumed(self) -> int:
+        from vibrident.use.tracking.session import Trouble
+        from vibrident.use.tracking.state import Alarm
+
+        head, _, state = (self._folder / CHECKPOINT).read_bytes().partition(b"\n")
+        try:
+            known = json.loads(head)
+            same = known["key"] == self._key
+        except (ValueError, KeyError, TypeError):
+            same = False
+        if not same:
+            raise InputError(
+                "The folder holds a session of another sensor, source or setting.",
+                expected="a new folder, or the same result, calibration file and options as before",
+                found=CHECKPOINT,
+                where=str(self._folder),
+                remedy="give another --out, or remove that file to begin anew",
+            )
+        session = self._session
+        session.tracker.state.restore(state)
+        session.samples, session.left, session.started = known["samples"], known["left"], True
+        session.troubles.extend(Trouble(**each) for each in known["troubles"])
+        session.alarms.extend(Alarm(**each) for each in known["alarms"])
+        os.truncate(self._folder / "track.csv", known["csv_bytes"])
+        return int(known["position"])
+
+    def write(self, rows: Sequence[Estimate]) -> None:
+        """Add rows."""
+        for row in rows:
+            pairs = [(row.values[name], row.uncertainty[name]) for name in row.values]
+            numbers = [row.time_s, *(number for pair in pairs for number in pair), row.innovation]
+            cells = ["" if number != number else repr(float(number)) for number in numbers]
+            self._csv.write(",".join([*cells, " ".join(row.excited)]) + "\n")
+        self._csv.flush()
+
+    def keep(self, position: int) -> None:
+        """Everything up to here is done."""
+        session = self._session
+        head = {
+            "key": self._key,
+            "position": position,
+            "csv_bytes": self._csv.tell(),
+            "samples": session.samples,
+            "left": session.left,
+            "troubles": [vars(trouble) for trouble in session.troubles],
+            "alarms": [vars(alarm) for alarm in session.alarms],
+        }
+        partial = self._folder / f".{CHECKPOINT}.{os.getpid()}.part"
+        partial.write_bytes(json.dumps(head).encode() + b"\n" + session.tracker.state.save())
+        partial.replace(self._folder / CHECKPOINT)
+
+    def end(self) -> dict[str, Any]:
+        """The last row, and ``track.json``; returns what that says."""
+        self.write(self._session.finish())
+        self._csv.close()
+        document = self._session.document()
+        write_json(self._folder / "track.json", document)
+        return document

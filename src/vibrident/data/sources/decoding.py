@@ -1,0 +1,168 @@
+"""Bytes that come in pieces → chunks: lines of CSV, or raw float32 (little-endian, channels in turn)."""
+
+from __future__ import annotations
+
+import io
+import itertools
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from vibrident.base.errors import InputError
+from vibrident.data.records import FloatArray
+from vibrident.data.sources.source import Chunk, Wanted
+
+FORMS = ("csv", "float32")
+SEPARATORS = (b";", b"\t", b",")  # looked for in this order; white space otherwise
+LONGEST = 1_000_000  # bytes of a line
+#: Deviation of a time stamp that is a rounding of it, in sampling intervals.
+ROUNDED = 0.1
+
+
+def chunks(pieces: Iterator[bytes], wanted: Wanted, form: str, where: str) -> Iterator[Chunk]:
+    """Chunks of pieces of bytes; of each complete lines or frames, the rest with the next piece.
+
+    Raises:
+        InputError: the form is not known, or the bytes are not of it.
+    """
+    if form not in FORMS:
+        raise InputError(
+            "The form of the samples is not known.", expected=" | ".join(FORMS), found=repr(form), where=where
+        )
+    if wanted.rate_hz is None:
+        raise InputError(
+            "The sampling rate of a stream is not given.",
+            expected="rate_hz under [sampling], or under [[records]] beside a time_column",
+            found="none",
+            where=str(wanted.file),
+            remedy="add rate_hz = … (samples per second)",
+        )
+    decoder = _Lines(wanted, where) if form == "csv" else _Frames(wanted, where)
+    rest, position = b"", wanted.position
+    for piece in pieces:
+        whole, rest = decoder.split(rest + piece)
+        position += len(whole)
+        if len(rest) > LONGEST:
+            raise InputError("A line does not end.", expected="lines of numbers", found="none", where=where)
+        if whole and (columns := decoder.columns(whole)) is not None:
+            yield from _cut(columns, wanted, position)
+
+
+def _cut(columns: list[FloatArray], wanted: Wanted, position: int) -> Iterator[Chunk]:
+    """One chunk, or several where the time stamps jump."""
+    assert wanted.rate_hz is not None  # checked above
+    to = wanted.calibration
+    reference, response = columns[0] * to.reference.scale, columns[1] * to.response.scale
+    if len(columns) == 2:
+        yield Chunk(reference, response, position=position)
+        return
+    time, clock = columns[2], ROUNDED / wanted.rate_hz
+    jumps = np.flatnonzero(~(np.abs(np.diff(time) * wanted.rate_hz - 1.0) < 0.5)) + 1
+    edges = [0, *jumps.tolist(), len(time)]
+    for first, last in itertools.pairwise(edges):
+        start = float(time[first])
+        stamped = start if math.isfinite(start) else None
+        there = position if last == len(time) else 0
+        yield Chunk(reference[first:last], response[first:last], stamped, clock, position=there)
+
+
+class _Lines:
+    """CSV: a first line that holds no numbers names the columns."""
+
+    def __init__(self, wanted: Wanted, where: str) -> None:
+        self._where, self._line = where, 0
+        self._separator: str | None = None
+        self._positions: list[int] = []
+        to = wanted.calibration
+        self._wanted = [("[reference] column", to.reference.column), ("[response] column", to.response.column)]
+        if to.sampling.time_column is not None:
+            self._wanted.append(("[sampling] time_column", to.sampling.time_column))
+        # a file that is taken up again in its middle still has its names at its beginning
+        self._resumed = wanted.position > 0
+
+    def split(self, data: bytes) -> tuple[bytes, bytes]:
+        """Whole lines, and what is left."""
+        end = data.rfind(b"\n") + 1
+        return data[:end], data[end:]
+
+    def columns(self, data: bytes) -> list[FloatArray] | None:
+        """The columns wanted, in order."""
+        from pandas import read_csv
+        from pandas.errors import ParserError
+
+        if self._separator is None:
+            first, _, after = data.partition(b"\n")
+            found = next((each for each in SEPARATORS if each in first), b"")
+            self._separator = found.decode() or r"\s+"
+            fields = [f.strip().strip('"') for f in (first.decode("utf-8", "replace").split(found.decode() or None))]
+            named = not self._resumed and not all(_number(field) for field in fields)
+            self._positions = [self._place(key, column, fields if named else []) for key, column in self._wanted]
+            if named:
+                self._line, data = 1, after
+        if not data.strip():
+            return None
+        try:
+            table = read_csv(io.BytesIO(data), sep=self._separator, header=None, skip_blank_lines=True)
+            found = [table[place].to_numpy(dtype=float) for place in self._positions]
+        except (ParserError, ValueError, KeyError) as error:
+            raise InputError(
+                "A line of samples cannot be read.",
+                expected=f"numbers in columns {', '.join(str(p + 1) for p in self._positions)}",
+                found=str(error).splitlines()[0],
+                where=f"{self._where}, after line {self._line}",
+                remedy="repair the line, or leave the value empty: it is then a gap",
+            ) from None
+        self._line += len(table)
+        return found
+
+    def _place(self, key: str, column: int | str | None, names: list[str]) -> int:
+        if isinstance(column, int):
+            return column - 1
+        if column in names:
+            return names.index(str(column))
+        raise InputError(
+            "A column of the stream is not known.",
+            expected=", ".join(names) or "the number of a column, as its first line holds no names",
+            found=repr(column),
+            where=f"{self._where}, {key}",
+            remedy="give the column's number, counted from 1",
+        )
+
+
+class _Frames:
+    """Raw float32: as many channels as the largest column number."""
+
+    def __init__(self, wanted: Wanted, where: str) -> None:
+        to = wanted.calibration
+        places = [to.reference.column, to.response.column]
+        if to.sampling.time_column is not None:
+            places.append(to.sampling.time_column)
+        if not all(isinstance(place, int) for place in places):
+            raise InputError(
+                "Raw samples have no names of columns.",
+                expected="column numbers from 1",
+                found=", ".join(repr(place) for place in places),
+                where=str(wanted.file),
+                remedy="give [reference] column and [response] column as numbers",
+            )
+        self._places = [int(place) - 1 for place in places if isinstance(place, int)]
+        self._width = max(self._places) + 1
+
+    def split(self, data: bytes) -> tuple[bytes, bytes]:
+        """Whole frames, and what is left."""
+        end = len(data) - len(data) % (4 * self._width)
+        return data[:end], data[end:]
+
+    def columns(self, data: bytes) -> list[FloatArray]:
+        """The columns wanted, in order."""
+        frames = np.frombuffer(data, dtype="<f4").reshape(-1, self._width).astype(float)
+        return [frames[:, place] for place in self._places]
+
+
+def _number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return not text
+    return True

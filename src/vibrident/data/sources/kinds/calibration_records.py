@@ -1,0 +1,34 @@
+"""The records of a calibration, one after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from vibrident.base.errors import InputError
+from vibrident.data.io.reading import read_guarded
+from vibrident.data.io.sampling import SAME_RATE
+from vibrident.data.sources.source import Chunk, Source, Wanted
+
+
+def _open(wanted: Wanted) -> Iterator[Chunk]:
+    calibration = read_guarded(wanted.file)
+    rates = {record.sampling_rate_hz for record in calibration.records}
+    apart = not rates or max(rates) / min(rates) - 1.0 > SAME_RATE
+    if apart or any(record.reference is None for record in calibration.records):
+        raise InputError(
+            "These records cannot be tracked one after the other.",
+            expected="records of one sampling rate, each with a reference",
+            found=f"{len(rates)} sampling rates" if rates else "a table",
+            where=str(wanted.file),
+            remedy="leave the others out, or track them by themselves",
+        )
+    for record in calibration.records:
+        assert record.reference is not None  # checked above
+        response = np.where(record.mask, record.response, np.nan)
+        reference = np.where(record.reference_mask, record.reference, np.nan)
+        yield Chunk(reference, response, record.start_time_s, separate=True)
+
+
+CALIBRATION_RECORDS = Source("calibration-records", "the records of the calibration file", _open)

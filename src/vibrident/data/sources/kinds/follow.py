@@ -1,0 +1,57 @@
+"""A file that grows: what is in it, then what is added."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from vibrident.base.errors import InputError
+from vibrident.data.sources.decoding import chunks
+from vibrident.data.sources.source import Chunk, Source, Wanted
+
+PIECE = 1_000_000  # bytes read at once
+WAIT_S = 0.05  # between looks
+
+
+def _open(wanted: Wanted) -> Iterator[Chunk]:
+    records = wanted.calibration.records
+    if not wanted.address and len(records) != 1:
+        raise InputError(
+            "It is not said which file grows.",
+            expected="one [[records]] entry",
+            found=str(len(records)),
+            where=str(wanted.file),
+            remedy="give --source follow=FILE",
+        )
+    file = Path(wanted.address) if wanted.address else wanted.file.parent / records[0].file
+    form = "float32" if file.suffix.lower() in (".f32", ".raw", ".bin") else "csv"
+    return chunks(_pieces(file, wanted), wanted, form, str(file))
+
+
+def _pieces(file: Path, wanted: Wanted) -> Iterator[bytes]:
+    try:
+        with file.open("rb") as stream:
+            stream.seek(wanted.position)
+            last = time.monotonic()
+            while True:
+                if piece := stream.read(PIECE):
+                    last = time.monotonic()
+                    yield piece
+                elif wanted.idle_s is not None and time.monotonic() - last >= wanted.idle_s:
+                    return
+                else:
+                    if file.stat().st_size < stream.tell():
+                        raise InputError("The file has become shorter.", where=str(file), remedy="begin a new folder")
+                    time.sleep(WAIT_S)
+    except OSError as error:
+        raise InputError(
+            "The file cannot be followed.",
+            expected="a file that can be read",
+            found=error.strerror or str(error),
+            where=str(file),
+            remedy="check the name",
+        ) from error
+
+
+FOLLOW = Source("follow", "a file that grows: CSV, or raw float32 where it ends in .f32, .raw or .bin", _open, True)

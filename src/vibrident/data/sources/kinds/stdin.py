@@ -1,0 +1,24 @@
+"""Standard input: CSV or raw float32."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterator
+
+from vibrident.data.sources.decoding import chunks
+from vibrident.data.sources.source import Chunk, Source, Wanted
+
+PIECE = 1_000_000  # bytes read at once
+
+
+def _open(wanted: Wanted) -> Iterator[Chunk]:
+    return chunks(_pieces(), wanted, wanted.address or "csv", "standard input")
+
+
+def _pieces() -> Iterator[bytes]:
+    while piece := os.read(sys.stdin.fileno(), PIECE):
+        yield piece
+
+
+STDIN = Source("stdin", "standard input, CSV or float32", _open)

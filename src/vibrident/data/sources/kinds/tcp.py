@@ -1,0 +1,48 @@
+"""A TCP connection: CSV, or raw float32 behind ``#float32``."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Iterator
+
+from vibrident.base.errors import InputError
+from vibrident.data.sources.decoding import chunks
+from vibrident.data.sources.source import Chunk, Source, Wanted
+
+PIECE = 1_000_000  # bytes received at once
+CONNECT_S = 10.0  # seconds to wait for a connection
+
+
+def _open(wanted: Wanted) -> Iterator[Chunk]:
+    address, _, form = wanted.address.partition("#")
+    host, _, port = address.rpartition(":")
+    if not (host and port.isdecimal() and int(port) < 65536):
+        raise InputError(
+            "The address cannot be read.",
+            expected="HOST:PORT, or HOST:PORT#float32",
+            found=repr(wanted.address),
+            where="--tcp",
+            remedy="give the host's name or address and the number of its port",
+        )
+    return chunks(_pieces(host, int(port), wanted.idle_s), wanted, form or "csv", address)
+
+
+def _pieces(host: str, port: int, idle_s: float | None) -> Iterator[bytes]:
+    try:
+        with socket.create_connection((host, port), timeout=CONNECT_S) as connection:
+            connection.settimeout(idle_s)
+            while piece := connection.recv(PIECE):
+                yield piece
+    except TimeoutError:
+        return  # nothing came for as long as was to be waited
+    except OSError as error:
+        raise InputError(
+            "There is no connection.",
+            expected="a server that sends samples",
+            found=error.strerror or str(error),
+            where=f"{host}:{port}",
+            remedy="start the server first, and check host and port",
+        ) from error
+
+
+TCP = Source("tcp", "a TCP connection to HOST:PORT, CSV or #float32", _open)

@@ -1,0 +1,174 @@
+"""The tracker as C99: learner, detector and corrector as one header and one source, with the certificate's constants.
+
+The corrector is the model's inverse, a(t) = (V + 2 δ/ωn V̇ + V̈/ωn²)/S0: three fixed filters, a low-pass and its
+derivatives, each times a coefficient that follows the parameters.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from vibrident.base.errors import InputError
+from vibrident.base.escaping import c_comment
+from vibrident.data.records import FloatArray
+from vibrident.export.filters import checked_rate
+from vibrident.export.form import Options
+from vibrident.export.sensor import ExportedSensor, identity
+from vibrident.use.tracking import changes, learner, network, tracker
+from vibrident.use.tracking.information import WITHIN
+from vibrident.use.tracking.knowledge import SECONDS_A_YEAR
+from vibrident.use.tracking.state import Settings
+from vibrident.use.tracking.tracker import Tracker
+
+REACH = 48  # samples of the corrector on either side
+#: The corrector passes all up to so much of the sampling rate beyond the band, and nothing TRANSITION further on.
+FLAT = 0.03
+TRANSITION = 0.1
+BLACKMAN = (0.42, 0.5, 0.08)  # cosines of its window (Oppenheim & Schafer 2010, sec. 7.5)
+
+
+@cache
+def template(ending: str) -> str:
+    """The C text around the numbers; ``ending``: ``h`` or ``c``."""
+    return (Path(__file__).parent / "templates" / f"online.{ending}").read_text(encoding="utf-8")
+
+
+def tracker_of(sensor: ExportedSensor, rate_hz: float, settings: Settings) -> Tracker:
+    """The Python tracker that the C code equals.
+
+    Raises:
+        InputError: the model is not one that the C code has, or an uncertainty is not stated.
+    """
+    model = sensor.model
+    if model.core.output != "displacement" or not all(part.is_delay for part in model.add_ons):
+        raise InputError(
+            "This sensor cannot be exported as a tracker.",
+            expected="a displacement pickup of second order, with or without a delay",
+            found=repr(sensor.model.name),
+            where="result, model",
+            remedy="leave --online out, or track it with `vibrident track`",
+        )
+    sensor.known.require_uncertainty()
+    return Tracker(sensor.model, sensor.values, sensor.known.covariance, rate_hz, sensor.quantity, settings)
+
+
+def corrector(high_hz: float, rate_hz: float, ahead_s: float) -> FloatArray:
+    """Low-pass and its first two derivatives, shape (3, 2 REACH + 1); oldest sample first, late by REACH samples.
+
+    A windowed kernel is differentiated as a whole, so that the three belong together. ``ahead_s``: by which the
+    filters are earlier, less than a sampling interval.
+    """
+    passed = high_hz + FLAT * rate_hz
+    f = np.linspace(0.0, passed + TRANSITION * rate_hz, 4001)
+    share = np.clip((f - passed) / (f[-1] - passed), 0.0, 1.0)
+    spectrum = 1.0 + np.cos(np.pi * share)  # one half of it, and both signs of frequency
+    t = ahead_s - np.arange(-REACH, REACH + 1) / rate_hz
+    turn, whole = 2j * np.pi * f, 1j * np.pi * rate_hz / (REACH + 1)
+    waves = np.exp(turn * t[:, None]) * spectrum
+    k = [np.trapezoid((waves * turn**order).real, f, axis=1) / rate_hz for order in range(3)]
+    parts = [
+        [c * ((whole * n) ** order * np.exp(whole * n * t)).real for n, c in enumerate(BLACKMAN)] for order in range(3)
+    ]
+    w = [np.sum(part, axis=0) for part in parts]
+    return np.array([k[0] * w[0], k[1] * w[0] + k[0] * w[1], k[2] * w[0] + 2.0 * k[1] * w[1] + k[0] * w[2]])
+
+
+def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
+    """Write ``NAME.h`` and ``NAME.c``."""
+    rate = checked_rate(sensor, options.rate_hz)
+    high = sensor.band_hz[1]
+    widest = 0.5 - FLAT - TRANSITION
+    if high > widest * rate:
+        raise InputError(
+            "The sampling rate is too low for the corrector.",
+            expected=f"{high / widest:.6g} Hz or more, for a band up to {high:.6g} Hz",
+            found=f"{rate:.6g} Hz",
+            where="--rate",
+            remedy="give a higher --rate, or a lower --band",
+        )
+    settings = Settings()
+    made = tracker_of(sensor, rate, settings)
+    values = _numbers(sensor, made, rate, options.name)
+    paths = []
+    for ending in ("h", "c"):
+        text = template(ending)
+        for name, value in values.items():
+            text = text.replace(f"@{name}@", value)
+        path = folder / f"{options.name}.{ending}"
+        path.write_text(text, encoding="utf-8")
+        paths.append(path)
+    return paths
+
+
+def _numbers(sensor: ExportedSensor, made: Tracker, rate: float, name: str) -> dict[str, str]:
+    net, settings, thresholds = made.network, made.settings, made.knowledge.thresholds
+    lag = net.first + network.TAPS - 1
+    delay = float(sensor.model.delay_s(sensor.values)) if net.model.has_delay else 0.0
+    late = round(delay * rate)
+    start = [sensor.values[each] for each in net.model.parameter_names]
+    rate_of_walk = settings.drift_per_year**2 / SECONDS_A_YEAR
+    about = [
+        *identity(sensor),
+        "",
+        f"tracker at {rate!r} Hz: {net.parameters} parameters, blocks of {settings.block} samples,",
+        f"{settings.false_alarms_per_day:g} false alarms a day of motion,",
+        f"random walk {settings.drift_per_year:g} a year",
+        f"corrector: late by {REACH + late} samples, for a band up to {sensor.band_hz[1]:.6g} Hz",
+        "",
+        "IEEE 754 arithmetic is needed: do not compile with -ffast-math.",
+    ]
+    k = net.nuisances
+    return {
+        "ABOUT": "\n".join(f" * {c_comment(line)}".rstrip() for line in about),
+        "GUARD": name.upper(),
+        "N": name,
+        "RATE": repr(rate),
+        "P": str(net.parameters),
+        "Q": str(net.terms),
+        "AR": str(settings.order),
+        "BLOCK": str(settings.block),
+        "LEVELS": str(settings.levels),
+        "TAPS": str(network.TAPS),
+        "REFERENCES": str(network.TAPS + max(0, -lag)),
+        "RESPONSES": str(1 + max(0, lag)),
+        "CORRECTOR_TAPS": str(2 * REACH + 1),
+        "CORRECTOR_LATENCY": str(REACH + late),
+        "NUMBERS": str(sum(part.size for part in made.state.parts)),
+        "NAMES": ", ".join(net.model.parameter_names),
+        "INPUT": c_comment(sensor.input_unit),
+        "OUTPUT": c_comment(sensor.output_unit),
+        "INTERVAL": repr(net.interval_s),
+        "DELAY": repr(net.delay_s),
+        "FIRST": str(net.first),
+        "FIRST_PART": str(tracker.FIRST),
+        "SCALE": _text(net.scale),
+        "START": _text(start),
+        "PRIOR": _text(made.state.known[k:, k:-1]),
+        "POSITIVE": ", ".join(str(int(each)) for each in net.positive),
+        "WALKS": ", ".join(str(int(spec.kind != "time")) for spec in net.model.parameters),
+        "DRIFT_RATE": repr(rate_of_walk),
+        "REFERENCE_U": repr(settings.reference_uncertainty),
+        "CHANGE": _text(thresholds.change),
+        "NOISE": _text(thresholds.noise),
+        "FURTHER": _text(thresholds.further),
+        "FILTER": _text(net.filters.T),
+        "CORRECTOR": _text(corrector(sensor.band_hz[1], rate, delay - late / rate)),
+        "EXCITED": repr(learner.EXCITED),
+        "NONE": repr(learner.NONE),
+        "RELEARN": repr(changes.RELEARN),
+        "WITHIN": repr(WITHIN),
+        "ALONE": repr(tracker.ALONE),
+        "EDGE": repr(network.EDGE),
+        "BEHIND": f"{changes.BEHIND:.1f}",
+    }
+
+
+def _text(values: object) -> str:
+    """Numbers of one or two dimensions, as an initialiser; exact."""
+    array = np.asarray(values, dtype=float)
+    if array.ndim == 1:
+        return ", ".join(repr(float(each)) for each in array)
+    return ",\n    ".join("{" + _text(row) + "}" for row in array)

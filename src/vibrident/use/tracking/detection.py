@@ -1,0 +1,211 @@
+"""Score tests of a change, run forward: the latest 2^j blocks against all that was known before them.
+
+With I, b information and right-hand side before and within a segment, and Δ a change of the parameters at its start,
+
+    v = b_w − I_wφ (I_0 + I_w)⁻¹ (b_0 + b_w),   V = I_w − I_wφ (I_0 + I_w)⁻¹ I_φw,   T = vᵀ V⁻¹ v,
+
+the score (Lagrange-multiplier) test of Δ = 0 (Rao 1948); the segments of all lengths together are a generalised
+likelihood ratio over the time of change (Willsky & Jones 1976). A segment's own noise is tested against the noise
+before it by the ratio of variances. Every length has the same share of the stated rate of false alarms, so a
+threshold follows from that rate and the length alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vibrident.data.records import FloatArray
+from vibrident.use.tracking import information
+from vibrident.use.tracking.information import WITHIN
+
+SECONDS_A_DAY = 86400.0
+#: Chance below which a further parameter has changed as well, once a change is certain.
+FURTHER = 0.01
+#: Largest chance of a false alarm in one test.
+LARGEST = 0.05
+#: Kurtosis of normal noise; a smaller one is taken for it.
+NORMAL = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class Thresholds:
+    """From a rate of false alarms: of T by its degrees of freedom, and of the normal deviate of a ratio of variances.
+
+    Attributes:
+        change: shape (levels, P), of 1 … P degrees of freedom.
+        noise: shape (levels,).
+        further: of T, with 1 … P degrees of freedom, of what is left beside the parameters already named; shape (P,).
+    """
+
+    change: FloatArray
+    noise: FloatArray
+    further: FloatArray
+
+    @classmethod
+    def of(cls, per_day: float, block_s: float, levels: int, parameters: int) -> Thresholds:
+        """``per_day``: false alarms a day that are expected; ``block_s``: duration of a block, s."""
+        from scipy.stats import chi2, norm
+
+        share = per_day * block_s * 2.0 ** np.arange(levels) / SECONDS_A_DAY / (2 * levels)
+        chance = np.minimum(share, LARGEST)
+        freedom = np.arange(1, parameters + 1)
+        change = chi2.isf(chance[:, None], freedom[None, :])
+        return cls(change, np.asarray(norm.isf(chance)), np.asarray(chi2.isf(FURTHER, freedom)))
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """A tested change: T, its degrees of freedom, the coordinates before, shape (P,), and their change, shape (P,).
+
+    Coordinates are relative to the point of linearisation; what the segment does not tell has no change.
+    """
+
+    statistic: float
+    columns: int
+    before: FloatArray
+    amount: FloatArray
+
+
+def change(known: FloatArray, segment: FloatArray, nuisances: int) -> Change:
+    """Test of a change at the start of a segment.
+
+    Args:
+        known: square-root information before it, shape (m, m + 1).
+        segment: products of its whitened rows, shape (m + 1, m + 1).
+        nuisances: columns before the parameters.
+    """
+    m = known.shape[0]
+    prior = known.T @ known
+    both = prior[:m, :m] + segment[:m, :m]
+    size = np.sqrt(np.maximum(both.diagonal(), np.finfo(float).tiny))
+    wanted = segment[:m, nuisances - 1 : m].copy()
+    wanted[:, 0] = prior[:m, m] + segment[:m, m]
+    solved = np.linalg.solve(both / (size * size[:, None]), wanted / size[:, None]) / size[:, None]
+    across = segment[nuisances:m, :m] @ solved
+    p = m - nuisances
+    table = np.empty((p, p + 1))
+    table[:, :p] = segment[nuisances:m, nuisances:m] - across[:, 1:]
+    table[:, p] = segment[nuisances:m, m] - across[:, 0]
+    order, increments = swept(table, segment.diagonal()[nuisances:m])
+    amount = amounts(table, order)
+    return Change(sum(increments), len(order), (solved[:, 0] - solved[:, 1:] @ amount)[nuisances:], amount)
+
+
+def swept(table: FloatArray, size: FloatArray) -> tuple[list[int], list[float]]:
+    """Parameters in the order in which they explain most, and what each explains.
+
+    ``table``: information about the changes and score, shape (P, P + 1); ``size``: of its diagonal before anything
+    was projected out, shape (P,).
+    """
+    p = len(size)
+    left, least = table.copy(), WITHIN * size
+    order: list[int] = []
+    increments: list[float] = []
+    for _ in range(p):
+        best, most = -1, -1.0
+        for k in range(p):
+            if k not in order and left[k, k] > least[k] and left[k, p] ** 2 > most * left[k, k]:
+                best, most = k, float(left[k, p] ** 2 / left[k, k])
+        if best < 0:
+            break
+        order.append(best)
+        increments.append(most)
+        left -= left[:, best, None] * (left[best] / left[best, best])
+    return order, increments
+
+
+def amounts(table: FloatArray, order: list[int]) -> FloatArray:
+    """Changes of these parameters, where they alone have changed; zero for the others, shape (P,)."""
+    found = np.zeros(len(table))
+    found[order] = np.linalg.solve(table[np.ix_(order, order)], table[order, -1])
+    return found
+
+
+def named(
+    before: FloatArray, after: FloatArray, covariance: FloatArray, further: FloatArray
+) -> list[tuple[int, float, float]]:
+    """Which coordinates differ: place, change and its standard uncertainty, the most certain first.
+
+    Args:
+        before: shape (P,).
+        after: shape (P,).
+        covariance: of their difference, shape (P, P).
+        further: T from which one more has changed, by the degrees of freedom that are left, shape (P,).
+    """
+    inverse: FloatArray = np.asarray(np.linalg.inv(covariance), dtype=float)
+    table = np.column_stack([inverse, inverse @ (after - before)])
+    order, increments = swept(table, inverse.diagonal())
+    left, count = sum(increments), 0
+    while count < len(order) and left > further[len(order) - count - 1]:
+        left -= increments[count]
+        count += 1
+    if not count:
+        return []
+    chosen = order[:count]
+    u = np.sqrt(np.linalg.inv(inverse[np.ix_(chosen, chosen)]).diagonal())
+    changed = amounts(table, chosen)
+    return [(place, float(changed[place]), float(each)) for place, each in zip(chosen, u, strict=True)]
+
+
+def likelihood_ratio(statistic: float, freedom: float) -> float:
+    """T where the noise is known by ``freedom`` degrees of freedom, to be held against χ² (exact for two columns)."""
+    return float(freedom * np.log1p(statistic / freedom))
+
+
+def variance_deviate(ratio: float, above: float, below: float) -> float:
+    """Normal deviate of a ratio of variances with these degrees of freedom (Wilson & Hilferty 1931)."""
+    root, a, b = float(np.cbrt(ratio)), 2.0 / (9.0 * above), 2.0 / (9.0 * below)
+    return ((1.0 - b) * root - (1.0 - a)) / float(np.sqrt(b * root**2 + a))
+
+
+@dataclass(eq=False)
+class Ladder:
+    """The segments under way, one of each length.
+
+    Attributes:
+        known: what was known at each one's start, shape (levels, m, m + 1).
+        gram: products of its rows, shape (levels, m + 1, m + 1).
+        meta: of each, shape (levels, 7): blocks, squares and degrees of freedom of its noise; variance of the noise
+            before it, its degrees of freedom and its spread; time of its start, s.
+    """
+
+    known: FloatArray
+    gram: FloatArray
+    meta: FloatArray
+
+    @classmethod
+    def empty(cls, levels: int, columns: int) -> Ladder:
+        """Nothing under way."""
+        return cls(
+            np.zeros((levels, columns, columns + 1)),
+            np.zeros((levels, columns + 1, columns + 1)),
+            np.zeros((levels, 7)),
+        )
+
+    def add(self, known: FloatArray, gram: FloatArray, noise: tuple[float, ...], time_s: float, blocks: int) -> None:
+        """A block that began at ``time_s`` after ``blocks`` others; ``known``, ``noise``: as they were before it.
+
+        ``noise``: squares and degrees of freedom of the block; of the noise before it variance, degrees, spread.
+        """
+        starting = blocks % (1 << np.arange(len(self.meta))) == 0
+        self.known[starting] = known
+        self.gram[starting] = 0.0
+        self.meta[starting] = (0.0, 0.0, 0.0, *noise[2:], time_s)
+        self.gram += gram
+        self.meta[:, :3] += (1.0, noise[0], noise[1])
+
+    def shift(self, move: FloatArray) -> None:
+        """The unknowns are counted from a point moved by this, shape (m,)."""
+        self.known[:, :, -1] -= self.known[:, :, :-1] @ move
+        step = np.eye(self.gram.shape[1])
+        step[:-1, -1] = -move
+        self.gram[:] = step.T @ self.gram @ step
+
+    def drop(self, nuisances: int) -> None:
+        """The nuisances are those of another run."""
+        self.known[:, :nuisances] = 0.0
+        for level in range(len(self.gram)):
+            if self.meta[level, 0] > 0.0:
+                self.gram[level] = information.without_nuisances(self.gram[level], nuisances)

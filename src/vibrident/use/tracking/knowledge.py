@@ -1,0 +1,70 @@
+"""What is known of the unknowns at a point of linearisation, and how the point moves."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vibrident.data.records import FloatArray
+from vibrident.use.tracking import information
+from vibrident.use.tracking.detection import Thresholds
+from vibrident.use.tracking.network import Network
+from vibrident.use.tracking.state import Settings, State
+
+SECONDS_A_YEAR = 365.25 * 86400.0
+
+
+class Knowledge:
+    """State of a tracker, with what is fixed of it."""
+
+    def __init__(self, network: Network, settings: Settings) -> None:
+        self.network, self.settings = network, settings
+        block_s = settings.block * network.interval_s
+        self.thresholds = Thresholds.of(settings.false_alarms_per_day, block_s, settings.levels, network.parameters)
+        self.state = State.empty(network, settings)
+
+    @property
+    def time_s(self) -> float:
+        """Time of the next step, s: samples before it are taken."""
+        return float(self.state.clock[0] + self.state.clock[2] * self.network.interval_s)
+
+    @property
+    def before(self) -> FloatArray:
+        """What was known before a change that is not named yet, shape (m, m + 1)."""
+        return self.state.pending[6:].reshape(self.state.known.shape)
+
+    def free_run(self) -> None:
+        """State and offset of what follows are unknown."""
+        s, net = self.state, self.network
+        n, p = net.order, net.parameters
+        s.cell[:] = 0.0
+        s.cell[n * (1 + p) :] = np.eye(n).ravel()
+        s.rows[:], s.own[:], s.gram[:] = 0.0, 0.0, 0.0
+        s.point[: n + 1] = 0.0
+        s.known[: n + 1] = 0.0
+        s.ladder.drop(n + 1)
+        self.before[: n + 1] = 0.0
+        s.clock[5:7] = 0.0, 1.0
+
+    def walked(self) -> FloatArray:
+        """What is known now, the random walk since the last time included."""
+        s, net = self.state, self.network
+        k = net.nuisances
+        rate = self.settings.drift_per_year**2 / SECONDS_A_YEAR
+        size = np.where([spec.kind == "time" for spec in net.model.parameters], 1.0, s.point[k:])
+        variance = rate * size**2 * max(0.0, self.time_s - s.clock[3])
+        return information.walk(s.known, variance, k)
+
+    def move(self, move: FloatArray) -> None:
+        """Move the point of linearisation, shape (m,); states and what is known move with it."""
+        s, net = self.state, self.network
+        n, p, k = net.order, net.parameters, net.nuisances
+        move[k:] = net.bounded(s.point[k:] + move[k:]) - s.point[k:]
+        s.point[n:] += move[n:]
+        free, slopes = s.cell[n * (1 + p) :].reshape(n, n), s.cell[n : n * (1 + p)].reshape(p, n)
+        s.cell[:n] += move[:n] @ free + move[k:] @ slopes
+        for known in (s.known, self.before):
+            known[:, -1] -= known[:, :-1] @ move
+        s.rows[:, -1] -= s.rows[:, :-1] @ move
+        s.ladder.shift(move)
+        side = s.gram.shape[0]
+        s.row[:-2] = information.shifted(s.row[:-2].reshape(side, side), move).ravel()

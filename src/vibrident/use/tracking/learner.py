@@ -1,0 +1,118 @@
+"""Learning from a block of rows, by recursive prediction errors."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vibrident.data.records import FloatArray
+from vibrident.use.tracking import information
+from vibrident.use.tracking.changes import Changes
+from vibrident.use.tracking.knowledge import Knowledge
+
+#: Power of the response to the motion, in units of the noise's, from which a block counts: as the bins of a fit.
+EXCITED = 10.0
+#: Information that stands for none about a nuisance, in units of its first block's: a limit of the arithmetic.
+NONE = 1e-8
+
+
+class Learner:
+    """Takes whole blocks into what is known."""
+
+    def __init__(self, knowledge: Knowledge) -> None:
+        self.knowledge, self.changes = knowledge, Changes(knowledge)
+
+    def end_block(self) -> None:
+        """The block under way is whole: learn from it, test it, begin the next."""
+        s, net = self.knowledge.state, self.knowledge.network
+        m, k = net.columns, net.nuisances
+        upper = information.triangle(s.gram)
+        squares = float(upper[m, m] ** 2)
+        freedom = float(s.own[1] - np.count_nonzero(np.diag(upper)[:m]))
+        known_noise = s.noise[1] > 0.0
+        variance = s.noise[0] / s.noise[1] if known_noise else squares / max(freedom, 1.0)
+        gain = k + net.gain
+        least = EXCITED * s.own[1] * variance / max(upper[gain, gain], 1e-150) ** 2  # of the gain's square
+        if not (freedom > 0.0 and variance > 0.0 and max(1.0, s.point[gain] ** 2) > least):
+            self.knowledge.free_run()
+            return
+        if s.point[gain] ** 2 <= least:  # a dead channel: motion without a response tells the gain alone
+            others = np.delete(np.arange(k, m), net.gain)
+            s.gram[others], s.gram[:, others] = 0.0, 0.0
+            upper = information.triangle(s.gram)
+        fresh = bool(s.clock[6])
+        if fresh:
+            diagonal = np.arange(k)
+            s.known[diagonal, diagonal] = np.sqrt(NONE * np.maximum(np.diag(s.gram)[:k], 1e-300) / variance)
+            s.clock[6] = 0.0
+        s.known[:], s.clock[3] = self.knowledge.walked(), self.knowledge.time_s
+        learned = information.absorb(s.known, upper[:m] / np.sqrt(variance))
+        lags = s.own[3:].copy(), float(s.own[1])
+        if not s.clock[9]:
+            if not fresh and not self._unsettled(learned):
+                s.clock[9] = 1.0
+                self._learn_whitening(*lags)
+                s.lags[:] = 0.0
+            s.own[:], s.gram[:] = 0.0, 0.0
+            self.knowledge.move(information.solve(learned))
+            return
+        before = (variance, float(s.noise[1]), self.changes.spread()) if known_noise else (0.0, 0.0, 0.0)
+        start = self.knowledge.time_s - s.own[0] * net.interval_s
+        gram = s.gram / variance
+        if not s.pending[0]:
+            s.ladder.add(s.known, gram, (squares, freedom, *before), start, int(s.clock[4]))
+        s.known[:] = learned
+        s.row[:-2] += gram.ravel()
+        s.row[-2:] += (squares, freedom)
+        s.noise += (squares, freedom, s.own[2], s.own[1], squares**2 / freedom, 1.0)
+        s.clock[4] += 1.0
+        s.own[:], s.gram[:] = 0.0, 0.0
+        tested = self.changes.name() if s.pending[0] else self.changes.alarmed()
+        if not tested and not self._moved(fresh=fresh):
+            self._learn_whitening(*lags)
+
+    def _unsettled(self, learned: FloatArray) -> bool:
+        """Whether this block moves the point by more than two independent ones may: it then sets the point alone."""
+        k = self.knowledge.network.nuisances
+        away = learned[k:, k:-1] @ information.solve(learned)[k:]
+        return bool(away @ away > 2.0 * self.knowledge.thresholds.further[-1])
+
+    def _moved(self, *, fresh: bool) -> bool:
+        """Move the point of linearisation where the estimate is more than u off, or the initial states are new."""
+        s, net = self.knowledge.state, self.knowledge.network
+        k = net.nuisances
+        move = information.solve(s.known)
+        u = np.sqrt(np.diag(information.covariance(s.known, k)))
+        if not fresh and s.clock[4] > 1.0 and not np.any(np.abs(move[k:]) > u):
+            return False
+        self.knowledge.move(move)
+        return True
+
+    def _learn_whitening(self, lags: FloatArray, rows: float) -> None:
+        """The autoregression of the residual anew, whenever the number of blocks has doubled.
+
+        By Levinson's recursion, of the order with the least information criterion (Schwarz 1978).
+        """
+        s = self.knowledge.state
+        s.lags += np.concatenate([[rows, 1.0], lags])
+        blocks = int(s.lags[1])
+        if blocks & (blocks - 1):
+            return
+        rows = s.lags[0]
+        r = s.lags[2:] / rows
+        a, left, kept = np.zeros(0), r[0], (0.0, np.zeros(0), r[0])
+        for order in range(1, len(r)):
+            reflection = -(r[order] + a @ r[order - 1 : 0 : -1]) / left
+            if not reflection**2 < 1.0:  # a residual of pure tones: the estimate is no autocovariance any more
+                break
+            a = np.concatenate([a + reflection * a[::-1], [reflection]])
+            left *= 1.0 - reflection**2
+            criterion = rows * np.log(left / r[0]) + order * np.log(rows)
+            if criterion < kept[0]:
+                kept = criterion, a, left
+        _, a, left = kept
+        s.whitening[:] = 0.0
+        s.whitening[: len(a)] = a
+        if s.noise[1] > 0.0:
+            ratio = left / (s.noise[0] / s.noise[1])
+            s.noise[0] *= ratio
+            s.noise[[2, 4]] *= ratio**2

@@ -1,0 +1,185 @@
+"""What a tracker is set to, carries from sample to sample, and says."""
+
+from __future__ import annotations
+
+import binascii
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+
+import numpy as np
+
+from vibrident.base.errors import InputError
+from vibrident.data.records import FloatArray
+from vibrident.use.tracking.detection import Ladder
+from vibrident.use.tracking.network import Network
+
+TAG = b"VTR1"
+HEAD = 16  # bytes before the numbers
+WAITING = ("reference", "response")  # samples that wait for others
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How a sensor is tracked.
+
+    Attributes:
+        false_alarms_per_day: expected of noise alone, in a day of motion.
+        drift_per_year: random walk of each parameter, relative, in one year: its u grows by it where nothing is seen.
+        reference_uncertainty: relative standard uncertainty of the reference, systematic; part of the gain's u.
+        block: steps in a block.
+        order: of the autoregression of the residual.
+        levels: lengths of segments that are tested for a change, 1, 2, 4, … blocks.
+    """
+
+    false_alarms_per_day: float = 0.01
+    drift_per_year: float = 0.01
+    reference_uncertainty: float = 0.0
+    block: int = 1024
+    order: int = 8
+    levels: int = 16
+
+
+@dataclass(frozen=True)
+class Alarm:
+    """A change.
+
+    Attributes:
+        time_s: estimated time of the change.
+        detected_s: time of the sample at which it was certain.
+        parameter: name of the parameter, or ``innovation``.
+        before: value before, in the parameter's unit; of the innovation its rms, in that of the response.
+        after: value after.
+        u: standard uncertainty of the change.
+        what: what changed, in words.
+    """
+
+    time_s: float
+    detected_s: float
+    parameter: str
+    before: float
+    after: float
+    u: float
+    what: str
+
+    def document(self) -> dict[str, float | str]:
+        """As in ``track.json``."""
+        return {
+            "time_s": self.time_s,
+            "detected_s": self.detected_s,
+            "parameter": self.parameter,
+            "from": self.before,
+            "to": self.after,
+            "u": self.u,
+            "what": self.what,
+        }
+
+
+@dataclass(eq=False)
+class State:
+    """All that a tracker carries from sample to sample; arrays of float64, in the order in which they are saved."""
+
+    point: FloatArray  # unknowns at the point of linearisation, shape (m,); zero for the initial states
+    known: FloatArray  # square-root information about the unknowns less the point, shape (m, m + 1)
+    cell: FloatArray  # states and their sensitivities, shape (S,)
+    rows: FloatArray  # the last rows before whitening, shape (order, m + 1)
+    gram: FloatArray  # products of the whitened rows of the block under way, shape (m + 1, m + 1)
+    own: FloatArray  # of that block: steps, rows, fourth powers; then its autocovariance, shape (3 + order + 1,)
+    whitening: FloatArray  # autoregression of the residual, shape (order,)
+    # of the whitened residual: squares, degrees of freedom, fourth powers, rows; squares² over degrees of freedom of
+    # each block, blocks; shape (6,)
+    noise: FloatArray
+    lags: FloatArray  # number of residuals, blocks; their autocovariance, shape (2 + order + 1,)
+    # time of the run's first sample, s; samples fed and steps taken in it; time of the last random walk, s; blocks
+    # since the start or the last alarm; rows that whitening may look back to; whether the run's nuisances are all
+    # unknown; samples of reference and response still to be left out; whether the point is settled; shape (10,)
+    clock: FloatArray
+    row: FloatArray  # products since the last row that was read, shape (m + 1, m + 1); its squares and rows behind
+    # a change that is not named yet: whether there is one, its time and that of its detection, s; variance of the noise
+    # before it, its degrees of freedom and spread; then what was known before it, shape (6 + m (m + 1),)
+    pending: FloatArray
+    ladder: Ladder
+    # samples that wait for others
+    reference: FloatArray = field(default_factory=lambda: np.zeros(0))
+    response: FloatArray = field(default_factory=lambda: np.zeros(0))
+
+    @classmethod
+    def empty(cls, network: Network, settings: Settings) -> State:
+        """Nothing known, at rest."""
+        m, n, p = network.columns, network.order, network.parameters
+        return cls(
+            np.zeros(m),
+            np.zeros((m, m + 1)),
+            np.zeros(n * (1 + p + n)),
+            np.zeros((settings.order, m + 1)),
+            np.zeros((m + 1, m + 1)),
+            np.zeros(4 + settings.order),
+            np.zeros(settings.order),
+            np.zeros(6),
+            np.zeros(3 + settings.order),
+            np.array([0.0, 0.0, 0.0, np.nan, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]),
+            np.zeros((m + 1) ** 2 + 2),
+            np.zeros(6 + m * (m + 1)),
+            Ladder.empty(settings.levels, m),
+        )
+
+    @property
+    def parts(self) -> list[FloatArray]:
+        """All numbers but waiting samples, in the order in which they are saved; to be written in place."""
+        own = [getattr(self, each.name) for each in fields(self) if each.name not in ("ladder", *WAITING)]
+        return [*own, self.ladder.known, self.ladder.gram, self.ladder.meta]
+
+    def save(self) -> bytes:
+        """Little-endian: a tag, the counts of numbers and of samples of either channel, they, and a CRC-32."""
+        waiting = [getattr(self, name) for name in WAITING]
+        numbers = [np.ravel(part) for part in (*self.parts, *waiting)]
+        counts = sum(part.size for part in self.parts), *(len(each) for each in waiting)
+        body = struct.pack("<4sIII", TAG, *counts) + np.concatenate(numbers).astype("<f8").tobytes()
+        return body + struct.pack("<I", binascii.crc32(body))
+
+    def restore(self, saved: bytes) -> None:
+        """Take over what :meth:`save` wrote.
+
+        Raises:
+            InputError: it is damaged, or of another model, other settings or another version.
+        """
+        whole = len(saved) > HEAD and binascii.crc32(saved[:-4]) == struct.unpack("<I", saved[-4:])[0]
+        tag, *counts = struct.unpack("<4sIII", saved[:HEAD]) if whole else (b"", 0, 0, 0)
+        wanted = sum(part.size for part in self.parts)
+        if not whole or tag != TAG or counts[0] != wanted or len(saved) != HEAD + 8 * sum(counts) + 4:
+            raise InputError(
+                "The saved state of the tracker cannot be used.",
+                expected=f"{wanted} numbers, saved by this version with the same model and settings",
+                found=f"{counts[0]} numbers" if whole else "damaged data",
+                remedy="start anew in another folder",
+            )
+        numbers = np.frombuffer(saved[HEAD:-4], dtype="<f8").astype(float)
+        at = 0
+        for part in self.parts:
+            part[...] = numbers[at : at + part.size].reshape(part.shape)
+            at += part.size
+        for name, count in zip(WAITING, counts[1:], strict=True):
+            setattr(self, name, numbers[at : at + count].copy())
+            at += count
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """What is known at a moment.
+
+    Attributes:
+        time_s: of the moment.
+        values: name → value.
+        uncertainty: name → standard uncertainty.
+        covariance: of the values in the model's order, the reference's uncertainty included, shape (P, P).
+        innovation: rms of the whitened residual since the last reading, response unit; NaN where nothing moved.
+        excited: names of the parameters that the motion since then tells by itself, apart from the others and better
+            than ± 100 %.
+    """
+
+    time_s: float
+    values: Mapping[str, float]
+    uncertainty: Mapping[str, float]
+    covariance: FloatArray
+    innovation: float
+    excited: tuple[str, ...]

@@ -1,0 +1,196 @@
+"""`vibrident track`: every source gives the same end; a session that is killed goes on; bad input is one message."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+from tests.support.random_record import RATE_HZ, TRUTH
+from tests.support.tracked import answered, motion
+
+from vibrident import Calibration, Result, identify
+
+SAMPLES = 40000
+TEXT = """[sensor]
+model = "accelerometer"
+[reference]
+column = 2
+[response]
+column = 3
+[sampling]
+rate_hz = 20000.0
+time_column = 1
+[[records]]
+file = "{file}"
+excitation = "random"
+"""
+STAMPED = TEXT.replace("rate_hz = 20000.0\n", "") + "rate_hz = 20000.0\n"
+
+
+@pytest.fixture(scope="module")
+def case(tmp_path_factory):
+    """A result, and a record whose sensitivity changes by 1 % in its middle."""
+    folder = tmp_path_factory.mktemp("track")
+    rng = np.random.default_rng(1)
+    u = motion("random", 8000, rng)
+    y = answered(u) + 1e-3 * rng.normal(size=len(u))
+    identify(Calibration.from_arrays(u, y, RATE_HZ, excitation="random")).save(folder / "result.json")
+    u = motion("random", SAMPLES, rng)
+    y = np.where(np.arange(SAMPLES) < SAMPLES // 2, answered(u), answered(u, {**TRUTH, "sensitivity": 0.101}))
+    table = np.column_stack([np.arange(SAMPLES) / RATE_HZ, u, y + 1e-3 * rng.normal(size=SAMPLES)])
+    np.savetxt(folder / "record.csv", table, delimiter=",", fmt="%.10g", header="t,ref,resp", comments="")
+    (folder / "cal.toml").write_text(TEXT.format(file="record.csv").replace("time_column = 1\n", ""))
+    (folder / "stream.toml").write_text(STAMPED.format(file="growing.csv"))
+    return folder, table
+
+
+def command(case, name, *more, cal="cal.toml"):
+    folder = case[0]
+    base = [sys.executable, "-m", "vibrident", "track", str(folder / "result.json"), str(folder / cal)]
+    return [*base, "--out", str(folder / name), "--no-pictures", "--every", "0.1", *more]
+
+
+def done(case, name, *more, cal="cal.toml", given=None):
+    ran = subprocess.run(command(case, name, *more, cal=cal), input=given, capture_output=True, timeout=120)
+    assert ran.returncode == 0, ran.stderr.decode()
+    return json.loads((case[0] / name / "track.json").read_text()), (case[0] / name / "track.csv").read_text()
+
+
+@pytest.fixture(scope="module")
+def whole(case):
+    return done(case, "whole")
+
+
+def same(one, two):
+    for name in TRUTH:
+        for key in ("value", "standard_uncertainty"):
+            assert one["parameters"][name][key] == pytest.approx(two["parameters"][name][key], rel=1e-6)
+    named = [(a["parameter"], a["what"], round(a["time_s"], 3)) for a in one["alarms"]]
+    assert named == [(a["parameter"], a["what"], round(a["time_s"], 3)) for a in two["alarms"]]
+
+
+def test_records_give_rows_parameters_and_the_alarm(whole):
+    document, rows = whole
+    lines = rows.splitlines()
+    assert lines[0].split(",")[:3] == ["time_s", "sensitivity", "sensitivity_u"]
+    assert lines[0].split(",")[-2:] == ["innovation", "excited"]
+    assert len(lines) == 1 + 20 + 1  # one each 0.1 s, and the end
+    (alarm,) = document["alarms"]
+    assert (alarm["parameter"], alarm["what"]) == ("sensitivity", "gain")
+    assert abs(alarm["to"] - 0.101) < 5.0 * alarm["u"]
+    found = document["parameters"]["sensitivity"]
+    assert abs(found["value"] - 0.101) < 5.0 * found["standard_uncertainty"]
+
+
+@pytest.mark.needs("history")
+def test_the_end_is_a_result_that_other_commands_take(case, whole):
+    folder = case[0]
+    result = Result.load(folder / "whole" / "result.json")
+    assert result.estimator == "tracked"
+    for name in TRUTH:
+        assert result.parameters[name].value == pytest.approx(whole[0]["parameters"][name]["value"], rel=1e-12)
+    store = f"sqlite:///{folder / 'history.sqlite'}"
+    base = [sys.executable, "-m", "vibrident", "history"]
+    more = ["--serial", "4711", "--store", store]
+    added = subprocess.run([*base, "add", str(folder / "whole" / "result.json"), *more], capture_output=True, text=True)
+    assert added.returncode == 0, added.stderr
+    asked = [*base, "show", "4711", "--quantity", "sensitivity", "--format", "json", "--store", store]
+    assert '"tracked"' in subprocess.check_output(asked, text=True)
+
+
+def test_standard_input_gives_the_same_in_either_form(case, whole):
+    text = (case[0] / "record.csv").read_bytes()
+    same(done(case, "csv", "--stdin", "csv", given=text)[0], whole[0])
+    raw = case[1].astype("<f4").tobytes()
+    same_float = done(case, "raw", "--stdin", "float32", given=raw)[0]
+    for name in TRUTH:
+        u = whole[0]["parameters"][name]["standard_uncertainty"]
+        assert abs(same_float["parameters"][name]["value"] - whole[0]["parameters"][name]["value"]) < 0.2 * u
+
+
+def test_a_connection_gives_the_same(case, whole):
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def serve():
+            connection, _ = server.accept()
+            with connection:
+                connection.sendall((case[0] / "record.csv").read_bytes())
+
+        thread = threading.Thread(target=serve, daemon=True)
+        thread.start()
+        same(done(case, "tcp", "--tcp", f"127.0.0.1:{server.getsockname()[1]}")[0], whole[0])
+        thread.join()
+
+
+def test_a_killed_session_goes_on_and_says_nothing_twice(case, whole):
+    lines = (case[0] / "record.csv").read_text().splitlines(keepends=True)
+    growing = case[0] / "growing.csv"
+    growing.write_text("".join(lines[:28000]) + lines[28000][:7])  # within a line, behind the alarm
+    running = subprocess.Popen(
+        command(case, "killed", "--follow", cal="stream.toml"), stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    state = case[0] / "killed" / "track.state"
+    for _ in range(600):
+        if state.exists():
+            break
+        time.sleep(0.1)
+    time.sleep(0.2)
+    os.kill(running.pid, signal.SIGKILL)
+    running.communicate()
+    with growing.open("a") as stream:
+        stream.write(lines[28000][7:] + "".join(lines[28001:]))
+    with (case[0] / "killed" / "track.csv").open("a") as stream:
+        stream.write("what was half writt")
+    document, rows = done(case, "killed", "--follow", "--idle", "0.3", cal="stream.toml")
+    same(document, whole[0])
+    assert len(document["alarms"]) == 1
+    assert len(rows.splitlines()) == len(whole[1].splitlines())
+    assert document["samples"]["taken"] == SAMPLES
+
+
+def test_chunks_that_are_lost_or_doubled_are_named(case):
+    lines = (case[0] / "record.csv").read_text().splitlines(keepends=True)
+    given = "".join([*lines[:10000], *lines[9000:15000], *lines[16000:20000], *lines[2000:2500], *lines[20000:]])
+    document, _ = done(case, "broken", "--stdin", "csv", cal="stream.toml", given=given.encode())
+    samples = document["samples"]
+    assert (samples["lost"], samples["doubled"], samples["late"]) == (1000, 1000, 500)
+    assert samples["taken"] == SAMPLES - 1000
+    assert [trouble["what"] for trouble in document["troubles"]] == ["doubled", "lost", "late"]
+    assert [alarm["parameter"] for alarm in document["alarms"]] == ["sensitivity"]
+
+
+@pytest.mark.parametrize(
+    ("more", "given", "said"),
+    [
+        (["--stdin", "csv"], b"1,2,3\n1,x,3\n", "cannot be read"),
+        (["--stdin", "xml"], b"", "form of the samples"),
+        (["--tcp", "nowhere"], b"", "address cannot be read"),
+        (["--tcp", "127.0.0.1:1"], b"", "no connection"),
+        (["--source", "nothing"], b"", "not known"),
+        (["--stdin", "csv", "--follow"], b"", "More than one source"),
+        (["--false-alarms-per-day", "0"], b"", "out of range"),
+        (["--follow"], b"", "cannot be followed"),
+    ],
+)
+def test_bad_input_is_one_message(case, more, given, said, tmp_path):
+    cal = "cal.toml"
+    if more == ["--follow"]:
+        cal = "missing.toml"
+        (case[0] / cal).write_text(STAMPED.format(file="missing.csv"))
+    ran = subprocess.run(command(case, tmp_path.name, *more, cal=cal), input=given, capture_output=True, timeout=60)
+    assert ran.returncode == 2
+    assert said in ran.stderr.decode()
+    assert "Traceback" not in ran.stderr.decode()
+
+
+def test_tracking_needs_neither_jax_nor_matplotlib():
+    code = "import vibrident.use.tracking.session, sys; print([m for m in ('jax', 'matplotlib') if m in sys.modules])"
+    assert subprocess.check_output([sys.executable, "-c", code], text=True).strip() == "[]"
