@@ -150,5 +150,5 @@ def measure(options: Options) -> Section:
     found = {}
     for name, make in steps("unsuited", list(UNSUITED.items())):
         found[name] = min(spent(make)[0] for _ in range(runs)) / base
-    figures = (Figure("over data that suit", found, "ratio", high=MOST),)
+    figures = (Figure("over data that suit", found, high=MOST),)
     return Section("unsuited", f"Data that do not suit the model, {SAMPLES} samples", figures)
