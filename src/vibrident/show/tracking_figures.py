@@ -31,8 +31,8 @@ def tracking(columns: Mapping[str, FloatArray], document: Mapping[str, Any], sen
     for name, parameter in document["parameters"].items():
         values, half = columns[name][thin], K * columns[f"{name}_u"][thin]
         known = np.where(np.isfinite(half), half, 0.0)
-        unit = pretty(parameter["unit"])
-        y = axes.linear(f"{in_words(name).capitalize()}\nin {unit}", np.concatenate([values - known, values + known]))
+        word = in_words(name).capitalize() + (f"\nin {pretty(parameter['unit'])}" if parameter["unit"] else "")
+        y = axes.linear(word, np.concatenate([values - known, values + known]))
         line = Series(time, values, look=Look(BLACK, width=1.0), half=half, band="± U (k = 2)")
         marks = tuple((a["time_s"], a["what"].split(",")[0]) for a in document["alarms"] if a["parameter"] == name)
         panels.append(Panel(x, y, (line,), 1.5, marks=marks))

@@ -30,14 +30,6 @@ def chunks(pieces: Iterator[bytes], wanted: Wanted, form: str, where: str) -> It
         raise InputError(
             "The form of the samples is not known.", expected=" | ".join(FORMS), found=repr(form), where=where
         )
-    if wanted.rate_hz is None:
-        raise InputError(
-            "The sampling rate of a stream is not given.",
-            expected="rate_hz under [sampling], or under [[records]] beside a time_column",
-            found="none",
-            where=str(wanted.file),
-            remedy="add rate_hz = … (samples per second)",
-        )
     decoder = _Lines(wanted, where) if form == "csv" else _Frames(wanted, where)
     rest, position = b"", wanted.position
     for piece in pieces:
@@ -51,7 +43,6 @@ def chunks(pieces: Iterator[bytes], wanted: Wanted, form: str, where: str) -> It
 
 def _cut(columns: list[FloatArray], wanted: Wanted, position: int) -> Iterator[Chunk]:
     """One chunk, or several where the time stamps jump."""
-    assert wanted.rate_hz is not None  # checked above
     to = wanted.calibration
     reference, response = columns[0] * to.reference.scale, columns[1] * to.response.scale
     if len(columns) == 2:

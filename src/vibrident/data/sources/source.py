@@ -38,7 +38,7 @@ class Wanted:
     Attributes:
         calibration: the calibration file: columns, scales, units, sampling.
         file: its path.
-        rate_hz: samples per second; None: the calibration's records tell.
+        rate_hz: samples per second.
         address: what to open: a file, a host and port, a device; or the form of the data, for standard input.
         position: where to go on; 0: from the beginning.
         idle_s: seconds without new samples after which a source that would wait ends; None: it waits.
@@ -46,7 +46,7 @@ class Wanted:
 
     calibration: CalibrationFile
     file: Path
-    rate_hz: float | None
+    rate_hz: float
     address: str = ""
     position: int = 0
     idle_s: float | None = None

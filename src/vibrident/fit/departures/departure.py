@@ -81,15 +81,15 @@ class Departure(ABC):
         white = part.white(together)
         last = np.cumsum([len(columns) for _, columns in found])
         rows = [range(end - len(columns), end) for end, (_, columns) in zip(last.tolist(), found, strict=True)]
-        sums = Sums.of(part, white, parameters, self.doubt(part, scale))
+        sums = Sums.of(part, white, parameters, self.doubt(part, scale, len(white)))
         every = [
             (Candidate(words, partial(_alone, white[own])), sums.some(own))
             for (words, _), own in zip(found, rows, strict=True)
         ]
         return in_widths(every)
 
-    def doubt(self, part: Part, scale: Scale) -> FloatArray | None:
-        """What the columns have in common with an error of the reference's noise; as of :meth:`Sums.of`."""
+    def doubt(self, part: Part, scale: Scale, count: int) -> FloatArray | None:
+        """What so many columns have in common with an error of the reference's noise; as of :meth:`Sums.of`."""
         return None
 
     def at_points(self, points: PointsPart) -> list[tuple[Candidate, Sums]]:
@@ -108,9 +108,9 @@ class Departure(ABC):
 class WithoutMotion(Departure):
     """A departure of which the columns do not depend on the motion, nor on noise in it."""
 
-    def doubt(self, part: Part, scale: Scale) -> FloatArray:
+    def doubt(self, part: Part, scale: Scale, count: int) -> FloatArray:
         """None of it."""
-        return np.zeros(sum(len(columns) for _, columns in self.columns(part, scale)))
+        return np.zeros(count)
 
 
 class Shape(Departure):
@@ -148,7 +148,7 @@ class Shape(Departure):
         size = float(np.max(np.abs(part.transfer), initial=0.0)) or 1.0
         return part.transfer if self.of_reference else part.transfer / size if self.through else 1.0
 
-    def doubt(self, part: Part, scale: Scale) -> FloatArray:
+    def doubt(self, part: Part, scale: Scale, count: int) -> FloatArray:
         """Mean of a column times the residual e = −η, where the motion holds η: −Σ E[f(y + η) η] |W|² of the bins.
 
         By the two nodes y ± σ of Gauss and Hermite's quadrature.

@@ -77,7 +77,7 @@ def _at_one_delay(records: Sequence[tuple[int, Record]]) -> list[tuple[int, Meas
         ]
         looks.append((sum(look.whole for _, look in found), late, found))
     _, late, found = max(looks, key=lambda one: one[0])
-    return [(index, look.bands(index, late)) for index, look in found if look.keep.size]
+    return [(index, look.bands(index, late)) for index, look in found]
 
 
 def _clearer(record: Record, white: Record | None, late: int) -> list[_Look]:

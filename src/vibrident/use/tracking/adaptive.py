@@ -4,11 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
-from vibrident.base.errors import InputError
 from vibrident.data.records import Calibration
-from vibrident.data.sources.source import Chunk
+from vibrident.data.sources.kinds.calibration_records import chunks_of
 from vibrident.result import Result
 from vibrident.use.correction import Corrections, correct
 from vibrident.use.tracking.outcome import tracked_result
@@ -31,23 +28,12 @@ def correct_tracked(
         InputError: a record lacks a reference, rates differ, or as of ``correct`` and a tracking session.
     """
     calibration.require_response(result.response_unit, "A table holds no response in time.")
-    records = calibration.records
-    rates = {record.sampling_rate_hz for record in records}
-    if len(rates) != 1 or any(record.reference is None for record in records):
-        raise InputError(
-            "A sensor cannot be tracked through these records.",
-            expected="records of one sampling rate, each with a reference",
-            found=f"{len(rates)} sampling rates, {sum(r.reference is None for r in records)} without a reference",
-            where=calibration.source or "calibration in memory",
-            remedy="leave --track out",
-        )
+    chunks = list(chunks_of(calibration))
     settings = Settings(reference_uncertainty=calibration.reference_standard_uncertainty)
-    session = Session.of(result, rates.pop(), calibration.quantity, 1.0, settings)
+    session = Session.of(result, calibration.records[0].sampling_rate_hz, calibration.quantity, 1.0, settings)
     parts = []
-    for record in records:
-        reference = np.where(record.reference_mask, record.reference, np.nan)  # type: ignore[arg-type]
-        response = np.where(record.mask, record.response, np.nan)
-        session.take(Chunk(reference, response, record.start_time_s, separate=True))
+    for record, chunk in zip(calibration.records, chunks, strict=True):
+        session.take(chunk)
         session.tracker.finish()
         now = tracked_result(result, session)
         parts.append(correct(now, replace(calibration, records=(record,)), band_hz=band_hz, noise=noise))

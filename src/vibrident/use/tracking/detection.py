@@ -199,9 +199,7 @@ class Ladder:
     def shift(self, move: FloatArray) -> None:
         """The unknowns are counted from a point moved by this, shape (m,)."""
         self.known[:, :, -1] -= self.known[:, :, :-1] @ move
-        step = np.eye(self.gram.shape[1])
-        step[:-1, -1] = -move
-        self.gram[:] = step.T @ self.gram @ step
+        self.gram[:] = information.shifted(self.gram, move)
 
     def drop(self, nuisances: int) -> None:
         """The nuisances are those of another run."""

@@ -72,8 +72,8 @@ def covariance(known: FloatArray, first: int) -> FloatArray:
 
 
 def shifted(gram: FloatArray, move: FloatArray) -> FloatArray:
-    """Products of rows, shape (m + 1, m + 1), with the residual as it is after the unknowns have moved."""
-    change = np.eye(len(gram))
+    """Products of rows, shape (…, m + 1, m + 1), with the residual as it is after the unknowns have moved."""
+    change = np.eye(gram.shape[-1])
     change[:-1, -1] = -move
     return change.T @ gram @ change
 

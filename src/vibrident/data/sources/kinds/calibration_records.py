@@ -9,11 +9,16 @@ import numpy as np
 from vibrident.base.errors import InputError
 from vibrident.data.io.reading import read_guarded
 from vibrident.data.io.sampling import SAME_RATE
+from vibrident.data.records import Calibration
 from vibrident.data.sources.source import Chunk, Source, Wanted
 
 
-def _open(wanted: Wanted) -> Iterator[Chunk]:
-    calibration = read_guarded(wanted.file)
+def chunks_of(calibration: Calibration) -> Iterator[Chunk]:
+    """Each record as a chunk of its own.
+
+    Raises:
+        InputError: a record lacks a reference, or rates differ.
+    """
     rates = {record.sampling_rate_hz for record in calibration.records}
     apart = not rates or max(rates) / min(rates) - 1.0 > SAME_RATE
     if apart or any(record.reference is None for record in calibration.records):
@@ -21,7 +26,7 @@ def _open(wanted: Wanted) -> Iterator[Chunk]:
             "These records cannot be tracked one after the other.",
             expected="records of one sampling rate, each with a reference",
             found=f"{len(rates)} sampling rates" if rates else "a table",
-            where=str(wanted.file),
+            where=calibration.source or "calibration in memory",
             remedy="leave the others out, or track them by themselves",
         )
     for record in calibration.records:
@@ -29,6 +34,10 @@ def _open(wanted: Wanted) -> Iterator[Chunk]:
         response = np.where(record.mask, record.response, np.nan)
         reference = np.where(record.reference_mask, record.reference, np.nan)
         yield Chunk(reference, response, record.start_time_s, separate=True)
+
+
+def _open(wanted: Wanted) -> Iterator[Chunk]:
+    return chunks_of(read_guarded(wanted.file))
 
 
 CALIBRATION_RECORDS = Source("calibration-records", "the records of the calibration file", _open)
