@@ -144,10 +144,10 @@ _KINDS: tuple[WarningKind, ...] = (
     WarningKind(
         "estimators_disagree",
         "two estimates give different values",
-        "Independent estimators on the same data, or calibrations of one sensor that were fitted together, differ by "
-        "more than their uncertainties. At least one of them rests on an assumption that these data do not meet.",
-        "Run `vibrident compare`, look at the residuals of both, and find the record or band that makes the "
-        "difference; of a joint fit, share fewer parameters, or ask what changed between the calibrations.",
+        "Calibrations of one sensor that were fitted together differ by more than their uncertainties. At least one of "
+        "them rests on an assumption that these data do not meet.",
+        "Share fewer parameters, or ask what changed between the calibrations; `vibrident compare` shows the "
+        "difference.",
     ),
     WarningKind(
         "units_suspect",

@@ -7,6 +7,7 @@ import numpy as np
 from vibrident.data.records import FloatArray
 
 SMALLEST = 1e-12  # scaled eigenvalues below this are rounding: the direction is not determined at all
+SHOWN = 0.5  # part of what an inverse takes for a direction's information that must be there
 NONE = 1e-70  # information that counts as none: small enough to say so, large enough not to overflow
 
 
@@ -16,10 +17,29 @@ def inverse_normal(matrix: FloatArray) -> FloatArray:
     A direction without information gets a very large variance, where a pseudo-inverse would give it none: a parameter
     that the data cannot tell must not look certain.
     """
+    root = inverse_root(matrix)
+    return root @ root.T
+
+
+def inverse_root(matrix: FloatArray) -> FloatArray:
+    """L, shape (p, p), of the inverse L Lᵀ of a normal matrix; as :func:`inverse_normal`."""
     scale = np.maximum(np.sqrt(np.maximum(np.diag(matrix), 0.0)), NONE)
     values, vectors = np.linalg.eigh(matrix / scale[:, None] / scale)
-    inverse = (vectors / np.maximum(values, SMALLEST)) @ vectors.T
-    return inverse / scale[:, None] / scale
+    return np.asarray(vectors / np.sqrt(np.maximum(values, SMALLEST)) / scale[:, None])
+
+
+def sandwich_covariance(root: FloatArray, middle: FloatArray, information: FloatArray) -> FloatArray:
+    """L Lᵀ M L Lᵀ for L Lᵀ, the inverse of the information, and M, the covariance of the gradient; shape (p, p).
+
+    A direction whose information is lost in rounding has a gradient lost in rounding too, which says nothing: its
+    variance is that of L Lᵀ. No variance is negative.
+    """
+    middle = root.T @ middle @ root
+    lost = np.diag(root.T @ information @ root) < SHOWN
+    middle[lost], middle[:, lost] = 0.0, 0.0
+    values, vectors = np.linalg.eigh(middle + np.diag(lost.astype(float)))
+    half = root @ (vectors * np.sqrt(np.maximum(values, 0.0)))
+    return half @ half.T
 
 
 def inverse_where_shown(matrices: FloatArray, least: float = SMALLEST) -> FloatArray:

@@ -8,7 +8,7 @@ import pytest
 import vibrident
 from vibrident.data.records import Calibration, ResponseTable
 from vibrident.fit.problem import Coordinates
-from vibrident.fit.uncertainty import doubts, parameter_table
+from vibrident.fit.uncertainty import parameter_table, weakly_determined
 from vibrident.fit.uncertainty.parameters import fields_of_units
 from vibrident.physics.models import parse
 from vibrident.physics.simulation import simulate
@@ -79,7 +79,7 @@ def test_a_parameter_at_the_end_of_its_range_has_no_uncertainty() -> None:
     z = coordinates.first
     z[1] = coordinates.edges[1][1] + 0.1
     covariance = np.diag([1e-3, 1e-2, 1e-2]) ** 2
-    weak, warnings = doubts(coordinates, z, covariance)
+    weak, warnings = weakly_determined(coordinates, z, covariance)
     assert [w.code for w in warnings] == ["at_bound"]
     table = parameter_table(coordinates, z, covariance, np.inf, fields_of_units("V", "m/s^2", drive=False), weak)
     for name in ("natural_frequency", "natural_angular_frequency", "resonance_frequency"):

@@ -10,7 +10,7 @@ import vibrident
 from vibrident.data.records import Calibration, Record, ResponseTable
 from vibrident.fit.measure.verdict import probability, rejected
 from vibrident.fit.problem import Coordinates
-from vibrident.fit.uncertainty import correlation, curve, doubts, parameter_table, with_reference
+from vibrident.fit.uncertainty import correlation, curve, parameter_table, weakly_determined, with_reference
 from vibrident.fit.uncertainty.adequacy import Points, assess, judge_residuals, looks_random
 from vibrident.fit.uncertainty.curve import frequencies
 from vibrident.fit.uncertainty.parameters import coverage_factor, unit_fields
@@ -153,12 +153,12 @@ def test_doubts_name_the_partner():
     covariance = np.array(
         [[1e-8, 0, 0], [0, s**2, 0.9999 * s * s * 0.182], [0, 0.9999 * s * s * 0.182, (s * 0.182) ** 2]]
     )
-    weak, warnings = doubts(c, c.first, covariance)
+    weak, warnings = weakly_determined(c, c.first, covariance)
     assert weak == {"natural_frequency": "damping_ratio", "damping_ratio": "natural_frequency"}
     assert [w.code for w in warnings] == ["weakly_determined"] * 2
     assert "trades against the damping ratio" in warnings[0].message
-    assert doubts(c, c.first, np.diag([1e-3, 1e-3, 1e-3]) ** 2) == ({}, [])
-    weak, warnings = doubts(c, c.first, np.diag([1e-3, 0.3, 1e-3]) ** 2)
+    assert weakly_determined(c, c.first, np.diag([1e-3, 1e-3, 1e-3]) ** 2) == ({}, [])
+    weak, warnings = weakly_determined(c, c.first, np.diag([1e-3, 0.3, 1e-3]) ** 2)
     assert weak.keys() == {"natural_frequency"}
     assert "30 %" in warnings[0].message
 
@@ -178,7 +178,7 @@ def test_an_undamped_sensor_is_at_its_bound():
 def test_the_search_range_is_a_bound():
     c = coordinates()
     covariance = np.diag([1e-3] * 3) ** 2
-    _, warnings = doubts(c, np.array([1.0, 50.0, 0.182]), covariance)
+    _, warnings = weakly_determined(c, np.array([1.0, 50.0, 0.182]), covariance)
     assert [w.code for w in warnings] == ["at_bound"]
     assert "natural frequency" in warnings[0].message
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from vibrident.data.records import FloatArray
 from vibrident.fit.estimators.noise_motion import NEAREST
-from vibrident.fit.information import inverse_normal
+from vibrident.fit.information import inverse_root, sandwich_covariance
 from vibrident.fit.lines import RecordLines
 from vibrident.fit.measure.lines import in_blocks, mean_around, power_of
 from vibrident.fit.measure.response import ComplexArray
@@ -71,5 +71,5 @@ def sandwich(
             own, weighted = np.conj(slopes[:, block]).T, slopes[:, block] * weight[block]
             normal = normal + np.real(weighted @ own)
             middle = middle + np.real((weighted * level[block]) @ own)
-    inverse = inverse_normal(np.asarray(normal))
-    return inverse @ np.asarray(middle) @ inverse
+    information = np.asarray(normal)
+    return sandwich_covariance(inverse_root(information), np.asarray(middle), information)

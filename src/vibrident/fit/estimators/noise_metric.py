@@ -15,7 +15,7 @@ from vibrident.data.records import FloatArray
 from vibrident.fit.estimators.noise_motion import NEAREST, MotionOf, through_of
 from vibrident.fit.estimators.noise_spectrum import TONES, NoiseSpectrum, noise_spectra
 from vibrident.fit.estimators.optimise import Bent
-from vibrident.fit.information import SMALLEST, inverse_where_shown
+from vibrident.fit.information import SMALLEST, inverse_where_shown, sandwich_covariance
 from vibrident.fit.lines import LinesAt, RecordLines
 from vibrident.fit.measure.lines import in_blocks, mean_around, power_of
 from vibrident.fit.measure.response import ComplexArray
@@ -152,11 +152,12 @@ def place_at(
         whole = np.sum([share.information for share in shares], axis=0)
         if not _known(whole):
             return None
-        inverse = _inverse(whole - np.sum([share.of_noise for share in shares], axis=0), whole)
+        root = _inverse_root(whole - np.sum([share.of_noise for share in shares], axis=0), whole)
+        inverse = root @ root.T
         gradient = np.sum([share.gradient for share in shares], axis=0)
         step = inverse @ gradient
         if final:
-            covariance = inverse @ np.sum(variances, axis=0) @ inverse
+            covariance = sandwich_covariance(root, np.sum(variances, axis=0), whole)
             cost = sum(share.cost for share in shares)
             place = Place(z, tuple(spectra), inverse, gradient, covariance, cost, read_at)
             if settled is None or last == ROUNDS - 1 or place.far <= settled:
@@ -376,14 +377,13 @@ def width(record: RecordLines) -> int:
     return int(np.clip(record.samples * SHARE, FEWEST, MOST))
 
 
-def _inverse(information: FloatArray, whole: FloatArray) -> FloatArray:
-    """Inverse of the information, which is not let fall below a part of the whole."""
+def _inverse_root(information: FloatArray, whole: FloatArray) -> FloatArray:
+    """L, shape (p, p), of the inverse L Lᵀ of the information, which is not let fall below a part of the whole."""
     scale = np.sqrt(np.maximum(np.diag(whole), np.finfo(float).tiny))
     base = whole / np.outer(scale, scale) + 1e-12 * np.eye(len(scale))
     whitening = np.linalg.inv(np.linalg.cholesky(base))
     values, rotation = np.linalg.eigh(whitening @ (information / np.outer(scale, scale)) @ whitening.T)
-    vectors = whitening.T @ rotation
-    return (vectors / np.maximum(values, LEAST_INFORMATION)) @ vectors.T / np.outer(scale, scale)
+    return (whitening.T @ rotation) / np.sqrt(np.maximum(values, LEAST_INFORMATION)) / scale[:, None]
 
 
 def equal(record: RecordLines) -> FloatArray:

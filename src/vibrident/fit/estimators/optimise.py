@@ -28,6 +28,9 @@ ENOUGH = 0.01
 AS_FORESEEN = 0.9
 #: So many rejected steps in a row mean that rounding, not the model, is what is left.
 MOST_REJECTED = 12
+#: Nor is anything to be known along a valley where so many evaluations together gain less than this (or the tolerance):
+#: a tenth of a standard uncertainty.
+SLOW, LITTLE = 5, 0.01
 #: Directions of which the residual says less than this, relative to the best, promise no gain.
 LEAST_SHOWN = 1e-14
 
@@ -120,10 +123,15 @@ def levenberg_marquardt(
     here = _Point.of(np.asarray(start, dtype=float), objective, args)
     if not np.isfinite(here.cost):
         raise NotConverged(NOT_FINITE)
-    way, damping, rejected = [here], FIRST_DAMPING, 0
+    way, damping, rejected, costs = [here], FIRST_DAMPING, 0, [here.cost]
+
+    def arrived() -> bool:
+        crawls = len(costs) > SLOW and costs[-1 - SLOW] - here.cost < max(tolerance, LITTLE) and rejected == 0
+        return here.gain < max(tolerance, 1e-15 * here.cost) or rejected > MOST_REJECTED or crawls
+
     progress(1, most, here.cost)
     for iteration in range(2, most + 1):
-        if here.gain < max(tolerance, 1e-15 * here.cost) or rejected > MOST_REJECTED:
+        if arrived():
             break
         step = here.step(damping)
         moved = here.z + step if bent is None or len(way) < STRAIGHT else bent(here.z, step, damping)
@@ -136,11 +144,12 @@ def levenberg_marquardt(
         else:
             rejected += 1
         damping *= LESS if gained > AS_FORESEEN else 1.0 if gained >= ENOUGH else MORE * 2.0 ** (rejected - 1)
+        costs.append(here.cost)
         progress(iteration, most, here.cost)
-    converged = here.gain < max(tolerance, 1e-15 * here.cost) or rejected > MOST_REJECTED
+    converged = arrived()
     status = "converged" if converged else f"stopped after {most} evaluations"
-    costs, path = tuple(point.cost for point in way), np.array([point.z for point in way])
-    return Trace("levenberg-marquardt", converged, status, costs, path)
+    path = np.array([point.z for point in way])
+    return Trace("levenberg-marquardt", converged, status, tuple(point.cost for point in way), path)
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,6 +33,10 @@ STIFFENED = 5.0
 LONGEST = 0.7
 #: A candidate arrived where a step of hardly any damping leads no further than this, and not down.
 NO_STEP = 1e-9
+#: Nor where a step gains less than this part of a variance, as the residuals scatter.
+WORTH = 1e-3
+#: A candidate that finds no step with this damping arrived too.
+MOST_DAMPED = 1e8
 #: Residuals beyond so many times the common size, or so many standard deviations, count for less than their square.
 UNCOMMON = 8.0
 #: What is positive stays above this part of one unit.
@@ -264,7 +268,7 @@ def descend(
         held: coordinates that stay as they are, shape (C, P); None: none does.
     """
     u, damping = u.copy(), np.full(len(u), DAMPING)
-    free = 1.0 if held is None else np.where(held, 0.0, 1.0)[:, None, :]
+    free = np.ones((len(u), 1, 1)) if held is None else np.where(held, 0.0, 1.0)[:, None, :]
     places, costs = [], []
     for part in (rounds - rounds // 2, rounds // 2):  # what is out of the common is told better half-way
         off, slopes = _evaluated(chart, u, sign, residual)
@@ -273,22 +277,29 @@ def descend(
         cost = np.sum(off**2, axis=1)
         places.append(u.copy())
         costs.append(cost.copy())
+        moving = np.flatnonzero(np.isfinite(cost))
         for _ in range(part):
-            step = _steps(off, slopes * free, damping)
-            trial = u - step
-            new, new_slopes = _bounded(*_evaluated(chart, trial, sign, residual), limit)
-            new_cost = np.sum(new**2, axis=1)
-            better = new_cost < cost
-            gained = np.where(better, cost - new_cost, 0.0)
-            settled = better & (gained < 1e-3 * np.minimum(1.0, cost)) | (damping > 1e8)
-            settled |= ~better & (damping < 1.0) & (np.max(np.abs(step), axis=1) < NO_STEP)
-            u[better], off[better], slopes[better] = trial[better], new[better], new_slopes[better]
-            cost = np.where(better, new_cost, cost)
-            damping = np.where(better, damping * EASED, damping * STIFFENED)
+            if not moving.size:
+                break
+            step = _steps(off[moving], slopes[moving] * free[moving], damping[moving])
+            trial, before = u[moving] - step, cost[moving]
+            new, new_slopes = _bounded(*_evaluated(chart, trial, sign[moving], residual), limit[moving])
+            after, far = np.sum(new**2, axis=1), np.max(np.abs(step), axis=1)
+            better = after < before
+            gained = np.where(better, before - after, 0.0)
+            worth = WORTH * np.maximum(np.minimum(1.0, before), before / off.shape[1])
+            arrived = (damping[moving] < 1.0) & (better | (far < NO_STEP)) & (gained < worth)
+            taken = moving[better]
+            u[taken], off[taken], slopes[taken], cost[taken] = (
+                trial[better],
+                new[better],
+                new_slopes[better],
+                after[better],
+            )
+            damping[moving] *= np.where(better, EASED, STIFFENED)
             places.append(u.copy())
             costs.append(cost.copy())
-            if np.all(settled | ~np.isfinite(cost)):
-                break
+            moving = moving[~arrived & (damping[moving] < MOST_DAMPED)]
         damping = np.minimum(damping, DAMPING)
     return Front(u, sign, cost, (np.array(places), np.array(costs)))
 

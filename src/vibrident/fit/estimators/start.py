@@ -224,7 +224,8 @@ def extended(problem: FrequencyProblem, model: SensorModel, values: Mapping[str,
     some = sought.at(_spread(sought.frequency_hz, MOST_POINTS))
     near = Chart(model, problem.quantity, some.frequency_hz, 1.0 / (2.0 * np.pi * problem.band_hz[1]))
     here, _ = near.place({name: values.get(name, 0.0) for name in model.parameter_names})
-    kept = _with_guesses(here[None], model, problem.band_hz, [n for n in model.parameter_names if n not in values])
+    lacking = [name for name in model.parameter_names if name not in values]
+    kept = _likely(_with_guesses(here[None], model, problem.band_hz, lacking), 1, some, near)
     front = _aligned(kept, some, near, some, near, problem.longest_delay_s)
     rows = front.best(1)
     if not rows.size:
@@ -265,7 +266,11 @@ def _with_two_modes(u: FloatArray, sign: FloatArray, chart: Chart, sought: Sough
 def _candidates(sought: Sought, chart: Chart, band_hz: tuple[float, float]) -> FloatArray:
     """Coordinates of the grid's best, with what the add-ons guess, the best first; shape (C, P)."""
     cores = _cores(sought, chart, band_hz)
-    combined = _with_guesses(cores, chart.model, band_hz)
+    return _likely(_with_guesses(cores, chart.model, band_hz), len(cores), sought, chart)
+
+
+def _likely(combined: FloatArray, cores: int, sought: Sought, chart: Chart) -> FloatArray:
+    """Those of the combinations of so many cores with guesses that have the best magnitudes, the best first."""
     if len(combined) <= FIRST:
         return combined
     few = _spread(sought.frequency_hz, MOST_SCORED_POINTS)
@@ -278,7 +283,7 @@ def _candidates(sought: Sought, chart: Chart, band_hz: tuple[float, float]) -> F
     combined[:, gain] += np.where(np.isfinite(mean), mean, 0.0)
     score = np.where(np.isfinite(score), score, np.inf)
     # Of those that differ in the later guesses alone, the best: the first one says where, and all places shall be seen.
-    places = next(len(spec.guesses) for spec in chart.model.parameters if spec.guesses) * len(cores)
+    places = next(len(spec.guesses) for spec in chart.model.parameters if spec.guesses) * cores
     alike = score.reshape(places, -1)
     rows = np.arange(places) * alike.shape[1] + np.argmin(alike, axis=1)
     return combined[rows[np.argsort(score[rows], kind="stable")[:FIRST]]]

@@ -23,6 +23,7 @@ from vibrident.fit.measure.response import ComplexArray
 from vibrident.fit.problem import Evidence, FrequencyProblem
 from vibrident.fit.problem.frequency_domain import response_residual
 from vibrident.fit.uncertainty.linearised import Linearised
+from vibrident.fit.uncertainty.parameters import weakly_determined
 
 #: Number of other starts tried if the model is rejected.
 MORE_STARTS = 2
@@ -64,8 +65,8 @@ class Attempt:
         """
         best = cls(evidence, *_once(evidence, estimator, progress), estimator, progress)
         begin = best.estimate.begin
-        if best.adequate and begin is not None and evidence.model.is_linear:
-            best = _better_weighted(best)
+        if best.adequate and begin is not None and evidence.model.is_linear and not _weak(best.estimate):
+            best = _better_weighted(best)  # what the data do not determine no other start does
         if best.adequate or begin is None or evidence.bands is None:
             return best  # tones are searched with the residual that is fitted: no other start is better
         found = _searched_again(best)
@@ -167,6 +168,11 @@ def _better_weighted(best: Attempt) -> Attempt:
         if reached and _chi2(other.judgement) < least:
             least, first = _chi2(other.judgement), other
     return first
+
+
+def _weak(estimate: Estimate) -> bool:
+    """Whether a parameter is hardly determined."""
+    return bool(weakly_determined(estimate.coordinates, estimate.z, estimate.covariance)[0])
 
 
 def _noise_weights(estimate: Estimate) -> str:

@@ -24,7 +24,7 @@ from vibrident.fit.judge.effects import all_effects, covered, measured, seen, wh
 from vibrident.fit.judge.examined import examined
 from vibrident.fit.judge.refits import PHASE_BY_SCATTER
 from vibrident.fit.problem import Evidence
-from vibrident.fit.uncertainty import correlation, curve, doubts, parameter_table
+from vibrident.fit.uncertainty import correlation, curve, parameter_table, weakly_determined
 from vibrident.fit.uncertainty.budget import DATA, BudgetRow, as_settings, effective_degrees_of_freedom, rows_of_effects
 from vibrident.fit.uncertainty.curve import frequencies, with_resonances
 from vibrident.fit.uncertainty.parameters import coverage_factor, unit_fields
@@ -71,8 +71,8 @@ def _stated(fitted: Fitted, rows: Sequence[BudgetRow]) -> _Stated:
     data = [row for row in rows if row.kind == DATA]
     covariance = np.sum([row.covariance for row in data], axis=0)
     total = np.sum([row.covariance for row in rows], axis=0)
-    weak, warnings = doubts(estimate.coordinates, estimate.z, covariance)
-    warnings += second_thoughts(evidence, estimate, judgement, covariance, total)
+    weak, warnings = weakly_determined(estimate.coordinates, estimate.z, covariance)
+    warnings += second_thoughts(evidence, estimate, judgement, covariance)
     findings, matter = examined(evidence, estimate, judgement, total)
     warnings += matter
     warnings += _learned(estimate)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import get_args
@@ -14,13 +13,11 @@ from vibrident.base.nominal import nominal_value
 from vibrident.base.tails import f_tail
 from vibrident.data.records import FloatArray, Quantity, ResponseTable
 from vibrident.data.records.basis import distinct
-from vibrident.fit.estimators import Estimate, MaximumLikelihood
+from vibrident.fit.estimators import Estimate
 from vibrident.fit.estimators.search import Sought
-from vibrident.fit.estimators.start import find_start, sought_response
+from vibrident.fit.estimators.start import Start, find_start, sought_response
 from vibrident.fit.judge.adequacy import Judgement
-from vibrident.fit.judge.points import of_points
 from vibrident.fit.problem import Evidence, FrequencyProblem
-from vibrident.fit.uncertainty.agreement import estimators_disagree
 from vibrident.fit.uncertainty.alternatives import Solution, other_solutions
 from vibrident.fit.uncertainty.parameters import parameter_units
 from vibrident.physics.models import SensorModel
@@ -41,17 +38,15 @@ DOUBTED_BIAS = 0.8
 
 
 def second_thoughts(
-    evidence: Evidence, estimate: Estimate, judgement: Judgement, covariance: FloatArray, total: FloatArray
+    evidence: Evidence, estimate: Estimate, judgement: Judgement, covariance: FloatArray
 ) -> list[ResultWarning]:
-    """Warnings ``estimators_disagree``, ``reference_noise``, ``units_suspect``, and ``weakly_determined`` where another
-    solution fits as well.
+    """Warnings ``reference_noise``, ``units_suspect``, and ``weakly_determined`` where another solution fits as well.
 
     Args:
         evidence: the data.
         estimate: the fit.
         judgement: what the estimate says of the data.
         covariance: of the coordinates, by the data alone, shape (p, p).
-        total: with the stated systematic effects, shape (p, p).
     """
     warnings = list[ResultWarning]()
     # Without stated uncertainties a table that is misread is one that scatters.
@@ -59,25 +54,10 @@ def second_thoughts(
     angular = _angular_frequencies(evidence)
     misread = [] if angular is None else [ResultWarning("units_suspect", angular)]
     if doubted and not misread and judgement.adequacy.degrees_of_freedom > 0:
-        misread = _misread(evidence)
-    warnings += _disagreement(evidence, estimate, judgement, covariance, total)
+        misread = _misread(evidence, estimate)
     warnings += _reference_noise(estimate)
     warnings += _others(evidence, estimate, judgement, covariance)
     return warnings + misread
-
-
-def _disagreement(
-    evidence: Evidence, estimate: Estimate, judgement: Judgement, covariance: FloatArray, total: FloatArray
-) -> list[ResultWarning]:
-    """Parameters that maximum likelihood at the tones would move."""
-    if not evidence.model.is_linear or judgement.tones is None or estimate.criterion == "likelihood":
-        return []
-    units = parameter_units(evidence.model, evidence.calibration)
-    alone = of_points(evidence, estimate, judgement.points[0])
-    largest = max((abs(size) for _, size in judgement.effects), default=1.0)
-    spread = covariance + max(largest, 1.0) ** 2 * (total - covariance)  # the two weigh the points differently
-    fitted = functools.partial(MaximumLikelihood().fit, evidence) if evidence.bands is None else None
-    return estimators_disagree(alone, spread, units, estimate.estimator, fitted)
 
 
 def _others(
@@ -112,12 +92,12 @@ def _reference_noise(estimate: Estimate) -> list[ResultWarning]:
     return [ResultWarning("reference_noise", text)]
 
 
-def _misread(evidence: Evidence) -> list[ResultWarning]:
+def _misread(evidence: Evidence, estimate: Estimate) -> list[ResultWarning]:
     """A reading of the same data in other units, if it fits far better than by chance."""
     problem = evidence.first_look
     if problem is None:
         return []
-    declared, freedom = _cost(problem, evidence.model)
+    declared, freedom = _cost(problem, evidence.model, estimate.begin)
     for text, other in _readings(problem, evidence.calibration.table):
         cost, _ = _cost(other, evidence.model)
         ratio = declared / max(cost, np.finfo(float).tiny)
@@ -126,10 +106,10 @@ def _misread(evidence: Evidence) -> list[ResultWarning]:
     return []
 
 
-def _cost(problem: FrequencyProblem, model: SensorModel) -> tuple[float, int]:
-    """Cost of the best start for each degree of freedom, with deviations of at least 1 %; and these."""
+def _cost(problem: FrequencyProblem, model: SensorModel, begun: Start | None = None) -> tuple[float, int]:
+    """Cost of the best start (or of this one) for each degree of freedom, and these."""
     try:
-        start = find_start(problem, model)
+        start = begun or find_start(problem, model)
     except VibridentError:
         return float("inf"), 0
     freedom = int(start.equations - len(start.values))

@@ -30,7 +30,7 @@ MARGIN = 1e-3  # a parameter is at the end of its range if its relative distance
 COVERAGE = 0.95
 
 
-def doubts(
+def weakly_determined(
     coordinates: Coordinates, z: FloatArray, covariance: FloatArray
 ) -> tuple[dict[str, str], list[ResultWarning]]:
     """Names of parameters that are weakly determined (with the one each trades against), and the warnings.

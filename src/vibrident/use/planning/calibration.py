@@ -13,7 +13,7 @@ from vibrident.base.errors import InputError, unknown
 from vibrident.base.memory import in_one_thread
 from vibrident.data.records import QUANTITIES, STANDARD_GRAVITY, FloatArray, Quantity
 from vibrident.fit.information import inverse_normal
-from vibrident.fit.uncertainty import correlation, curve, doubts, parameter_table, with_reference
+from vibrident.fit.uncertainty import correlation, curve, parameter_table, weakly_determined, with_reference
 from vibrident.fit.uncertainty.curve import with_resonances
 from vibrident.fit.uncertainty.parameters import fields_of_units
 from vibrident.physics.models import parse
@@ -155,7 +155,7 @@ def _plan(
         even = np.bincount(np.round(np.linspace(0, count - 1, best)).astype(int), minlength=count)
         spread = _deviations(points, even, reference_uncertainty)
     covariance, freedom = _covariance(points, uses)
-    weak, warnings = doubts(coordinates, z, covariance)
+    weak, warnings = weakly_determined(coordinates, z, covariance)
     covariance = with_reference(covariance, z, model, reference_uncertainty)
     drive = points.subject.quantity == "drive"
     reference = (source.reference.get("unit") or "drive unit") if drive and source is not None else "m/s^2"
