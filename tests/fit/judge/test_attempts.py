@@ -27,7 +27,7 @@ def fitted(values, weights, chi2_reduced, adequate=True):
     coordinates = Coordinates.at(parse("accelerometer"), values, (1.0, 50.0))
     trace = Trace("levenberg-marquardt", True, "converged", (1.0,), coordinates.first[None])
     estimate = Estimate(
-        "ipnn", coordinates, coordinates.first, np.eye(3), 100.0, trace,
+        "ipnn", coordinates, coordinates.first, 1e-6 * np.eye(3), 100.0, trace,
         begin=Start(values, (90.0,), 100, (values,), ((SECOND, 95.0),)),
         findings=Findings(TrainedNetwork("bandlimited", "levenberg-marquardt", 4, np.ones(1), weights=weights)),
     )  # fmt: skip

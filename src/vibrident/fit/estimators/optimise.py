@@ -7,6 +7,7 @@ An objective ``quadratic(z, args)`` gives cost, gradient and JᵀJ of the weight
 from __future__ import annotations
 
 import functools
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -28,8 +29,8 @@ ENOUGH = 0.01
 AS_FORESEEN = 0.9
 #: So many rejected steps in a row mean that rounding, not the model, is what is left.
 MOST_REJECTED = 12
-#: Nor is anything to be known along a valley where so many evaluations together gain less than this (or the tolerance):
-#: a tenth of a standard uncertainty.
+#: Nor is more to be known where the gains of so many steps fall to half, and are less than this (or the tolerance)
+#: together: large residuals converge slowly, and what is left is less than a tenth of a standard uncertainty.
 SLOW, LITTLE = 5, 0.01
 #: Directions of which the residual says less than this, relative to the best, promise no gain.
 LEAST_SHOWN = 1e-14
@@ -123,11 +124,12 @@ def levenberg_marquardt(
     here = _Point.of(np.asarray(start, dtype=float), objective, args)
     if not np.isfinite(here.cost):
         raise NotConverged(NOT_FINITE)
-    way, damping, rejected, costs = [here], FIRST_DAMPING, 0, [here.cost]
+    way, damping, rejected = [here], FIRST_DAMPING, 0
 
     def arrived() -> bool:
-        crawls = len(costs) > SLOW and costs[-1 - SLOW] - here.cost < max(tolerance, LITTLE) and rejected == 0
-        return here.gain < max(tolerance, 1e-15 * here.cost) or rejected > MOST_REJECTED or crawls
+        gains = [one.cost - next_.cost for one, next_ in itertools.pairwise(way[-1 - SLOW :])]
+        slow = len(gains) == SLOW and sum(gains) < max(tolerance, LITTLE) and gains[-1] < 0.5 * gains[0]
+        return here.gain < max(tolerance, 1e-15 * here.cost) or rejected > MOST_REJECTED or slow
 
     progress(1, most, here.cost)
     for iteration in range(2, most + 1):
@@ -144,7 +146,6 @@ def levenberg_marquardt(
         else:
             rejected += 1
         damping *= LESS if gained > AS_FORESEEN else 1.0 if gained >= ENOUGH else MORE * 2.0 ** (rejected - 1)
-        costs.append(here.cost)
         progress(iteration, most, here.cost)
     converged = arrived()
     status = "converged" if converged else f"stopped after {most} evaluations"
