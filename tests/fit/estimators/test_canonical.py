@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from vibrident.fit.estimators import Estimate
-from vibrident.fit.estimators.canonical import in_one_form
-from vibrident.fit.estimators.findings import Findings, LineNoise, doubtful
+from vibrident.fit.estimators.canonical import canonically_labelled
+from vibrident.fit.estimators.findings import Findings, SpectralNoise, doubtful
 from vibrident.fit.estimators.optimise import Trace
 from vibrident.fit.problem import Coordinates
 from vibrident.physics.models import parse
@@ -26,9 +26,9 @@ def test_noise_of_the_reference_makes_up_no_more_than_all_of_an_uncertainty(rng)
     estimate = Estimate(
         "ipnn", coordinates, coordinates.first, covariance, 100.0,
         Trace("levenberg-marquardt", True, "converged", (1.0,), coordinates.first[None]),
-        findings=Findings(noise=LineNoise(np.ones(2), doubtful(pulls, covariance), ((), ()), pulls)),
+        findings=Findings(noise=SpectralNoise(np.ones(2), doubtful(pulls, covariance), ((), ()), pulls)),
     )  # fmt: skip
-    found = in_one_form(estimate)
+    found = canonically_labelled(estimate)
     assert found.coordinates.values(found.z)["natural_frequency"] == pytest.approx(60.0)
     noise = found.findings.noise
     assert noise is not None

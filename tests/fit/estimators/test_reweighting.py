@@ -14,7 +14,7 @@ from vibrident.fit.estimators import training
 from vibrident.fit.estimators.noise_motion import Motion
 from vibrident.fit.estimators.noise_spectrum import noise_spectrum
 from vibrident.fit.estimators.reweighting import reweighted
-from vibrident.fit.problem import Coordinates, LineProblem
+from vibrident.fit.problem import BinProblem, Coordinates
 from vibrident.physics.discretisation import method
 from vibrident.physics.models import parse
 from vibrident.physics.simulation import ChannelNoise, HalfSineShock, sensor_named, simulate, with_noise
@@ -112,19 +112,19 @@ def test_what_the_spectrum_says_of_its_parts() -> None:
     n = 20000
     order = np.arange(n // 2 + 1) / n
     through = 1.0 / np.abs(1.0 - (order / 0.1) ** 2 + 0.1j * order / 0.1) ** 2
-    passed = np.fft.irfft(np.fft.rfft(rng.standard_normal(n)) * np.sqrt(through), n)
+    input_noise = np.fft.irfft(np.fft.rfft(rng.standard_normal(n)) * np.sqrt(through), n)
     place = 3210.3
     tone = 0.3 * np.cos(2.0 * np.pi * place * np.arange(n) / n)
-    signal = 0.5 * passed + 0.2 * rng.standard_normal(n) + tone
+    signal = 0.5 * input_noise + 0.2 * rng.standard_normal(n) + tone
     nothing = np.zeros(n // 2 + 1, dtype=complex)
     found = noise_spectrum(np.fft.rfft(signal), Motion.of(nothing.__getitem__, n, through), 0.0)
-    assert found.passed == pytest.approx(0.25, rel=0.07)  # three standard deviations
+    assert found.input_noise == pytest.approx(0.25, rel=0.07)  # three standard deviations
     expected = 0.25 * through + 0.04
     middle = (order > 0.01) & (np.abs(order * n - place) > 40)
-    assert np.median(found.level[middle] / expected[middle]) == pytest.approx(1.0, abs=0.03)
+    assert np.median(found.psd[middle] / expected[middle]) == pytest.approx(1.0, abs=0.03)
     assert found.tones == pytest.approx((place,), abs=0.015)  # a parabola between lines is off by 0.02
     quiet = noise_spectrum(np.fft.rfft(rng.standard_normal(n)), Motion.of(nothing.__getitem__, n, through), 0.0)
-    assert (quiet.passed, quiet.tones) == (0.0, ())
+    assert (quiet.input_noise, quiet.tones) == (0.0, ())
     assert np.max(quiet.doubt()) < 0.05
 
 
@@ -184,7 +184,7 @@ def test_free_motion_above_half_the_sampling_rate_tells_nothing() -> None:
     shape = {"frequencies_hz": [10.0, 400.0], "sampling_rate_hz": 2000.0, "samples": 600, "repeats": 8}
     made = simulate(("accelerometer", true), "random", response_noise=1e-3, start="steady", seed=0, **shape)  # type: ignore[arg-type]
     model, noise = parse("accelerometer"), np.array([1e-3 * np.std(r.response) for r in made.records])
-    problem = LineProblem.build(made.records, model, method("bandlimited"), "acceleration", true)
+    problem = BinProblem.build(made.records, model, method("bandlimited"), "acceleration", true)
     coordinates = Coordinates.at(model, true, (10.0, 400.0), 0.1)
     ends = []
     for begin in (0.0, 0.03):

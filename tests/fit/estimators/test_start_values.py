@@ -8,7 +8,7 @@ from vibrident.base.errors import ModelError
 from vibrident.data.records import Calibration, ResponseTable
 from vibrident.fit.estimators import MaximumLikelihood
 from vibrident.fit.estimators.optimise import levenberg_marquardt
-from vibrident.fit.estimators.search import Front
+from vibrident.fit.estimators.search import Population
 from vibrident.fit.estimators.start import _shortest_delay_first, find_start, start_values
 from vibrident.fit.information import inverse_normal
 from vibrident.fit.problem import Coordinates, Evidence, FrequencyProblem
@@ -244,7 +244,7 @@ def test_a_resonance_far_outside_the_range_searched_leaves_no_damping_behind():
 def test_the_shortest_delay_comes_first_whatever_the_size_of_the_cost(cost):
     """Of channels in other units than stated the costs are so large that nothing added to them changes them."""
     u, sign, costs = np.array([[0.0, 0.0, 0.0, 3.0], [0.0, 0.0, 0.0, 1.0]]), np.ones(2), np.array([cost, cost])
-    front = Front(u, sign, costs, (u[None], costs[None]))
+    front = Population(u, sign, costs, (u[None], costs[None]))
     assert _shortest_delay_first(np.array([0, 1]), front, parse("accelerometer+delay")) == [1, 0]
 
 

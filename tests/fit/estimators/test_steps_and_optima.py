@@ -10,8 +10,8 @@ from vibrident import Ipnn, LeastSquares, MaximumLikelihood
 from vibrident.base.backend import jnp
 from vibrident.data.records import Calibration
 from vibrident.fit.estimators.adam import adam
+from vibrident.fit.estimators.geodesic import GeodesicSteps
 from vibrident.fit.estimators.optimise import levenberg_marquardt
-from vibrident.fit.estimators.valley import ValleySteps
 from vibrident.fit.problem import Coordinates, Evidence, Local, network_objective, network_of
 from vibrident.fit.problem.time_domain import TimeProblem, evaluate
 from vibrident.physics.discretisation import method
@@ -164,7 +164,7 @@ def test_a_curved_valley_is_followed_to_its_end_at_any_size_of_the_residual() ->
         coordinates = Coordinates.at(model, far, evidence.band_hz)
         args = (coordinates, problem, deviation)
         best = levenberg_marquardt(network_objective, coordinates.place(true), args).costs[-1]
-        for way, bent in (("straight", None), ("bent", ValleySteps.of_records(evidence, coordinates, deviation))):
+        for way, bent in (("straight", None), ("bent", GeodesicSteps.of_records(evidence, coordinates, deviation))):
 
             def counted(z, args, way=way):
                 passes[way] += 1

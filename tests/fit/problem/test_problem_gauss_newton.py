@@ -14,7 +14,7 @@ from tests.support.unrolled import physical_residual
 from vibrident.base.backend import jax, jnp
 from vibrident.data.records import Record
 from vibrident.fit.estimators.optimise import AS_FORESEEN, levenberg_marquardt
-from vibrident.fit.problem import Coordinates, LineProblem, network_objective
+from vibrident.fit.problem import BinProblem, Coordinates, network_objective
 from vibrident.fit.problem.time_domain import TimeProblem
 from vibrident.physics.discretisation import method
 from vibrident.physics.models import parse
@@ -55,10 +55,10 @@ def records():
     return made
 
 
-@pytest.fixture(scope="module", params=[LineProblem, pytest.param(TimeProblem, marks=pytest.mark.slow)])
+@pytest.fixture(scope="module", params=[BinProblem, pytest.param(TimeProblem, marks=pytest.mark.slow)])
 def problem(records, request):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("vibrident.fit.problem.line_problem.USABLE_BAND", 0.5)  # every line counts, as every sample does
+        patch.setattr("vibrident.fit.problem.bin_problem.USABLE_BAND", 0.5)  # every line counts, as every sample does
         yield request.param.build(records, parse("accelerometer"), method("zoh"), "acceleration", START)
 
 

@@ -9,7 +9,7 @@ from vibrident.base.backend import jax
 from vibrident.base.errors import InputError, ModelError
 from vibrident.data.records import Calibration, Record, ResponseTable
 from vibrident.fit.estimators.inverse_response import inverse_residual
-from vibrident.fit.problem import Coordinates, Evidence, FrequencyProblem, LineProblem
+from vibrident.fit.problem import BinProblem, Coordinates, Evidence, FrequencyProblem
 from vibrident.fit.problem.framing import DELAY_SETTLED, LEAST_NOISE
 from vibrident.fit.problem.frequency_domain import response_jacobian, response_residual
 from vibrident.fit.problem.time_domain import TimeProblem
@@ -50,15 +50,15 @@ def test_records_in_time_keep_their_samples_and_count_their_freedom():
 
 def test_transforms_of_long_runs_are_let_go_of_and_made_again(monkeypatch):
     """The inputs' after the lines of a record were asked for, and all of an idle problem; its cost stays to the bit."""
-    for module in ("lines.runs", "problem.line_problem"):
+    for module in ("bins.segments", "problem.bin_problem"):
         monkeypatch.setattr(f"vibrident.fit.{module}.MOST_KEPT", 100)
-    problem = LineProblem.build(simulated().records, MODEL, method("bandlimited"), "acceleration", P)
+    problem = BinProblem.build(simulated().records, MODEL, method("bandlimited"), "acceleration", P)
     c, noise = Coordinates.at(MODEL, P, BAND), np.ones(1)
     before = problem.normal(c.first, c, noise)
     problem.lines(c.first, c, noise)
-    assert "inputs" not in vars(problem.runs[0].transforms)
+    assert "inputs" not in vars(problem.segments[0].transforms)
     idle = problem.idle()
-    assert not {"inputs", "response"} & set(vars(idle.runs[0].transforms))
+    assert not {"inputs", "response"} & set(vars(idle.segments[0].transforms))
     np.testing.assert_array_equal(idle.normal(c.first, c, noise).matrix, before.matrix)
 
 
@@ -66,7 +66,7 @@ def test_the_true_sensor_leaves_nothing_whatever_the_offsets():
     """Band-limited motion with an offset of either channel and from a steady start: residual below 1e-6 everywhere."""
     record = simulated(start="steady").records[0]
     moved = replace(record, reference=record.reference + 5.0, response=record.response - 3.0)
-    problem = LineProblem.build([moved], MODEL, method("bandlimited"), "acceleration", P)
+    problem = BinProblem.build([moved], MODEL, method("bandlimited"), "acceleration", P)
     c = Coordinates.at(MODEL, P, BAND)
     (predicted,) = problem.predict(c, c.first)
     used = np.isfinite(predicted)
@@ -78,7 +78,7 @@ def test_a_free_decay_has_no_input():
     calibration = simulate(("accelerometer", P), "decay", sampling_rate_hz=10e3, samples=400)
     problem = TimeProblem.build(calibration.records, MODEL, method("bandlimited"), "acceleration", P)
     assert not np.any(problem.lanes.inputs)
-    problem = LineProblem.build(calibration.records, MODEL, method("bandlimited"), "acceleration", P)
+    problem = BinProblem.build(calibration.records, MODEL, method("bandlimited"), "acceleration", P)
     c = Coordinates.at(MODEL, P, BAND)
     (predicted,) = problem.predict(c, c.first)
     used = np.isfinite(predicted)
@@ -206,7 +206,7 @@ def test_a_delay_that_counts_as_that_of_the_inputs_leaves_no_error():
         (model.name, values), "sine", frequencies_hz=[19.8], sampling_rate_hz=100.0, samples=1000, start="steady"
     )
     beside = values | {"delay": values["delay"] + 0.9 * DELAY_SETTLED / 100.0}
-    problem = LineProblem.build(made.records, model, method("bandlimited"), "acceleration", beside)
+    problem = BinProblem.build(made.records, model, method("bandlimited"), "acceleration", beside)
     assert problem.at_delay_of(values) is problem
     coordinates = Coordinates.at(model, values, (1.0, 20.0))
     (predicted,) = problem.predict(coordinates, coordinates.first)

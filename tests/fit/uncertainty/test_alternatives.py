@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from vibrident.fit.estimators.search import Chart, Sought, descend, differences, information_at
+from vibrident.fit.estimators.search import LogCoordinates, TargetFRF, descend, differences, information_at
 from vibrident.fit.information import inverse_normal
 from vibrident.fit.uncertainty.alternatives import Solution, other_solutions
 from vibrident.physics.models import parse
@@ -25,8 +25,8 @@ def named(truth, deviation, seed):
     response = MODEL.frequency_response(truth, FREQUENCY_HZ)
     noise = deviation * (rng.standard_normal((2, response.size)).T @ [1.0, 1.0j])
     deviations = np.full(response.size, deviation)
-    sought = Sought(FREQUENCY_HZ, response * (1.0 + noise), deviations, deviations, has_phase=True, polar=False)
-    chart = Chart(MODEL, "acceleration", FREQUENCY_HZ, 1.0 / (800.0 * np.pi))
+    sought = TargetFRF(FREQUENCY_HZ, response * (1.0 + noise), deviations, deviations, has_phase=True, polar=False)
+    chart = LogCoordinates(MODEL, "acceleration", FREQUENCY_HZ, 1.0 / (800.0 * np.pi))
     u, sign = chart.place(truth)
     found = descend(chart, u[None], np.array([sign]), differences(sought), 60)
     spread = np.sqrt(np.diag(inverse_normal(information_at(chart, found.u, found.sign, differences(sought))[0])))

@@ -13,7 +13,7 @@ from vibrident.base.backend import jnp
 from vibrident.base.errors import InputError, ModelError
 from vibrident.data.records import Calibration, ResponseTable
 from vibrident.fit.estimators import Ipnn
-from vibrident.fit.problem import Coordinates, LineProblem, time_domain
+from vibrident.fit.problem import BinProblem, Coordinates, time_domain
 from vibrident.fit.problem.time_domain import TimeProblem, evaluate
 from vibrident.physics.discretisation import forced as forced_step
 from vibrident.physics.discretisation import method
@@ -183,13 +183,11 @@ def test_the_derivative_is_that_of_the_cost():
 
 
 def test_zero_force_is_the_linear_network(monkeypatch):
-    monkeypatch.setattr(
-        "vibrident.fit.problem.line_problem.USABLE_BAND", 0.5
-    )  # every line counts, as every sample does
+    monkeypatch.setattr("vibrident.fit.problem.bin_problem.USABLE_BAND", 0.5)  # every line counts, as every sample does
     made = simulate("paper", frequencies_hz=FEW_HZ, sampling_rate_hz=RATE, samples=1200, response_noise=0.01, seed=3)
     values = TRUTH | {"cubic_stiffness": 0.0}
     _, coordinates, args = problem_of(made, values)
-    problem = LineProblem.build(made.records, MODEL.linear, method("bandlimited"), made.quantity, values)
+    problem = BinProblem.build(made.records, MODEL.linear, method("bandlimited"), made.quantity, values)
     linear = Coordinates.at(MODEL.linear, values, (10.0, 1000.0))
     found = evaluate(jnp.asarray(coordinates.first), *args)
     expected = problem.normal(linear.first, linear, np.ones(len(made.records)))

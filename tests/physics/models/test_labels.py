@@ -8,7 +8,7 @@ import pytest
 import vibrident
 from vibrident.data.records import Calibration, ResponseTable
 from vibrident.fit.estimators import LeastSquares, MaximumLikelihood
-from vibrident.fit.estimators.canonical import in_one_form
+from vibrident.fit.estimators.canonical import canonically_labelled
 from vibrident.fit.problem import Evidence
 from vibrident.physics.models import parse
 from vibrident.physics.models.labels import canonical, relabellings, rule, slopes
@@ -74,7 +74,7 @@ def test_wherever_a_fit_ends_value_and_uncertainty_are_the_same(estimator, name,
     for start in (truth, *(changed(truth, one) for one in relabellings(model, truth))):
         raw = estimator.fit(dataclasses.replace(evidence, start=start))
         moved += rule(model, raw.coordinates.values(raw.z)) is not None
-        one = in_one_form(raw)
+        one = canonically_labelled(raw)
         covariance = one.covariance * np.outer(*2 * (one.coordinates.slopes(one.z),))
         found.append((one.coordinates.values(one.z), covariance))
     assert moved >= 1

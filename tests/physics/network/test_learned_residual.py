@@ -10,7 +10,7 @@ from vibrident.app.workflow.estimators import checked
 from vibrident.base.errors import InputError, ModelError
 from vibrident.fit.estimators import Ipnn
 from vibrident.fit.estimators.residual_network import ResidualIpnn
-from vibrident.fit.problem import Coordinates, LineProblem
+from vibrident.fit.problem import BinProblem, Coordinates
 from vibrident.fit.problem.time_domain import TimeProblem
 from vibrident.physics.discretisation import method
 from vibrident.physics.models import parse
@@ -112,15 +112,13 @@ def test_too_little_to_hold_out_leaves_the_physics_alone():
 
 def test_a_network_without_weight_is_the_physics(monkeypatch):
     """Neurons at their beginning: cost and derivatives by the physics are those of the linear sensor at its lines."""
-    monkeypatch.setattr(
-        "vibrident.fit.problem.line_problem.USABLE_BAND", 0.5
-    )  # every line counts, as every sample does
+    monkeypatch.setattr("vibrident.fit.problem.bin_problem.USABLE_BAND", 0.5)  # every line counts, as every sample does
     made, model = records("paper"), parse("accelerometer")
     whole = with_residual(model, ("neurons",))
     values = dict(SENSORS["paper"].parameters)
     start = values | initial_weights(tuple(whole.name.split("+")[1:]), 2.0, {})
     normals = []
-    for way, chosen, here in ((LineProblem, model, values), (TimeProblem, whole, start)):
+    for way, chosen, here in ((BinProblem, model, values), (TimeProblem, whole, start)):
         problem = way.build(made.records, chosen, method("bandlimited"), "acceleration", here)
         coordinates = Coordinates.at(chosen, here, (60.0, 1000.0), 2.0)
         normals.append(problem.normal(coordinates.first, coordinates, np.ones(len(made.records))))

@@ -5,7 +5,7 @@ import pytest
 from tests.support.unrolled import cut, physical_residual, random_weights, recursion, stacked, time_residual
 
 from vibrident.base.backend import jax, jnp
-from vibrident.fit.problem import Coordinates, LineProblem
+from vibrident.fit.problem import BinProblem, Coordinates
 from vibrident.fit.problem.time_domain import TimeProblem, evaluate
 from vibrident.physics.discretisation import Weights, method
 from vibrident.physics.models import parse
@@ -59,13 +59,13 @@ def test_against_automatic_differentiation_of_the_residual(name):
         np.testing.assert_allclose(np.asarray(column).ravel(), jacobian[:, number], atol=1e-9 * scale[number])
 
 
-@pytest.mark.parametrize("way", [LineProblem, pytest.param(TimeProblem, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("way", [BinProblem, pytest.param(TimeProblem, marks=pytest.mark.slow)])
 def test_against_finite_differences(way):
     """Central differences of the cost: the gradient is exact though the nuisance is held (Kaufman 1975)."""
     problem, coordinates, z, noise = a_problem(way=way)
 
     def evaluated(point):
-        if way is LineProblem:
+        if way is BinProblem:
             return problem.normal(point, coordinates, noise)
         return evaluate(jnp.asarray(point), coordinates, problem.layout, problem.data, jnp.asarray(noise))
 

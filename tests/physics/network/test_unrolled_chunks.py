@@ -7,7 +7,7 @@ import pytest
 
 from vibrident.base.backend import jnp
 from vibrident.data.records import Record
-from vibrident.fit.problem import Coordinates, LineProblem
+from vibrident.fit.problem import BinProblem, Coordinates
 from vibrident.fit.problem.time_domain import TimeProblem
 from vibrident.physics.discretisation import Weights, method
 from vibrident.physics.models import parse
@@ -50,24 +50,24 @@ def test_chunks_give_the_recursion_sample_by_sample(model_name: str, gap: bool, 
     predicted = problem.predict(coordinates, coordinates.first)
     values = coordinates.values(coordinates.first)
     weights = problem.weights(values)
-    for owner, run_of, _lane in problem.pieces:
+    for owner, segment_of, _lane in problem.pieces:
         record = problem.records[owner]
         rate = int(np.searchsorted(problem.intervals_s, record.sampling_interval_s))
         one = Weights(*(jnp.asarray(w)[rate] for w in weights))
         valid = record.mask
         reference = np.where(valid, np.asarray(record.reference) - np.asarray(record.reference)[valid].mean(), 0.0)
         delay = problem.frame.delay_s * record.sampling_rate_hz
-        inputs = problem.layout.method.inputs(reference, valid, problem.layout.terms, delay).coefficients[run_of]
+        inputs = problem.layout.method.inputs(reference, valid, problem.layout.terms, delay).coefficients[segment_of]
         cell = Cell.from_weights(one)
         forced = np.asarray(run(cell, inputs))
         basis = [np.asarray(run(cell, 0.0 * inputs, jnp.eye(2)[i])) for i in range(2)]
         design = np.stack([*basis, np.ones(len(forced))], axis=1)
-        used = valid[run_of]
-        found = np.linalg.lstsq(design[used], (record.response[run_of] - forced)[used], rcond=None)[0]
-        np.testing.assert_allclose(predicted[owner][run_of], forced + design @ found, rtol=0, atol=1e-9)
+        used = valid[segment_of]
+        found = np.linalg.lstsq(design[used], (record.response[segment_of] - forced)[used], rcond=None)[0]
+        np.testing.assert_allclose(predicted[owner][segment_of], forced + design @ found, rtol=0, atol=1e-9)
 
 
-@pytest.mark.parametrize("way", [LineProblem, pytest.param(TimeProblem, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("way", [BinProblem, pytest.param(TimeProblem, marks=pytest.mark.slow)])
 def test_a_sensor_far_above_the_sampling_rate_keeps_its_response(way: type) -> None:
     """ωn Ts = 190: the poles are gone within a step, and the network is still exact."""
     model = parse("accelerometer")

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
+from vibrident.fit.problem.bin_problem import BinProblem
 from vibrident.fit.problem.coordinates import Coordinates
-from vibrident.fit.problem.line_problem import LineProblem
 from vibrident.physics.discretisation import method
 from vibrident.physics.models import parse
 from vibrident.physics.simulation import SENSORS, simulate
@@ -19,7 +19,7 @@ ENDS = 60
 def network_error(calibration, name, parameters):
     """Largest deviation of the network with the true parameters, relative to each record's largest response."""
     model, start = parse(calibration.model), dict(parameters)
-    problem = LineProblem.build(calibration.records, model, method(name), calibration.quantity, start)
+    problem = BinProblem.build(calibration.records, model, method(name), calibration.quantity, start)
     coordinates = Coordinates.at(model, start, (10.0, 1000.0))
     predicted = problem.predict(coordinates, coordinates.first)
     worst = 0.0

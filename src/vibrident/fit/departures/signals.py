@@ -14,8 +14,8 @@ from vibrident.fit.departures.part import ROUNDING, Part, orthonormal
 from vibrident.fit.estimators.incoherent import HEARD
 from vibrident.fit.estimators.noise_spectrum import DOUBT, NoiseSpectrum
 from vibrident.fit.information import inverse_normal
-from vibrident.fit.measure.lines import power_of
 from vibrident.fit.measure.response import ComplexArray
+from vibrident.fit.measure.transform import power_of
 from vibrident.fit.uncertainty.steps import rounding_in_residual
 
 
@@ -34,7 +34,7 @@ class Signals:
         nuisance: columns of the nuisance parameters, shape (q, bins).
         spectrum: of the noise, in the square of ``unit``; that of the reference, over |H|².
         unit: standard deviation that the record was weighted by.
-        twice: how often a bin counts, shape (bins,).
+        one_sided: how often a bin counts, shape (bins,).
         pull: as of :class:`Part`.
         turns: as of :class:`Part`.
     """
@@ -44,31 +44,31 @@ class Signals:
     used: BoolArray
     rest: ComplexArray
     predicted: ComplexArray
-    slopes: ComplexArray
+    jacobian: ComplexArray
     transfer: ComplexArray
     nuisance: ComplexArray
     spectrum: NoiseSpectrum
     unit: float
-    twice: FloatArray
+    one_sided: FloatArray
     pull: FloatArray | None = None
     turns: float | None = None
 
     @property
     def counted(self) -> BoolArray:
         """Bins that count, shape (bins,)."""
-        return np.asarray(self.twice > 0.0)
+        return np.asarray(self.one_sided > 0.0)
 
     @functools.cached_property
     def level(self) -> FloatArray:
         """Power of the noise, a sample, at the bins, shape (bins,)."""
-        return np.asarray(np.asarray(self.spectrum.level) * self.unit**2, dtype=float)
+        return np.asarray(np.asarray(self.spectrum.psd) * self.unit**2, dtype=float)
 
     @functools.cached_property
     def likely(self) -> ComplexArray:
         """Response to the most likely motion, zero where noise may be all of it, shape (bins,)."""
-        share = np.minimum(self.spectrum.passed_at * power_of(self.transfer) * self.unit**2 / self.level, 1.0)
+        share = np.minimum(self.spectrum.input_noise_at * power_of(self.transfer) * self.unit**2 / self.level, 1.0)
         predicted = np.where(np.arange(self.rest.size) > 0, self.predicted, 0.0)
-        likely = predicted + share * projected(self.rest, self.nuisance, np.sqrt(self.twice))
+        likely = predicted + share * projected(self.rest, self.nuisance, np.sqrt(self.one_sided))
         unsure = np.where(share > 0.0, share * (1.0 - share), 1.0) * self.level * float(self.used.sum())
         return np.asarray(likely * (self.counted & (power_of(likely) > HEARD * unsure)))
 
@@ -83,11 +83,11 @@ class Signals:
             return signals - (signals @ basis.T) @ basis
 
         # the tone of a sine is told from its points
-        slopes = self.slopes * (power_of(likely) > 0.0) if pull is None else self.slopes
-        residual, jacobian = white(self.rest), white(slopes)
+        jacobian = self.jacobian * (power_of(likely) > 0.0) if pull is None else self.jacobian
+        residual, whitened = white(self.rest), white(jacobian)
         beside = residual
         if pull is not None:
-            beside = residual - (residual @ jacobian.T) @ inverse_normal(jacobian @ jacobian.T) @ jacobian
+            beside = residual - (residual @ whitened.T) @ inverse_normal(whitened @ whitened.T) @ whitened
         transfer = np.where(counted, self.transfer, 0.0)
         doubt = self._doubt(transfer)
         # An error ε of σx² leaves ε H* R/S of the residual R in the most likely motion: a departure D = L Ŷ then has
@@ -97,7 +97,7 @@ class Signals:
         predicted = np.asarray(fft.irfft(np.where(np.arange(self.rest.size) > 0, self.predicted, 0.0), n))
         errors = rounding_in_residual(self.record, self.span, predicted, self.used, between, transfer, self.turns)
         moved = np.divide(likely, transfer, out=np.zeros_like(likely), where=power_of(transfer) > 0.0)
-        freedom = float(np.sum(self.twice[counted])) * float(self.used.mean()) - len(basis)
+        freedom = float(np.sum(self.one_sided[counted])) * float(self.used.mean()) - len(basis)
         return Part(
             self.record.name,
             self.span.start / self.record.sampling_rate_hz,
@@ -110,10 +110,10 @@ class Signals:
             whitening,
             basis,
             residual,
-            np.asarray(fft.irfft(slopes, n, axis=-1)),
-            jacobian,
+            np.asarray(fft.irfft(jacobian, n, axis=-1)),
+            whitened,
             slow_profile(beside, self.used),
-            freedom - (0.0 if pull is None else len(jacobian)),
+            freedom - (0.0 if pull is None else len(whitened)),
             np.zeros((0, n)) if errors is None else white(np.asarray(fft.rfft(errors * self.used, axis=-1))),
             white(np.concatenate([effects * likely, among[None]])),
             doubt,

@@ -17,13 +17,13 @@ from vibrident.data.records import BoolArray, FloatArray, Record
 from vibrident.fit.departures.part import Part
 from vibrident.fit.departures.signals import Signals, projected
 from vibrident.fit.estimators import Estimate
-from vibrident.fit.estimators.noise_metric import beside_hum, likelier, with_edges
+from vibrident.fit.estimators.iterate import beside_hum, likelier, with_edges
 from vibrident.fit.estimators.noise_motion import SHORTEST, Motion, motion_of
 from vibrident.fit.estimators.noise_spectrum import noise_spectrum
 from vibrident.fit.information import inverse_normal
-from vibrident.fit.measure.lines import line_frequencies, power_of, reference_colour, waves
 from vibrident.fit.measure.response import ComplexArray
-from vibrident.fit.problem import Evidence, LineProblem
+from vibrident.fit.measure.transform import line_frequencies, power_of, reference_colour, waves
+from vibrident.fit.problem import BinProblem, Evidence
 from vibrident.fit.uncertainty.adequacy import Points
 from vibrident.fit.uncertainty.budget import Place, effects_of, patterns
 from vibrident.fit.uncertainty.linearised import Linearised
@@ -53,7 +53,7 @@ def parts_of(
     """
     if not estimate.findings.method.is_exact or not evidence.records:
         return []
-    if isinstance(estimate.problem, LineProblem) and estimate.criterion == "samples":
+    if isinstance(estimate.problem, BinProblem) and estimate.criterion == "samples":
         every = _of_bins(evidence, estimate, estimate.problem, predicted)
     elif evidence.only_sines and evidence.model.is_linear and tones is not None:
         every = _of_sines(evidence, estimate, predicted, tones)
@@ -63,7 +63,7 @@ def parts_of(
 
 
 def _of_bins(
-    evidence: Evidence, estimate: Estimate, problem: LineProblem, predicted: Sequence[FloatArray]
+    evidence: Evidence, estimate: Estimate, problem: BinProblem, predicted: Sequence[FloatArray]
 ) -> Iterator[Signals]:
     network = estimate.findings.network
     assert network is not None
@@ -79,32 +79,32 @@ def _of_bins(
         span = slice(first, first + record.samples)
         if record.samples > LONGEST:
             rest, motion = (fft.irfft(own, record.samples) for own in (record.residual, record.predicted(slice(None))))
-            slopes = fft.irfft(record.slopes, record.samples, axis=-1)
+            jacobian = fft.irfft(record.jacobian, record.samples, axis=-1)
             for piece in _pieces(record.samples):
                 there = slice(first + piece.start, first + piece.stop)
-                signals = (rest[piece] * noise, motion[piece] * noise, slopes[:, piece] * noise)
+                signals = (rest[piece] * noise, motion[piece] * noise, jacobian[:, piece] * noise)
                 yield _in_time(given, evidence, estimate, there, record.used[piece], *signals)
             continue
         if index in tones and (own := motion_at()) is not None:
             beside = _beside_harmonics(own, record.samples, tones[index])
             spectrum = noise_spectrum(record.residual, beside, record.floor)
-        nuisance = record.unknowns(edges=with_edges(record, spectrum), tones=spectrum.tones)(slice(None))
-        slopes = record.slopes
-        if spectrum.passed > 0.0:  # at the most likely motion
-            rest = projected(record.residual, nuisance, np.sqrt(record.twice))
-            slopes = slopes + np.stack(list(record.model.slopes())) * likelier(record, spectrum, rest)
+        nuisance = record.nuisances(edges=with_edges(record, spectrum), tones=spectrum.tones)(slice(None))
+        jacobian = record.jacobian
+        if spectrum.input_noise > 0.0:  # at the most likely motion
+            rest = projected(record.residual, nuisance, np.sqrt(record.one_sided))
+            jacobian = jacobian + np.stack(list(record.model.jacobian())) * likelier(record, spectrum, rest)
         yield Signals(
             given,
             span,
             record.used,
             record.residual * noise,
             np.array(record.predicted(slice(None))) * noise,
-            slopes * noise,
+            jacobian * noise,
             record.model.through(),
             nuisance,
             spectrum,
             noise,
-            record.twice,
+            record.one_sided,
             turns=tones.get(index),
         )
 
@@ -154,9 +154,9 @@ def _of_samples(evidence: Evidence, estimate: Estimate, predicted: Sequence[Floa
             continue
         for span in _spans(record, series):
             used = (record.mask & np.isfinite(series))[span]
-            slopes = [np.where(used, (up[index] - down[index])[span], 0.0) / (2.0 * STEP) for up, down in ends]
+            jacobian = [np.where(used, (up[index] - down[index])[span], 0.0) / (2.0 * STEP) for up, down in ends]
             rest = np.where(used, record.response[span] - series[span], 0.0)
-            own = (rest, _about_mean(series[span], used), np.array(slopes))
+            own = (rest, _about_mean(series[span], used), np.array(jacobian))
             yield _in_time(record, evidence, estimate, span, used, *own, turns=tones.get(index))
 
 
@@ -200,31 +200,31 @@ def _in_time(
     used: BoolArray,
     rest: FloatArray,
     motion: FloatArray,
-    slopes: FloatArray,
+    jacobian: FloatArray,
     pull: FloatArray | None = None,
     turns: float | None = None,
 ) -> Signals:
-    """Of signals in time: residual and motion, shape (n,), and slopes, shape (p, n), zero where not used."""
+    """Of signals in time: residual and motion, shape (n,), and Jacobian, shape (p, n), zero where not used."""
     n = used.size
     unit = max(float(np.sqrt(np.mean(np.square(motion)))), float(np.finfo(float).tiny))
     hz = line_frequencies(n, record.sampling_rate_hz)
     values, model = estimate.coordinates.values(estimate.z), evidence.model.linear
     transfer = np.array(model.frequency_response(values, hz, evidence.quantity), dtype=complex)
-    left, bins, jacobian = (np.asarray(fft.rfft(signal, axis=-1), dtype=complex) for signal in (rest, motion, slopes))
+    left, bins, columns = (np.asarray(fft.rfft(signal, axis=-1), dtype=complex) for signal in (rest, motion, jacobian))
     colour = reference_colour(record, n)
     own, over = (np.asarray(signal / unit, dtype=complex) for signal in (left, bins))  # noise levels near one
     seen = Motion.of(over.__getitem__, float(used.sum()), np.square(np.abs(transfer)) * colour, colour)
     nuisance = np.asarray(fft.rfft(np.stack([used * 1.0, used * np.linspace(-1.0, 1.0, n)])))
-    twice = np.where((np.arange(bins.size) > 0) & (np.arange(bins.size) <= USABLE_BAND * n), 2.0, 0.0)
+    one_sided = np.where((np.arange(bins.size) > 0) & (np.arange(bins.size) <= USABLE_BAND * n), 2.0, 0.0)
     if pull is not None:
         nuisance = np.concatenate([nuisance, _beside_tone(evidence, estimate, over, transfer, hz, turns)])
     floor = (np.finfo(float).eps * float(np.max(np.abs(record.response[span]))) / unit) ** 2
-    freed = projected(own, nuisance, np.sqrt(twice))
+    freed = projected(own, nuisance, np.sqrt(one_sided))
     spectrum = noise_spectrum(freed, _beside_harmonics(seen, n, turns), floor)
     if spectrum.tones:
         nuisance = np.concatenate([nuisance, np.asarray(fft.rfft(waves(spectrum.tones, n) * used, axis=1))])
-    signals = left, bins, jacobian, transfer, nuisance
-    return Signals(record, span, used, *signals, spectrum, unit, twice, pull, turns)
+    signals = left, bins, columns, transfer, nuisance
+    return Signals(record, span, used, *signals, spectrum, unit, one_sided, pull, turns)
 
 
 def _beside_harmonics(motion: Motion, samples: int, turns: float | None) -> Motion:
@@ -250,11 +250,11 @@ def _beside_tone(
     Motion beside the tone tells of the parameters too; the points do not use it.
     """
     values, model = estimate.coordinates.values(estimate.z), evidence.model
-    _, slopes = response_and_slopes(model, values, hz, evidence.quantity)
+    _, jacobian = response_and_slopes(model, values, hz, evidence.quantity)
     moved = np.divide(bins, transfer, out=np.zeros_like(bins), where=power_of(transfer) > 0.0)
     place = round((turns or 0.0) * 2.0 * (bins.size - 1))
     moved[max(place - NEAR_TONE, 0) : place + NEAR_TONE + 1] = 0.0
-    return np.asarray(slopes * estimate.coordinates.slopes(estimate.z)[:, None] * moved)
+    return np.asarray(jacobian * estimate.coordinates.slopes(estimate.z)[:, None] * moved)
 
 
 def _effects(evidence: Evidence, estimate: Estimate, signals: Signals) -> ComplexArray:

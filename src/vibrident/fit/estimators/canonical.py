@@ -13,7 +13,7 @@ from vibrident.fit.problem import Coordinates
 from vibrident.physics.models.labels import canonical, rule, slopes, upright
 
 
-def in_one_form(estimate: Estimate) -> Estimate:
+def canonically_labelled(estimate: Estimate) -> Estimate:
     """The estimate with the labels that the rule gives; itself where it has them.
 
     The response is the same to rounding, and so is all that was predicted from it.

@@ -64,7 +64,7 @@ class TrainedNetwork:
 
 
 @dataclass(frozen=True, eq=False)
-class LineNoise:
+class SpectralNoise:
     """Noise by the spectra of the residuals.
 
     Attributes:
@@ -132,7 +132,7 @@ class Findings:
     """
 
     network: TrainedNetwork | None = None
-    noise: LineNoise | None = None
+    noise: SpectralNoise | None = None
     learned: LearnedShare | None = None
     model_error: float | None = None
 

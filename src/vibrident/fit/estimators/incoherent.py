@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from vibrident.fit.estimators.noise_motion import Motion, lines_around, typical
-from vibrident.fit.measure.lines import power_of
 from vibrident.fit.measure.response import ComplexArray
+from vibrident.fit.measure.transform import power_of
 
 #: Bins of a block, of which three complex functions are projected out.
 BLOCK = 24

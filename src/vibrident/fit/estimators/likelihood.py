@@ -89,7 +89,7 @@ def responses(name: str, evidence: Evidence) -> FrequencyProblem:
     return first
 
 
-def with_model_error(evidence: Evidence, estimate: Estimate, progress: Progress) -> Estimate | None:
+def with_random_effect(evidence: Evidence, estimate: Estimate, progress: Progress) -> Estimate | None:
     """The estimate with a relative model error added to the noise; None if the deviations demand none."""
     tones = estimate.tones
     if tones is None:
@@ -100,7 +100,7 @@ def with_model_error(evidence: Evidence, estimate: Estimate, progress: Progress)
         return None
 
     def widened(error: float) -> tuple[FrequencyProblem, Trace]:
-        wider = problem.with_model_error(error)
+        wider = problem.with_random_effect(error)
         return wider, _descend(estimate.coordinates, estimate.z, wider, progress)
 
     low, high = np.log(1e-9), np.log(1.0)
@@ -134,7 +134,7 @@ def solved_problem(estimate: Estimate, evidence: Evidence) -> FrequencyProblem:
     values = estimate.coordinates.values(estimate.z)
     problem = weighted_problem(estimate.tones, evidence.model, values, evidence)
     error = estimate.findings.model_error
-    return problem if error is None else problem.with_model_error(error)
+    return problem if error is None else problem.with_random_effect(error)
 
 
 def _descend(coordinates: Coordinates, z: FloatArray, problem: FrequencyProblem, progress: Progress) -> Trace:

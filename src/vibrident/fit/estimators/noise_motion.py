@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.data.records.basis import distinct
-from vibrident.fit.lines import RecordLines
-from vibrident.fit.measure.lines import MOST_KEPT, in_blocks, mean_around, power_of
+from vibrident.fit.bins import RecordBins
 from vibrident.fit.measure.response import ComplexArray
+from vibrident.fit.measure.transform import MOST_KEPT, in_blocks, mean_around, power_of
 
 #: Bins that a spectrum is averaged into.
 BINS = 160
@@ -105,7 +105,7 @@ class Motion:
 MotionOf = Callable[[], Motion | None]
 
 
-def motion_of(record: RecordLines) -> MotionOf:
+def motion_of(record: RecordBins) -> MotionOf:
     """What gives the model's prediction of the record; of a long one it is made each time."""
     if record.samples > MOST_KEPT:
         return functools.partial(_motion_of, record)
@@ -113,13 +113,13 @@ def motion_of(record: RecordLines) -> MotionOf:
     return lambda: found
 
 
-def _motion_of(record: RecordLines) -> Motion | None:
+def _motion_of(record: RecordBins) -> Motion | None:
     if record.count < SHORTEST or record.free is None:
         return None
     return Motion.of(record.predicted, record.count, through_of(record), record.colour)
 
 
-def through_of(record: RecordLines) -> FloatArray | None:
+def through_of(record: RecordBins) -> FloatArray | None:
     """Power of noise of the reference, of unit variance, behind the sensor, shape (lines,)."""
     if record.model is None:
         return None

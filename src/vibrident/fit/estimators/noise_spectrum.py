@@ -32,8 +32,8 @@ from vibrident.fit.estimators.noise_motion import (
     windowed,
 )
 from vibrident.fit.information import inverse_normal
-from vibrident.fit.measure.lines import in_blocks, mean_around, power_of
 from vibrident.fit.measure.response import ComplexArray
+from vibrident.fit.measure.transform import in_blocks, mean_around, power_of
 
 #: Multiplicative updates of the three levels.
 ROUNDS = 150
@@ -64,9 +64,9 @@ class NoiseSpectrum:
     """Noise at the lines of a residual's real transform; one is white noise of unit variance.
 
     Attributes:
-        level: shape (samples // 2 + 1,).
-        passed: σx² if it is significant, in squares of the residual's unit per |H|²; else zero.
-        passed_at: the same at each line, with its colour: its share of the level there, shape (samples // 2 + 1,).
+        psd: noise at each bin, shape (samples // 2 + 1,).
+        input_noise: σx² if it is significant, in squares of the residual's unit per |H|²; else zero.
+        input_noise_at: the same at each line, with its colour: its share of the level there, shape (samples // 2 + 1,).
         doubt: makes σx² that may be left beside it (95 %) at each line, shape (samples // 2 + 1,).
         excited: weight of each line, shape (samples // 2 + 1,): zero where noise of the reference alone could explain
             the prediction.
@@ -74,9 +74,9 @@ class NoiseSpectrum:
         free: whether the motion leaves lines free, in which noise of the reference would show.
     """
 
-    level: FloatArray
-    passed: float
-    passed_at: FloatArray
+    psd: FloatArray
+    input_noise: float
+    input_noise_at: FloatArray
     doubt: Callable[[], FloatArray]
     excited: FloatArray
     tones: tuple[float, ...] = ()
@@ -129,12 +129,12 @@ def _read(
         excited *= -FAINT
         excited += 1.0
         np.maximum(excited, 0.0, out=excited)
-    passed_at = np.broadcast_to(0.0, level.shape)
-    if parts.passed > 0.0:
-        passed_at = parts.unfelt * smooth
-        passed_at *= motion.colour
+    input_noise_at = np.broadcast_to(0.0, level.shape)
+    if parts.input_noise > 0.0:
+        input_noise_at = parts.unfelt * smooth
+        input_noise_at *= motion.colour
     colour, doubt = motion.colour, parts.doubt  # of a long record each copy counts, also one that a closure keeps
-    return NoiseSpectrum(level, parts.passed, passed_at, lambda: doubt() * colour, excited, tones, parts.free)
+    return NoiseSpectrum(level, parts.input_noise, input_noise_at, lambda: doubt() * colour, excited, tones, parts.free)
 
 
 class _Parts(NamedTuple):
@@ -142,14 +142,14 @@ class _Parts(NamedTuple):
 
     Attributes:
         shape: their sum at each line, shape (lines,).
-        passed: σx² if it is significant; else zero.
+        input_noise: σx² if it is significant; else zero.
         unfelt: the same at each line, a number or shape (lines,).
         doubt: makes σx² that may be left beside it (95 %) at each line, shape (lines,).
         free: whether enough lines hold no motion.
     """
 
     shape: FloatArray
-    passed: float
+    input_noise: float
     unfelt: FloatArray | float
     doubt: Callable[[], FloatArray]
     free: bool
@@ -199,12 +199,12 @@ def _parts(lines: ComplexArray, power: FloatArray, motion: Motion, binned: _Leve
     # All of the level at most; a bin of a few lines is low by chance.
     whole = (level / seen * (1.0 + DOUBT / np.sqrt(wide)))[wide >= min(MANY, np.max(wide))]
     most = min(DOUBT * spread if sure else variance + DOUBT * spread, float(np.min(whole)))
-    passed = unfelt = variance if sure else 0.0
+    input_noise = unfelt = variance if sure else 0.0
     doubt: Callable[[], FloatArray] = functools.partial(np.broadcast_to, most, power.shape)
     told = _unfelt(lines, motion, through, int(edges[-1]))
     by_reference = amounts[2] / scale * through
-    if told.passed > 0.0:
-        passed, doubt, unfelt, by_reference = told.passed, told.doubt, told.at_lines, told.at_lines * through
+    if told.input_noise > 0.0:
+        input_noise, doubt, unfelt, by_reference = told.input_noise, told.doubt, told.at_lines, told.at_lines * through
         amounts = _beside(shapes[:2], level, wide, means(by_reference, edges))
     elif not sure and told.spread < spread:
         doubt = told.doubt
@@ -214,7 +214,7 @@ def _parts(lines: ComplexArray, power: FloatArray, motion: Motion, binned: _Leve
     shape += amounts[0]
     shape += by_reference
     np.maximum(shape, LEAST_LEVEL * float(np.average(level, weights=wide)), out=shape)
-    return _Parts(shape, passed, unfelt, doubt, told.free)
+    return _Parts(shape, input_noise, unfelt, doubt, told.free)
 
 
 def _ordinary(relative: FloatArray, around: int) -> FloatArray:
@@ -238,7 +238,7 @@ class _Unfelt:
     Attributes:
         variance: mean of σx² over the lines.
         spread: its standard deviation.
-        passed: the variance if it is significant; else zero.
+        input_noise: the variance if it is significant; else zero.
         doubt: makes σx² that may be left beside it (95 %) at each line, shape (lines,).
         at_lines: σx² at each line, shape (lines,).
         free: whether enough lines hold no motion.
@@ -246,7 +246,7 @@ class _Unfelt:
 
     variance: float
     spread: float
-    passed: float
+    input_noise: float
     doubt: Callable[[], FloatArray]
     at_lines: FloatArray
     free: bool

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from vibrident.data.records import FloatArray, Quantity
-from vibrident.fit.estimators.search import Sought
+from vibrident.fit.estimators.search import TargetFRF
 from vibrident.fit.measure.response import ComplexArray
 from vibrident.physics.models import SensorModel
 
@@ -24,7 +24,7 @@ LEAST = 1e-6
 
 
 def two_modes(
-    sought: Sought, model: SensorModel, quantity: Quantity, known: dict[str, float]
+    sought: TargetFRF, model: SensorModel, quantity: Quantity, known: dict[str, float]
 ) -> Iterator[dict[str, float]]:
     """Parameters of a model with a second mode whose poles fit the response; none where the fit gives no two modes.
 
@@ -35,7 +35,7 @@ def two_modes(
         known: values of the parameters; the delay and what is no pole are taken from there.
     """
     series = _series(model, known, sought.frequency_hz)
-    goal = Sought(
+    goal = TargetFRF(
         sought.frequency_hz, sought.response / series, sought.deviation, sought.phase_deviation, True, sought.polar
     )
     shape = model.rational(known, quantity)
@@ -46,7 +46,7 @@ def two_modes(
             yield _with_gains(values, sought, model, quantity)
 
 
-def fitted_poles(sought: Sought, order: int, zeros: int, coefficients: int) -> ComplexArray | None:
+def fitted_poles(sought: TargetFRF, order: int, zeros: int, coefficients: int) -> ComplexArray | None:
     """Poles of N/D, rad/s, shape (order,); None where the equations have no finite solution.
 
     Args:
@@ -113,7 +113,9 @@ def _dealt(poles: ComplexArray, model: SensorModel, known: dict[str, float]) -> 
             yield values
 
 
-def _with_gains(values: dict[str, float], sought: Sought, model: SensorModel, quantity: Quantity) -> dict[str, float]:
+def _with_gains(
+    values: dict[str, float], sought: TargetFRF, model: SensorModel, quantity: Quantity
+) -> dict[str, float]:
     """The values with gain and share of the second mode by linear least squares."""
     share = model.shares[0]
     alone = model.frequency_response(values | {model.gain_name: 1.0, share: 0.0}, sought.frequency_hz, quantity)

@@ -19,9 +19,9 @@ from vibrident.base.backend import jnp
 from vibrident.base.errors import ModelError, NotConverged
 from vibrident.data.records import FloatArray
 from vibrident.fit.estimators.base import Estimate, Estimator
-from vibrident.fit.estimators.coloured import coloured_covariance
 from vibrident.fit.estimators.findings import Findings, LearnedShare
 from vibrident.fit.estimators.optimise import Progress, Trace, levenberg_marquardt, silent
+from vibrident.fit.estimators.sandwich import hac_covariance
 from vibrident.fit.problem import Coordinates, Evidence, Local
 from vibrident.fit.problem.time_domain import TimeProblem, evaluate
 from vibrident.fit.registry import ESTIMATORS
@@ -340,7 +340,7 @@ def _with(plain: Estimate, structure: tuple[str, ...], whole: _Candidate, tried:
     normal = whole.normal(everything)
     _, weight = _prior(whole.coordinates)
     lines = whole.problem.lines(whole.z, whole.coordinates, whole.noise)
-    covariance, freedom = coloured_covariance(lines, whole.problem.degrees_of_freedom, np.diag(weight))
+    covariance, freedom = hac_covariance(lines, whole.problem.degrees_of_freedom, np.diag(weight))
     z = np.asarray(whole.z)[:count]
     alone = plain.problem.predict(plain.coordinates, z)
     predicted = tuple(whole.problem.by_record(normal.response))

@@ -2,7 +2,7 @@
 
 Training weighs the samples of a record alike, which is right for white noise of the response. Under coloured noise, or
 noise of the reference channel itself, that estimate scatters more than necessary, and the latter biases the gain
-low. From there, steps in the metric of the noise lead to maximum likelihood (Pintelon & Schoukens 2012,
+low. From there, steps weighted by the noise lead to maximum likelihood (Pintelon & Schoukens 2012,
 ch. 9; one such step is efficient already, Le Cam 1956). At the lines f of the record's transform, with R the residual,
 S its spectrum (:mod:`vibrident.fit.estimators.noise_spectrum`), ∂H the model's slopes and X the reference,
 
@@ -11,9 +11,9 @@ S its spectrum (:mod:`vibrident.fit.estimators.noise_spectrum`), ∂H the model'
 where X̂ is the reference corrected by the response: its error is not correlated with R, so noise of the reference
 leaves no bias. The part of the information from the noise itself, ∂H* ∂H σx² σy² / S², is subtracted.
 
-Initial states, offset and drift of every segment, and tones of the mains, are unknowns beside the parameters. Where S
-is steep, the part that the slopes of initial states could imitate is removed too: the edges of a record leak over all
-lines, and at lines with little noise that would count as information.
+Initial states, offset and drift of every segment, and tones of the mains, are nuisance parameters. Where S is steep,
+the part that the slopes of initial states could imitate is removed too: the edges of a record leak over all bins, and
+at bins with little noise that would count as information.
 """
 
 from __future__ import annotations
@@ -27,28 +27,28 @@ import numpy as np
 from vibrident.base.memory import give_back_after
 from vibrident.base.tails import chi2_tail
 from vibrident.data.records import FloatArray
-from vibrident.fit.estimators.coloured import sandwich
-from vibrident.fit.estimators.findings import LineNoise, doubtful
-from vibrident.fit.estimators.noise_metric import (
+from vibrident.fit.bins import RecordBins
+from vibrident.fit.estimators.findings import SpectralNoise, doubtful
+from vibrident.fit.estimators.iterate import (
     SETTLED,
-    Place,
+    Iterate,
     beside_hum,
     equal,
     equal_cost,
-    place_at,
+    iterate_at,
     products,
     width,
 )
 from vibrident.fit.estimators.noise_motion import NEAREST, motion_of
 from vibrident.fit.estimators.noise_spectrum import DOUBT, NoiseSpectrum
 from vibrident.fit.estimators.optimise import Bent
-from vibrident.fit.lines import RecordLines
+from vibrident.fit.estimators.sandwich import sandwich
 from vibrident.fit.measure.response import ComplexArray
 from vibrident.fit.problem import Coordinates, NetworkProblem
 
 #: Evaluations of the network at most, straight on and along a valley.
 EVALUATIONS, ALONG_A_VALLEY = 16, 30
-#: The step, in standard deviations, beyond which the last place is no optimum.
+#: The step, in standard deviations, beyond which the last iterate is no optimum.
 ASTRAY = 0.3
 #: Largest step, over the coordinate or one, for which the linearisation is valid.
 FARTHEST = 3.0
@@ -71,7 +71,7 @@ DIFFERENT = 1e-6
 
 @dataclass(frozen=True)
 class Reweighted:
-    """The estimate in the metric of the noise.
+    """The estimate weighted by the noise.
 
     Attributes:
         z: the optimum, shape (p,).
@@ -84,7 +84,7 @@ class Reweighted:
     z: FloatArray
     covariance: FloatArray
     degrees_of_freedom: float
-    noise: LineNoise
+    noise: SpectralNoise
 
 
 def reweighted(
@@ -118,7 +118,7 @@ def reweighted(
             return None
         motions = [motion_of(record) for record in lines]
         spectra = beside_hum(lines, motions)
-    here = place_at(lines, motions, spectra, z if start is None else start)
+    here = iterate_at(lines, motions, spectra, z if start is None else start)
     del motions, spectra  # of a long record each copy counts
     if here is None or here.cost > FARTHEST_START * sum(record.count for record in lines):
         return None
@@ -143,8 +143,8 @@ def reweighted(
         end,
         covariance,
         sum(4.0 * (width(record) - NEAREST) for record in lines),
-        LineNoise(
-            np.sqrt([spectrum.passed for spectrum in spectra]) * noise,
+        SpectralNoise(
+            np.sqrt([spectrum.input_noise for spectrum in spectra]) * noise,
             doubtful(untold, covariance),
             tuple(
                 tuple(place * given.sampling_rate_hz / max(record.samples, 1) for place in spectrum.tones)
@@ -156,13 +156,13 @@ def reweighted(
 
 
 def _down(
-    here: Place,
-    lines: list[RecordLines],
-    evaluate: Callable[[FloatArray], list[RecordLines]],
+    here: Iterate,
+    lines: list[RecordBins],
+    evaluate: Callable[[FloatArray], list[RecordBins]],
     most: float,
     bent: Bent | None,
-) -> Place:
-    """The last place of a descent; ``lines`` hold the records at the last place that was tried."""
+) -> Iterate:
+    """The last iterate of a descent; ``lines`` hold the records at the last iterate that was tried."""
     damping, part, rejected, slow = 0.0, 1.0, 0, 0
     for _ in range((EVALUATIONS if bent is None else ALONG_A_VALLEY) - 1):
         if (
@@ -179,7 +179,7 @@ def _down(
             lines += evaluate(trial)
             give_back_after(max(record.samples for record in lines))
             if here.leads_to(lines, most):
-                there = place_at(lines, [motion_of(record) for record in lines], list(here.spectra), trial, SETTLED)
+                there = iterate_at(lines, [motion_of(record) for record in lines], list(here.spectra), trial, SETTLED)
         if there is None:
             damping = max(DAMPED, damping * MORE_DAMPED * 2.0**rejected)
             rejected += 1
@@ -192,9 +192,9 @@ def _down(
     return here
 
 
-def _equal_information(lines: Sequence[RecordLines]) -> FloatArray:
-    def slopes_of(record: RecordLines) -> Callable[[slice], list[ComplexArray]]:
-        return lambda part: [record.slopes[:, part]]
+def _equal_information(lines: Sequence[RecordBins]) -> FloatArray:
+    def slopes_of(record: RecordBins) -> Callable[[slice], list[ComplexArray]]:
+        return lambda part: [record.jacobian[:, part]]
 
     return np.sum([products(slopes_of(record), equal(record)) for record in lines], axis=0)
 
@@ -216,15 +216,15 @@ def _improbable(shift: FloatArray, more: float, spread: FloatArray, information:
     return chi2_tail(len(shift), far) < DIFFERENT and chi2_tail(len(shift), more / largest) < DIFFERENT
 
 
-def _spread(lines: list[RecordLines], spectra: Sequence[NoiseSpectrum]) -> FloatArray:
+def _spread(lines: list[RecordBins], spectra: Sequence[NoiseSpectrum]) -> FloatArray:
     """Covariance of the estimate with equal weights in the noise that is there."""
-    levels = [spectrum.level for spectrum in spectra]
-    return sandwich([(record.slopes, equal(record), level) for record, level in zip(lines, levels, strict=True)])
+    levels = [spectrum.psd for spectrum in spectra]
+    return sandwich([(record.jacobian, equal(record), level) for record, level in zip(lines, levels, strict=True)])
 
 
-def _draw(record: RecordLines, spectrum: NoiseSpectrum) -> FloatArray:
+def _draw(record: RecordBins, spectrum: NoiseSpectrum) -> FloatArray:
     """Pull of noise of the reference that may be left (95 %) at each coordinate, Σ weight Re ∂H* H σx², shape (p,)."""
     if record.model is None:
         return np.zeros(len(record.z))
-    weighted = record.model.through() * (record.twice * spectrum.excited * spectrum.doubt() / spectrum.level)
-    return np.array([float(np.vdot(slope, weighted).real) for slope in record.model.slopes()])
+    weighted = record.model.through() * (record.one_sided * spectrum.excited * spectrum.doubt() / spectrum.psd)
+    return np.array([float(np.vdot(slope, weighted).real) for slope in record.model.jacobian()])

@@ -16,8 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vibrident.data.records import BoolArray, FloatArray, Quantity
-from vibrident.fit.measure.lines import median
 from vibrident.fit.measure.response import ComplexArray
+from vibrident.fit.measure.transform import median
 from vibrident.fit.problem.coordinates import searched
 from vibrident.physics.models import SensorModel
 
@@ -47,7 +47,7 @@ Residual = Callable[[ComplexArray, ComplexArray], tuple[FloatArray, FloatArray]]
 
 
 @dataclass(frozen=True, eq=False)
-class Sought:
+class TargetFRF:
     """The response that is sought, at n points.
 
     Attributes:
@@ -66,9 +66,9 @@ class Sought:
     has_phase: bool
     polar: bool
 
-    def at(self, points: np.ndarray) -> Sought:
+    def at(self, points: np.ndarray) -> TargetFRF:
         """Some of the points."""
-        return Sought(
+        return TargetFRF(
             self.frequency_hz[points],
             self.response[points],
             self.deviation[points],
@@ -77,13 +77,13 @@ class Sought:
             self.polar,
         )
 
-    def scaled(self, factor: float) -> Sought:
+    def scaled(self, factor: float) -> TargetFRF:
         """The same points with deviations so many times as large."""
         return replace(self, deviation=self.deviation * factor, phase_deviation=self.phase_deviation * factor)
 
 
 @dataclass(frozen=True, eq=False)
-class Chart:
+class LogCoordinates:
     """Coordinates of the search, shape (C, P) for C candidates, and the responses there.
 
     Attributes:
@@ -162,7 +162,7 @@ class Chart:
         return slopes
 
 
-def magnitudes(sought: Sought, least: float) -> Residual:
+def magnitudes(sought: TargetFRF, least: float) -> Residual:
     """Logarithms of the magnitudes; relative deviations are at least ``least``."""
     goal, weight = np.log(np.abs(sought.response)), 1.0 / np.maximum(sought.deviation, least)
 
@@ -172,7 +172,7 @@ def magnitudes(sought: Sought, least: float) -> Residual:
     return residual
 
 
-def logarithms(sought: Sought, least: float) -> Residual:
+def logarithms(sought: TargetFRF, least: float) -> Residual:
     """Complex logarithms, phases within half a turn; deviations are at least ``least``."""
     radial, turning = (1.0 / np.maximum(d, least) for d in (sought.deviation, sought.phase_deviation))
 
@@ -186,7 +186,7 @@ def logarithms(sought: Sought, least: float) -> Residual:
     return residual
 
 
-def differences(sought: Sought) -> Residual:
+def differences(sought: TargetFRF) -> Residual:
     """The weighted residual that the estimators minimise."""
     if sought.polar:
         return _polar_differences(sought)
@@ -199,7 +199,7 @@ def differences(sought: Sought) -> Residual:
     return residual
 
 
-def _polar_differences(sought: Sought) -> Residual:
+def _polar_differences(sought: TargetFRF) -> Residual:
     size = np.abs(sought.response)
     scale, turning = 1.0 / (size * sought.deviation), 1.0 / sought.phase_deviation
 
@@ -218,7 +218,7 @@ def _polar_differences(sought: Sought) -> Residual:
 
 
 @dataclass(frozen=True, eq=False)
-class Front:
+class Population:
     """Candidates on their way down.
 
     Attributes:
@@ -250,13 +250,13 @@ class Front:
 
 
 def descend(
-    chart: Chart,
+    chart: LogCoordinates,
     u: FloatArray,
     sign: FloatArray,
     residual: Residual,
     rounds: int,
     held: BoolArray | None = None,
-) -> Front:
+) -> Population:
     """Levenberg–Marquardt on all candidates side by side.
 
     Args:
@@ -301,10 +301,10 @@ def descend(
             costs.append(cost.copy())
             moving = moving[~arrived & (damping[moving] < MOST_DAMPED)]
         damping = np.minimum(damping, DAMPING)
-    return Front(u, sign, cost, (np.array(places), np.array(costs)))
+    return Population(u, sign, cost, (np.array(places), np.array(costs)))
 
 
-def information_at(chart: Chart, u: FloatArray, sign: FloatArray, residual: Residual) -> FloatArray:
+def information_at(chart: LogCoordinates, u: FloatArray, sign: FloatArray, residual: Residual) -> FloatArray:
     """JᵀJ of the residual at each candidate, by the coordinates, shape (C, P, P)."""
     _, slopes = _evaluated(chart, u, sign, residual)
     return np.einsum("cmp,cmq->cpq", slopes, slopes)
@@ -327,7 +327,9 @@ def _bounded(off: FloatArray, slopes: FloatArray, limit: FloatArray) -> tuple[Fl
     return bounded, slopes * np.where(np.isfinite(factor), factor, 0.0)[..., None]
 
 
-def _evaluated(chart: Chart, u: FloatArray, sign: FloatArray, residual: Residual) -> tuple[FloatArray, FloatArray]:
+def _evaluated(
+    chart: LogCoordinates, u: FloatArray, sign: FloatArray, residual: Residual
+) -> tuple[FloatArray, FloatArray]:
     response = chart.response(u, sign)
     with np.errstate(all="ignore"):
         off, slopes = residual(response, chart.log_slopes(u, sign, response))

@@ -20,9 +20,9 @@ from vibrident.data.records import FloatArray
 from vibrident.data.records.basis import distinct
 from vibrident.fit.estimators.rational import two_modes
 from vibrident.fit.estimators.search import (
-    Chart,
-    Front,
-    Sought,
+    LogCoordinates,
+    Population,
+    TargetFRF,
     descend,
     differences,
     information_at,
@@ -44,10 +44,8 @@ MOST_FINAL_POINTS = 800
 CORES = 6
 #: Combinations of cores with add-ons that go down some steps.
 FIRST = 64
-#: Those of them that go on.
-SECOND = 12
-#: Those that are brought to an end.
-LAST = 6
+#: Those of them that go on, and those that are brought to an end.
+SECOND, LAST = 12, 6
 #: Combinations of the grid that go down the phases without the magnitudes' way.
 BESIDE = 32
 #: Candidates whose delays two modes are fitted with by linear algebra.
@@ -112,7 +110,7 @@ def find_start(problem: FrequencyProblem, model: SensorModel) -> Start:
     whole, linear = model, model.linear
     sought = sought_response(problem)
     final = sought.at(_spread(sought.frequency_hz, MOST_FINAL_POINTS))
-    chart = Chart(linear, problem.quantity, final.frequency_hz, 1.0 / (2.0 * np.pi * problem.band_hz[1]))
+    chart = LogCoordinates(linear, problem.quantity, final.frequency_hz, 1.0 / (2.0 * np.pi * problem.band_hz[1]))
     scale = problem.points / max(final.frequency_hz.size, 1)
     if problem.start is not None:
         u, sign = chart.place(dict(problem.start))
@@ -145,7 +143,7 @@ def _whole(values: Mapping[str, float], model: SensorModel) -> dict[str, float]:
     return {name: values.get(name, 0.0) for name in model.parameter_names}
 
 
-def _shortest_delay_first(rows: np.ndarray, front: Front, model: SensorModel) -> list[int]:
+def _shortest_delay_first(rows: np.ndarray, front: Population, model: SensorModel) -> list[int]:
     """The rows in order of cost; among those that fit as well as the best, the shortest delay comes first."""
     if not model.has_delay:
         return rows.tolist()
@@ -155,7 +153,7 @@ def _shortest_delay_first(rows: np.ndarray, front: Front, model: SensorModel) ->
     return [first, *(row for row in rows.tolist() if row != first)]
 
 
-def _likeliest_first(rows: np.ndarray, front: Front, chart: Chart, final: Sought) -> np.ndarray:
+def _likeliest_first(rows: np.ndarray, front: Population, chart: LogCoordinates, final: TargetFRF) -> np.ndarray:
     """The rows by χ² + log det(1 + JᵀJ): how likely the data are, not how well they fit (Laplace's approximation).
 
     Somewhere in the band a mode of hardly any width or size follows a line of the noise, and fits better than the right
@@ -168,12 +166,12 @@ def _likeliest_first(rows: np.ndarray, front: Front, chart: Chart, final: Sought
     return rows[np.argsort(score, kind="stable")]
 
 
-def sought_response(problem: FrequencyProblem) -> Sought:
+def sought_response(problem: FrequencyProblem) -> TargetFRF:
     """What the search needs of a problem; points without response are left out."""
     usable = np.abs(problem.response) > 0
     phase = np.asarray(problem.data[4]) if problem.polar else problem.relative_deviation
     tiny = np.finfo(float).tiny
-    found = Sought(
+    found = TargetFRF(
         np.asarray(problem.data[0]),
         problem.response,
         np.maximum(problem.relative_deviation, tiny),
@@ -192,8 +190,12 @@ def _spread(frequency_hz: FloatArray, most: int) -> np.ndarray:
 
 
 def optima(
-    sought: Sought, final: Sought, chart: Chart, band_hz: tuple[float, float], longest_delay_s: float = np.inf
-) -> Front:
+    sought: TargetFRF,
+    final: TargetFRF,
+    chart: LogCoordinates,
+    band_hz: tuple[float, float],
+    longest_delay_s: float = np.inf,
+) -> Population:
     """Where the candidates end.
 
     Args:
@@ -204,7 +206,7 @@ def optima(
         longest_delay_s: no longer delay is looked for.
     """
     some = sought.at(_spread(sought.frequency_hz, MOST_POINTS))
-    near = Chart(chart.model, chart.quantity, some.frequency_hz, chart.time_unit_s)
+    near = LogCoordinates(chart.model, chart.quantity, some.frequency_hz, chart.time_unit_s)
     u = _candidates(some, near, band_hz)
     sign = np.ones(len(u))
     coarse = descend(near, u, sign, magnitudes(some, LEAST_DEVIATION), FEW_STEPS)
@@ -222,7 +224,7 @@ def extended(problem: FrequencyProblem, model: SensorModel, values: Mapping[str,
     """
     sought = sought_response(problem)
     some = sought.at(_spread(sought.frequency_hz, MOST_POINTS))
-    near = Chart(model, problem.quantity, some.frequency_hz, 1.0 / (2.0 * np.pi * problem.band_hz[1]))
+    near = LogCoordinates(model, problem.quantity, some.frequency_hz, 1.0 / (2.0 * np.pi * problem.band_hz[1]))
     here, _ = near.place({name: values.get(name, 0.0) for name in model.parameter_names})
     lacking = [name for name in model.parameter_names if name not in values]
     kept = _likely(_with_guesses(here[None], model, problem.band_hz, lacking), 1, some, near)
@@ -235,7 +237,14 @@ def extended(problem: FrequencyProblem, model: SensorModel, values: Mapping[str,
     return Start(found, (scale * float(front.cost[row]),), problem.equations, (found,))
 
 
-def _aligned(kept: FloatArray, some: Sought, near: Chart, final: Sought, chart: Chart, longest_delay_s: float) -> Front:
+def _aligned(
+    kept: FloatArray,
+    some: TargetFRF,
+    near: LogCoordinates,
+    final: TargetFRF,
+    chart: LogCoordinates,
+    longest_delay_s: float,
+) -> Population:
     """Where candidates of the right magnitude end, with the signs and delays that line up their phases."""
     if not some.has_phase:
         return descend(chart, kept, np.ones(len(kept)), differences(final), LAST_STEPS)
@@ -250,7 +259,9 @@ def _aligned(kept: FloatArray, some: Sought, near: Chart, final: Sought, chart: 
     return descend(chart, closer.u[rows], closer.sign[rows], differences(final), LAST_STEPS)
 
 
-def _with_two_modes(u: FloatArray, sign: FloatArray, chart: Chart, sought: Sought) -> tuple[FloatArray, FloatArray]:
+def _with_two_modes(
+    u: FloatArray, sign: FloatArray, chart: LogCoordinates, sought: TargetFRF
+) -> tuple[FloatArray, FloatArray]:
     """The candidates, and for a model with a second mode what linear algebra makes of the first ones' delays."""
     if len(chart.model.oscillators) != 2 or not chart.model.shares:
         return u, sign
@@ -263,19 +274,19 @@ def _with_two_modes(u: FloatArray, sign: FloatArray, chart: Chart, sought: Sough
     return np.concatenate([u, *(p[None] for p in places)]), np.concatenate([sign, np.array(signs)])
 
 
-def _candidates(sought: Sought, chart: Chart, band_hz: tuple[float, float]) -> FloatArray:
+def _candidates(sought: TargetFRF, chart: LogCoordinates, band_hz: tuple[float, float]) -> FloatArray:
     """Coordinates of the grid's best, with what the add-ons guess, the best first; shape (C, P)."""
     cores = _cores(sought, chart, band_hz)
     return _likely(_with_guesses(cores, chart.model, band_hz), len(cores), sought, chart)
 
 
-def _likely(combined: FloatArray, cores: int, sought: Sought, chart: Chart) -> FloatArray:
+def _likely(combined: FloatArray, cores: int, sought: TargetFRF, chart: LogCoordinates) -> FloatArray:
     """Those of the combinations of so many cores with guesses that have the best magnitudes, the best first."""
     if len(combined) <= FIRST:
         return combined
     few = _spread(sought.frequency_hz, MOST_SCORED_POINTS)
     goal, weight = np.log(np.abs(sought.response[few])), 1.0 / np.maximum(sought.deviation[few], LEAST_DEVIATION) ** 2
-    at = Chart(chart.model, chart.quantity, sought.frequency_hz[few], chart.time_unit_s)
+    at = LogCoordinates(chart.model, chart.quantity, sought.frequency_hz[few], chart.time_unit_s)
     off = goal - np.log(np.abs(at.response(combined, np.ones(len(combined)))))
     mean = off @ weight / np.sum(weight)
     score = (off - mean[:, None]) ** 2 @ weight
@@ -289,7 +300,7 @@ def _likely(combined: FloatArray, cores: int, sought: Sought, chart: Chart) -> F
     return combined[rows[np.argsort(score[rows], kind="stable")[:FIRST]]]
 
 
-def _cores(sought: Sought, chart: Chart, band_hz: tuple[float, float]) -> FloatArray:
+def _cores(sought: TargetFRF, chart: LogCoordinates, band_hz: tuple[float, float]) -> FloatArray:
     """The best and most different values of the core's grid by magnitude, add-ons as if not there."""
     log_measured = np.log(np.abs(sought.response))
     weight = 1.0 / np.maximum(sought.deviation, LEAST_DEVIATION) ** 2
@@ -352,7 +363,7 @@ def _with_guesses(
 
 
 def _with_sign_and_delay(
-    u: FloatArray, chart: Chart, sought: Sought, longest_delay_s: float
+    u: FloatArray, chart: LogCoordinates, sought: TargetFRF, longest_delay_s: float
 ) -> tuple[FloatArray, FloatArray]:
     """The candidates with the signs, and the delays, that line their phases up."""
     model = chart.model

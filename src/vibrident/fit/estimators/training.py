@@ -15,18 +15,18 @@ import numpy as np
 
 from vibrident.base.errors import ModelError
 from vibrident.data.records import FloatArray
+from vibrident.fit.bins import RecordBins
 from vibrident.fit.estimators.base import Estimate
-from vibrident.fit.estimators.coloured import coloured_covariance
 from vibrident.fit.estimators.findings import Findings, TrainedNetwork
+from vibrident.fit.estimators.geodesic import GeodesicSteps
 from vibrident.fit.estimators.network_settings import NetworkSettings
 from vibrident.fit.estimators.optimise import Bent, Progress, Trace, levenberg_marquardt
 from vibrident.fit.estimators.reweighting import reweighted
+from vibrident.fit.estimators.sandwich import hac_covariance
 from vibrident.fit.estimators.start import Start, find_start
-from vibrident.fit.estimators.valley import ValleySteps
-from vibrident.fit.lines import RecordLines
 from vibrident.fit.measure.drift import slow_tones
 from vibrident.fit.measure.hum import hum_tones
-from vibrident.fit.problem import Coordinates, Evidence, LineProblem, NetworkProblem, network_objective
+from vibrident.fit.problem import BinProblem, Coordinates, Evidence, NetworkProblem, network_objective
 from vibrident.fit.problem.framing import response_size
 from vibrident.physics.discretisation import method
 
@@ -65,7 +65,7 @@ def fit(network: NetworkSettings, evidence: Evidence, progress: Progress) -> Est
 def leads_further(network: NetworkSettings, evidence: Evidence, estimate: Estimate, progress: Progress) -> bool:
     """Whether another start leads to less residual with equal weights than the estimate's training left.
 
-    Training takes a tenth of the time of the steps in the metric of the noise, which come to nothing where the model
+    Training takes a tenth of the time of the steps weighted by the noise, which come to nothing where the model
     does not explain the data. True where it is not known.
     """
     before = estimate.findings.network
@@ -100,7 +100,7 @@ def _trained(network: NetworkSettings, evidence: Evidence, progress: Progress) -
         if trace is None and not evidence.model.is_linear:
             z = _with_harmonic_start(problem, normal, evidence, z)
         noise = found
-        bent = ValleySteps.of_records(evidence, coordinates, noise)
+        bent = GeodesicSteps.of_records(evidence, coordinates, noise)
         trace = _train(network, problem, coordinates, z, noise, bent, tolerance, progress)
         z = trace.last
         moved = problem.at_delay_of(coordinates.values(z))
@@ -115,7 +115,7 @@ def _trained(network: NetworkSettings, evidence: Evidence, progress: Progress) -
 
 
 def _by_lines(network: NetworkSettings, evidence: Evidence) -> bool:
-    """Whether the network is run at the lines of its transform; Adam runs it in time, as the paper does."""
+    """Whether the network is run at the bins of its transform; Adam runs it in time, as the paper does."""
     return network.optimiser == "lm" and evidence.model.is_linear
 
 
@@ -124,14 +124,14 @@ def _problem(
 ) -> NetworkProblem:
     at = (evidence.records, evidence.model, method(network.discretisation), evidence.quantity, start)
     if _by_lines(network, evidence):
-        return _beside_hum(LineProblem.build(*at), coordinates)
+        return _beside_hum(BinProblem.build(*at), coordinates)
     from vibrident.fit.problem.time_domain import TimeProblem
 
     return TimeProblem.build(*at)
 
 
-def _beside_hum(problem: LineProblem, coordinates: Coordinates) -> LineProblem:
-    """The problem with the hum that the start values leave as unknowns.
+def _beside_hum(problem: BinProblem, coordinates: Coordinates) -> BinProblem:
+    """The problem with the hum that the start values leave as nuisance parameters.
 
     A free response without damping imitates hum, and a resonance above half the sampling rate has one at any frequency:
     from a start near the truth, training would leave it for that.
@@ -151,7 +151,7 @@ def _freed(network: NetworkSettings, evidence: Evidence, trained: _Trained, prog
     values, step = coordinates.values(z), method(network.discretisation)
     in_time = TimeProblem.build(evidence.records, evidence.model, step, evidence.quantity, values)
     z, covariance, trace, _ = train_free(in_time, coordinates, z, trained.network.noise, network.reading, progress)
-    _, freedom = coloured_covariance(trained.lines(), trained.problem.degrees_of_freedom)
+    _, freedom = hac_covariance(trained.lines(), trained.problem.degrees_of_freedom)
     found = Findings(replace(trained.network, reading=network.reading))
     return replace(trained.estimate(z, covariance, freedom, found), trace=trace, begin=None)
 
@@ -192,8 +192,8 @@ class _Trained:
     begin: Start
     network: TrainedNetwork
 
-    def lines(self) -> list[RecordLines]:
-        """The records at the lines of their transforms, at the optimum."""
+    def lines(self) -> list[RecordBins]:
+        """The records at the bins of their transforms, at the optimum."""
         return self.problem.lines(self.trace.last, self.coordinates, self.network.noise)
 
     def estimate(self, z: FloatArray, covariance: FloatArray, freedom: float, findings: Findings) -> Estimate:
@@ -214,7 +214,7 @@ class _Trained:
 
     def with_equal_weights(self) -> Estimate:
         """As trained."""
-        covariance, freedom = coloured_covariance(self.lines(), self.problem.degrees_of_freedom)
+        covariance, freedom = hac_covariance(self.lines(), self.problem.degrees_of_freedom)
         found = Findings(replace(self.network, weights="white"))
         return self._with_response(self.estimate(self.trace.last, covariance, freedom, found))
 
@@ -225,7 +225,7 @@ class _Trained:
         """The last step of training: every line of the residual weighted by its own noise."""
         at = (self.problem, self.coordinates, self.trace.last, self.network.noise)
         two_modes = bool(self.coordinates.model.shares)  # they trade against each other along a curved valley
-        bent = ValleySteps.of_records(evidence, self.coordinates, self.network.noise) if two_modes else None
+        bent = GeodesicSteps.of_records(evidence, self.coordinates, self.network.noise) if two_modes else None
         end = reweighted(*at, bent=bent)
         if end is None:  # equal weights were drawn aside; the points' start knows the noise of both channels
             end = reweighted(*at, start=self.coordinates.place(self.begin.values), bent=bent)

@@ -22,7 +22,7 @@ from vibrident.data.records import FloatArray
 from vibrident.fit.estimators.optimise import Progress, Trace, levenberg_marquardt
 from vibrident.fit.information import inverse_normal
 from vibrident.fit.joint.decays import FreeDecays, with_decays
-from vibrident.fit.joint.moments import Moments, Score
+from vibrident.fit.joint.moments import MomentConditions, Score
 from vibrident.fit.joint.sharing import Joint, Place, places
 from vibrident.fit.judge import Fitted
 from vibrident.fit.problem import Local
@@ -119,10 +119,10 @@ def descend(together: Together, covariance: Callable[[Fitted], FloatArray], prog
         for i, (one, z) in enumerate(zip(fitted, there, strict=True)):
             if i in lost:
                 variance = near[i].colour(z) * (one.judgement.scatter or 1.0) ** 2
-                moments.append(Moments.plain(near[i], z, variance))
+                moments.append(MomentConditions.plain(near[i], z, variance))
             else:
                 own = Score.of(one).near(one.estimate.z)
-                moments.append(Moments.of(own, one.estimate.z, covariance(one), near[i]))
+                moments.append(MomentConditions.of(own, one.estimate.z, covariance(one), near[i]))
         balance = _balanced(together, moments, theta, progress)
         moved = together.at(balance.theta)
         left = {i for i, one in enumerate(fitted) if i not in lost and _left(one, near[i], there[i], moved[i])}
@@ -134,7 +134,9 @@ def descend(together: Together, covariance: Callable[[Fitted], FloatArray], prog
     return Descent(together, balance, tuple(near), trace, tuple(i for i in range(len(fitted)) if i not in lost))
 
 
-def _balanced(together: Together, moments: Sequence[Moments], theta: FloatArray, progress: Progress) -> Balance:
+def _balanced(
+    together: Together, moments: Sequence[MomentConditions], theta: FloatArray, progress: Progress
+) -> Balance:
     for _ in range(ROUNDS):
         local = [_held(m, m.weight(z)) for m, z in zip(moments, together.at(theta), strict=True)]
         way = levenberg_marquardt(together.summed(local), theta, None, tolerance=1e-6, most=STEPS, progress=progress)
@@ -150,7 +152,7 @@ def _balanced(together: Together, moments: Sequence[Moments], theta: FloatArray,
     return Balance(theta, joint, tuple(known), steps)
 
 
-def _held(moments: Moments, weight: FloatArray) -> Callable[[FloatArray], Local]:
+def _held(moments: MomentConditions, weight: FloatArray) -> Callable[[FloatArray], Local]:
     return lambda z: moments.local(z, weight)
 
 

@@ -119,7 +119,7 @@ class _OfSamples(Score):
 
 
 @dataclass(frozen=True, eq=False)
-class Moments:
+class MomentConditions:
     """The score of a calibration."""
 
     score: Score  # near the joint estimate
@@ -128,7 +128,7 @@ class Moments:
     inverse_colour: FloatArray  # K⁻¹ in the scaled coordinates, shape (p, p)
 
     @classmethod
-    def of(cls, own: Score, z: FloatArray, covariance: FloatArray, near: Score) -> Moments:
+    def of(cls, own: Score, z: FloatArray, covariance: FloatArray, near: Score) -> MomentConditions:
         """From an estimate ``z``, shape (p,), with its covariance as stated, shape (p, p).
 
         ``own``: the residual, with each record weighted by its residual at the estimate; ``z``: the estimate;
@@ -143,7 +143,7 @@ class Moments:
         return cls(near, offset, scale, _inverse(colour))
 
     @classmethod
-    def plain(cls, near: Score, z: FloatArray, variance: float) -> Moments:
+    def plain(cls, near: Score, z: FloatArray, variance: float) -> MomentConditions:
         """For a calibration without its own estimate: its cost, for noise of this many times its level."""
         here = near.local(z)
         return cls(near, np.zeros_like(here.gradient), _scale(here.matrix), np.eye(len(z)) / variance)

@@ -11,7 +11,7 @@ from vibrident.base.errors import InputError, NotConverged
 from vibrident.base.memory import give_back_after
 from vibrident.data.records import FloatArray
 from vibrident.fit.estimators import Estimate, Estimator
-from vibrident.fit.estimators.canonical import in_one_form
+from vibrident.fit.estimators.canonical import canonically_labelled
 from vibrident.fit.estimators.optimise import Progress, silent
 from vibrident.fit.estimators.start import find_start
 from vibrident.fit.judge.adequacy import Judgement, judge_records, judge_table
@@ -289,10 +289,10 @@ def _once(evidence: Evidence, estimator: Estimator, progress: Progress) -> tuple
     found = estimator.fit(evidence, progress)
     found = found if found.problem is None else replace(found, problem=found.problem.idle())
     give_back_after(longest)
-    estimate = in_one_form(found)
+    estimate = canonically_labelled(found)
     judgement = judged(evidence, estimate)
     give_back_after(longest)
     if judgement.adequacy.adequate or (other := estimator.where_rejected(evidence, found, progress)) is None:
         return estimate, judgement
-    estimate = in_one_form(other)
+    estimate = canonically_labelled(other)
     return estimate, judged(evidence, estimate)

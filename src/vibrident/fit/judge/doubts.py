@@ -14,7 +14,7 @@ from vibrident.base.tails import f_tail
 from vibrident.data.records import FloatArray, Quantity, ResponseTable
 from vibrident.data.records.basis import distinct
 from vibrident.fit.estimators import Estimate
-from vibrident.fit.estimators.search import Sought
+from vibrident.fit.estimators.search import TargetFRF
 from vibrident.fit.estimators.start import Start, find_start, sought_response
 from vibrident.fit.judge.adequacy import Judgement
 from vibrident.fit.problem import Evidence, FrequencyProblem
@@ -72,7 +72,7 @@ def _others(
         sought = sought_response(problem).scaled(judgement.scatter or 1.0)
     else:
         deviation = points.relative_deviation
-        sought = Sought(points.frequency_hz, points.measured, deviation, deviation, has_phase=True, polar=False)
+        sought = TargetFRF(points.frequency_hz, points.measured, deviation, deviation, has_phase=True, polar=False)
     spread = np.abs(coordinates.slopes(z)) * np.sqrt(np.maximum(np.diag(covariance), 0.0))
     found = Solution(coordinates.values(z), dict(zip(coordinates.model.parameter_names, spread.tolist(), strict=True)))
     units = parameter_units(evidence.model, evidence.calibration)

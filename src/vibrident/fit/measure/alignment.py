@@ -16,7 +16,7 @@ from numpy import fft
 
 from vibrident.base.fft_lengths import fast_below
 from vibrident.data.records import FloatArray, Record
-from vibrident.fit.measure.lines import about_mean, power_of, transforms
+from vibrident.fit.measure.transform import about_mean, power_of, transforms
 
 #: Samples that predict the next: two for each mode of a sensor with two, one for a high-pass, the rest for the motion.
 ORDER = 8

@@ -18,8 +18,8 @@ from vibrident.base.tails import gamma_tail
 from vibrident.data.records import BoolArray, FloatArray, Quantity, Record
 from vibrident.data.records.basis import distinct
 from vibrident.fit.measure.alignment import TINY, aligned, bulk_delay, whitened
-from vibrident.fit.measure.lines import MOST_KEPT, about_mean, hann, power_of, transforms
 from vibrident.fit.measure.response import ComplexArray, MeasuredResponse
+from vibrident.fit.measure.transform import MOST_KEPT, about_mean, hann, power_of, transforms
 
 LINES_IN_BAND = 6
 #: Part of the lines under a window that are independent.

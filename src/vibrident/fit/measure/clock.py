@@ -8,9 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from vibrident.data.records import BoolArray, FloatArray, Record
-from vibrident.fit.measure.lines import median
 from vibrident.fit.measure.quality import FEWEST_PERIODS, Finding
 from vibrident.fit.measure.tones import spectral_peak, tone_frequency, turning
+from vibrident.fit.measure.transform import median
 
 #: Tones in one ratio to what is stated, that far from one; a single record may have been given a rough frequency_hz.
 #: Nominal frequencies (ISO 266) are up to 0.9 % off the exact ones.

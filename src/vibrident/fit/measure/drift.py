@@ -17,10 +17,10 @@ from numpy import fft
 
 from vibrident.base.amounts import amount, plain
 from vibrident.data.records import BoolArray, FloatArray, Record
-from vibrident.fit.measure.lines import hann
 from vibrident.fit.measure.quality import Finding
 from vibrident.fit.measure.response import ComplexArray
 from vibrident.fit.measure.rounding import step_of_response
+from vibrident.fit.measure.transform import hann
 
 #: Slow lines that tell how far noise alone may wander.
 LINES = 8

@@ -17,7 +17,7 @@ from vibrident.base.tails import f_tail
 from vibrident.data.records import FloatArray, Record
 from vibrident.fit.measure.alignment import aligned, bulk_delay, whitened
 from vibrident.fit.measure.bands import FEWEST_LINES, INDEPENDENT, LEAST_POWER, band_edges, windowed_spectra
-from vibrident.fit.measure.lines import hann, power_of
+from vibrident.fit.measure.transform import hann, power_of
 
 #: A band shows the response to the motion where at least this part of it is coherent with the reference.
 COHERENT = 0.5

@@ -15,9 +15,9 @@ import numpy as np
 from numpy import fft
 
 from vibrident.data.records import BoolArray, FloatArray, Record
-from vibrident.fit.measure.lines import hann, median, power_of, waves
 from vibrident.fit.measure.rounding import step_of_response
 from vibrident.fit.measure.tones import own_sine
+from vibrident.fit.measure.transform import hann, median, power_of, waves
 
 #: A line this many times above the median of the lines around is a tone, and none of the motion where the prediction
 #: does not stand out there.

@@ -9,7 +9,7 @@ from numpy import fft
 
 from vibrident.data.records import BoolArray, Excitation, FloatArray, Record
 from vibrident.fit.measure.bands import band_edges
-from vibrident.fit.measure.lines import about_mean
+from vibrident.fit.measure.transform import about_mean
 
 #: Samples looked at.
 MOST_SAMPLES = 2**18

@@ -10,7 +10,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from vibrident.data.records import BoolArray, FloatArray
-from vibrident.fit.measure.lines import median
+from vibrident.fit.measure.transform import median
 
 #: Neighbours on either side.
 REACH = 8

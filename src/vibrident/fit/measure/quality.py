@@ -13,11 +13,11 @@ from vibrident.base.errors import InputError
 from vibrident.data.records import BoolArray, FloatArray, Record
 from vibrident.fit.measure.clipping import clipped
 from vibrident.fit.measure.gaps import lost
-from vibrident.fit.measure.lines import hann
 from vibrident.fit.measure.motion import kind_of_motion, stray_motion
 from vibrident.fit.measure.repeats import repeated_block
 from vibrident.fit.measure.response import MeasuredResponse
 from vibrident.fit.measure.spikes import Channel, breaks, moves
+from vibrident.fit.measure.transform import hann
 from vibrident.result import WarningCode
 
 #: Part of the reference's power above 0.45 of the sampling rate that is taken for a missing anti-alias filter.

@@ -16,8 +16,8 @@ from vibrident.data.records import BoolArray, FloatArray, Record
 from vibrident.data.records.basis import distinct
 from vibrident.fit.measure.alignment import MOST_CUT
 from vibrident.fit.measure.bands import LEAST_POWER, LINES_IN_BAND, band_edges, power_and_coherence
-from vibrident.fit.measure.lines import MOST_KEPT, hann, power_of, transforms
 from vibrident.fit.measure.response import LEAST_DEVIATION, ComplexArray
+from vibrident.fit.measure.transform import MOST_KEPT, hann, power_of, transforms
 
 #: Stretches of time, half of each the next one's too, that tell how noise changes.
 STRETCHES = 15

@@ -18,8 +18,8 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from vibrident.data.records import BoolArray, FloatArray
-from vibrident.fit.measure.lines import median
 from vibrident.fit.measure.neighbours import MEDIAN, REACH, Interpolation, Rows, interpolation
+from vibrident.fit.measure.transform import median
 
 #: Samples that the interpolation predicts worst, as a part of all, are left out of its fit; rounds of this.
 WORST, ROUNDS = 0.015, 4

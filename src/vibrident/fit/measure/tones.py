@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from vibrident.base.fft_lengths import fast_length
 from vibrident.data.records import BoolArray, FloatArray, Record
 from vibrident.fit.information import inverse_where_shown
-from vibrident.fit.measure.lines import about_mean, hann, waves
 from vibrident.fit.measure.response import ComplexArray, MeasuredResponse
 from vibrident.fit.measure.rounding import returning_error
 from vibrident.fit.measure.terms import TOLD_APART, Exponentials, Terms, WrittenOut, fitted
+from vibrident.fit.measure.transform import about_mean, hann, waves
 
 HARMONICS = 5
 _SineFit = tuple[float, ComplexArray, FloatArray]

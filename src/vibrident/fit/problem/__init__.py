@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
+from vibrident.fit.problem.bin_problem import BinProblem
 from vibrident.fit.problem.coordinates import Coordinates
 from vibrident.fit.problem.evidence import Evidence
 from vibrident.fit.problem.frequency_domain import FrequencyProblem, Local
-from vibrident.fit.problem.line_problem import LineProblem
 from vibrident.fit.problem.network_problem import NetworkProblem, network_objective, network_of
 
 __all__ = [
+    "BinProblem",
     "Coordinates",
     "Evidence",
     "FrequencyProblem",
-    "LineProblem",
     "Local",
     "NetworkProblem",
     "network_objective",

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vibrident.data.records import FloatArray, Record
-from vibrident.fit.lines.runs import seen_by_network, unbroken
+from vibrident.fit.bins.segments import seen_by_network, unbroken
 from vibrident.physics.discretisation import Method
 from vibrident.physics.discretisation.inputs import StepInputs
 from vibrident.physics.network.unroll import Lanes

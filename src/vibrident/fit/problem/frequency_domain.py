@@ -80,7 +80,7 @@ class FrequencyProblem:
             phase_u = magnitude_u / table.magnitude
         return cls(model, quantity, True, has_phase, (table.frequency_hz, table.magnitude, phase, magnitude_u, phase_u))
 
-    def with_model_error(self, error: float) -> FrequencyProblem:
+    def with_random_effect(self, error: float) -> FrequencyProblem:
         """The same problem of what records say, with a relative error of the model beside the noise."""
         frequency, reference, response, deviation = self.data
         return replace(self, data=(frequency, reference, response, np.hypot(deviation, error * np.abs(response))))

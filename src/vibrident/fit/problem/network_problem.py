@@ -8,10 +8,10 @@ from typing import Any, Protocol
 import numpy as np
 
 from vibrident.data.records import FloatArray, Quantity, Record
-from vibrident.fit.lines import RecordLines
+from vibrident.fit.bins import RecordBins
+from vibrident.fit.problem.bin_problem import BinProblem
 from vibrident.fit.problem.coordinates import Coordinates
 from vibrident.fit.problem.framing import Frame
-from vibrident.fit.problem.line_problem import LineProblem
 from vibrident.physics.discretisation import Method, Weights
 from vibrident.physics.models import SensorModel
 
@@ -47,8 +47,8 @@ class NetworkProblem(Protocol):
         """Standard deviation of each record's residual, shape (records,), of normal equations weighted by ``noise``."""
         ...
 
-    def lines(self, z: FloatArray, coordinates: Coordinates, noise: FloatArray) -> list[RecordLines]:
-        """Every record at the lines of its transform, in order."""
+    def lines(self, z: FloatArray, coordinates: Coordinates, noise: FloatArray) -> list[RecordBins]:
+        """Every record at the bins of its transform, in order."""
         ...
 
     def predict(self, coordinates: Coordinates, z: FloatArray) -> list[FloatArray]:
@@ -81,14 +81,14 @@ def network_of(
     quantity: Quantity,
     start: Mapping[str, float],
 ) -> NetworkProblem:
-    """The network over records: at the lines of its transform where the model is linear, in time where not.
+    """The network over records: at the bins of its transform where the model is linear, in time where not.
 
     Raises:
         ModelError: the model is not rational.
         InputError: no record is long enough.
     """
     if model.is_linear:
-        return LineProblem.build(records, model, method, quantity, start)
+        return BinProblem.build(records, model, method, quantity, start)
     from vibrident.fit.problem.time_domain import TimeProblem
 
     return TimeProblem.build(records, model, method, quantity, start)

@@ -19,8 +19,8 @@ import numpy as np
 
 from vibrident.base.backend import jax, jnp, release_kernels
 from vibrident.data.records import FloatArray, Quantity, Record
-from vibrident.fit.lines import RecordLines
-from vibrident.fit.measure.lines import line_counts
+from vibrident.fit.bins import RecordBins
+from vibrident.fit.measure.transform import line_counts
 from vibrident.fit.problem.coordinates import Coordinates
 from vibrident.fit.problem.cutting import bucket, cut, pieces_of, steps_of
 from vibrident.fit.problem.framing import Frame, noise_floor, response_size
@@ -178,8 +178,8 @@ class TimeProblem:
         totals = np.bincount(self.record_of_segment, weights=squares, minlength=count)
         return np.maximum(np.sqrt(totals / np.maximum(self.degrees_of_freedom, 1.0)), self.noise_floor)
 
-    def lines(self, z: FloatArray, coordinates: Coordinates, noise: FloatArray) -> list[RecordLines]:
-        """Residual and slopes of every record at the lines of its transform, in units of its noise."""
+    def lines(self, z: FloatArray, coordinates: Coordinates, noise: FloatArray) -> list[RecordBins]:
+        """Residual and slopes of every record at the bins of its transform, in units of its noise."""
         normal = self.normal(z, coordinates, noise)
         responses = self.by_record(normal.response)
         columns = [self.by_record(column) for column in normal.columns]
@@ -189,8 +189,8 @@ class TimeProblem:
             signals = [(record.response - predicted) / noise[index], predicted / noise[index]]
             signals += [column[index] for column in columns]
             lines = np.fft.rfft(np.where(used, signals, 0.0), axis=1)
-            twice, floor = line_counts(record.samples), float((self.noise_floor[index] / noise[index]) ** 2)
-            found.append(RecordLines(lines[0], lines[1].__getitem__, used, twice, lines[2:], None, None, z, floor))
+            one_sided, floor = line_counts(record.samples), float((self.noise_floor[index] / noise[index]) ** 2)
+            found.append(RecordBins(lines[0], lines[1].__getitem__, used, one_sided, lines[2:], None, None, z, floor))
         return found
 
     def predict(self, coordinates: Coordinates, z: Any) -> list[FloatArray]:

@@ -15,10 +15,10 @@ import numpy as np
 
 from vibrident.base.tails import f_tail
 from vibrident.data.records import FloatArray, Record
-from vibrident.fit.measure.lines import line_frequencies, reference_colour
 from vibrident.fit.measure.remainder import coherent_remainder
 from vibrident.fit.measure.response import ComplexArray, MeasuredResponse
 from vibrident.fit.measure.rounding import rounding_variance
+from vibrident.fit.measure.transform import line_frequencies, reference_colour
 from vibrident.fit.measure.verdict import rejected
 
 if TYPE_CHECKING:

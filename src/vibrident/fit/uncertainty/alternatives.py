@@ -17,7 +17,7 @@ import numpy as np
 
 from vibrident.base.amounts import amount
 from vibrident.data.records import Quantity
-from vibrident.fit.estimators.search import Chart, Sought, descend, differences, information_at
+from vibrident.fit.estimators.search import LogCoordinates, TargetFRF, descend, differences, information_at
 from vibrident.fit.estimators.start import Start
 from vibrident.fit.information import inverse_normal
 from vibrident.physics.models import SensorModel
@@ -45,7 +45,7 @@ class Solution:
 def other_solutions(
     model: SensorModel,
     quantity: Quantity,
-    sought: Sought,
+    sought: TargetFRF,
     solution: Solution,
     begin: Start | None,
     units: Mapping[str, str],
@@ -70,13 +70,13 @@ def other_solutions(
             yield _as_good(mine, solution, more, units)
 
 
-def _chart(model: SensorModel, quantity: Quantity, sought: Sought) -> Chart:
+def _chart(model: SensorModel, quantity: Quantity, sought: TargetFRF) -> LogCoordinates:
     unit = 1.0 / (2.0 * np.pi * float(np.max(sought.frequency_hz)))
-    return Chart(model, quantity, sought.frequency_hz, unit)
+    return LogCoordinates(model, quantity, sought.frequency_hz, unit)
 
 
 def _met(
-    model: SensorModel, quantity: Quantity, sought: Sought, solution: Solution, begin: Start | None
+    model: SensorModel, quantity: Quantity, sought: TargetFRF, solution: Solution, begin: Start | None
 ) -> Iterator[tuple[float, dict[str, float]]]:
     """The optima that the search for start values met, and by how much their χ² is larger than the estimate's."""
     if begin is None or not begin.others:
@@ -91,7 +91,7 @@ def _met(
 
 
 def _along_the_valley(
-    model: SensorModel, quantity: Quantity, sought: Sought, solution: Solution
+    model: SensorModel, quantity: Quantity, sought: TargetFRF, solution: Solution
 ) -> Iterator[tuple[float, dict[str, float]]]:
     """As :func:`_met`, the furthest first: optima with one parameter of two modes held beyond its uncertainty."""
     if not model.shares:
@@ -125,7 +125,7 @@ def _differ(
     one: Mapping[str, float],
     other: Mapping[str, float],
     uncertainty: Mapping[str, float],
-    sought: Sought,
+    sought: TargetFRF,
     delays: Sequence[str],
 ) -> bool:
     """Whether these are two solutions; delays a period of the highest frequency apart are one, written twice."""

@@ -55,7 +55,7 @@ class MaximumLikelihood(Estimator):
         """With a model error beside the noise."""
         from vibrident.fit.estimators import likelihood
 
-        return likelihood.with_model_error(evidence, estimate, progress) if self.model_error else None
+        return likelihood.with_random_effect(evidence, estimate, progress) if self.model_error else None
 
 
 ML = MaximumLikelihood()

@@ -25,7 +25,7 @@ LEAST_SHOWN = 1e-14
 
 
 @dataclass(frozen=True, eq=False)
-class ValleySteps:
+class GeodesicSteps:
     """Where a step leads to along the valley.
 
     Attributes:
@@ -37,7 +37,7 @@ class ValleySteps:
     coordinates: Coordinates
 
     @classmethod
-    def of_records(cls, evidence: Evidence, coordinates: Coordinates, noise: FloatArray) -> ValleySteps | None:
+    def of_records(cls, evidence: Evidence, coordinates: Coordinates, noise: FloatArray) -> GeodesicSteps | None:
         """For the residual of a network; None for a nonlinear model, which has no response that would say how.
 
         Args:

@@ -15,11 +15,11 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from vibrident.data.records import FloatArray
+from vibrident.fit.bins import RecordBins
 from vibrident.fit.estimators.noise_motion import NEAREST
 from vibrident.fit.information import inverse_root, sandwich_covariance
-from vibrident.fit.lines import RecordLines
-from vibrident.fit.measure.lines import in_blocks, mean_around, power_of
 from vibrident.fit.measure.response import ComplexArray
+from vibrident.fit.measure.transform import in_blocks, mean_around, power_of
 
 #: Part of the spectrum's lines that is averaged on either side of each.
 SHARE = 1 / 256
@@ -29,8 +29,8 @@ FEWEST = 12
 MOST = 200
 
 
-def coloured_covariance(
-    lines: Sequence[RecordLines], degrees: FloatArray, prior: FloatArray | float = 0.0
+def hac_covariance(
+    lines: Sequence[RecordBins], degrees: FloatArray, prior: FloatArray | float = 0.0
 ) -> tuple[FloatArray, float]:
     """Covariance of the parameters, shape (P, P), and the degrees of freedom behind it.
 
@@ -49,7 +49,7 @@ def coloured_covariance(
         else:
             width = int(np.clip(record.samples * SHARE, FEWEST, MOST))
             level, told = mean_around(power, width, NEAREST), 4.0 * (width - NEAREST)
-        parts.append((record.slopes, record.twice / record.samples, np.maximum(level, record.floor)))
+        parts.append((record.jacobian, record.one_sided / record.samples, np.maximum(level, record.floor)))
         freedom += told
     return sandwich(parts, prior), freedom
 
@@ -66,9 +66,9 @@ def sandwich(
     """
     normal = prior
     middle: FloatArray | float = 0.0
-    for slopes, weight, level in parts:
+    for jacobian, weight, level in parts:
         for block in in_blocks(len(weight)):  # copies of a block, not of everything
-            own, weighted = np.conj(slopes[:, block]).T, slopes[:, block] * weight[block]
+            own, weighted = np.conj(jacobian[:, block]).T, jacobian[:, block] * weight[block]
             normal = normal + np.real(weighted @ own)
             middle = middle + np.real((weighted * level[block]) @ own)
     information = np.asarray(normal)

@@ -1,4 +1,4 @@
-"""The unrolled network at the lines of its transform: the way linear models are trained.
+"""The unrolled network at the bins of its transform: the way linear models are trained.
 
 One step of the network is x_{k+1} = Φ x_k + Γ c_k, y_k = C x_k + D c_k. Over an unbroken run of N steps, at a line
 z = e^{2πjm/N} of its discrete Fourier transform,
@@ -12,29 +12,29 @@ optimum are those of the network unrolled over the same samples (Pintelon & Scho
 
 from __future__ import annotations
 
-from vibrident.fit.lines.normal import Batch, LineNormal, RunNormals, Step, add_batch, columns_of
-from vibrident.fit.lines.record import LinesAt, RecordLines
-from vibrident.fit.lines.runs import Run, hum_of, run_of, seen_by_network, transformable, unbroken
-from vibrident.fit.lines.series import RunSeries, add_series, series_of
-from vibrident.fit.lines.transfer import StepTransfer, Trained, transfer_of
+from vibrident.fit.bins.normal import Batch, BinNormal, SegmentNormals, Step, add_batch, residual_and_jacobian
+from vibrident.fit.bins.record import BinsAt, RecordBins
+from vibrident.fit.bins.segments import Segment, hum_of, seen_by_network, segment_of, transformable, unbroken
+from vibrident.fit.bins.series import SegmentSeries, add_series, series_of
+from vibrident.fit.bins.transfer import DiscreteTransfer, Trained, transfer_of
 
 __all__ = [
     "Batch",
-    "LineNormal",
-    "LinesAt",
-    "RecordLines",
-    "Run",
-    "RunNormals",
-    "RunSeries",
+    "BinNormal",
+    "BinsAt",
+    "DiscreteTransfer",
+    "RecordBins",
+    "Segment",
+    "SegmentNormals",
+    "SegmentSeries",
     "Step",
-    "StepTransfer",
     "Trained",
     "add_batch",
     "add_series",
-    "columns_of",
     "hum_of",
-    "run_of",
+    "residual_and_jacobian",
     "seen_by_network",
+    "segment_of",
     "series_of",
     "transfer_of",
     "transformable",

@@ -1,4 +1,4 @@
-"""Normal equations of the network at the lines of its transform, initial states taken out.
+"""Normal equations of the network at the bins of its transform, initial states taken out.
 
 The residual of a run is R = Y − (Σ_k b_k w^k · U + z Σ_{k<n} d_k w^k) / a(w): what initial state and leakage add is
 spanned by z w^k / a, so their n numbers d are solved for exactly, and the slopes are freed of what they could imitate
@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibrident.data.records import FloatArray
+from vibrident.fit.bins.segments import Segment, shifted_lines
+from vibrident.fit.bins.transfer import DiscreteTransfer
 from vibrident.fit.information import inverse_where_shown
-from vibrident.fit.lines.runs import Run, shifted_lines
-from vibrident.fit.lines.transfer import StepTransfer
 from vibrident.fit.measure.response import ComplexArray
 
 #: Lines that are worked on at once: they stay in the processor's cache.
@@ -31,7 +31,7 @@ TONE_COLUMNS = 4
 
 
 @dataclass(frozen=True, eq=False)
-class LineNormal:
+class BinNormal:
     """Least-squares problem of P parameters, summed over runs.
 
     Attributes:
@@ -48,7 +48,7 @@ class LineNormal:
 
 
 @dataclass(frozen=True, eq=False)
-class RunNormals:
+class SegmentNormals:
     """The least-squares problems of R runs, each by itself, of residuals that are not weighted by noise.
 
     Attributes:
@@ -62,11 +62,11 @@ class RunNormals:
     squares: FloatArray
 
     @classmethod
-    def of(cls, runs: int, p: int, value: float = 0.0) -> RunNormals:
+    def of(cls, segments: int, p: int, value: float = 0.0) -> SegmentNormals:
         """Nothing yet of so many runs."""
-        return cls(np.zeros((runs, p, p)), np.zeros((runs, p)), np.full(runs, value))
+        return cls(np.zeros((segments, p, p)), np.zeros((segments, p)), np.full(segments, value))
 
-    def weighed(self, noise: FloatArray, turn: FloatArray) -> LineNormal:
+    def weighed(self, noise: FloatArray, turn: FloatArray) -> BinNormal:
         """The sum, each run weighed by one over its noise's variance.
 
         Args:
@@ -76,7 +76,7 @@ class RunNormals:
         weight = 1.0 / noise**2
         matrix, gradient = np.tensordot(weight, self.matrix, 1), weight @ self.gradient
         squares = weight * self.squares
-        return LineNormal(matrix * np.outer(turn, turn), gradient * turn, float(np.sum(squares)), squares)
+        return BinNormal(matrix * np.outer(turn, turn), gradient * turn, float(np.sum(squares)), squares)
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,27 +94,29 @@ class Batch:
     samples: int
     inputs: ComplexArray
     response: ComplexArray
-    runs: NDArray[np.int_]
+    segments: NDArray[np.int_]
     hum: FloatArray
 
     @classmethod
-    def of(cls, runs: Sequence[Run], numbers: Sequence[int]) -> Batch:
+    def of(cls, segments: Sequence[Segment], numbers: Sequence[int]) -> Batch:
         """Runs of the same number of samples and tones of hum; ``numbers``: of each in the whole list."""
-        inputs, response = (run.inputs for run in runs), (run.response for run in runs)
-        joined = np.stack if len(runs) > 1 else _alone  # of a long run a copy counts
-        return cls(runs[0].samples, joined(list(inputs)), joined(list(response)), np.asarray(numbers), _hum(runs[0]))
+        inputs, response = (segment.inputs for segment in segments), (segment.response for segment in segments)
+        joined = np.stack if len(segments) > 1 else _alone  # of a long run a copy counts
+        return cls(
+            segments[0].samples, joined(list(inputs)), joined(list(response)), np.asarray(numbers), _hum(segments[0])
+        )
 
     def shifted(self, lines: slice = slice(None)) -> ComplexArray:
         """W = z − 1 at the lines, shape (1, lines)."""
         return shifted_lines(self.samples, lines)[None]
 
 
-def _hum(run: Run) -> FloatArray:
-    places = np.array(run.hum)
+def _hum(segment: Segment) -> FloatArray:
+    places = np.array(segment.hum)
     beside = np.round(places)
     near = np.abs(places - beside) < OFF_LINES
     places = np.where(near, beside + np.copysign(OFF_LINES, places - beside), places)
-    return 4.0 * np.sin(np.pi * places / run.samples) ** 2
+    return 4.0 * np.sin(np.pi * places / segment.samples) ** 2
 
 
 def _alone(arrays: Sequence[ComplexArray]) -> ComplexArray:
@@ -134,8 +136,8 @@ class Step:
     """
 
     samples: int
-    transfer: StepTransfer
-    slope: StepTransfer
+    transfer: DiscreteTransfer
+    slope: DiscreteTransfer
     hum: FloatArray
     counts: FloatArray
 
@@ -216,14 +218,14 @@ class _Block(NamedTuple):
     weight: FloatArray | float
 
 
-def add_batch(normals: RunNormals, batch: Batch, step: Step) -> None:
+def add_batch(normals: SegmentNormals, batch: Batch, step: Step) -> None:
     """Write the normal equations of a batch's runs into those of all."""
-    p, runs = len(step.slope.denominator), len(batch.response)
+    p, segments = len(step.slope.denominator), len(batch.response)
     residuals, states = _residuals(batch, step, *step.counted)
-    sums, shared = np.zeros((runs, p + 1, p + 1)), np.zeros((runs, step.unknown, p + 1))
+    sums, shared = np.zeros((segments, p + 1, p + 1)), np.zeros((segments, step.unknown, p + 1))
     for block, residual in residuals:
         residual -= _of_states(states, block.free)
-        columns = np.empty((runs, p + 1, residual.shape[-1]), dtype=complex)
+        columns = np.empty((segments, p + 1, residual.shape[-1]), dtype=complex)
         columns[:, p] = residual
         columns[:, :p] = _slopes(batch, step, block, residual, _hum_in(block, states, step))
         shared += _products(block.weighted, columns)
@@ -233,8 +235,8 @@ def add_batch(normals: RunNormals, batch: Batch, step: Step) -> None:
             sums += _products(np.multiply(columns, block.weight, dtype=complex), columns)
     # The part that initial states could imitate is removed from the slopes; the residual holds only rounding of it.
     freed = sums - np.swapaxes(shared, -1, -2) @ step.inverse @ shared
-    normals.matrix[batch.runs], normals.gradient[batch.runs] = freed[:, :p, :p], freed[:, :p, p]
-    normals.squares[batch.runs] = freed[:, p, p]
+    normals.matrix[batch.segments], normals.gradient[batch.segments] = freed[:, :p, :p], freed[:, :p, p]
+    normals.squares[batch.segments] = freed[:, p, p]
 
 
 class Columns(NamedTuple):
@@ -247,17 +249,17 @@ class Columns(NamedTuple):
     """
 
     residual: ComplexArray
-    slopes: ComplexArray
+    jacobian: ComplexArray
     hum: ComplexArray
 
 
-def columns_of(batch: Batch, step: Step) -> Columns:
+def residual_and_jacobian(batch: Batch, step: Step) -> Columns:
     """Residual, slopes and hum of runs at all their lines, with the best states by those that count."""
-    runs, lines = batch.response.shape
+    segments, lines = batch.response.shape
     p = len(step.slope.denominator)
     residuals, states = _residuals(batch, step, 0, lines)
-    residual, slopes = np.empty((runs, lines), complex), np.empty((runs, p, lines), complex)
-    hum, shared = np.zeros((runs, lines if len(batch.hum) else 0), complex), np.zeros((runs, step.unknown, p))
+    residual, jacobian = np.empty((segments, lines), complex), np.empty((segments, p, lines), complex)
+    hum, shared = np.zeros((segments, lines if len(batch.hum) else 0), complex), np.zeros((segments, step.unknown, p))
     for block, left in residuals:
         part = block.lines
         left -= _of_states(states, block.free)
@@ -265,12 +267,12 @@ def columns_of(batch: Batch, step: Step) -> Columns:
         if len(batch.hum):
             hum[:, part] = own
         if p:
-            slopes[:, :, part] = _slopes(batch, step, block, left, own)
-            shared += _products(block.weighted, slopes[:, :, part])
+            jacobian[:, :, part] = _slopes(batch, step, block, left, own)
+            shared += _products(block.weighted, jacobian[:, :, part])
     share = np.swapaxes(step.inverse @ shared, -1, -2)
     for block in step.blocks(0, lines) if p else ():
-        slopes[:, :, block.lines] -= _of_states(share, block.free)
-    return Columns(residual, slopes, hum)
+        jacobian[:, :, block.lines] -= _of_states(share, block.free)
+    return Columns(residual, jacobian, hum)
 
 
 def _residuals(
@@ -319,7 +321,7 @@ def _slopes(batch: Batch, step: Step, block: _Block, residual: ComplexArray, hum
 
 
 def modelled_slopes(
-    slope: StepTransfer, inputs: ComplexArray, modelled: ComplexArray, w: ComplexArray, over: ComplexArray
+    slope: DiscreteTransfer, inputs: ComplexArray, modelled: ComplexArray, w: ComplexArray, over: ComplexArray
 ) -> ComplexArray:
     """Slopes (Σ_k ∂b_k w^k · U − ŷ ∂a) / a of the response ŷ of one run, initial state held; shape (P, L)."""
     driven = _horner_of_inputs(slope.numerator, inputs[None], w)[0]

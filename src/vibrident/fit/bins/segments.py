@@ -1,4 +1,4 @@
-"""Records → unbroken runs of steps, and their transforms.
+"""Records → unbroken segments of steps, and their transforms.
 
 The inputs of a step are weighted sums of the samples around it. Their transforms need no signals of their own: with
 A(z) the transform of the run's reference, Σ_s h_j[s] z^s that of the filter of input j, and the samples beyond either
@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from vibrident.base.fft_lengths import fast_below
 from vibrident.data.records import BoolArray, FloatArray, Record
-from vibrident.fit.measure.lines import MOST_KEPT
 from vibrident.fit.measure.response import ComplexArray
 from vibrident.fit.measure.rest import offset_of_reference
+from vibrident.fit.measure.transform import MOST_KEPT
 from vibrident.physics.discretisation.inputs import StepFilters
 
 #: Shorter runs keep all their samples.
@@ -58,7 +58,7 @@ class Transforms:
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class Segment:
     """An unbroken run of N steps of one record, at the L = N // 2 + 1 lines of its transform.
 
     Attributes:
@@ -90,7 +90,7 @@ class Run:
         """Transform of the response, shape (L,)."""
         return self.transforms.response
 
-    def idle(self) -> Run:
+    def idle(self) -> Segment:
         """The same without its transforms, which are made again when they are asked for."""
         return replace(self, transforms=replace(self.transforms))
 
@@ -110,7 +110,7 @@ def _shifted_kept(samples: int) -> ComplexArray:
     return found
 
 
-def run_of(number: int, record: Record, span: slice, step: StepFilters) -> Run:
+def segment_of(number: int, record: Record, span: slice, step: StepFilters) -> Segment:
     """A run with its transforms at all lines from 0 to half the sampling rate.
 
     Args:
@@ -121,7 +121,7 @@ def run_of(number: int, record: Record, span: slice, step: StepFilters) -> Run:
     """
     used = record.mask[span]
     hum = hum_of(record, len(used))
-    return Run(number, span, Transforms(record, span, step), None if used.all() else used, hum)
+    return Segment(number, span, Transforms(record, span, step), None if used.all() else used, hum)
 
 
 def hum_of(record: Record, samples: int) -> tuple[float, ...]:

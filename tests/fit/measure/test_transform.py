@@ -5,8 +5,8 @@ import pytest
 
 from vibrident.base.fft_lengths import FACTORS, LEAST_LOST, fast_below
 from vibrident.fit.information import inverse_where_shown
-from vibrident.fit.measure.lines import in_blocks, median, power_of
 from vibrident.fit.measure.rounding import converter_step
+from vibrident.fit.measure.transform import in_blocks, median, power_of
 
 
 @pytest.mark.parametrize("most", [8193, 15_921, 15_991, 70_001, 1_599_921])

@@ -25,7 +25,7 @@ from vibrident.physics.models.state_space import realise
 STEP = 1e-100
 
 
-class StepTransfer(NamedTuple):
+class DiscreteTransfer(NamedTuple):
     """Transfer function of one step, a ratio of polynomials in w = z − 1 with ascending coefficients.
 
     Attributes:
@@ -37,7 +37,7 @@ class StepTransfer(NamedTuple):
     numerator: FloatArray
 
 
-def transfer_of(weights: Weights) -> StepTransfer:
+def transfer_of(weights: Weights) -> DiscreteTransfer:
     """Transfer function of a step with these weights, of NumPy's or JAX's arrays; complex where they are."""
     xp, order = array_library(weights.output), len(weights.output)
     shifted = weights.transition - xp.eye(order)
@@ -50,7 +50,7 @@ def transfer_of(weights: Weights) -> StepTransfer:
     denominator = xp.stack(coefficients[::-1])
     rows = [weights.output @ matrix @ weights.drive for matrix in adjugate[order - 1 :: -1]]
     rows.append(xp.zeros_like(rows[0]))
-    return StepTransfer(denominator, xp.stack(rows) + denominator[:, None] * weights.feedthrough)
+    return DiscreteTransfer(denominator, xp.stack(rows) + denominator[:, None] * weights.feedthrough)
 
 
 @dataclass(frozen=True)
@@ -89,16 +89,20 @@ class Trained:
             fraction = fraction - (self.model.delay_s(values) - delay_s) / interval_s
         return self.method.weights(system, interval_s, fraction, self.terms)
 
-    def transfer(self, values: dict[str, float], interval_s: float, fraction: float, delay_s: float) -> StepTransfer:
+    def transfer(
+        self, values: dict[str, float], interval_s: float, fraction: float, delay_s: float
+    ) -> DiscreteTransfer:
         """Transfer function of a step; arguments as of :meth:`weights`."""
         return transfer_of(self.weights(values, interval_s, fraction, delay_s))
 
-    def slopes(self, values: dict[str, float], interval_s: float, fraction: float, delay_s: float) -> StepTransfer:
+    def jacobian(
+        self, values: dict[str, float], interval_s: float, fraction: float, delay_s: float
+    ) -> DiscreteTransfer:
         """Derivatives of :meth:`transfer` with each parameter, in a leading axis of P, by complex step."""
         found = []
         for name, value in values.items():
             size = max(abs(value), 1e-30)
             moved = {**values, name: complex(value, STEP * size)}
             ahead = self.transfer(moved, interval_s, fraction, delay_s)
-            found.append(StepTransfer(*(np.imag(part) / (STEP * size) for part in ahead)))
-        return StepTransfer(*(np.stack(parts) for parts in zip(*found, strict=True)))
+            found.append(DiscreteTransfer(*(np.imag(part) / (STEP * size) for part in ahead)))
+        return DiscreteTransfer(*(np.stack(parts) for parts in zip(*found, strict=True)))

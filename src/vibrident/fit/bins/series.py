@@ -12,18 +12,18 @@ import numpy as np
 from numpy import fft
 
 from vibrident.data.records import BoolArray, FloatArray
-from vibrident.fit.lines.normal import RunNormals, horner, modelled_slopes
-from vibrident.fit.lines.runs import Run, shifted_lines
-from vibrident.fit.lines.transfer import StepTransfer
-from vibrident.fit.measure.lines import waves
+from vibrident.fit.bins.normal import SegmentNormals, horner, modelled_slopes
+from vibrident.fit.bins.segments import Segment, shifted_lines
+from vibrident.fit.bins.transfer import DiscreteTransfer
 from vibrident.fit.measure.response import ComplexArray
+from vibrident.fit.measure.transform import waves
 
 #: Directions of the initial states that the data show less than this, relative to the best, are left alone.
 LEAST_SHOWN = 1e-13
 
 
 @dataclass(frozen=True, eq=False)
-class RunSeries:
+class SegmentSeries:
     """A run of N steps in time, with the initial state and offset that fit its used samples best.
 
     Attributes:
@@ -36,49 +36,49 @@ class RunSeries:
 
     predicted: FloatArray
     residual: FloatArray
-    slopes: FloatArray
+    jacobian: FloatArray
     free: FloatArray
     hum: FloatArray
 
-    def freed_slopes(self) -> FloatArray:
+    def projected_jacobian(self) -> FloatArray:
         """The slopes less what initial states, offset and hum could imitate (Kaufman 1975), shape (P, N)."""
         unknown = np.concatenate([self.free, self.hum])
-        share = _least_squares(unknown, self.slopes.T)
-        return self.slopes - share.T @ unknown
+        share = _least_squares(unknown, self.jacobian.T)
+        return self.jacobian - share.T @ unknown
 
 
-def add_series(normals: RunNormals, number: int, series: RunSeries) -> None:
+def add_series(normals: SegmentNormals, number: int, series: SegmentSeries) -> None:
     """Write the normal equations of run ``number``, summed over its samples, into those of all."""
-    slopes = series.freed_slopes()
-    normals.matrix[number], normals.gradient[number] = slopes @ slopes.T, slopes @ series.residual
+    jacobian = series.projected_jacobian()
+    normals.matrix[number], normals.gradient[number] = jacobian @ jacobian.T, jacobian @ series.residual
     normals.squares[number] = series.residual @ series.residual
 
 
-def series_of(run: Run, transfer: StepTransfer, slope: StepTransfer) -> RunSeries:
-    """The network over a run.
+def series_of(segment: Segment, transfer: DiscreteTransfer, slope: DiscreteTransfer) -> SegmentSeries:
+    """The network over a segment.
 
     Args:
-        run: with all of its lines.
+        segment: with all of its bins.
         transfer: transfer function of a step.
         slope: its derivatives with P parameters, in a leading axis.
     """
-    used: BoolArray = np.ones(run.samples, dtype=bool) if run.used is None else run.used
-    w = shifted_lines(run.samples)
+    used: BoolArray = np.ones(segment.samples, dtype=bool) if segment.used is None else segment.used
+    w = shifted_lines(segment.samples)
     over = 1.0 / horner(transfer.denominator, w)
     forced = np.zeros_like(over)
-    for column, own in zip(transfer.numerator.T, run.inputs, strict=True):
+    for column, own in zip(transfer.numerator.T, segment.inputs, strict=True):
         forced += horner(column, w) * own
     forced *= over
     shapes = np.stack([(1.0 + w) * over * w**k for k in range(len(transfer.denominator) - 1)])
-    whole = np.concatenate([_in_time(shapes, run.samples), np.ones((1, run.samples))])
-    response, driven = _in_time(np.stack([run.response, forced]), run.samples)
-    free, hum, n = whole * used, waves(run.hum, run.samples) * used, len(whole)
+    whole = np.concatenate([_in_time(shapes, segment.samples), np.ones((1, segment.samples))])
+    response, driven = _in_time(np.stack([segment.response, forced]), segment.samples)
+    free, hum, n = whole * used, waves(segment.hum, segment.samples) * used, len(whole)
     found = _least_squares(np.concatenate([free, hum]), ((response - driven) * used)[:, None])[:, 0]
     predicted = driven + found[:n] @ whole
     lines = forced + found[: n - 1] @ shapes
-    slopes = modelled_slopes(slope, run.inputs, lines, w, over)
+    jacobian = modelled_slopes(slope, segment.inputs, lines, w, over)
     residual = (response - predicted) * used - found[n:] @ hum
-    return RunSeries(predicted, residual, _in_time(slopes, run.samples) * used, free, hum)
+    return SegmentSeries(predicted, residual, _in_time(jacobian, segment.samples) * used, free, hum)
 
 
 def _in_time(lines: ComplexArray, samples: int) -> FloatArray:

@@ -1,4 +1,4 @@
-"""A place on the way down in the metric of the noise: information, gradient and sum of squares of all records there.
+"""A Gauss–Newton iterate of the weighted least squares: information, gradient and sum of squares of all records there.
 
 Formulas and their source: :mod:`vibrident.fit.estimators.reweighting`.
 """
@@ -12,13 +12,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vibrident.data.records import FloatArray
+from vibrident.fit.bins import BinsAt, RecordBins
 from vibrident.fit.estimators.noise_motion import NEAREST, MotionOf, through_of
 from vibrident.fit.estimators.noise_spectrum import TONES, NoiseSpectrum, noise_spectra
 from vibrident.fit.estimators.optimise import Bent
 from vibrident.fit.information import SMALLEST, inverse_where_shown, sandwich_covariance
-from vibrident.fit.lines import LinesAt, RecordLines
-from vibrident.fit.measure.lines import in_blocks, mean_around, power_of
 from vibrident.fit.measure.response import ComplexArray
+from vibrident.fit.measure.transform import in_blocks, mean_around, power_of
 
 #: A step of more standard deviations than this must lower the weighted sum of squares.
 LONG_STEP = 1.0
@@ -58,12 +58,12 @@ class _Share:
     of_noise: FloatArray  # the part of it that the noise of the reference makes up, shape (p, p)
     gradient: FloatArray  # shape (p,)
     cost: float  # weighted sum of squares of the residual
-    imitated: FloatArray  # what of each unknown the slopes hold, shape (unknowns, p)
+    imitated: FloatArray  # what of each nuisance column the Jacobian holds, shape (nuisances, p)
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
-    """Coordinates, and the step from there in the metric of the noise."""
+class Iterate:
+    """Coordinates, and the step from there weighted by the noise."""
 
     z: FloatArray  # shape (p,)
     spectra: tuple[NoiseSpectrum, ...]  # of the records, as read there
@@ -103,13 +103,13 @@ class Place:
     @property
     def seen(self) -> bool:
         """Whether noise of the reference is seen."""
-        return any(spectrum.passed > 0 for spectrum in self.spectra)
+        return any(spectrum.input_noise > 0 for spectrum in self.spectra)
 
-    def leads_to(self, lines: Sequence[RecordLines], most: float) -> bool:
+    def leads_to(self, lines: Sequence[RecordBins], most: float) -> bool:
         """Whether a step to where these lines were evaluated leads down.
 
-        A long one does where the sum of squares in the metric of this place is less. Where no noise of the reference is
-        seen, that of equal weights is ``most`` at most.
+        A long one does where the sum of squares in the weighting of this iterate is less. Where no noise of the
+        reference is seen, that of equal weights is ``most`` at most.
         """
         if not self.seen and not equal_cost(lines) <= most:
             return False
@@ -118,13 +118,13 @@ class Place:
         return sum(_cost(*pair, self.z) for pair in zip(lines, self.spectra, strict=True)) < self.cost
 
 
-def place_at(
-    lines: Sequence[RecordLines],
+def iterate_at(
+    lines: Sequence[RecordBins],
     motions: Sequence[MotionOf],
     spectra: list[NoiseSpectrum],
     z: FloatArray,
     settled: float | None = None,
-) -> Place | None:
+) -> Iterate | None:
     """Information and gradient at ``z``, shape (p,); None where a direction is not known.
 
     Args:
@@ -159,13 +159,13 @@ def place_at(
         if final:
             covariance = sandwich_covariance(root, np.sum(variances, axis=0), whole)
             cost = sum(share.cost for share in shares)
-            place = Place(z, tuple(spectra), inverse, gradient, covariance, cost, read_at)
+            place = Iterate(z, tuple(spectra), inverse, gradient, covariance, cost, read_at)
             if settled is None or last == ROUNDS - 1 or place.far <= settled:
                 return place
     return None
 
 
-def together(lines: Sequence[RecordLines]) -> list[slice]:
+def together(lines: Sequence[RecordBins]) -> list[slice]:
     """Records one after the other whose noise is read side by side: many short ones, or one long one."""
     ends, begin, samples = list[int](), 0, 0
     for number, record in enumerate(lines):
@@ -176,7 +176,7 @@ def together(lines: Sequence[RecordLines]) -> list[slice]:
     return [slice(*pair) for pair in itertools.pairwise([0, *ends, len(lines)])]
 
 
-def equal_cost(lines: Sequence[RecordLines]) -> float:
+def equal_cost(lines: Sequence[RecordBins]) -> float:
     """Sum of squares with equal weights."""
     return sum(float(equal(record) @ power_of(record.residual)) for record in lines)
 
@@ -188,25 +188,25 @@ class _Weighed:
     Attributes:
         record: the lines; the gradient is that of the whole way from no step.
         spectrum: of the noise.
-        unknowns: beside the parameters.
+        nuisances: columns beside the parameters'.
         rest: what the step and the best unknowns leave of the residual, shape (lines,).
         slopes: at the reference as the response corrects it, shape (p, lines).
         of_noise: the part of the information that noise of the reference makes up, shape (p, p).
         weight: of each line, shape (lines,).
     """
 
-    record: RecordLines
+    record: RecordBins
     spectrum: NoiseSpectrum
-    unknowns: LinesAt
+    nuisances: BinsAt
     rest: ComplexArray
-    slopes: ComplexArray
+    jacobian: ComplexArray
     of_noise: FloatArray
     weight: FloatArray
 
     @classmethod
     def at(
         cls,
-        lines: Sequence[RecordLines],
+        lines: Sequence[RecordBins],
         motions: Sequence[MotionOf],
         step: FloatArray,
         before: list[NoiseSpectrum],
@@ -217,41 +217,44 @@ class _Weighed:
 
         ``known``: that was read here; it is read again where more than offset and drift may hide in it.
         """
-        tones, unknowns = [own.tones for own in before], [_unknowns(*pair) for pair in zip(lines, before, strict=True)]
+        tones, nuisances = (
+            [own.tones for own in before],
+            [_nuisances(*pair) for pair in zip(lines, before, strict=True)],
+        )
         if known and not any(tones) and not any(with_edges(*pair) for pair in zip(lines, before, strict=True)):
             found, rests = list(before), [record.residual for record in lines]
             before.clear()
         else:
-            rests = [_left(record, step, u, before.pop(0)) for record, u in zip(lines, unknowns, strict=True)]
+            rests = [_left(record, step, u, before.pop(0)) for record, u in zip(lines, nuisances, strict=True)]
             used = [record.where_used(rest) for record, rest in zip(lines, rests, strict=True)]
             found = spectra_of(lines, motions, used)
-        return [cls._weighed(*each) for each in zip(lines, tones, unknowns, rests, found, strict=True)]
+        return [cls._weighed(*each) for each in zip(lines, tones, nuisances, rests, found, strict=True)]
 
     @classmethod
     def _weighed(
         cls,
-        record: RecordLines,
+        record: RecordBins,
         tones: tuple[float, ...],
-        unknowns: LinesAt,
+        nuisances: BinsAt,
         rest: ComplexArray,
         found: NoiseSpectrum,
     ) -> _Weighed:
-        p = len(record.slopes)
+        p = len(record.jacobian)
         spectrum = replace(found, tones=(tones + found.tones)[:TONES])
-        weight = record.twice * spectrum.excited / (max(record.samples, 1) * spectrum.level)
-        slopes, of_noise = record.slopes, np.zeros((p, p))
-        if spectrum.passed > 0 and record.model is not None:
-            d_through = np.stack(list(record.model.slopes()))
-            slopes = slopes + d_through * likelier(record, spectrum, rest)
-            beside = np.maximum(spectrum.level - spectrum.passed_at * record.model.power(), 0.0)
-            own = record.twice * spectrum.excited * spectrum.passed_at * beside / spectrum.level**2
+        weight = record.one_sided * spectrum.excited / (max(record.samples, 1) * spectrum.psd)
+        jacobian, of_noise = record.jacobian, np.zeros((p, p))
+        if spectrum.input_noise > 0 and record.model is not None:
+            d_through = np.stack(list(record.model.jacobian()))
+            jacobian = jacobian + d_through * likelier(record, spectrum, rest)
+            beside = np.maximum(spectrum.psd - spectrum.input_noise_at * record.model.power(), 0.0)
+            own = record.one_sided * spectrum.excited * spectrum.input_noise_at * beside / spectrum.psd**2
             of_noise = products(lambda part: (d_through[:, part],), own)
-        return cls(record, spectrum, unknowns, rest, slopes, of_noise, weight)
+        return cls(record, spectrum, nuisances, rest, jacobian, of_noise, weight)
 
     def share(self) -> _Share:
-        """What the record says: the slopes less what the unknowns can imitate, J − N β, in sums alone."""
-        p, residual = len(self.slopes), self.record.residual
-        sums = products(lambda part: (self.unknowns(part), self.slopes[:, part], residual[None, part]), self.weight)
+        """What the record says: the Jacobian projected onto what is no nuisance column, J − N β, in sums alone."""
+        p, residual = len(self.jacobian), self.record.residual
+        sums = products(lambda part: (self.nuisances(part), self.jacobian[:, part], residual[None, part]), self.weight)
         m = len(sums) - p - 1
         share = inverse_where_shown(sums[:m, :m]) @ sums[:m, m:]
         freed = sums[m:, m:] - sums[:m, m:].T @ share
@@ -259,60 +262,60 @@ class _Weighed:
 
     def variance(self, imitated: FloatArray) -> FloatArray:
         """Of the gradient, by the residual's own spectrum, shape (p, p)."""
-        record, level, m = self.record, self.spectrum.level, len(imitated)
+        record, level, m = self.record, self.spectrum.psd, len(imitated)
         power = power_of(self.rest) / max(record.count, 1.0) / level
         local = np.maximum(mean_around(power, width(record), NEAREST), record.floor / level)
         loud = products(
-            lambda part: (self.unknowns(part), self.slopes[:, part]), self.weight * self.spectrum.excited * local
+            lambda part: (self.nuisances(part), self.jacobian[:, part]), self.weight * self.spectrum.excited * local
         )
         both = imitated.T @ loud[:m, m:]
         return loud[m:, m:] - both - both.T + imitated.T @ loud[:m, :m] @ imitated
 
 
-def likelier(record: RecordLines, spectrum: NoiseSpectrum, rest: ComplexArray) -> ComplexArray:
+def likelier(record: RecordBins, spectrum: NoiseSpectrum, rest: ComplexArray) -> ComplexArray:
     """What the most likely motion has beyond the reference, X̂ − X = σx² H* R/S, shape (lines,)."""
     assert record.model is not None
-    return np.asarray(spectrum.passed_at * np.conj(record.model.through()) * rest / spectrum.level)
+    return np.asarray(spectrum.input_noise_at * np.conj(record.model.through()) * rest / spectrum.psd)
 
 
-def _cost(record: RecordLines, spectrum: NoiseSpectrum, z: FloatArray) -> float:
+def _cost(record: RecordBins, spectrum: NoiseSpectrum, z: FloatArray) -> float:
     """Weighted sum of squares of a record's residual, by the noise as read at ``z``, shape (p,).
 
     Noise of the reference passes the sensor as it is where the record was evaluated.
     """
-    level = spectrum.level
-    if spectrum.passed > 0 and record.model is not None:
+    level = spectrum.psd
+    if spectrum.input_noise > 0 and record.model is not None:
         more = record.model.power() - power_of(record.model.at(z))
-        level = np.maximum(level + spectrum.passed_at * more, LEAST_LEVEL * level)
-    weight = record.twice * spectrum.excited / (max(record.samples, 1) * level)
-    unknowns = _unknowns(record, spectrum)
-    sums = products(lambda part: (unknowns(part), record.residual[None, part]), weight)
+        level = np.maximum(level + spectrum.input_noise_at * more, LEAST_LEVEL * level)
+    weight = record.one_sided * spectrum.excited / (max(record.samples, 1) * level)
+    nuisances = _nuisances(record, spectrum)
+    sums = products(lambda part: (nuisances(part), record.residual[None, part]), weight)
     return float(sums[-1, -1] - sums[:-1, -1] @ inverse_where_shown(sums[:-1, :-1]) @ sums[:-1, -1])
 
 
-def _left(record: RecordLines, step: FloatArray, unknowns: LinesAt, spectrum: NoiseSpectrum) -> ComplexArray:
-    """What a step and the best unknowns leave of the residual, shape (lines,)."""
-    weight = record.twice / (max(record.samples, 1) * spectrum.level)
-    rest = record.residual - step @ record.slopes
-    sums = products(lambda part: (unknowns(part), rest[None, part]), weight)
+def _left(record: RecordBins, step: FloatArray, nuisances: BinsAt, spectrum: NoiseSpectrum) -> ComplexArray:
+    """What a step and the best nuisance parameters leave of the residual, shape (lines,)."""
+    weight = record.one_sided / (max(record.samples, 1) * spectrum.psd)
+    rest = record.residual - step @ record.jacobian
+    sums = products(lambda part: (nuisances(part), rest[None, part]), weight)
     amounts = inverse_where_shown(sums[:-1, :-1]) @ sums[:-1, -1]
     for part in in_blocks(len(rest)):
-        rest[part] -= amounts @ unknowns(part)
+        rest[part] -= amounts @ nuisances(part)
     return rest
 
 
-def _unknowns(record: RecordLines, spectrum: NoiseSpectrum) -> LinesAt:
+def _nuisances(record: RecordBins, spectrum: NoiseSpectrum) -> BinsAt:
     """Lines of what is unknown beside the parameters."""
-    return record.unknowns(edges=with_edges(record, spectrum), tones=spectrum.tones)
+    return record.nuisances(edges=with_edges(record, spectrum), tones=spectrum.tones)
 
 
-def with_edges(record: RecordLines, spectrum: NoiseSpectrum) -> bool:
+def with_edges(record: RecordBins, spectrum: NoiseSpectrum) -> bool:
     """Whether slopes of the initial states are unknown, too; a free decay has nothing but these states."""
-    steep = float(np.min(spectrum.level)) < STEEP * float(np.mean(spectrum.level))
-    return record.model is not None and (steep or spectrum.passed > 0 or record.rings_unseen)
+    steep = float(np.min(spectrum.psd)) < STEEP * float(np.mean(spectrum.psd))
+    return record.model is not None and (steep or spectrum.input_noise > 0 or record.rings_unseen)
 
 
-def beside_hum(lines: Sequence[RecordLines], motions: Sequence[MotionOf]) -> list[NoiseSpectrum]:
+def beside_hum(lines: Sequence[RecordBins], motions: Sequence[MotionOf]) -> list[NoiseSpectrum]:
     """The spectra of the records' residuals, with the tones that are known beside those that were found."""
     found = list[NoiseSpectrum]()
     for some in together(lines):
@@ -321,7 +324,7 @@ def beside_hum(lines: Sequence[RecordLines], motions: Sequence[MotionOf]) -> lis
 
 
 def spectra_of(
-    lines: Sequence[RecordLines], motions_of: Sequence[MotionOf], residuals: Sequence[ComplexArray]
+    lines: Sequence[RecordBins], motions_of: Sequence[MotionOf], residuals: Sequence[ComplexArray]
 ) -> list[NoiseSpectrum]:
     """The spectra of residuals."""
     motions = [motion() for motion in motions_of]
@@ -336,14 +339,14 @@ def spectra_of(
     return [_of_few(record, rest) if motion is None else next(read) for record, rest, motion in every]
 
 
-def _of_few(record: RecordLines, residual: ComplexArray) -> NoiseSpectrum:
+def _of_few(record: RecordBins, residual: ComplexArray) -> NoiseSpectrum:
     """The spectrum of a residual of too few lines: all of one level."""
-    power = float(np.sum(record.twice * power_of(residual))) / max(record.samples, 1)
+    power = float(np.sum(record.one_sided * power_of(residual))) / max(record.samples, 1)
     level = max(power / max(record.count, 1.0), record.floor)
     through = through_of(record)
     most = 0.0 if through is None else level / float(np.max(through))
-    flat, nothing, one = (np.broadcast_to(value, record.twice.shape) for value in (level, 0.0, 1.0))
-    return NoiseSpectrum(flat, 0.0, nothing, lambda: np.broadcast_to(most * record.colour, record.twice.shape), one)
+    flat, nothing, one = (np.broadcast_to(value, record.one_sided.shape) for value in (level, 0.0, 1.0))
+    return NoiseSpectrum(flat, 0.0, nothing, lambda: np.broadcast_to(most * record.colour, record.one_sided.shape), one)
 
 
 def products(rows: Callable[[slice], Sequence[ComplexArray]], weight: FloatArray) -> FloatArray:
@@ -372,7 +375,7 @@ def _known(information: FloatArray) -> bool:
     return float(np.linalg.eigvalsh(information / np.sqrt(np.outer(size, size)))[0]) > -0.5 * SMALLEST
 
 
-def width(record: RecordLines) -> int:
+def width(record: RecordBins) -> int:
     """Lines averaged on either side of each for the covariance."""
     return int(np.clip(record.samples * SHARE, FEWEST, MOST))
 
@@ -386,6 +389,6 @@ def _inverse_root(information: FloatArray, whole: FloatArray) -> FloatArray:
     return (whitening.T @ rotation) / np.sqrt(np.maximum(values, LEAST_INFORMATION)) / scale[:, None]
 
 
-def equal(record: RecordLines) -> FloatArray:
+def equal(record: RecordBins) -> FloatArray:
     """Equal weights of the lines that count, shape (lines,)."""
-    return record.twice / max(record.samples, 1)
+    return record.one_sided / max(record.samples, 1)

@@ -1,4 +1,4 @@
-"""A record's residual, and all that could change it, at the lines of its transform, for the end of training."""
+"""A record's residual, and all that could change it, at the bins of its transform, for the end of training."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import numpy as np
 from numpy import fft
 
 from vibrident.data.records import BoolArray, FloatArray
-from vibrident.fit.lines.normal import horner
-from vibrident.fit.lines.runs import MOST_KEPT, shifted_lines
-from vibrident.fit.lines.series import RunSeries
-from vibrident.fit.measure.lines import line_counts, power_of, waves
+from vibrident.fit.bins.normal import horner
+from vibrident.fit.bins.segments import MOST_KEPT, shifted_lines
+from vibrident.fit.bins.series import SegmentSeries
 from vibrident.fit.measure.response import ComplexArray
+from vibrident.fit.measure.transform import line_counts, power_of, waves
 
 #: Free responses of a record in pieces are not looked at beyond so many columns, or so many numbers: its samples keep
 #: equal weights.
@@ -23,9 +23,9 @@ MOST_COLUMNS, LARGEST = 400, 1e8
 STEP = 1e-5
 
 #: LinesAt at some lines, shape (m, lines) or (lines,).
-LinesAt = Callable[[slice], ComplexArray]
+BinsAt = Callable[[slice], ComplexArray]
 #: What initial states and drift add at the lines; with True, their slopes over the record, too.
-FreeLines = Callable[[bool], LinesAt]
+FreeLines = Callable[[bool], BinsAt]
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +50,7 @@ class ModelLines:
         """|H|² at z, shape (lines,)."""
         return self._power if self.lines <= MOST_KEPT else power_of(self.at(self.z))
 
-    def slopes(self) -> Iterable[ComplexArray]:
+    def jacobian(self) -> Iterable[ComplexArray]:
         """∂H for each coordinate in turn, by central differences; each of shape (lines,)."""
         return self._slopes if self.lines <= MOST_KEPT else self._made()
 
@@ -72,7 +72,7 @@ class ModelLines:
 
 
 @dataclass(frozen=True, eq=False)
-class RecordLines:
+class RecordBins:
     """One record from the first to the last sample that counts, in units of the noise that it was weighted by.
 
     Whole samples only: zeros at the edges would be motion that no initial state explains, and leak over all lines.
@@ -81,7 +81,7 @@ class RecordLines:
         residual: measured less network, shape (lines,).
         predicted: the network's response at some lines, shape (lines,).
         used: shape (n,).
-        twice: how often a line counts in a sum over all, zero beyond the band that counts, shape (lines,).
+        one_sided: how often a line counts in a sum over all, zero beyond the band that counts, shape (lines,).
         slopes: of the response with z, less what initial states could imitate, shape (p, lines).
         free: columns of what is unknown beside z; None where they are too many to be looked at.
         model: its response at the lines, which records of one grid share; None without a reference.
@@ -94,10 +94,10 @@ class RecordLines:
     """
 
     residual: ComplexArray
-    predicted: LinesAt
+    predicted: BinsAt
     used: BoolArray
-    twice: FloatArray
-    slopes: ComplexArray
+    one_sided: FloatArray
+    jacobian: ComplexArray
     free: FreeLines | None
     model: ModelLines | None
     z: FloatArray
@@ -116,7 +116,7 @@ class RecordLines:
         """Number of samples that are used."""
         return float(self.used.sum())
 
-    def unknowns(self, *, edges: bool, tones: tuple[float, ...]) -> LinesAt:
+    def nuisances(self, *, edges: bool, tones: tuple[float, ...]) -> BinsAt:
         """Lines of what is unknown beside the parameters, zero where they do not count.
 
         Of a long record those asked for are made each time: all together need much memory.
@@ -130,9 +130,9 @@ class RecordLines:
             columns.append(_made(np.concatenate([self._tone(place) for place in tones])))
 
         def some(part: slice) -> ComplexArray:
-            twice = self.twice[part]
-            found = np.concatenate([np.zeros((0, len(twice)), dtype=complex), *(made(part) for made in columns)])
-            found[:, twice == 0.0] = 0.0
+            one_sided = self.one_sided[part]
+            found = np.concatenate([np.zeros((0, len(one_sided)), dtype=complex), *(made(part) for made in columns)])
+            found[:, one_sided == 0.0] = 0.0
             return found
 
         return some if self.samples > MOST_KEPT else _made(some(slice(None)))
@@ -140,14 +140,14 @@ class RecordLines:
     def _tone(self, place: float) -> ComplexArray:
         return np.asarray(fft.rfft(waves([place], self.samples) * self.used, axis=1))
 
-    def without_ringing(self) -> RecordLines:
+    def without_ringing(self) -> RecordBins:
         """The slopes less what slopes of the initial states could imitate.
 
         The states at the optimum hold noise, and their change with z would count as information.
         """
-        columns, root = self.unknowns(edges=True, tones=self.hum)(slice(None)), np.sqrt(self.twice)
-        share, *_ = np.linalg.lstsq(*(((rows * root).view(float)).T for rows in (columns, self.slopes)), rcond=1e-9)
-        return replace(self, slopes=self.slopes - share.T @ columns)
+        columns, root = self.nuisances(edges=True, tones=self.hum)(slice(None)), np.sqrt(self.one_sided)
+        share, *_ = np.linalg.lstsq(*(((rows * root).view(float)).T for rows in (columns, self.jacobian)), rcond=1e-9)
+        return replace(self, jacobian=self.jacobian - share.T @ columns)
 
     def where_used(self, lines: ComplexArray) -> ComplexArray:
         """Lines of the signal of these lines, set to zero where the record is not used."""
@@ -187,11 +187,11 @@ def free_of_run(samples: int, denominator: FloatArray) -> FreeLines:
     return lambda edges: _made(kept(edges))
 
 
-def _made(columns: ComplexArray) -> LinesAt:
+def _made(columns: ComplexArray) -> BinsAt:
     return lambda part: columns[:, part]
 
 
-def free_of_pieces(samples: int, pieces: Sequence[tuple[slice, RunSeries]]) -> FreeLines | None:
+def free_of_pieces(samples: int, pieces: Sequence[tuple[slice, SegmentSeries]]) -> FreeLines | None:
     """The same of a record in pieces, or with samples left out, by transforms of signals in time.
 
     Args:
@@ -202,7 +202,7 @@ def free_of_pieces(samples: int, pieces: Sequence[tuple[slice, RunSeries]]) -> F
     if not pieces or count > MOST_COLUMNS or count * samples > LARGEST:
         return None
 
-    def lines(edges: bool) -> LinesAt:
+    def lines(edges: bool) -> BinsAt:
         turn = np.arange(samples) / max(samples, 1)
         columns = []
         for place, series in pieces:
@@ -225,11 +225,11 @@ def counted(samples: int, highest: float) -> FloatArray:
 
 
 def _counted(samples: int, highest: float) -> FloatArray:
-    twice = line_counts(samples)
-    twice[:1] = 0.0
-    twice[int(highest * samples) + 1 :] = 0.0
-    twice.flags.writeable = False
-    return twice
+    one_sided = line_counts(samples)
+    one_sided[:1] = 0.0
+    one_sided[int(highest * samples) + 1 :] = 0.0
+    one_sided.flags.writeable = False
+    return one_sided
 
 
 _counted_kept = functools.lru_cache(maxsize=8)(_counted)

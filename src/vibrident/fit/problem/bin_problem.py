@@ -1,4 +1,4 @@
-"""The residual of a linear sensor at the lines of its runs' transforms: the same problem as in time, in NumPy.
+"""The residual of a linear sensor at the bins of its segments' transforms: the same problem as in time, in NumPy.
 
 What remains of a run when its network is taken away, weighted by the noise of its record; the states of every run are
 eliminated. Lines above the band in which samples tell their signal are left out. A run whose response has samples that
@@ -16,30 +16,30 @@ import numpy as np
 from numpy import fft
 
 from vibrident.data.records import FloatArray, Quantity, Record
-from vibrident.fit.lines import (
+from vibrident.fit.bins import (
     Batch,
-    LineNormal,
-    RecordLines,
-    Run,
-    RunNormals,
-    RunSeries,
+    BinNormal,
+    DiscreteTransfer,
+    RecordBins,
+    Segment,
+    SegmentNormals,
+    SegmentSeries,
     Step,
-    StepTransfer,
     Trained,
     add_batch,
     add_series,
-    columns_of,
     hum_of,
-    run_of,
+    residual_and_jacobian,
     seen_by_network,
+    segment_of,
     series_of,
     transformable,
     unbroken,
 )
-from vibrident.fit.lines.normal import TONE_COLUMNS
-from vibrident.fit.lines.record import FreeLines, ModelLines, counted, free_of_pieces, free_of_run
-from vibrident.fit.measure.lines import MOST_KEPT, in_blocks, line_frequencies, reference_colour
+from vibrident.fit.bins.normal import TONE_COLUMNS
+from vibrident.fit.bins.record import FreeLines, ModelLines, counted, free_of_pieces, free_of_run
 from vibrident.fit.measure.response import ComplexArray
+from vibrident.fit.measure.transform import MOST_KEPT, in_blocks, line_frequencies, reference_colour
 from vibrident.fit.problem.coordinates import Coordinates
 from vibrident.fit.problem.framing import Frame, noise_floor
 from vibrident.physics.discretisation import Method, Weights
@@ -53,8 +53,8 @@ MOST_GROWTH = 300.0
 
 
 @dataclass(frozen=True, eq=False)
-class LineProblem:
-    """Runs of one linear sensor at the lines of their transforms.
+class BinProblem:
+    """Runs of one linear sensor at the bins of their transforms.
 
     Attributes:
         records: the records, in order.
@@ -67,7 +67,7 @@ class LineProblem:
     records: tuple[Record, ...]
     trained: Trained
     frame: Frame
-    runs: tuple[Run, ...]
+    segments: tuple[Segment, ...]
     fractions: FloatArray
 
     @classmethod
@@ -78,7 +78,7 @@ class LineProblem:
         method: Method,
         quantity: Quantity,
         start: Mapping[str, float],
-    ) -> LineProblem:
+    ) -> BinProblem:
         """Transform all unbroken runs, with inputs interpolated at the expected delay.
 
         Args: as of :meth:`vibrident.fit.problem.framing.Frame.of`; the model is linear.
@@ -92,29 +92,29 @@ class LineProblem:
             method.filters(seen_by_network(r, centred=True)[1], frame.terms, frame.delay_s * r.sampling_rate_hz)
             for r in records
         ]
-        runs = tuple(
-            run_of(number, record, span, step)
+        segments = tuple(
+            segment_of(number, record, span, step)
             for number, (record, step) in enumerate(zip(records, steps, strict=True))
             for span in map(transformable, unbroken(step.usable))
             if record.mask[span].sum() > frame.fewest
         )
-        if not runs:
+        if not segments:
             raise frame.too_short(records)
         trained = Trained(model, method, quantity, frame.terms)
-        return cls(tuple(records), trained, frame, runs, np.array([step.fraction for step in steps]))
+        return cls(tuple(records), trained, frame, segments, np.array([step.fraction for step in steps]))
 
-    def at_delay_of(self, values: Mapping[str, float]) -> LineProblem:
+    def at_delay_of(self, values: Mapping[str, float]) -> BinProblem:
         """The same with inputs interpolated at the delay of ``values``; itself where they nearly are."""
         trained = self.trained
         if self.frame.settled(float(trained.model.delay_s(values)), self.records):
             return self
-        return LineProblem.build(self.records, trained.model, trained.method, trained.quantity, values)
+        return BinProblem.build(self.records, trained.model, trained.method, trained.quantity, values)
 
-    def idle(self) -> LineProblem:
+    def idle(self) -> BinProblem:
         """The same without the transforms of long runs, which are made again when they are asked for."""
-        if all(run.samples <= MOST_KEPT for run in self.runs):
+        if all(segment.samples <= MOST_KEPT for segment in self.segments):
             return self
-        return replace(self, runs=tuple(run.idle() for run in self.runs))
+        return replace(self, segments=tuple(segment.idle() for segment in self.segments))
 
     @property
     def noise_floor(self) -> FloatArray:
@@ -134,33 +134,35 @@ class LineProblem:
     def degrees_of_freedom(self) -> FloatArray:
         """Numbers that count, less initial states and offset, for every record, shape (records,)."""
         found = np.zeros(len(self.records))
-        for run in self.runs:
-            if run.used is None:
-                found[run.record] += counted(run.samples, self.highest).sum() - self.frame.order
+        for segment in self.segments:
+            if segment.used is None:
+                found[segment.record] += counted(segment.samples, self.highest).sum() - self.frame.order
             else:
-                found[run.record] += run.used.sum() - (self.frame.order + 1.0)
-            found[run.record] -= TONE_COLUMNS * len(run.hum)
+                found[segment.record] += segment.used.sum() - (self.frame.order + 1.0)
+            found[segment.record] -= TONE_COLUMNS * len(segment.hum)
         return found
 
-    def with_hum(self, hum_hz: Sequence[tuple[float, ...]]) -> LineProblem:
-        """The same with these tones of each record as unknowns, beside its initial states."""
+    def with_hum(self, hum_hz: Sequence[tuple[float, ...]]) -> BinProblem:
+        """The same with these tones of each record as nuisance parameters, beside its initial states."""
         records = tuple(replace(record, hum_hz=tones) for record, tones in zip(self.records, hum_hz, strict=True))
-        runs = tuple(replace(run, hum=hum_of(records[run.record], run.samples)) for run in self.runs)
-        return replace(self, records=records, runs=runs)
+        segments = tuple(
+            replace(segment, hum=hum_of(records[segment.record], segment.samples)) for segment in self.segments
+        )
+        return replace(self, records=records, segments=segments)
 
     @property
     def batches(self) -> Iterator[tuple[Batch, float, float]]:
         """Whole runs of one rate and length side by side, their sampling interval and fraction."""
         for numbers, interval, fraction in self._groups:
             joined = self._joined.get(numbers)
-            yield joined or Batch.of([self.runs[i] for i in numbers], numbers), interval, fraction
+            yield joined or Batch.of([self.segments[i] for i in numbers], numbers), interval, fraction
 
     @functools.cached_property
     def _groups(self) -> tuple[tuple[tuple[int, ...], float, float], ...]:
         groups: dict[tuple[float, float, int, tuple[float, ...]], list[int]] = {}
-        for number, run in enumerate(self.runs):
-            if run.used is None:
-                groups.setdefault((*self._step_of(run), run.samples, run.hum), []).append(number)
+        for number, segment in enumerate(self.segments):
+            if segment.used is None:
+                groups.setdefault((*self._step_of(segment), segment.samples, segment.hum), []).append(number)
         found = []
         for (interval, fraction, samples, _), numbers in groups.items():
             width = max(AT_ONCE // samples, 1)
@@ -172,41 +174,45 @@ class LineProblem:
     def _joined(self) -> dict[tuple[int, ...], Batch]:
         """Batches of several runs, for which these are copied."""
         several = (numbers for numbers, *_ in self._groups if len(numbers) > 1)
-        return {numbers: Batch.of([self.runs[i] for i in numbers], numbers) for numbers in several}
+        return {numbers: Batch.of([self.segments[i] for i in numbers], numbers) for numbers in several}
 
     def counts(self, samples: int) -> FloatArray:
         """How each line of a run counts, shape (1, lines)."""
         return (counted(samples, self.highest) / samples)[None, :]
 
-    def _step_of(self, run: Run) -> tuple[float, float]:
+    def _step_of(self, segment: Segment) -> tuple[float, float]:
         """Sampling interval and read-out fraction of a run."""
-        return self.records[run.record].sampling_interval_s, float(self.fractions[run.record])
+        return self.records[segment.record].sampling_interval_s, float(self.fractions[segment.record])
 
     def weights(self, values: Mapping[str, float]) -> Weights:
         """Network weights, one set a sampling interval in order (leading axis)."""
-        steps = sorted({self._step_of(run) for run in self.runs})
+        steps = sorted({self._step_of(segment) for segment in self.segments})
         found = [self.trained.weights(dict(values), *step, self.frame.delay_s) for step in steps]
         return Weights(*(np.stack(parts) for parts in zip(*found, strict=True)))
 
-    def steps(self, values: dict[str, float], interval_s: float, fraction: float) -> tuple[StepTransfer, StepTransfer]:
+    def steps(
+        self, values: dict[str, float], interval_s: float, fraction: float
+    ) -> tuple[DiscreteTransfer, DiscreteTransfer]:
         """Transfer function of a step, and its slopes with the physical parameters."""
         at = (values, interval_s, fraction, self.frame.delay_s)
-        return self.trained.transfer(*at), self.trained.slopes(*at)
+        return self.trained.transfer(*at), self.trained.jacobian(*at)
 
-    def _all_steps(self, values: dict[str, float]) -> dict[tuple[float, float], tuple[StepTransfer, StepTransfer]]:
+    def _all_steps(
+        self, values: dict[str, float]
+    ) -> dict[tuple[float, float], tuple[DiscreteTransfer, DiscreteTransfer]]:
         return {key: self.steps(values, *key) for key in self._all_kinds}
 
     @functools.cached_property
     def _all_kinds(self) -> set[tuple[float, float]]:
-        return {self._step_of(run) for run in self.runs}
+        return {self._step_of(segment) for segment in self.segments}
 
-    def normal(self, z: FloatArray, coordinates: Coordinates, noise: FloatArray) -> LineNormal:
+    def normal(self, z: FloatArray, coordinates: Coordinates, noise: FloatArray) -> BinNormal:
         """Normal equations at coordinates ``z``; ``noise``: standard deviation of each record, shape (records,)."""
         values = coordinates.values(z)
         normals = self._normals(values)
-        return normals.weighed(noise[[run.record for run in self.runs]], coordinates.slopes(z))
+        return normals.weighed(noise[[segment.record for segment in self.segments]], coordinates.slopes(z))
 
-    def _normals(self, values: dict[str, float]) -> RunNormals:
+    def _normals(self, values: dict[str, float]) -> SegmentNormals:
         """Normal equations of each run; the last ones are kept, because another noise level needs the same again."""
         key = tuple(values.items())
         if key not in self._last:
@@ -215,26 +221,26 @@ class LineProblem:
         return self._last[key]
 
     @functools.cached_property
-    def _last(self) -> dict[tuple[tuple[str, float], ...], RunNormals]:
+    def _last(self) -> dict[tuple[tuple[str, float], ...], SegmentNormals]:
         return {}
 
-    def _made_normals(self, values: dict[str, float]) -> RunNormals:
+    def _made_normals(self, values: dict[str, float]) -> SegmentNormals:
         if not self._stable(values):
-            return RunNormals.of(len(self.runs), len(values), np.inf)
-        steps, normals = self._all_steps(values), RunNormals.of(len(self.runs), len(values))
+            return SegmentNormals.of(len(self.segments), len(values), np.inf)
+        steps, normals = self._all_steps(values), SegmentNormals.of(len(self.segments), len(values))
         made: dict[Any, Step] = {}
         for batch, *key in self.batches:
             add_batch(normals, batch, _step(made, batch, steps[key[0], key[1]], self.counts(batch.samples)[0]))
-        for number, run in enumerate(self.runs):
-            if run.used is not None:
-                add_series(normals, number, series_of(run, *steps[self._step_of(run)]))
+        for number, segment in enumerate(self.segments):
+            if segment.used is not None:
+                add_series(normals, number, series_of(segment, *steps[self._step_of(segment)]))
         return normals
 
     def _stable(self, values: dict[str, float]) -> bool:
         """Whether no state grows beyond all numbers over its run, as Euler's may."""
         longest: dict[tuple[float, float], int] = {}
-        for run in self.runs:
-            longest[self._step_of(run)] = max(run.samples, longest.get(self._step_of(run), 0))
+        for segment in self.segments:
+            longest[self._step_of(segment)] = max(segment.samples, longest.get(self._step_of(segment), 0))
         for step, samples in longest.items():
             transition = self.trained.weights(values, *step, self.frame.delay_s).transition
             if not np.all(np.isfinite(transition)):
@@ -243,9 +249,11 @@ class LineProblem:
                 return False
         return True
 
-    def record_noise(self, normal: LineNormal, noise: FloatArray) -> FloatArray:
+    def record_noise(self, normal: BinNormal, noise: FloatArray) -> FloatArray:
         """Standard deviation of each record's residual, shape (records,), of normal equations weighted by ``noise``."""
-        squares = np.bincount([run.record for run in self.runs], normal.squares, len(self.records)) * noise**2
+        squares = (
+            np.bincount([segment.record for segment in self.segments], normal.squares, len(self.records)) * noise**2
+        )
         return np.maximum(np.sqrt(squares / np.maximum(self.degrees_of_freedom, 1.0)), self.noise_floor)
 
     def predict(self, coordinates: Coordinates, z: FloatArray) -> list[FloatArray]:
@@ -257,39 +265,41 @@ class LineProblem:
         found = [np.full(record.samples, np.nan) for record in self.records]
         made = {step: self.trained.transfer(values, *step, self.frame.delay_s) for step in self._all_kinds}
         kept: dict[Any, Step] = {}
-        for run in self.runs:
-            transfer = made[self._step_of(run)]
-            nothing = StepTransfer(np.zeros((0, len(transfer.denominator))), np.zeros((0, *transfer.numerator.shape)))
-            if run.used is not None:
-                found[run.record][run.span] = series_of(run, transfer, nothing).predicted
+        for segment in self.segments:
+            transfer = made[self._step_of(segment)]
+            nothing = DiscreteTransfer(
+                np.zeros((0, len(transfer.denominator))), np.zeros((0, *transfer.numerator.shape))
+            )
+            if segment.used is not None:
+                found[segment.record][segment.span] = series_of(segment, transfer, nothing).predicted
                 continue
-            batch, every = Batch.of([run], [0]), counted(run.samples, 0.5)  # all lines: line 0 holds the offset
-            left, _, hum = columns_of(batch, _step(kept, batch, (transfer, nothing), every))
+            batch, every = Batch.of([segment], [0]), counted(segment.samples, 0.5)  # all lines: line 0 holds the offset
+            left, _, hum = residual_and_jacobian(batch, _step(kept, batch, (transfer, nothing), every))
             left[:, 0] = 0.0
             left[:, : hum.shape[1]] += hum  # no columns where there is none
-            own = self.records[run.record].response[run.span]
-            found[run.record][run.span] = own - np.asarray(fft.irfft(left[0], run.samples))
+            own = self.records[segment.record].response[segment.span]
+            found[segment.record][segment.span] = own - np.asarray(fft.irfft(left[0], segment.samples))
         return found
 
-    def lines(self, z: FloatArray, coordinates: Coordinates, noise: FloatArray) -> list[RecordLines]:
-        """Every record at the lines of its transform, in order; one that no run reaches has no samples."""
+    def lines(self, z: FloatArray, coordinates: Coordinates, noise: FloatArray) -> list[RecordBins]:
+        """Every record at the bins of its transform, in order; one that no run reaches has no samples."""
         steps = self._all_steps(coordinates.values(z))
         turn = coordinates.slopes(z)[:, None]
         lowest = self._lowest_ringing_hz(coordinates.values(z))
-        found: list[RecordLines] = []
+        found: list[RecordBins] = []
         models: dict[tuple[int, float], ModelLines] = {}
         states: dict[tuple[int, float, float], FreeLines] = {}
         kept: dict[Any, Step] = {}
         for number, record in enumerate(self.records):
-            runs = [run for run in self.runs if run.record == number]
+            segments = [segment for segment in self.segments if segment.record == number]
             floor = float((self.noise_floor[number] / noise[number]) ** 2)
-            if len(runs) == 1 and runs[0].used is None:
-                key = runs[0].samples, *self._step_of(runs[0])
-                step = steps[self._step_of(runs[0])]
-                own: dict[str, Any] = self._whole(runs[0], step, turn, noise[number], kept)
+            if len(segments) == 1 and segments[0].used is None:
+                key = segments[0].samples, *self._step_of(segments[0])
+                step = steps[self._step_of(segments[0])]
+                own: dict[str, Any] = self._whole(segments[0], step, turn, noise[number], kept)
                 own["free"] = states.setdefault(key, free_of_run(key[0], step[0].denominator))
             else:
-                pieces = [(run.span, series_of(run, *steps[self._step_of(run)])) for run in runs]
+                pieces = [(segment.span, series_of(segment, *steps[self._step_of(segment)])) for segment in segments]
                 own = _in_pieces(pieces, turn, noise[number], self.highest)
             samples, model = len(own["used"]), None
             if record.reference is not None and samples > 1:
@@ -297,7 +307,7 @@ class LineProblem:
                 models.setdefault(grid, self._response(coordinates, z, *grid))
                 model = models[grid]
             unseen = lowest > 0.5 * record.sampling_rate_hz
-            made = RecordLines(
+            made = RecordBins(
                 **own,
                 model=model,
                 z=z,
@@ -317,30 +327,30 @@ class LineProblem:
 
     def _whole(
         self,
-        run: Run,
-        step: tuple[StepTransfer, StepTransfer],
+        segment: Segment,
+        step: tuple[DiscreteTransfer, DiscreteTransfer],
         turn: FloatArray,
         noise: float,
         kept: dict[Any, Step],
     ) -> dict[str, Any]:
         """What the lines of a record say that is one whole run."""
-        twice, batch = counted(run.samples, self.highest), Batch.of([run], [0])
-        found = columns_of(batch, _step(kept, batch, step, twice))
-        run.transforms.forget_inputs()
-        left, own = found.residual[0], found.slopes[0]
+        one_sided, batch = counted(segment.samples, self.highest), Batch.of([segment], [0])
+        found = residual_and_jacobian(batch, _step(kept, batch, step, one_sided))
+        segment.transforms.forget_inputs()
+        left, own = found.residual[0], found.jacobian[0]
         left[0] = np.abs(left[1])  # an offset is no noise: the line is as the next one
         left /= noise
 
         def predicted(part: slice) -> ComplexArray:
-            explained = run.response[part] / noise - left[part]
+            explained = segment.response[part] / noise - left[part]
             return explained - found.hum[0, part] / noise if found.hum.size else explained
 
         return {
             "residual": left,
             "predicted": predicted,
-            "used": np.broadcast_to(True, run.samples),
-            "twice": twice,
-            "slopes": np.multiply(own, turn / noise, out=own),
+            "used": np.broadcast_to(True, segment.samples),
+            "one_sided": one_sided,
+            "jacobian": np.multiply(own, turn / noise, out=own),
         }
 
     def _response(self, coordinates: Coordinates, z: FloatArray, samples: int, rate_hz: float) -> ModelLines:
@@ -357,7 +367,9 @@ class LineProblem:
         return ModelLines(at, z, lines)
 
 
-def _step(made: dict[Any, Step], batch: Batch, transfer: tuple[StepTransfer, StepTransfer], counts: FloatArray) -> Step:
+def _step(
+    made: dict[Any, Step], batch: Batch, transfer: tuple[DiscreteTransfer, DiscreteTransfer], counts: FloatArray
+) -> Step:
     """What a batch has in common with others; made once."""
     key = batch.samples, batch.hum.tobytes(), id(transfer[0])
     if key not in made:
@@ -366,7 +378,7 @@ def _step(made: dict[Any, Step], batch: Batch, transfer: tuple[StepTransfer, Ste
 
 
 def _in_pieces(
-    pieces: Sequence[tuple[slice, RunSeries]], turn: FloatArray, noise: float, highest: float
+    pieces: Sequence[tuple[slice, SegmentSeries]], turn: FloatArray, noise: float, highest: float
 ) -> dict[str, Any]:
     """What the lines of a record say that has samples left out."""
     begin, end = (pieces[0][0].start, pieces[-1][0].stop) if pieces else (0, 0)
@@ -374,13 +386,13 @@ def _in_pieces(
     signals, used = np.zeros((2 + len(turn), end - begin)), np.zeros(end - begin, dtype=bool)
     for place, series in placed:
         used[place] = series.free[-1] > 0.0
-        signals[:, place] = [series.residual, series.predicted * used[place], *(series.freed_slopes() * turn)]
+        signals[:, place] = [series.residual, series.predicted * used[place], *(series.projected_jacobian() * turn)]
     lines = np.fft.rfft(signals / noise, axis=1) if end > begin else np.zeros((len(signals), 1), dtype=complex)
     return {
         "residual": lines[0],
         "predicted": lines[1].__getitem__,
         "used": used,
-        "twice": counted(end - begin, highest),
-        "slopes": lines[2:],
+        "one_sided": counted(end - begin, highest),
+        "jacobian": lines[2:],
         "free": free_of_pieces(end - begin, placed),
     }

@@ -9,9 +9,9 @@ import pytest
 import vibrident
 from vibrident.base.errors import InputError, ModelError
 from vibrident.data.records import Calibration, Record
+from vibrident.fit.bins import RecordBins, transformable
 from vibrident.fit.estimators.optimise import levenberg_marquardt
-from vibrident.fit.lines import RecordLines, transformable
-from vibrident.fit.problem import Coordinates, LineProblem, network_objective
+from vibrident.fit.problem import BinProblem, Coordinates, network_objective
 from vibrident.fit.problem.time_domain import TimeProblem
 from vibrident.physics.discretisation import METHODS, method
 from vibrident.physics.models import parse
@@ -37,7 +37,7 @@ def values_of(model):
 @pytest.fixture(autouse=True)
 def every_line_counts(monkeypatch):
     """As every sample does in time; otherwise lines near half the sampling rate are left out."""
-    monkeypatch.setattr("vibrident.fit.problem.line_problem.USABLE_BAND", 0.5)
+    monkeypatch.setattr("vibrident.fit.problem.bin_problem.USABLE_BAND", 0.5)
 
 
 def random_motion(model, samples=SAMPLES, rate=RATE):
@@ -69,7 +69,7 @@ def a_problem(model, quantity, name, rng):
     start = {key: value * rng.uniform(0.9, 1.1) for key, value in values_of(model).items()}
     records = records_of_all_kinds(model)
     at = (records, parse(model), method(name), quantity, start)
-    both = TimeProblem.build(*at), LineProblem.build(*at)
+    both = TimeProblem.build(*at), BinProblem.build(*at)
     return *both, Coordinates.at(parse(model), start, (20.0, 2000.0)), 0.03 * np.arange(1.0, len(records) + 1.0)
 
 
@@ -140,8 +140,8 @@ def test_a_record_that_no_run_reaches_has_no_lines_and_does_no_harm():
 def test_a_record_without_lines_has_no_unknown_tones():
     """Hum that other records show is an unknown of every record."""
     empty = np.zeros(0, dtype=complex)
-    lines = RecordLines(empty, empty.__getitem__, empty == 1.0, empty.real, empty[None], None, None, np.zeros(1), 0.0)
-    assert lines.unknowns(edges=False, tones=(3.5,))(slice(None)).shape == (0, 0)
+    lines = RecordBins(empty, empty.__getitem__, empty == 1.0, empty.real, empty[None], None, None, np.zeros(1), 0.0)
+    assert lines.nuisances(edges=False, tones=(3.5,))(slice(None)).shape == (0, 0)
 
 
 def test_a_long_run_has_a_length_that_transforms_fast():
@@ -155,10 +155,10 @@ def test_records_too_short_and_models_without_network_are_refused():
     noise = np.random.default_rng(0).standard_normal((2, 12))
     short = [Record("short", noise[0], noise[1], 10e3, valid=np.arange(12) < 6)]
     with pytest.raises(InputError, match="long enough"):
-        LineProblem.build(short, parse("accelerometer"), method("euler"), "acceleration", values_of("accelerometer"))
+        BinProblem.build(short, parse("accelerometer"), method("euler"), "acceleration", values_of("accelerometer"))
     values = values_of("accelerometer") | {"boxcar_length": 1e-3}
     with pytest.raises(ModelError, match="no network"):
-        LineProblem.build(short, parse("accelerometer+boxcar"), method("euler"), "acceleration", values)
+        BinProblem.build(short, parse("accelerometer+boxcar"), method("euler"), "acceleration", values)
 
 
 @pytest.mark.parametrize("place", [12.34, 12.0])
@@ -173,7 +173,7 @@ def test_a_tone_of_known_frequency_says_nothing_whatever_its_size(place, rng):
         start = {key: value * 1.01 for key, value in values_of("accelerometer").items()}
         coordinates = Coordinates.at(parse("accelerometer"), start, (20.0, 2000.0))
         quiet, noisy = (
-            LineProblem.build([r], parse("accelerometer"), method("bandlimited"), "acceleration", start).with_hum(
+            BinProblem.build([r], parse("accelerometer"), method("bandlimited"), "acceleration", start).with_hum(
                 [(hum_hz,)]
             )
             for r in (record, loud)
@@ -203,9 +203,9 @@ def test_a_long_record_is_worked_on_in_blocks_and_gives_the_same(monkeypatch):
     )
     noisy = with_noise(made, response_noise=0.02, reference_noise=0.01, seed=6)
     whole = vibrident.identify(noisy, estimator="ipnn")
-    for module in ("lines.runs.MOST_KEPT", "lines.record.MOST_KEPT"):
+    for module in ("bins.segments.MOST_KEPT", "bins.record.MOST_KEPT"):
         monkeypatch.setattr(f"vibrident.fit.{module}", 0)
-    for module in ("lines.normal", "measure.lines", "problem.line_problem"):
+    for module in ("bins.normal", "measure.transform", "problem.bin_problem"):
         monkeypatch.setattr(f"vibrident.fit.{module}.AT_ONCE", 256)
     parts = vibrident.identify(noisy, estimator="ipnn")
     assert parts.settings["noise_weights"] == "spectrum"
