@@ -15,7 +15,7 @@ from bench.truth import RATE_HZ, RESPONSE_NOISE, SAMPLES, SENSOR, model, paper_t
 from vibrident import Calibration, identify, identify_many
 from vibrident.fit.estimators import Ipnn, MaximumLikelihood
 from vibrident.fit.estimators.adam import adam
-from vibrident.fit.estimators.start import start_values
+from vibrident.fit.estimators.start import find_start
 from vibrident.fit.problem import Coordinates, Evidence, network_objective
 from vibrident.fit.problem.time_domain import TimeProblem
 from vibrident.physics.discretisation import method
@@ -129,7 +129,7 @@ def _adam_steps(count: int) -> Callable[[], object]:
     """Training of the paper: Euler weights, Adam, every record in every step, from the start values of ``Ipnn``."""
     evidence = Evidence.gather(noisy(), model())
     assert evidence.first_look is not None  # there are sines
-    start = start_values(evidence.first_look, evidence.model)
+    start = find_start(evidence.first_look, evidence.model).values
     coordinates = Coordinates.at(evidence.model, start, evidence.band_hz)
     problem = TimeProblem.build(evidence.records, evidence.model, method("euler"), evidence.quantity, start)
     noise = np.array([RESPONSE_NOISE * float(np.std(record.response)) for record in evidence.records])

@@ -9,7 +9,7 @@ from vibrident.data.records import Calibration, ResponseTable
 from vibrident.fit.estimators import MaximumLikelihood
 from vibrident.fit.estimators.optimise import levenberg_marquardt
 from vibrident.fit.estimators.search import Population
-from vibrident.fit.estimators.start import _shortest_delay_first, find_start, start_values
+from vibrident.fit.estimators.start import _shortest_delay_first, find_start
 from vibrident.fit.information import inverse_normal
 from vibrident.fit.problem import Coordinates, Evidence, FrequencyProblem
 from vibrident.physics.models import parse
@@ -58,7 +58,7 @@ def test_every_sensor_is_found(name, rng):
             p["delay"] = (-1) ** number * 4e-5 * (1 + number % 7)
         problem = FrequencyProblem.of_table(table(name, p, rng), model, "acceleration")
         best = cost_from(problem, model, p)
-        found = cost_from(problem, model, start_values(problem, model))
+        found = cost_from(problem, model, find_start(problem, model).values)
         if found > best * 1.001 + 0.01:
             missed.append((natural, damping, p.get("delay"), best, found))
     assert missed == []
@@ -132,7 +132,7 @@ def test_delays_of_several_periods(delay, rng):
     p = {"sensitivity": -0.104, "natural_frequency": 652.0, "damping_ratio": 0.182, "delay": delay}
     model = parse("accelerometer+delay")
     problem = FrequencyProblem.of_table(table("accelerometer+delay", p, rng), model, "acceleration")
-    start = start_values(problem, model)
+    start = find_start(problem, model).values
     assert start["delay"] == pytest.approx(delay, abs=3e-6)
     assert start["sensitivity"] == pytest.approx(-0.104, rel=0.02)
 
@@ -237,7 +237,7 @@ def test_a_resonance_far_outside_the_range_searched_leaves_no_damping_behind():
         u, turn = 1e-3 * rng.standard_normal((2, 20))
         data = frequency, np.abs(h) * (1.0 + u), np.angle(h) + turn, 1e-3 * np.abs(h), np.full(20, 1e-3)
         problem = FrequencyProblem(model, "acceleration", True, True, data)
-        assert cost_from(problem, model, start_values(problem, model)) < cost_from(problem, model, p) + 0.1
+        assert cost_from(problem, model, find_start(problem, model).values) < cost_from(problem, model, p) + 0.1
 
 
 @pytest.mark.parametrize("cost", [1.0, 1e20, np.inf])

@@ -93,11 +93,6 @@ class Start:
     others: tuple[tuple[dict[str, float], float], ...] = ()
 
 
-def start_values(problem: FrequencyProblem, model: SensorModel) -> dict[str, float]:
-    """Parameters near the optimum, by name, in physical units; see :func:`find_start`."""
-    return find_start(problem, model).values
-
-
 def find_start(problem: FrequencyProblem, model: SensorModel) -> Start:
     """The best fit of the nonparametric response from all candidates.
 
