@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.adversary import clean, damaged, decays, extremes, files, lacking, tables
+from bench.adversary import clean, damaged, decays, extremes, files, foreign, lacking, several, tables
 from bench.adversary.trial import Maker, Trial
 
 GROUPS = {
@@ -18,6 +18,8 @@ GROUPS = {
     "decay": decays.cases,
     "extreme": extremes.cases,
     "file": files.cases,
+    "several": several.cases,
+    "foreign": foreign.cases,
 }
 
 

@@ -17,6 +17,8 @@ from vibrident import Result, VibridentError, identify
 
 LIMIT = 4.0  # A parameter further from the truth than this many standard uncertainties is wrong
 ROUNDING = 1e-8  # errors below this part of the truth are rounding
+#: A stated impact is true within this part of the real one, or one standard uncertainty.
+IMPACT_WITHIN = 0.3
 #: What speaks of single parameters: heeded for those that its message names.
 OF_PARAMETERS = ("weakly_determined", "at_bound")
 #: Derived parameters and what they are made of.
@@ -73,11 +75,33 @@ def of_result(trial: Trial, result: Result) -> dict[str, Any]:
         "codes": list(result.warning_codes),
         "says": [f"{w.code}: {w.message}"[:240] for w in result.warnings],
         "alarms": alarms,
+        "impact": told_impact(trial, result) if trial.cause else None,
         "chi2": fit.chi2_reduced,
         "degrees": fit.degrees_of_freedom,
         "estimator": result.estimator,
         "samples_left_out": sum("left out" in step for f in result.provenance["files"] for step in f["history"]),
     }
+
+
+def told_impact(trial: Trial, result: Result) -> dict[str, Any] | None:
+    """The parameter that the first said departure moves most: how far it is off, and how far that is said to move it.
+
+    Both in stated standard uncertainties; None where no departure is said, or the model does not explain the data.
+    """
+    for warning in result.warnings if result.fit.adequate else ():
+        own = [finding for finding in result.findings if finding.code == warning.code]
+        known = {n: p for n in trial.truth if (p := result.parameters.get(n)) and p.standard_uncertainty}
+        told = {
+            name: sum(finding.impact[name] for finding in own) / float(parameter.standard_uncertainty or 1.0)
+            for name, parameter in known.items()
+            if own and name in own[0].impact
+        }
+        if told:
+            worst = max(told, key=lambda name: abs(told[name]))
+            off = (known[worst].value - trial.truth[worst]) / float(known[worst].standard_uncertainty or 1.0)
+            true = abs(off - told[worst]) <= max(IMPACT_WITHIN * abs(off), 1.0)
+            return {"code": warning.code, "parameter": worst, "off": off, "told": told[worst], "true": true}
+    return None
 
 
 def distances(result: Result, truth: Mapping[str, float]) -> dict[str, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import beta
 
-from bench.adversary.judge import ALARM, BAD, LIMIT, REFUSED, RIGHT, ROUNDING, SILENT, TRACEBACK, WARNED
+from bench.adversary.judge import ALARM, BAD, IMPACT_WITHIN, LIMIT, REFUSED, RIGHT, ROUNDING, SILENT, TRACEBACK, WARNED
 from vibrident.show.media import markdown
 
 CLASSES = (RIGHT, WARNED, REFUSED, SILENT, ALARM, TRACEBACK)
@@ -28,6 +29,8 @@ sign and gain (1e-9 to 1e9), the sampling rate (100 Hz to 1 MHz) and the quantit
 `clean`: nothing is wrong, noise of fourteen kinds. `defect`: one thing is wrong with the recordings, or with one of
 them. `lacking`: the sensor has what the model asked for lacks, or its spring bends; a sensor of two
 modes has the static sensitivity of both. `table`: tabulated responses.
+`several`: two or three defects at once. `foreign`: no recording of the sensor asked for (noise, the response of another
+measurement, one that is rectified or runs backwards): nothing that is stated of it is true.
 `decay`: free decays. `extreme`: scales from 1e-150 to 1e150, one to sixty records of 100 to 100 000 samples, records of
 few periods, declared systematic effects. `file`: time columns in many units, and rates that contradict them.
 
@@ -64,7 +67,7 @@ def table(lines: list[dict[str, Any]], commit: str) -> str:
     parts += _counted("Clean recordings by sensor", "sensor", clean, _part(1))
     parts += _counted("Clean recordings by noise", "noise", clean, _part(3))
     parts += _counted("Defects by cause", "cause", [one for one in found if one["cause"]], lambda one: one["cause"])
-    return "\n".join([*parts, *_scatter(found), *_failures(found), ""])
+    return "\n".join([*parts, *_impacts(found), *_scatter(found), *_failures(found), ""])
 
 
 def _part(number: int) -> Callable[[dict[str, Any]], str]:
@@ -110,6 +113,29 @@ def _counted(
         f"## {title}",
         "",
         markdown.table((label, "cases", *CLASSES), rows, right=range(1, 2 + len(CLASSES))),
+        "",
+    ]
+
+
+def _impacts(found: list[dict[str, Any]]) -> list[str]:
+    """How often what a warning says of the worst parameter is so."""
+    told = [one["impact"] for one in found if one.get("impact") and math.isfinite(one["impact"]["off"])]
+    if not told:
+        return []
+    rows = []
+    for code in (None, *sorted({one["code"] for one in told})):
+        own = [one["true"] for one in told if code in (None, one["code"])]
+        rows.append((f"`{code}`" if code else "all", str(len(own)), f"{100 * sum(own) / len(own):.0f} %"))
+    far = [one["true"] for one in told if abs(one["off"]) > LIMIT]
+    if far:
+        rows.insert(1, (f"of them more than {LIMIT:g} u off", str(len(far)), f"{100 * sum(far) / len(far):.0f} %"))
+    return [
+        "## Whether the impact is true",
+        "",
+        "Defects that a departure names, where the model explains the data: whether the parameter that it moves most is",
+        f"as far off as the warning says, within {100 * IMPACT_WITHIN:.0f} % or one standard uncertainty. Target: 80 %.",
+        "",
+        markdown.table(("warning", "cases", "true"), rows, right=(1, 2)),
         "",
     ]
 
