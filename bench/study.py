@@ -55,7 +55,7 @@ class Study:
         kept = [] if given.trial else list(self._kept(commit))
         done = {(line["cell"], line["first"]) for line in kept}
         wanted = [
-            (cell.name, first, min(BLOCK, cell.runs(given.runs) - first))
+            (cell.name, given.first + first, min(BLOCK, cell.runs(given.runs) - first))
             for first in range(0, given.runs, BLOCK)
             for cell in self.cells
             if not given.of and given.only in cell.name and first < cell.runs(given.runs)
@@ -78,6 +78,9 @@ class Study:
     def _parser(self) -> argparse.ArgumentParser:
         parser = argparse.ArgumentParser(prog=f"python -m bench.{self.name}", description=self.title)
         parser.add_argument("--runs", type=int, default=self.runs, help="seeded runs a cell")
+        parser.add_argument(
+            "--first", type=int, default=0, help="seed of the first: others than the package was tried on"
+        )
         parser.add_argument("--jobs", type=int, default=2, help="processes")
         parser.add_argument("--only", default="", metavar="TEXT", help="cells whose name holds this")
         parser.add_argument("--trial", action="store_true", help="print the page; keep nothing, publish nothing")

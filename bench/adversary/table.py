@@ -132,8 +132,8 @@ def _impacts(found: list[dict[str, Any]]) -> list[str]:
     return [
         "## Whether the impact is true",
         "",
-        "Defects that a departure names, where the model explains the data: whether the parameter that it moves most is",
-        f"as far off as the warning says, within {100 * IMPACT_WITHIN:.0f} % or one standard uncertainty. Target: 80 %.",
+        "Defects that a departure names, where the model explains the data: is the parameter that it moves most as far",
+        f"off as the warning says, within {100 * IMPACT_WITHIN:.0f} % or one standard uncertainty? Target: 80 %.",
         "",
         markdown.table(("warning", "cases", "true"), rows, right=(1, 2)),
         "",

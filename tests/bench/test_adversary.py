@@ -125,13 +125,29 @@ def made_up(value: float, u: float | None, *warnings: tuple[str, str], freedom: 
         warnings=said,
         warning_codes=tuple(code for code, _ in warnings),
         settings={"effective_degrees_of_freedom": freedom},
-        fit=SimpleNamespace(chi2_reduced=1.0, degrees_of_freedom=10),
+        findings=(),
+        fit=SimpleNamespace(chi2_reduced=1.0, degrees_of_freedom=10, adequate=True),
         estimator="ml",
         provenance={"files": []},
     )
 
 
 TRUE = {"natural_frequency": 100.0}
+
+
+@pytest.mark.parametrize(("said", "true"), [(5.0, True), (7.0, False), (-5.0, False)])
+def test_a_stated_impact_is_true_where_the_parameter_is_as_far_off(said: float, true: bool):
+    """The value lies 4 u off: what is said is within 30 % of that, or one u."""
+    result = made_up(104.0, 1.0, ("regimes", ""))
+    result.findings = tuple(
+        SimpleNamespace(code="regimes", impact={"natural_frequency": part * said}) for part in (0.4, 0.6)
+    )
+    found = judge.told_impact(Trial(lambda: None, "accelerometer", TRUE, cause="step"), result)
+    assert found is not None
+    assert found["true"] is true
+    assert found["off"] == pytest.approx(4.0)
+    result.findings = ()
+    assert judge.told_impact(Trial(lambda: None, "accelerometer", TRUE, cause="step"), result) is None
 
 
 @pytest.mark.parametrize(
