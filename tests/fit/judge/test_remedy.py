@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import vibrident
+from vibrident.physics.models import parse
 from vibrident.physics.simulation import simulate
 
 ACCELEROMETER = {"sensitivity": 0.01, "natural_frequency": 4000.0, "damping_ratio": 0.05}
@@ -63,3 +64,24 @@ def test_no_model_is_named_where_none_explains_the_data(rng: np.random.Generator
     result = vibrident.identify(vibrident.Calibration(tuple(bad)), model="accelerometer")
     (said,) = (w.message for w in result.warnings if w.code == "lack_of_fit")
     assert "explains them" not in said
+
+
+@pytest.mark.parametrize("lead_s", [0.38e-6, 3e-6])
+def test_a_converter_that_stamps_the_response_early_is_named(rng: np.random.Generator, lead_s: float) -> None:
+    """The lead ends the damping at zero, from where no logarithm returned; the phases were taken for the wrong sign."""
+    hz = np.geomspace(10.0, 10_000.0, 31)
+    response = parse("accelerometer").frequency_response(
+        {"sensitivity": 0.1, "natural_frequency": 30_000.0, "damping_ratio": 0.02}, hz
+    ) * np.exp(2j * np.pi * hz * lead_s)
+    turn = np.deg2rad(0.1)
+    table = vibrident.ResponseTable(
+        hz,
+        np.abs(response) * (1.0 + 1e-3 * rng.standard_normal(hz.size)),
+        np.angle(response) + turn * rng.standard_normal(hz.size),
+        1e-3 * np.abs(response),
+        np.full(hz.size, turn),
+    )
+    result = vibrident.identify(vibrident.Calibration(table=table, model="accelerometer"))
+    (said,) = (w.message for w in result.warnings if w.code == "lack_of_fit")
+    assert "The model accelerometer+delay explains them" in said
+    assert "units_suspect" not in result.warning_codes

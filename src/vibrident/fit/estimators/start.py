@@ -20,6 +20,7 @@ from vibrident.data.records import FloatArray
 from vibrident.data.records.basis import distinct
 from vibrident.fit.estimators.rational import two_modes
 from vibrident.fit.estimators.search import (
+    LEAST,
     LogCoordinates,
     Population,
     TargetFRF,
@@ -220,9 +221,12 @@ def extended(problem: FrequencyProblem, model: SensorModel, values: Mapping[str,
     sought = sought_response(problem)
     some = sought.at(_spread(sought.frequency_hz, MOST_POINTS))
     near = LogCoordinates(model, problem.quantity, some.frequency_hz, 1.0 / (2.0 * np.pi * problem.band_hz[1]))
-    here, _ = near.place({name: values.get(name, 0.0) for name in model.parameter_names})
+    known = {name: values.get(name, 0.0) for name in model.parameter_names}
+    # From zero a logarithm does not return: what ended there begins at each place of its grid.
+    ended = [{s.name: g} for s in model.parameters if s.kind == "positive" and known[s.name] < LEAST for g in s.grid]
+    here = np.array([near.place(known | other)[0] for other in ended or [{}]])
     lacking = [name for name in model.parameter_names if name not in values]
-    kept = _likely(_with_guesses(here[None], model, problem.band_hz, lacking), 1, some, near)
+    kept = _likely(_with_guesses(here, model, problem.band_hz, lacking), len(here), some, near)
     front = _aligned(kept, some, near, some, near, problem.longest_delay_s)
     rows = front.best(1)
     if not rows.size:

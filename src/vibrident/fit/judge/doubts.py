@@ -50,7 +50,7 @@ def second_thoughts(
     """
     warnings = list[ResultWarning]()
     # Without stated uncertainties a table that is misread is one that scatters.
-    doubted = not judgement.adequacy.adequate or judgement.scatter is not None
+    doubted = not (judgement.adequacy.adequate or judgement.remedied) or judgement.scatter is not None
     angular = _angular_frequencies(evidence)
     misread = [] if angular is None else [ResultWarning("units_suspect", angular)]
     if doubted and not misread and judgement.adequacy.degrees_of_freedom > 0:
