@@ -21,8 +21,8 @@ from vibrident import Calibration, ResponseTable, identify
 from vibrident.data.records import FloatArray
 from vibrident.fit.estimators import Ipnn, MaximumLikelihood
 from vibrident.fit.estimators.base import Estimate
-from vibrident.fit.measure.response import ComplexArray
 from vibrident.fit.problem import Evidence
+from vibrident.fit.response.response import ComplexArray
 
 HERE = Path(__file__).parent / "peers"
 #: Folder of the environments; BENCH_PEERS names another.

@@ -17,7 +17,7 @@ from scipy.stats import beta, chi2, ncx2
 
 from bench.detection_cells import CELLS, CURVE, CURVES, DEFECTS, DETECTED, NOMINAL, Cell, block
 from bench.study import Study
-from vibrident.fit.measure.verdict import REJECTION
+from vibrident.fit.response.verdict import REJECTION
 from vibrident.show.media import markdown
 
 CODES = ("lack_of_fit", "nonlinear")

@@ -15,7 +15,7 @@ from scipy.stats import chi2, ncx2
 
 from vibrident import identify
 from vibrident.data.records import Calibration
-from vibrident.fit.measure.verdict import REJECTION
+from vibrident.fit.response.verdict import REJECTION
 from vibrident.physics.simulation import SENSORS, simulate, with_noise
 
 FITTED = "accelerometer"

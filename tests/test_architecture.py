@@ -17,8 +17,8 @@ ROOMS = {
     "data": "registry effects interferometer records io sources",
     "physics": "registry naming models discretisation network simulation",
     "result": "document parts sensor result",
-    "fit": "registry information measure bins decay problem estimators uncertainty departures judge identification "
-    "joint",
+    "fit": "registry information response screening bins decay problem noise start descent estimators uncertainty "
+    "departures judge identification joint",
     "use": "",
     "show": "",
     "export": "",

@@ -10,7 +10,7 @@ import pytest
 import vibrident
 from vibrident.base.amounts import amount
 from vibrident.data.records import Calibration, Record, ResponseTable
-from vibrident.fit.measure.drift import without_drift
+from vibrident.fit.screening.drift import without_drift
 from vibrident.physics.models import ADD_ONS, parse
 from vibrident.physics.naming import in_words
 

@@ -12,8 +12,8 @@ import numpy as np
 from vibrident.base.memory import in_one_thread
 from vibrident.data.records import Calibration
 from vibrident.fit.decay import decays_alone
+from vibrident.fit.descent.optimise import Progress, silent
 from vibrident.fit.estimators import AUTO, Estimate, Estimator, choose
-from vibrident.fit.estimators.optimise import Progress, silent
 from vibrident.fit.judge import (
     Attempt,
     Fitted,

@@ -16,7 +16,7 @@ import numpy as np
 
 from vibrident.data.io import read
 from vibrident.data.records import Calibration, FloatArray, Record
-from vibrident.fit.measure.quality import screen
+from vibrident.fit.screening.quality import screen
 from vibrident.paper.dataset import SENSOR, Dataset, prepared
 from vibrident.physics.simulation import ChannelNoise, Sensor, simulate
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from vibrident.base.errors import NotConverged
 from vibrident.data.records import Calibration, FloatArray
-from vibrident.fit.measure import find_tones
+from vibrident.fit.response import find_tones
 
 
 def from_sine_fits(calibration: Calibration) -> dict[str, float]:

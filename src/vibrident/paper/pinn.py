@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vibrident.base.backend import jax, jnp
-from vibrident.fit.estimators.optimise import Progress, silent
+from vibrident.fit.descent.optimise import Progress, silent
 from vibrident.paper.dataset import Dataset
 from vibrident.paper.training import Schedule, Trained, train
 from vibrident.paper.unrolled import start_of_training

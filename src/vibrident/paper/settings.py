@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
-from vibrident.fit.estimators.optimise import Progress, silent
+from vibrident.fit.descent.optimise import Progress, silent
 from vibrident.paper.training import Schedule
 
 

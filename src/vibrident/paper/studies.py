@@ -12,8 +12,8 @@ import numpy as np
 
 from vibrident.base.errors import NotConverged
 from vibrident.data.records import Calibration
+from vibrident.fit.descent.optimise import Progress, levenberg_marquardt, silent
 from vibrident.fit.estimators import Estimator, Ipnn, LeastSquares, MaximumLikelihood
-from vibrident.fit.estimators.optimise import Progress, levenberg_marquardt, silent
 from vibrident.fit.estimators.residual_network import ResidualIpnn
 from vibrident.fit.identification import identify
 from vibrident.fit.problem import Coordinates, network_objective, network_of

@@ -13,10 +13,10 @@ import numpy as np
 from vibrident.base.errors import VibridentError
 from vibrident.base.memory import in_one_thread
 from vibrident.data.records import BoolArray, Calibration, FloatArray
+from vibrident.fit.descent.optimise import Progress, silent
 from vibrident.fit.estimators import AUTO, Estimator
-from vibrident.fit.estimators.optimise import Progress, silent
 from vibrident.fit.identification import identify
-from vibrident.fit.measure.response import ComplexArray
+from vibrident.fit.response.response import ComplexArray
 from vibrident.physics.models import parse
 from vibrident.result import MeasuredCurve, Result
 

@@ -10,7 +10,7 @@ import vibrident
 from vibrident.base.errors import InputError, ModelError
 from vibrident.data.records import Calibration, Record
 from vibrident.fit.bins import RecordBins, transformable
-from vibrident.fit.estimators.optimise import levenberg_marquardt
+from vibrident.fit.descent.optimise import levenberg_marquardt
 from vibrident.fit.problem import BinProblem, Coordinates, network_objective
 from vibrident.fit.problem.time_domain import TimeProblem
 from vibrident.physics.discretisation import METHODS, method
@@ -205,7 +205,7 @@ def test_a_long_record_is_worked_on_in_blocks_and_gives_the_same(monkeypatch):
     whole = vibrident.identify(noisy, estimator="ipnn")
     for module in ("bins.segments.MOST_KEPT", "bins.record.MOST_KEPT"):
         monkeypatch.setattr(f"vibrident.fit.{module}", 0)
-    for module in ("bins.normal", "measure.transform", "problem.bin_problem"):
+    for module in ("bins.normal", "response.transform", "problem.bin_problem"):
         monkeypatch.setattr(f"vibrident.fit.{module}.AT_ONCE", 256)
     parts = vibrident.identify(noisy, estimator="ipnn")
     assert parts.settings["noise_weights"] == "spectrum"

@@ -7,9 +7,9 @@ import pytest
 
 from vibrident import identify, simulate
 from vibrident.data.records import Calibration, Record
-from vibrident.fit.measure import find_tones, measure_bands
-from vibrident.fit.measure.bands import uncorrelated_records
-from vibrident.fit.measure.quality import silent_records
+from vibrident.fit.response import find_tones, measure_bands
+from vibrident.fit.response.bands import uncorrelated_records
+from vibrident.fit.screening.quality import silent_records
 
 #: A resonance rings for some 1600 samples after the motion that it answers.
 SHARP = {"sensitivity": 0.01, "natural_frequency": 2000.0, "damping_ratio": 0.0005}

@@ -7,15 +7,15 @@ import pytest
 
 from vibrident import identify
 from vibrident.data.records import Calibration, Record
+from vibrident.fit.descent.optimise import Trace, silent
 from vibrident.fit.estimators import Estimate
 from vibrident.fit.estimators.findings import Findings, TrainedNetwork
 from vibrident.fit.estimators.kinds.ipnn import IPNN
-from vibrident.fit.estimators.optimise import Trace, silent
-from vibrident.fit.estimators.start import Start
 from vibrident.fit.judge import attempts
 from vibrident.fit.judge.adequacy import Judgement
-from vibrident.fit.measure import measure_bands
 from vibrident.fit.problem import Coordinates, Evidence
+from vibrident.fit.response import measure_bands
+from vibrident.fit.start.start import Start
 from vibrident.fit.uncertainty.adequacy import Adequacy
 from vibrident.physics.models import parse
 from vibrident.physics.simulation import simulate

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from vibrident.fit.estimators.search import LogCoordinates, TargetFRF, descend, differences, information_at
 from vibrident.fit.information import inverse_normal
+from vibrident.fit.start.search import LogCoordinates, TargetFRF, descend, differences, information_at
 from vibrident.fit.uncertainty.alternatives import Solution, other_solutions
 from vibrident.physics.models import parse
 from vibrident.physics.models.labels import canonical

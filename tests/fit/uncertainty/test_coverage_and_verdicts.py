@@ -10,7 +10,7 @@ import pytest
 import vibrident
 from vibrident.data.records import Calibration
 from vibrident.fit.information import inverse_normal
-from vibrident.fit.measure.verdict import rejected
+from vibrident.fit.response.verdict import rejected
 from vibrident.physics.simulation import SENSORS, ChannelNoise, simulate, with_noise
 
 TRUTH = dict(SENSORS["paper"].parameters)

@@ -8,8 +8,8 @@ from scipy.special import stdtr
 
 import vibrident
 from vibrident.data.records import Calibration, Record, ResponseTable
-from vibrident.fit.measure.verdict import probability, rejected
 from vibrident.fit.problem import Coordinates
+from vibrident.fit.response.verdict import probability, rejected
 from vibrident.fit.uncertainty import correlation, curve, parameter_table, weakly_determined, with_reference
 from vibrident.fit.uncertainty.adequacy import Points, assess, judge_residuals, looks_random
 from vibrident.fit.uncertainty.curve import frequencies

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import vibrident
-from vibrident.fit.measure.motion import kind_of_motion, stray_motion
+from vibrident.fit.response.motion import kind_of_motion, stray_motion
 from vibrident.physics.simulation import SENSORS, HalfSineShock, simulate, with_noise
 
 NATURAL_HZ = {"paper": 651.0, "piezo": 30e3, "seismometer": 1.0}

@@ -24,7 +24,7 @@ from vibrident.data.io import read
 from vibrident.data.io.allowance import require_room
 from vibrident.data.io.guess import Columns, guess_columns
 from vibrident.data.io.readers import open_columns
-from vibrident.fit.measure.motion import kind_of_motion
+from vibrident.fit.response.motion import kind_of_motion
 from vibrident.result import Result
 from vibrident.show import certificate, document, figures, tables
 from vibrident.show.comparison import beside, comparison_tables

@@ -20,7 +20,7 @@ from vibrident.data.records import FloatArray
 from vibrident.fit.bins.segments import Segment, shifted_lines
 from vibrident.fit.bins.transfer import DiscreteTransfer
 from vibrident.fit.information import inverse_where_shown
-from vibrident.fit.measure.response import ComplexArray
+from vibrident.fit.response.response import ComplexArray
 
 #: Lines that are worked on at once: they stay in the processor's cache.
 AT_ONCE = 1 << 14

@@ -13,8 +13,8 @@ from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.bins.normal import horner
 from vibrident.fit.bins.segments import MOST_KEPT, shifted_lines
 from vibrident.fit.bins.series import SegmentSeries
-from vibrident.fit.measure.response import ComplexArray
-from vibrident.fit.measure.transform import line_counts, power_of, waves
+from vibrident.fit.response.response import ComplexArray
+from vibrident.fit.response.transform import line_counts, power_of, waves
 
 #: Free responses of a record in pieces are not looked at beyond so many columns, or so many numbers: its samples keep
 #: equal weights.

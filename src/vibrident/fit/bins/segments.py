@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from vibrident.base.fft_lengths import fast_below
 from vibrident.data.records import BoolArray, FloatArray, Record
-from vibrident.fit.measure.response import ComplexArray
-from vibrident.fit.measure.rest import offset_of_reference
-from vibrident.fit.measure.transform import MOST_KEPT
+from vibrident.fit.response.response import ComplexArray
+from vibrident.fit.response.rest import offset_of_reference
+from vibrident.fit.response.transform import MOST_KEPT
 from vibrident.physics.discretisation.inputs import StepFilters
 
 #: Shorter runs keep all their samples.

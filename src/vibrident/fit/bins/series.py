@@ -15,8 +15,8 @@ from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.bins.normal import SegmentNormals, horner, modelled_slopes
 from vibrident.fit.bins.segments import Segment, shifted_lines
 from vibrident.fit.bins.transfer import DiscreteTransfer
-from vibrident.fit.measure.response import ComplexArray
-from vibrident.fit.measure.transform import waves
+from vibrident.fit.response.response import ComplexArray
+from vibrident.fit.response.transform import waves
 
 #: Directions of the initial states that the data show less than this, relative to the best, are left alone.
 LEAST_SHOWN = 1e-13

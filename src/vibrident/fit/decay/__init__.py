@@ -12,7 +12,7 @@ from vibrident.data.records import Calibration, Record
 
 if TYPE_CHECKING:
     from vibrident.fit.decay.beside import DecayDeviation
-    from vibrident.fit.measure import Finding
+    from vibrident.fit.screening import Finding
     from vibrident.physics.models import SensorModel
 
 

@@ -13,7 +13,7 @@ from vibrident.fit.decay.document import amplitude_words
 from vibrident.fit.decay.examine import Parts, change_of, parts_of, weighed
 from vibrident.fit.decay.fit import DecayFit, free_motion
 from vibrident.fit.decay.release import free_stretch
-from vibrident.fit.measure.quality import Finding
+from vibrident.fit.screening.quality import Finding
 from vibrident.physics.models import SensorModel
 
 

@@ -21,7 +21,7 @@ from vibrident.base.tails import student_quantile
 from vibrident.base.version import __version__
 from vibrident.data.records import Calibration, FloatArray, Record
 from vibrident.fit.decay.examine import Change, Decays, drifts, examine, motion_of
-from vibrident.fit.measure.quality import Finding, screen
+from vibrident.fit.screening.quality import Finding, screen
 from vibrident.physics.models import CORES, SensorModel, model_of
 from vibrident.physics.models.oscillator import OSCILLATOR as NAMES
 from vibrident.result import Correlation, Curve, Fit, MeasuredCurve, Parameter, Result, ResultWarning, Signal, Training

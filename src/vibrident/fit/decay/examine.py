@@ -19,8 +19,8 @@ from vibrident.data.records.basis import resolution
 from vibrident.fit.decay.fit import DecayFit, Local, Stretch, fit, free_motion, local, shortened
 from vibrident.fit.decay.noise import WHITE, Noise, autoregression, tones_of
 from vibrident.fit.decay.release import free_stretch, trimmed, without_first
-from vibrident.fit.measure.drift import significant_rise
-from vibrident.fit.measure.verdict import rejected
+from vibrident.fit.response.verdict import rejected
+from vibrident.fit.screening.drift import significant_rise
 
 #: Stretches of time that are compared: at most this many, of at least so many samples.
 MOST_PARTS, FEWEST_SAMPLES = 12, 8

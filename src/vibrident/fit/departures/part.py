@@ -10,8 +10,8 @@ from numpy import fft
 
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.information import inverse_where_shown
-from vibrident.fit.measure.response import LEAST_DEVIATION, ComplexArray
-from vibrident.fit.measure.rounding import TRIALS
+from vibrident.fit.response.response import LEAST_DEVIATION, ComplexArray
+from vibrident.fit.response.rounding import TRIALS
 
 #: Rounding of columns that others span, in squares.
 ROUNDING = 1e-13

@@ -11,7 +11,7 @@ from vibrident.fit.departures.candidate import Candidate
 from vibrident.fit.departures.part import orthonormal
 from vibrident.fit.departures.score import WITHIN, LinearFit, Sums
 from vibrident.fit.information import inverse_where_shown
-from vibrident.fit.measure.response import ComplexArray
+from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.uncertainty.linearised import Linearised
 
 

@@ -22,7 +22,7 @@ from vibrident.base.tails import f_tail
 from vibrident.data.records import FloatArray
 from vibrident.fit.departures.part import Part
 from vibrident.fit.information import inverse_where_shown
-from vibrident.fit.measure.rounding import TRIALS
+from vibrident.fit.response.rounding import TRIALS
 
 #: Columns of which the parameters leave less than this part, in squares, tell nothing: rounding of the projections.
 WITHIN = 1e-7

@@ -11,11 +11,11 @@ from numpy import fft
 from vibrident.data.records import BoolArray, FloatArray, Record
 from vibrident.fit.departures.noise import slow_profile
 from vibrident.fit.departures.part import ROUNDING, Part, orthonormal
-from vibrident.fit.estimators.incoherent import HEARD
-from vibrident.fit.estimators.noise_spectrum import DOUBT, NoiseSpectrum
 from vibrident.fit.information import inverse_normal
-from vibrident.fit.measure.response import ComplexArray
-from vibrident.fit.measure.transform import power_of
+from vibrident.fit.noise.incoherent import HEARD
+from vibrident.fit.noise.spectrum import DOUBT, NoiseSpectrum
+from vibrident.fit.response.response import ComplexArray
+from vibrident.fit.response.transform import power_of
 from vibrident.fit.uncertainty.steps import rounding_in_residual
 
 

@@ -1,7 +1,7 @@
 """The parts of a fit: its records at the bins of their transforms, its sines, or the samples of a nonlinear model.
 
 Noise, hum and the most likely motion are those that the fit is weighted by
-(:mod:`vibrident.fit.estimators.noise_spectrum`).
+(:mod:`vibrident.fit.noise.spectrum`).
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from vibrident.base.fft_lengths import fast_below
 from vibrident.data.records import BoolArray, FloatArray, Record
 from vibrident.fit.departures.part import Part
 from vibrident.fit.departures.signals import Signals, projected
+from vibrident.fit.descent.iterate import beside_hum, likelier, with_edges
 from vibrident.fit.estimators import Estimate
-from vibrident.fit.estimators.iterate import beside_hum, likelier, with_edges
-from vibrident.fit.estimators.noise_motion import SHORTEST, Motion, motion_of
-from vibrident.fit.estimators.noise_spectrum import noise_spectrum
 from vibrident.fit.information import inverse_normal
-from vibrident.fit.measure.response import ComplexArray
-from vibrident.fit.measure.transform import line_frequencies, power_of, reference_colour, waves
+from vibrident.fit.noise.motion import SHORTEST, Motion, motion_of
+from vibrident.fit.noise.spectrum import noise_spectrum
 from vibrident.fit.problem import BinProblem, Evidence
+from vibrident.fit.response.response import ComplexArray
+from vibrident.fit.response.transform import line_frequencies, power_of, reference_colour, waves
 from vibrident.fit.uncertainty.adequacy import Points
 from vibrident.fit.uncertainty.budget import Place, effects_of, patterns
 from vibrident.fit.uncertainty.linearised import Linearised

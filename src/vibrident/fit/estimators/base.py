@@ -9,14 +9,14 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from vibrident.base.errors import ModelError
+from vibrident.fit.descent.optimise import Progress, Trace, silent
 from vibrident.fit.estimators.findings import Findings
-from vibrident.fit.estimators.optimise import Progress, Trace, silent
 
 if TYPE_CHECKING:
     from vibrident.data.records import FloatArray
-    from vibrident.fit.estimators.start import Start
-    from vibrident.fit.measure import MeasuredResponse
     from vibrident.fit.problem import Coordinates, Evidence, NetworkProblem
+    from vibrident.fit.response import MeasuredResponse
+    from vibrident.fit.start.start import Start
     from vibrident.physics.models import SensorModel
 
 

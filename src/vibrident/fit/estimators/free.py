@@ -16,7 +16,7 @@ import numpy as np
 from vibrident.base.backend import jax, jnp
 from vibrident.base.errors import ModelError
 from vibrident.data.records import FloatArray
-from vibrident.fit.estimators.optimise import Progress, Trace, levenberg_marquardt
+from vibrident.fit.descent.optimise import Progress, Trace, levenberg_marquardt
 from vibrident.fit.problem import Coordinates
 from vibrident.fit.problem.time_domain import TimeProblem
 from vibrident.physics.discretisation import Weights

@@ -16,14 +16,14 @@ import numpy as np
 
 from vibrident.base.errors import ModelError
 from vibrident.data.records import FloatArray, Quantity
+from vibrident.fit.descent.optimise import Progress, levenberg_marquardt
 from vibrident.fit.estimators.base import Estimate
 from vibrident.fit.estimators.likelihood import responses, weighted_problem
-from vibrident.fit.estimators.optimise import Progress, levenberg_marquardt
 from vibrident.fit.estimators.residual_tones import network_problem, residual_tones
-from vibrident.fit.estimators.start import find_start
 from vibrident.fit.information import inverse_normal
-from vibrident.fit.measure.response import ComplexArray
 from vibrident.fit.problem import Coordinates, Evidence, FrequencyProblem, Local
+from vibrident.fit.response.response import ComplexArray
+from vibrident.fit.start.start import find_start
 from vibrident.physics.models.slopes import response_and_slopes
 
 

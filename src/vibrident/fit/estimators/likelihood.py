@@ -15,15 +15,15 @@ import numpy as np
 
 from vibrident.base.errors import ModelError
 from vibrident.data.records import FloatArray
+from vibrident.fit.descent.optimise import Progress, Trace, levenberg_marquardt
 from vibrident.fit.estimators.base import Estimate, refuse_nonlinear
 from vibrident.fit.estimators.findings import Findings
-from vibrident.fit.estimators.optimise import Progress, Trace, levenberg_marquardt
 from vibrident.fit.estimators.residual_tones import network_problem, residual_tones, roughly_cleaned
-from vibrident.fit.estimators.start import find_start
 from vibrident.fit.information import inverse_normal
-from vibrident.fit.measure import MeasuredResponse
-from vibrident.fit.measure.verdict import rejected
 from vibrident.fit.problem import Coordinates, Evidence, FrequencyProblem
+from vibrident.fit.response import MeasuredResponse
+from vibrident.fit.response.verdict import rejected
+from vibrident.fit.start.start import find_start
 from vibrident.physics.models import SensorModel
 
 #: Bisections for the model error: a relative step of 2e-5 at the end.

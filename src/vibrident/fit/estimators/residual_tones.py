@@ -16,11 +16,11 @@ import numpy as np
 
 from vibrident.base.errors import InputError
 from vibrident.data.records import FloatArray, Record
-from vibrident.fit.measure import MeasuredResponse, measure_tones
-from vibrident.fit.measure.response import ComplexArray
-from vibrident.fit.measure.tones import turning
-from vibrident.fit.measure.transform import hann
 from vibrident.fit.problem import Coordinates, Evidence, FrequencyProblem, NetworkProblem, network_of
+from vibrident.fit.response import MeasuredResponse, measure_tones
+from vibrident.fit.response.response import ComplexArray
+from vibrident.fit.response.tones import turning
+from vibrident.fit.response.transform import hann
 from vibrident.physics.discretisation import method
 from vibrident.physics.discretisation.inputs import half_width_for
 

@@ -3,7 +3,7 @@
 Weights tied to the physics through the chosen discretisation, initial state and offset of every record found exactly,
 each record weighted by its own noise. Trained by Levenberg–Marquardt, or by Adam as in the paper; Levenberg–Marquardt
 is followed by steps that weigh every line of the residual by the noise found there, to maximum likelihood for any
-noise (:mod:`vibrident.fit.estimators.reweighting`).
+noise (:mod:`vibrident.fit.descent.reweighting`).
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ import numpy as np
 from vibrident.base.errors import ModelError
 from vibrident.data.records import FloatArray
 from vibrident.fit.bins import RecordBins
+from vibrident.fit.descent.geodesic import GeodesicSteps
+from vibrident.fit.descent.optimise import Bent, Progress, Trace, levenberg_marquardt
+from vibrident.fit.descent.reweighting import reweighted
+from vibrident.fit.descent.sandwich import hac_covariance
 from vibrident.fit.estimators.base import Estimate
 from vibrident.fit.estimators.findings import Findings, TrainedNetwork
-from vibrident.fit.estimators.geodesic import GeodesicSteps
 from vibrident.fit.estimators.network_settings import NetworkSettings
-from vibrident.fit.estimators.optimise import Bent, Progress, Trace, levenberg_marquardt
-from vibrident.fit.estimators.reweighting import reweighted
-from vibrident.fit.estimators.sandwich import hac_covariance
-from vibrident.fit.estimators.start import Start, find_start
-from vibrident.fit.measure.drift import slow_tones
-from vibrident.fit.measure.hum import hum_tones
 from vibrident.fit.problem import BinProblem, Coordinates, Evidence, NetworkProblem, network_objective
 from vibrident.fit.problem.framing import response_size
+from vibrident.fit.screening.drift import slow_tones
+from vibrident.fit.screening.hum import hum_tones
+from vibrident.fit.start.start import Start, find_start
 from vibrident.physics.discretisation import method
 
 #: Rounds of training with refreshed noise weights and delay.
@@ -169,7 +169,7 @@ def _train(
     args = (coordinates, problem, noise)
     if network.optimiser == "lm":
         return levenberg_marquardt(network_objective, z, args, tolerance=tolerance, progress=progress, bent=bent)
-    from vibrident.fit.estimators.adam import adam
+    from vibrident.fit.descent.adam import adam
 
     return adam(network_objective, z, args, learning_rate=network.learning_rate, steps=network.steps, progress=progress)
 
@@ -236,8 +236,8 @@ class _Trained:
 
 
 def _with_harmonic_start(problem: NetworkProblem, normal: Any, evidence: Evidence, z: FloatArray) -> FloatArray:
-    from vibrident.fit.estimators.harmonic_start import with_harmonic_start
     from vibrident.fit.problem.time_domain import TimeProblem
+    from vibrident.fit.start.harmonic_start import with_harmonic_start
 
     assert isinstance(problem, TimeProblem)
     return with_harmonic_start(problem, normal, evidence, z)

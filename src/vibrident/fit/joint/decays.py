@@ -13,8 +13,8 @@ from vibrident.data.records import Calibration, FloatArray, Record
 from vibrident.fit.decay.document import NAMES, Known, document, from_data, parameters, require_one_oscillator
 from vibrident.fit.decay.examine import Decays, at_values, examine
 from vibrident.fit.joint.sharing import Joint, Place
-from vibrident.fit.measure import Finding, screen
 from vibrident.fit.problem import Coordinates, Local
+from vibrident.fit.screening import Finding, screen
 from vibrident.fit.uncertainty.budget import DATA, BudgetRow
 from vibrident.physics.models import SensorModel, model_of
 from vibrident.result import Parameter, Result, ResultWarning

@@ -19,7 +19,7 @@ import numpy as np
 
 from vibrident.base.errors import NotConverged
 from vibrident.data.records import FloatArray
-from vibrident.fit.estimators.optimise import Progress, Trace, levenberg_marquardt
+from vibrident.fit.descent.optimise import Progress, Trace, levenberg_marquardt
 from vibrident.fit.information import inverse_normal
 from vibrident.fit.joint.decays import FreeDecays, with_decays
 from vibrident.fit.joint.moments import MomentConditions, Score

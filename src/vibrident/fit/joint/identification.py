@@ -15,8 +15,8 @@ from vibrident.base.errors import InputError, ModelError
 from vibrident.base.memory import in_one_thread
 from vibrident.data.records import Calibration, FloatArray, SystematicEffect
 from vibrident.fit.decay import decays_alone
+from vibrident.fit.descent.optimise import Progress, silent
 from vibrident.fit.estimators import AUTO, Estimate, Estimator
-from vibrident.fit.estimators.optimise import Progress, silent
 from vibrident.fit.identification import fit, identify
 from vibrident.fit.information import inverse_normal
 from vibrident.fit.joint.decays import FreeDecays

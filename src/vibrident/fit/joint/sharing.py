@@ -22,8 +22,8 @@ from scipy.special import chdtrc, fdtrc
 from vibrident.base.errors import InputError, unknown
 from vibrident.data.records import Calibration, FloatArray
 from vibrident.fit.information import inverse_normal
-from vibrident.fit.measure.verdict import REJECTION
 from vibrident.fit.problem import Coordinates
+from vibrident.fit.response.verdict import REJECTION
 from vibrident.physics.models import ParameterSpec, SensorModel
 
 LOGARITHMIC = ("log", "duration")  # kinds of coordinates that are logarithms

@@ -14,10 +14,10 @@ from vibrident.data.records import FloatArray, Quantity, SystematicEffect
 from vibrident.fit.decay import decay_deviations
 from vibrident.fit.estimators import Estimate
 from vibrident.fit.estimators.residual_tones import network_problem, residual_tones
-from vibrident.fit.measure import MeasuredResponse
-from vibrident.fit.measure.explained import unexplained
 from vibrident.fit.problem import Evidence, network_of
 from vibrident.fit.problem.frequency_domain import response_residual
+from vibrident.fit.response import MeasuredResponse
+from vibrident.fit.response.explained import unexplained
 from vibrident.fit.uncertainty.adequacy import (
     Adequacy,
     Points,

@@ -10,18 +10,18 @@ import numpy as np
 from vibrident.base.errors import InputError, NotConverged
 from vibrident.base.memory import give_back_after
 from vibrident.data.records import FloatArray
+from vibrident.fit.descent.optimise import Progress, silent
 from vibrident.fit.estimators import Estimate, Estimator
 from vibrident.fit.estimators.canonical import canonically_labelled
-from vibrident.fit.estimators.optimise import Progress, silent
-from vibrident.fit.estimators.start import find_start
 from vibrident.fit.judge.adequacy import Judgement, judge_records, judge_table
 from vibrident.fit.judge.effects import allowing_for_effects
 from vibrident.fit.judge.points import linearised
-from vibrident.fit.measure import Finding
-from vibrident.fit.measure.explained import part_left
-from vibrident.fit.measure.response import ComplexArray
 from vibrident.fit.problem import Evidence, FrequencyProblem
 from vibrident.fit.problem.frequency_domain import response_residual
+from vibrident.fit.response.explained import part_left
+from vibrident.fit.response.response import ComplexArray
+from vibrident.fit.screening import Finding
+from vibrident.fit.start.start import find_start
 from vibrident.fit.uncertainty.linearised import Linearised
 from vibrident.fit.uncertainty.parameters import weakly_determined
 

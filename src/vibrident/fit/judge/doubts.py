@@ -14,10 +14,10 @@ from vibrident.base.tails import f_tail
 from vibrident.data.records import FloatArray, Quantity, ResponseTable
 from vibrident.data.records.basis import distinct
 from vibrident.fit.estimators import Estimate
-from vibrident.fit.estimators.search import TargetFRF
-from vibrident.fit.estimators.start import Start, find_start, sought_response
 from vibrident.fit.judge.adequacy import Judgement
 from vibrident.fit.problem import Evidence, FrequencyProblem
+from vibrident.fit.start.search import TargetFRF
+from vibrident.fit.start.start import Start, find_start, sought_response
 from vibrident.fit.uncertainty.alternatives import Solution, other_solutions
 from vibrident.fit.uncertainty.parameters import parameter_units
 from vibrident.physics.models import SensorModel

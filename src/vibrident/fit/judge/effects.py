@@ -13,8 +13,8 @@ from vibrident.data.records import FloatArray, ResponseTable, SystematicEffect
 from vibrident.fit.estimators import Estimate
 from vibrident.fit.judge.adequacy import Judgement, measured_curve
 from vibrident.fit.judge.points import linearised
-from vibrident.fit.measure.verdict import REJECTION, rejected
 from vibrident.fit.problem import Evidence
+from vibrident.fit.response.verdict import REJECTION, rejected
 from vibrident.fit.uncertainty.budget import DATA, BudgetRow, Explained, Weighted, effects_of, explain, patterns
 from vibrident.result import MeasuredCurve
 

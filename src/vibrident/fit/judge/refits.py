@@ -14,12 +14,12 @@ from vibrident.data.records import FloatArray, Record
 from vibrident.fit.estimators import Estimate
 from vibrident.fit.information import inverse_where_shown
 from vibrident.fit.judge.attempts import Attempt
-from vibrident.fit.measure.drift import beside_slow_motion, slow_tones, without_drift
-from vibrident.fit.measure.explained import part_left
-from vibrident.fit.measure.hum import Tones, hum_tones, without_tones
-from vibrident.fit.measure.verdict import rejected
 from vibrident.fit.problem import Evidence, network_of
 from vibrident.fit.problem.frequency_domain import response_residual
+from vibrident.fit.response.explained import part_left
+from vibrident.fit.response.verdict import rejected
+from vibrident.fit.screening.drift import beside_slow_motion, slow_tones, without_drift
+from vibrident.fit.screening.hum import Tones, hum_tones, without_tones
 from vibrident.fit.uncertainty.adequacy import looks_random
 from vibrident.physics.discretisation import method
 

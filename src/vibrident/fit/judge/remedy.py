@@ -10,10 +10,10 @@ import numpy as np
 
 from vibrident.base.amounts import plain
 from vibrident.base.errors import VibridentError
-from vibrident.fit.estimators.start import Start, extended, find_start
 from vibrident.fit.judge.attempts import MOST_LEFT, Attempt
-from vibrident.fit.measure.explained import part_left
 from vibrident.fit.problem import Evidence, FrequencyProblem
+from vibrident.fit.response.explained import part_left
+from vibrident.fit.start.start import Start, extended, find_start
 from vibrident.physics.models import ADD_ONS, CORES, SensorModel, installed
 
 #: Another model is tried if its χ²/ν at the points is so many times smaller …

@@ -38,10 +38,10 @@ from vibrident.fit.bins import (
 )
 from vibrident.fit.bins.normal import TONE_COLUMNS
 from vibrident.fit.bins.record import FreeLines, ModelLines, counted, free_of_pieces, free_of_run
-from vibrident.fit.measure.response import ComplexArray
-from vibrident.fit.measure.transform import MOST_KEPT, in_blocks, line_frequencies, reference_colour
 from vibrident.fit.problem.coordinates import Coordinates
 from vibrident.fit.problem.framing import Frame, noise_floor
+from vibrident.fit.response.response import ComplexArray
+from vibrident.fit.response.transform import MOST_KEPT, in_blocks, line_frequencies, reference_colour
 from vibrident.physics.discretisation import Method, Weights
 from vibrident.physics.discretisation.inputs import USABLE_BAND
 from vibrident.physics.models import SensorModel

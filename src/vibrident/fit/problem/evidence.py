@@ -12,19 +12,20 @@ import numpy as np
 from vibrident.data.records import Calibration, FloatArray, Quantity, Record
 from vibrident.data.records.basis import distinct
 from vibrident.fit.decay import free_parts
-from vibrident.fit.measure import Finding, MeasuredResponse, find_tones, measure_bands, screen
-from vibrident.fit.measure.bands import uncorrelated_records
-from vibrident.fit.measure.clock import judge_clocks
-from vibrident.fit.measure.copies import without_copies
-from vibrident.fit.measure.quality import (
+from vibrident.fit.problem.frequency_domain import FrequencyProblem
+from vibrident.fit.response import MeasuredResponse, find_tones, measure_bands
+from vibrident.fit.response.bands import uncorrelated_records
+from vibrident.fit.response.response import ComplexArray
+from vibrident.fit.screening import Finding, screen
+from vibrident.fit.screening.clock import judge_clocks
+from vibrident.fit.screening.copies import without_copies
+from vibrident.fit.screening.quality import (
     nothing_in_common,
     refuse_other_motion,
     short_records,
     silent_channels,
     silent_records,
 )
-from vibrident.fit.measure.response import ComplexArray
-from vibrident.fit.problem.frequency_domain import FrequencyProblem
 from vibrident.physics.models import SensorModel
 
 #: Lines as far apart as the inverse of a record's length repeat their phases after it: half of it is told from less.

@@ -9,7 +9,7 @@ import numpy as np
 
 from vibrident.base.errors import InputError, ModelError
 from vibrident.data.records import FloatArray, Quantity, Record
-from vibrident.fit.measure.rounding import step_of_response
+from vibrident.fit.response.rounding import step_of_response
 from vibrident.physics.discretisation import Method
 from vibrident.physics.models import SensorModel
 

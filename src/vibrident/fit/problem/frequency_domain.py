@@ -16,9 +16,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vibrident.data.records import FloatArray, Quantity, ResponseTable
-from vibrident.fit.measure import MeasuredResponse
-from vibrident.fit.measure.response import ComplexArray
 from vibrident.fit.problem.coordinates import Coordinates
+from vibrident.fit.response import MeasuredResponse
+from vibrident.fit.response.response import ComplexArray
 from vibrident.physics.models import SensorModel
 from vibrident.physics.models.base import array_library
 from vibrident.physics.models.slopes import response_and_slopes

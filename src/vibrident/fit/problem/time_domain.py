@@ -20,10 +20,10 @@ import numpy as np
 from vibrident.base.backend import jax, jnp, release_kernels
 from vibrident.data.records import FloatArray, Quantity, Record
 from vibrident.fit.bins import RecordBins
-from vibrident.fit.measure.transform import line_counts
 from vibrident.fit.problem.coordinates import Coordinates
 from vibrident.fit.problem.cutting import bucket, cut, pieces_of, steps_of
 from vibrident.fit.problem.framing import Frame, noise_floor, response_size
+from vibrident.fit.response.transform import line_counts
 from vibrident.physics.discretisation import Method, Weights
 from vibrident.physics.discretisation.forced import ForcedWeights, accuracy, forced_weights
 from vibrident.physics.models import SensorModel

@@ -15,11 +15,11 @@ import numpy as np
 
 from vibrident.base.tails import f_tail
 from vibrident.data.records import FloatArray, Record
-from vibrident.fit.measure.remainder import coherent_remainder
-from vibrident.fit.measure.response import ComplexArray, MeasuredResponse
-from vibrident.fit.measure.rounding import rounding_variance
-from vibrident.fit.measure.transform import line_frequencies, reference_colour
-from vibrident.fit.measure.verdict import rejected
+from vibrident.fit.response.remainder import coherent_remainder
+from vibrident.fit.response.response import ComplexArray, MeasuredResponse
+from vibrident.fit.response.rounding import rounding_variance
+from vibrident.fit.response.transform import line_frequencies, reference_colour
+from vibrident.fit.response.verdict import rejected
 
 if TYPE_CHECKING:
     from vibrident.fit.decay.beside import DecayDeviation

@@ -17,9 +17,9 @@ import numpy as np
 
 from vibrident.base.amounts import amount
 from vibrident.data.records import Quantity
-from vibrident.fit.estimators.search import LogCoordinates, TargetFRF, descend, differences, information_at
-from vibrident.fit.estimators.start import Start
 from vibrident.fit.information import inverse_normal
+from vibrident.fit.start.search import LogCoordinates, TargetFRF, descend, differences, information_at
+from vibrident.fit.start.start import Start
 from vibrident.physics.models import SensorModel
 from vibrident.physics.models.labels import canonical, labels_of, relabellings
 from vibrident.physics.naming import in_words

@@ -34,8 +34,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibrident.data.records import Calibration, FloatArray, Quantity, SystematicEffect
-from vibrident.fit.measure.verdict import probability
 from vibrident.fit.problem import Coordinates
+from vibrident.fit.response.verdict import probability
 from vibrident.fit.uncertainty.linearised import Linearised, log_slopes
 from vibrident.fit.uncertainty.parameters import reference_direction
 

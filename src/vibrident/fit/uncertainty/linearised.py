@@ -12,9 +12,9 @@ import numpy as np
 
 from vibrident.data.records import BoolArray, FloatArray, Quantity
 from vibrident.fit.information import inverse_normal
-from vibrident.fit.measure.response import ComplexArray
 from vibrident.fit.problem import Coordinates
 from vibrident.fit.problem.frequency_domain import FrequencyProblem
+from vibrident.fit.response.response import ComplexArray
 from vibrident.physics.models.slopes import response_and_slopes
 from vibrident.result.sensor import IdentifiedSensor
 

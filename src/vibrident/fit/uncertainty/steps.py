@@ -18,9 +18,9 @@ from numpy import fft
 
 from vibrident.data.records import BoolArray, FloatArray, Record, SystematicEffect
 from vibrident.data.records.basis import distinct
-from vibrident.fit.measure.bands import band_edges
-from vibrident.fit.measure.response import ComplexArray
-from vibrident.fit.measure.rounding import (
+from vibrident.fit.response.bands import band_edges
+from vibrident.fit.response.response import ComplexArray
+from vibrident.fit.response.rounding import (
     DITHERED,
     FEW,
     TRIALS,
@@ -30,7 +30,7 @@ from vibrident.fit.measure.rounding import (
     step_of_response,
     undithered,
 )
-from vibrident.fit.measure.transform import MEDIAN_OF_POWER, hann, line_frequencies, median
+from vibrident.fit.response.transform import MEDIAN_OF_POWER, hann, line_frequencies, median
 from vibrident.fit.uncertainty.adequacy import Adequacy
 
 LEAST = 0.3  # an effect counts from so many standard deviations of all points together

@@ -26,7 +26,7 @@ from vibrident.base.brief import brief
 from vibrident.base.errors import InputError
 from vibrident.base.memory import in_one_thread
 from vibrident.data.records import BoolArray, Calibration, FloatArray, Quantity, Record
-from vibrident.fit.measure.quality import Finding
+from vibrident.fit.screening.quality import Finding
 from vibrident.result import Result
 from vibrident.result.sensor import IdentifiedSensor
 from vibrident.use.correction.agreement import Agreement, agreement_with, reference_in_band

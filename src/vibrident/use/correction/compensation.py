@@ -20,7 +20,7 @@ from scipy import fft
 
 from vibrident.base.fft_lengths import fast_length
 from vibrident.data.records import FloatArray
-from vibrident.fit.measure.transform import line_counts
+from vibrident.fit.response.transform import line_counts
 from vibrident.physics.models.slopes import ComplexArray
 from vibrident.result.sensor import IdentifiedSensor
 from vibrident.use.correction.band import Band

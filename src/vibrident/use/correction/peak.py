@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import ndtri, stdtrit
 
 from vibrident.data.records import BoolArray, FloatArray
-from vibrident.fit.measure.transform import line_counts
+from vibrident.fit.response.transform import line_counts
 from vibrident.physics.models.slopes import ComplexArray
 from vibrident.use.correction.compensation import Compensation
 

@@ -21,9 +21,9 @@ import numpy as np
 from vibrident.base.errors import InputError
 from vibrident.data.records import FloatArray, Quantity, Record
 from vibrident.fit.decay.fit import free_motion
-from vibrident.fit.measure.tones import measure_tones
 from vibrident.fit.problem import Coordinates
 from vibrident.fit.problem.frequency_domain import response_jacobian
+from vibrident.fit.response.tones import measure_tones
 from vibrident.physics.models import SensorModel
 from vibrident.physics.models.base import DERIVATIVES
 from vibrident.physics.models.slopes import ComplexArray

@@ -162,7 +162,7 @@ def _show(results: list[Any], files: list[Path], *, quiet: bool, weights: bool) 
         from vibrident.show.views import Sentence
 
         out().print(shown(*methods.joint(results[0]), Sentence("")))
-    from vibrident.fit.measure.copies import said_of_copies
+    from vibrident.fit.screening.copies import said_of_copies
 
     for result in results:
         for text in said_of_copies((file["file"], file["history"]) for file in result.provenance.get("files", ())):

@@ -14,7 +14,7 @@ from vibrident.base.escaping import terminal as printable
 
 if TYPE_CHECKING:
     from vibrident.data.records import Calibration, Record
-    from vibrident.fit.measure import Finding
+    from vibrident.fit.screening import Finding
 
 
 def inspect(
@@ -41,8 +41,8 @@ def inspect(
 def _screened(calibration: Calibration) -> tuple[Calibration, list[Finding]]:
     """The calibration with clipped samples marked, and all findings; records without signal stay."""
     from vibrident.base.errors import InputError
-    from vibrident.fit.measure import Finding, screen
-    from vibrident.fit.measure.copies import said_of_copies, without_copies
+    from vibrident.fit.screening import Finding, screen
+    from vibrident.fit.screening.copies import said_of_copies, without_copies
 
     once = without_copies(calibration.records)
     for text in said_of_copies((record.name, record.provenance.history) for record in once):

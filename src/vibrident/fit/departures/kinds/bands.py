@@ -13,7 +13,7 @@ from vibrident.fit.departures.departure import Candidate, Departure, Scale
 from vibrident.fit.departures.part import Part
 from vibrident.fit.departures.points import PointsPart
 from vibrident.fit.departures.score import Score, Sums
-from vibrident.fit.measure.response import ComplexArray
+from vibrident.fit.response.response import ComplexArray
 
 #: Parts of the frequencies of points, and the fewest frequencies that are parted.
 OF_POINTS, FEWEST = 4, 6

@@ -12,7 +12,7 @@ from vibrident.fit.departures.departure import Candidate, Departure, Scale
 from vibrident.fit.departures.part import Part
 from vibrident.fit.departures.points import PointsPart
 from vibrident.fit.departures.score import Score, Sums
-from vibrident.fit.measure.response import ComplexArray
+from vibrident.fit.response.response import ComplexArray
 
 
 class HighPass(Departure):

@@ -8,9 +8,9 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from vibrident.base.errors import InputError
+from vibrident.fit.descent.optimise import Progress, silent
 from vibrident.fit.estimators.base import Estimate, Estimator, Setting
 from vibrident.fit.estimators.network_settings import NetworkSettings
-from vibrident.fit.estimators.optimise import Progress, silent
 
 if TYPE_CHECKING:
     from vibrident.fit.problem import Evidence

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING, ClassVar, Literal
 
+from vibrident.fit.descent.optimise import Progress, silent
 from vibrident.fit.estimators.base import Estimate, Estimator, Setting
-from vibrident.fit.estimators.optimise import Progress, silent
 
 if TYPE_CHECKING:
     from vibrident.fit.problem import Evidence

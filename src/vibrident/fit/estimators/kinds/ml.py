@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar
 
+from vibrident.fit.descent.optimise import Progress, silent
 from vibrident.fit.estimators.base import Estimate, Estimator
-from vibrident.fit.estimators.optimise import Progress, silent
 
 if TYPE_CHECKING:
     from vibrident.fit.problem import Evidence

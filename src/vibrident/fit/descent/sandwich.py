@@ -1,0 +1,75 @@
+"""Covariance of a least-squares estimate when the residual is not white.
+
+With J the (weighted) Jacobian and S(f) the residual's spectrum, relative to white noise of the variance used as weight,
+
+    cov = (JᵀJ)⁻¹ [Σ_f S(f) J(f) J(f)ᴴ] (JᵀJ)⁻¹                    (Ljung 1999, sec. 9.4; White's sandwich in frequency)
+
+S is the record's own periodogram, averaged over the lines around each line. White noise gives (JᵀJ)⁻¹ back, up to the
+spectrum's own scatter; hum, drift and 1/f noise count at their own frequencies.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from vibrident.data.records import FloatArray
+from vibrident.fit.bins import RecordBins
+from vibrident.fit.information import inverse_root, sandwich_covariance
+from vibrident.fit.noise.motion import NEAREST
+from vibrident.fit.response.response import ComplexArray
+from vibrident.fit.response.transform import in_blocks, mean_around, power_of
+
+#: Part of the spectrum's lines that is averaged on either side of each.
+SHARE = 1 / 256
+#: Fewest lines averaged on either side.
+FEWEST = 12
+#: Most lines averaged on either side.
+MOST = 200
+
+
+def hac_covariance(
+    lines: Sequence[RecordBins], degrees: FloatArray, prior: FloatArray | float = 0.0
+) -> tuple[FloatArray, float]:
+    """Covariance of the parameters, shape (P, P), and the degrees of freedom behind it.
+
+    Args:
+        lines: the records at the optimum of equal weights.
+        degrees: degrees of freedom of each, shape (records,).
+        prior: information that the fit had beside the data, shape (P, P).
+    """
+    parts, freedom = [], 0.0
+    for record, own in zip(lines, degrees, strict=True):
+        if record.count == 0.0:
+            continue
+        power = power_of(record.residual) / record.count
+        if record.count < 4 * FEWEST:  # too few lines for a mean around each
+            level, told = np.ones_like(power), max(float(own), 1.0)
+        else:
+            width = int(np.clip(record.samples * SHARE, FEWEST, MOST))
+            level, told = mean_around(power, width, NEAREST), 4.0 * (width - NEAREST)
+        parts.append((record.jacobian, record.one_sided / record.samples, np.maximum(level, record.floor)))
+        freedom += told
+    return sandwich(parts, prior), freedom
+
+
+def sandwich(
+    parts: Iterable[tuple[ComplexArray, FloatArray, FloatArray]], prior: FloatArray | float = 0.0
+) -> FloatArray:
+    """Covariance of the estimate with the weights it was made with, in the noise that is there, shape (P, P).
+
+    Args:
+        parts: of every record the slopes (P, lines), the weight of each line, and its noise beside what the weight
+            says.
+        prior: information beside that of the records, shape (P, P).
+    """
+    normal = prior
+    middle: FloatArray | float = 0.0
+    for jacobian, weight, level in parts:
+        for block in in_blocks(len(weight)):  # copies of a block, not of everything
+            own, weighted = np.conj(jacobian[:, block]).T, jacobian[:, block] * weight[block]
+            normal = normal + np.real(weighted @ own)
+            middle = middle + np.real((weighted * level[block]) @ own)
+    information = np.asarray(normal)
+    return sandwich_covariance(inverse_root(information), np.asarray(middle), information)

@@ -1,0 +1,69 @@
+"""What of a residual is locally incoherent with the prediction: the noise, without a misfit of the model.
+
+In each block of bins a quadratic in frequency times the predicted response is projected out of the residual (local
+polynomial method: Pintelon & Schoukens 2012, ch. 7). A misfit of the model is smooth over a block and coherent, so that
+it does not raise the noise that it is judged by.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vibrident.fit.noise.motion import Motion, lines_around, typical
+from vibrident.fit.response.response import ComplexArray
+from vibrident.fit.response.transform import power_of
+
+#: Bins of a block, of which three complex functions are projected out.
+BLOCK = 24
+#: A bin holds motion where the prediction's power is so many times the noise.
+HEARD = 10.0
+#: Rounds in which it is seen which do.
+ROUNDS = 2
+#: Blocks that are worked on at once.
+AT_ONCE = 512
+#: Ridge of the projection, relative: a limit of the arithmetic.
+RIDGE = 1e-12
+
+
+def incoherent(residual: ComplexArray, motion: Motion) -> ComplexArray:
+    """The incoherent part of a residual, scaled to the same noise, shape (bins,).
+
+    Args:
+        residual: measured less predicted response, shape (bins,).
+        motion: the prediction.
+    """
+    predicted = np.array(motion.predicted(slice(None)))
+    predicted[0] = 0.0
+    found, around = residual, lines_around(residual)
+    for _ in range(ROUNDS):
+        heard = power_of(predicted) > HEARD * typical(power_of(found), around)
+        found = without_coherent(residual, predicted * heard)
+    return found
+
+
+def without_coherent(residual: ComplexArray, predicted: ComplexArray) -> ComplexArray:
+    """The residual less what is coherent with the prediction in each block; both of shape (bins,)."""
+    blocks = max((residual.size - 1) // BLOCK, 1)
+    width = (residual.size - 1) // blocks
+    found = residual.copy()
+    if width < 2 * 3:
+        return found
+    k = np.linspace(-1.0, 1.0, width)
+    powers = np.stack([np.ones(width), k, k * k])
+    for begin in range(0, blocks, AT_ONCE):
+        count = min(AT_ONCE, blocks - begin)
+        part = slice(1 + begin * width, 1 + (begin + count) * width)
+        motion, rest = (row[part].reshape(count, 1, width) for row in (predicted, residual))
+        size = np.sqrt(np.sum(power_of(motion), axis=2, keepdims=True))
+        if not np.any(size):
+            continue
+        rows = powers * np.divide(motion, size, out=np.zeros_like(motion), where=size > 0.0)
+        gram = np.matmul(rows.conj(), rows.transpose(0, 2, 1))
+        ridged = gram + (RIDGE * np.trace(gram, axis1=1, axis2=2).real + 1e-300)[:, None, None] * np.eye(3)
+        solved = np.linalg.solve(
+            ridged, np.concatenate([np.matmul(rows.conj(), rest.transpose(0, 2, 1)), gram], axis=2)
+        )
+        taken = np.real(np.trace(solved[:, :, 1:], axis1=1, axis2=2))
+        left = rest[:, 0] - np.einsum("bk,bkj->bj", solved[:, :, 0], rows)
+        found[part] = (left * np.sqrt(width / (width - taken))[:, None]).ravel()
+    return found

@@ -1,0 +1,107 @@
+"""The nonparametric response: complex amplitudes of both channels at each excited frequency, and the noise there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibrident.data.records import FloatArray
+from vibrident.fit.response.level import level_at_tone, levels_apart
+
+#: Smallest deviation, relative to the amplitude: interpolation between samples is not better.
+LEAST_DEVIATION = 1e-7
+
+ComplexArray = NDArray[np.complex128]
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredResponse:
+    """The response at n excited frequencies, each with K neighbouring spectral lines that hold only noise.
+
+    The lines are scaled so that the mean of |line|² is the variance of the real (and of the imaginary) part of the
+    amplitude beside it. Kept for both channels and at their own frequencies, they give the variance of Y − H X for
+    any model H, whether the noise is vibration of the sensor (it then cancels) or of one channel (it does not).
+
+    Attributes:
+        frequency_hz: shape (n,).
+        reference: complex amplitudes X, SI unit of the reference quantity, shape (n,).
+        response: complex amplitudes Y, response unit, shape (n,).
+        line_hz: frequencies of the noise lines, shape (n, K).
+        line_reference: shape (n, K).
+        line_response: shape (n, K).
+        line_weight: one for a line that exists, zero for padding, shape (n, K).
+        degrees_of_freedom: of each variance estimate, shape (n,).
+        record: index of the record of each point, shape (n,).
+        distortion: harmonic distortion of both channels, (n, 2): rms of harmonics 2… over the fundamental.
+        rounding: variance of the real part of X and of Y by a converter's errors that return from period to period, so
+            that no line shows them, shape (n, 2); None for none.
+    """
+
+    frequency_hz: FloatArray
+    reference: ComplexArray
+    response: ComplexArray
+    line_hz: FloatArray
+    line_reference: ComplexArray
+    line_response: ComplexArray
+    line_weight: FloatArray
+    degrees_of_freedom: FloatArray
+    record: NDArray[np.int64]
+    distortion: FloatArray
+    rounding: FloatArray | None = None
+
+    @property
+    def points(self) -> int:
+        """Number of excited frequencies n."""
+        return int(self.frequency_hz.shape[0])
+
+    @property
+    def ratio(self) -> ComplexArray:
+        """Measured complex sensitivity Y/X, shape (n,)."""
+        return self.response / self.reference
+
+    def error_deviation(self, model: Callable[[FloatArray], ComplexArray] | None = None) -> FloatArray:
+        """Standard deviation of the real part of Y − H X, shape (n,).
+
+        Args:
+            model: complex sensitivity H at frequencies; None takes the measured ratio at each point, which is right
+                where H hardly changes between a tone and its noise lines.
+        """
+        h = self.ratio[:, None] if model is None else model(self.line_hz.ravel()).reshape(self.line_hz.shape)
+        error = np.abs(self.line_response - h * self.line_reference) ** 2
+        through = (None, None) if model is None else (np.abs(h) ** 2, np.abs(model(self.frequency_hz)) ** 2)
+        ratio = self.line_hz / self.frequency_hz[:, None]
+        variance = level_at_tone(error, ratio, self.line_weight, *through)
+        if model is not None:
+            lines = (self.line_reference, self.line_response)
+            apart, holds = levels_apart(lines, h, model(self.frequency_hz), ratio, self.line_weight)
+            variance = np.where(holds, apart, variance)
+        if self.rounding is not None:
+            through = self.ratio if model is None else model(self.frequency_hz)
+            variance = variance + self.rounding[:, 1] + np.abs(through) ** 2 * self.rounding[:, 0]
+        floor = (LEAST_DEVIATION * np.abs(self.response)) ** 2 + np.finfo(float).tiny
+        return np.sqrt(np.maximum(variance, floor))
+
+    @staticmethod
+    def join(parts: Sequence[MeasuredResponse]) -> MeasuredResponse:
+        """All points of several measurements, in order."""
+        width = max(p.line_hz.shape[1] for p in parts)
+
+        def padded(array: NDArray, fill: float) -> NDArray:
+            return np.pad(array, ((0, 0), (0, width - array.shape[1])), constant_values=fill)
+
+        return MeasuredResponse(
+            np.concatenate([p.frequency_hz for p in parts]),
+            np.concatenate([p.reference for p in parts]),
+            np.concatenate([p.response for p in parts]),
+            np.concatenate([padded(p.line_hz, 1.0) for p in parts]),
+            np.concatenate([padded(p.line_reference, 0.0) for p in parts]),
+            np.concatenate([padded(p.line_response, 0.0) for p in parts]),
+            np.concatenate([padded(p.line_weight, 0.0) for p in parts]),
+            np.concatenate([p.degrees_of_freedom for p in parts]),
+            np.concatenate([p.record for p in parts]),
+            np.concatenate([p.distortion for p in parts]),
+            np.concatenate([np.zeros((p.points, 2)) if p.rounding is None else p.rounding for p in parts]),
+        )

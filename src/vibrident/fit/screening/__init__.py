@@ -1,0 +1,7 @@
+"""What is wrong with data before any model: overdriven, dead, cut or copied channels, clocks, drift and hum. No JAX."""
+
+from __future__ import annotations
+
+from vibrident.fit.screening.quality import Finding, screen
+
+__all__ = ["Finding", "screen"]

@@ -1,0 +1,166 @@
+"""Samples predicted from their neighbours: the interpolation that wild samples stand out of."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from vibrident.data.records import BoolArray, FloatArray
+from vibrident.fit.response.transform import median
+
+#: Neighbours on either side.
+REACH = 8
+#: Rows of a fit, at most.
+MOST_ROWS = 4_000
+#: Parts of these whose triangles are made first.
+PARTS = 8
+#: Scaled normal equations with eigenvalues above this are solved to six digits.
+WELL_POSED = 1e-10
+#: Squares left by a fit, as a part of the whole, that are told from products without losing digits that count.
+SMALL = 1e-8
+#: Median of the size of normal errors, in standard deviations.
+MEDIAN = 0.6745
+#: This part of normal errors …
+QUANTILE = 0.98
+#: … is within so many standard deviations.
+DEVIATES = 2.326
+
+
+@dataclass(frozen=True)
+class Interpolation:
+    """An interpolation fitted to a record.
+
+    Attributes:
+        shape: error around a wild sample of size one, shape (2 reach + 1,).
+        constant: what it adds.
+        deviation: of its errors, where it tells the samples well.
+    """
+
+    shape: FloatArray
+    constant: float
+    deviation: float
+
+    def errors(self, series: FloatArray, judged: BoolArray) -> FloatArray:
+        """Error of each sample, shape (samples,); zero where it is not judged."""
+        return np.where(judged, np.convolve(series, self.shape, mode="same") - self.constant, 0.0)
+
+    def around(self, error: FloatArray, places: NDArray[np.int_]) -> FloatArray:
+        """Usual standard deviation of the errors around some samples, shape (places,)."""
+        windows = sliding_window_view(np.pad(np.abs(error), 2 * REACH, mode="reflect"), 4 * REACH + 1)
+        return np.maximum(median(windows[places]) / MEDIAN, self.deviation)
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Samples in a row, REACH on either side of those that are predicted, and ones; and their products.
+
+    Every prediction is of sums of these, so that one matrix of products serves all.
+
+    Attributes:
+        columns: shape (2 reach + 2, rows), the last are ones.
+        gram: of these, shape (2 reach + 2, 2 reach + 2), in the order in which they are read.
+        backwards: the series is read from its end.
+    """
+
+    columns: FloatArray
+    gram: FloatArray
+    backwards: bool = False
+
+    @classmethod
+    def of(cls, series: FloatArray, clean: BoolArray) -> Rows:
+        """Around not too many of the samples that are predicted well."""
+        rows = _some(np.flatnonzero(clean) - REACH)
+        around = np.ones((2 * REACH + 2, len(series[rows])))
+        for shift, column in enumerate(around[:-1]):  # each in a row: windows side by side take four times as long
+            column[:] = series[shift:][rows]
+        return cls(around, around @ around.T)
+
+    def reversed(self) -> Rows:
+        """Of the series read from its end."""
+        return Rows(self.columns, self.gram[_BACKWARDS[:, None], _BACKWARDS], backwards=True)
+
+    @functools.cached_property
+    def triangle(self) -> FloatArray:
+        """R of the QR decomposition of all samples, shape (2 reach + 2, 2 reach + 2); read backwards it is none."""
+        # By parts that stay in the processor's cache, and once more of their triangles.
+        samples = np.ascontiguousarray(self.columns.T)
+        whole = len(samples) // PARTS * PARTS
+        parts = samples[:whole].reshape(PARTS, whole // PARTS, -1)
+        joined = [*np.linalg.qr(parts, mode="r"), samples[whole:]]
+        return np.asarray(np.linalg.qr(np.concatenate(joined), mode="r"))[:, self._order]
+
+    @property
+    def _order(self) -> slice | NDArray[np.int_]:
+        return _BACKWARDS if self.backwards else slice(None)
+
+    def fitted(self, sums: FloatArray, wanted: int) -> FloatArray:
+        """Amounts of some sums, shape (n, 2 reach + 2), whose sum is closest to the samples ``wanted``.
+
+        By the normal equations, where these lose no digit that counts; a motion without noise leaves them too few.
+        """
+        gram, moments = sums @ self.gram @ sums.T, sums @ self.gram[wanted]
+        size = np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))
+        scaled = gram / np.outer(size, size)
+        if np.linalg.eigvalsh(scaled)[0] > WELL_POSED:
+            return np.asarray(np.linalg.solve(scaled, moments / size) / size, dtype=float)
+        return np.asarray(
+            np.linalg.lstsq(self.triangle @ sums.T, self.triangle[:, wanted], rcond=1e-12)[0], dtype=float
+        )
+
+    def errors(self, sums: FloatArray, wanted: int, amounts: FloatArray) -> FloatArray:
+        """What these amounts leave of the samples ``wanted``, shape (rows,)."""
+        return _left(sums, wanted, amounts)[self._order] @ self.columns
+
+    def deviation(self, sums: FloatArray, wanted: int, amounts: FloatArray) -> float:
+        """Standard deviation of these errors."""
+        left = _left(sums, wanted, amounts)
+        squares, count = float(left @ self.gram @ left), self.gram[-1, -1]
+        if squares > SMALL * self.gram[wanted, wanted]:  # else they are lost in rounding
+            return float(np.sqrt(max(squares / count - float(left @ self.gram[-1] / count) ** 2, 0.0)))
+        return float(np.std(self.errors(sums, wanted, amounts)))
+
+
+def _left(sums: FloatArray, wanted: int, amounts: FloatArray) -> FloatArray:
+    """How each sample counts in what these amounts of the sums leave of the samples ``wanted``."""
+    left = -(amounts @ sums)
+    left[wanted] += 1.0
+    return left
+
+
+#: Order of the rows of a series that is read from its end.
+_BACKWARDS = np.append(np.arange(2 * REACH, -1, -1), 2 * REACH + 1)
+
+
+def interpolation(rows: Rows) -> Interpolation:
+    """Fitted to these samples."""
+    amounts = rows.fitted(_BESIDE, REACH)
+    errors = rows.errors(_BESIDE, REACH, amounts)
+    size = np.abs(errors)
+    place = int(QUANTILE * (size.size - 1))
+    usual = max(float(np.std(errors)), float(np.partition(size, place)[place]) / DEVIATES)
+    shape = np.concatenate([-amounts[REACH - 1 :: -1], [1.0], -amounts[:REACH]])
+    return Interpolation(shape, float(amounts[REACH]), usual)
+
+
+def _pairs() -> FloatArray:
+    """Sums of the neighbours at each distance, and one, shape (reach + 1, 2 reach + 2)."""
+    found = np.zeros((REACH + 1, 2 * REACH + 2))
+    for k in range(1, REACH + 1):
+        found[k - 1, [REACH - k, REACH + k]] = 1.0
+    found[REACH, -1] = 1.0
+    return found
+
+
+_BESIDE = _pairs()
+
+
+def _some(rows: NDArray[np.int_]) -> slice | NDArray[np.int_]:
+    """Not too many of the rows, evenly spread; as a slice where none between them is left out."""
+    every = max(1, rows.size // MOST_ROWS)
+    if rows.size and rows[-1] - rows[0] == rows.size - 1:
+        return slice(int(rows[0]), int(rows[-1]) + 1, every)
+    return rows[::every]

@@ -1,0 +1,316 @@
+"""Is a record fit for use? Overdriven channels, channels without signal, too few periods, aliasing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy import fft
+
+from vibrident.base.amounts import amount
+from vibrident.base.errors import InputError
+from vibrident.data.records import BoolArray, FloatArray, Record
+from vibrident.fit.response.motion import kind_of_motion, stray_motion
+from vibrident.fit.response.response import MeasuredResponse
+from vibrident.fit.response.transform import hann
+from vibrident.fit.screening.clipping import clipped
+from vibrident.fit.screening.gaps import lost
+from vibrident.fit.screening.repeats import repeated_block
+from vibrident.fit.screening.spikes import Channel, breaks, moves
+from vibrident.result import WarningCode
+
+#: Part of the reference's power above 0.45 of the sampling rate that is taken for a missing anti-alias filter.
+ALIAS_POWER = 0.01
+FEWEST_PERIODS = 2.0
+#: Samples on either side that the interpolation of the reference takes in.
+REACH = 40
+#: A record that lost samples is used where at least this part of it is whole over as many …
+LEAST_WHOLE = 0.05
+#: … and so many samples are.
+FEWEST_WHOLE = 128
+#: Wild samples of both channels that are so many samples apart, or fewer, are one event.
+TOGETHER = 2
+#: Stationary motions; others may end within the record.
+STEADY = ("sine", "multisine", "random")
+#: A tone is significant above this many standard deviations of its amplitude.
+SILENT_SIGMA = 5.0
+#: Largest power of other motion (vibration noise) beside a sine, over the power of its tone.
+MOST_STRAY = 5.0
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One finding about the data."""
+
+    code: WarningCode
+    message: str
+
+
+def screen(
+    records: Sequence[Record], units: Mapping[str, str] | None = None
+) -> tuple[tuple[Record, ...], tuple[Finding, ...]]:
+    """Mark samples that must not be used, leave out dead records, and say what was found.
+
+    Args:
+        records: as read.
+        units: of the channels ``reference`` and ``response``, for the messages.
+
+    Raises:
+        InputError: no record is left.
+    """
+    kept, findings = [], []
+    for record in records:
+        dead = _dead(record)
+        if dead:
+            findings.append(Finding("dead_channel", f"{record.name}: {dead}; the record is left out."))
+            continue
+        record, spoilt = _without_spoilt(record, units or {})
+        findings += spoilt
+        if record.mask.sum() < 8 or (spoilt and _in_pieces(record)):
+            text = f"{record.name}: too little is left between the samples left out; the record is left out."
+            findings.append(Finding(spoilt[0].code if spoilt else "dead_channel", text))
+            continue
+        findings += _aliasing(record)
+        kept.append(record)
+    if not kept:
+        raise InputError(
+            "No record can be used.",
+            expected="at least one record in which both channels carry a signal",
+            found="; ".join(f.message for f in findings),
+            where="records",
+            remedy="check the columns of [reference] and [response] with `vibrident inspect`",
+        )
+    return tuple(kept), tuple(findings)
+
+
+def _dead(record: Record) -> str:
+    """The reason why the record holds no signal; empty if it holds one."""
+    for label, values, _ in _channels(record):
+        values = values[record.mask]
+        if values.size == 0 or np.ptp(values) == 0.0:
+            return f"the {label} channel never changes"
+    return ""
+
+
+def _in_pieces(record: Record) -> bool:
+    """Whether the reference of other motion than a sine is hardly anywhere whole for long enough to interpolate it."""
+    if record.excitation in ("sine", "decay"):
+        return False
+    bad = np.concatenate([[0], np.cumsum(~record.reference_mask)])
+    whole = int(np.sum(bad[2 * REACH :] == bad[: -2 * REACH])) if bad.size > 2 * REACH else record.samples
+    return whole < max(LEAST_WHOLE * record.samples, min(FEWEST_WHOLE, 0.5 * record.samples))
+
+
+def _channels(record: Record) -> list[tuple[str, FloatArray, float | None]]:
+    """Label, samples and full scale of each channel that there is."""
+    found = [("response", record.response, record.response_full_scale)]
+    if record.reference is not None:
+        found.insert(0, ("reference", record.reference, record.reference_full_scale))
+    return found
+
+
+def _without_spoilt(record: Record, units: Mapping[str, str]) -> tuple[Record, list[Finding]]:
+    """Without what is clipped and what was lost: of the response alone, where the reference is sound."""
+    findings = []
+    for label, values, full_scale in _channels(record):
+        if label == "reference" and record.optical is not None:
+            continue  # it was computed: the converter's limits and losses were seen in the optical signals
+        bad, rails = clipped(values, record.mask, full_scale)
+        if bad.any():
+            levels = " and ".join(amount(level, units.get(label, "1"), 6) for level in rails)
+            text = f"{record.name}: the {label} channel is clipped at {levels}; {_left_out(bad, record)}"
+            findings.append(Finding("clipped", text))
+            record = _without(record, label, bad, f"{label} clipped at {levels}")
+        bad = lost(values, record.mask)
+        if bad.any():
+            stretches = int(np.sum(np.diff(bad.astype(int)) > 0))
+            first = float(np.argmax(bad)) / record.sampling_rate_hz
+            text = (
+                f"{record.name}: the {label} channel stands still {_how_often(stretches)}at {first:.4g} s, "
+                f"as where a recorder lost samples; {_left_out(bad, record)}"
+            )
+            findings.append(Finding("dead_channel", text))
+            record = _without(record, label, bad, f"{label} stands still")
+    record, copied = _without_copied(record)
+    findings += copied
+    channels = {label: Channel.of(values, record.mask) for label, values, _ in _channels(record)}
+    for label, bad in _wild(channels).items():
+        first, wild = float(np.argmax(bad)) / record.sampling_rate_hz, int(bad.sum())
+        text = (
+            f"{record.name}: the {label} channel has a single sample far off its neighbours "
+            f"{_how_often(wild)}at {first:.6g} s, as where a recorder or a contact fails; {_left_out(bad, record)}"
+        )
+        findings.append(Finding("dead_channel", text))
+        record = _without(record, label, bad, f"{label} wild in single samples")
+    record, broken = _longest_part(record, channels)
+    return record, findings + broken
+
+
+def _how_often(number: int) -> str:
+    return "" if number == 1 else f"{number} times, first "
+
+
+def _without_copied(record: Record) -> tuple[Record, list[Finding]]:
+    """Without the copy of a block that was written twice."""
+    found = {label: repeated_block(values, record.mask) for label, values, _ in _channels(record)}
+    found = {label: block for label, block in found.items() if block is not None}
+    if not found:
+        return record, []
+    findings = []
+    times = len(set(found.values())) == 1 and len(found) == len(_channels(record))
+    for label, block in list(found.items())[: 1 if times else None]:
+        bad = np.zeros(record.samples, dtype=bool)
+        bad[block.second : block.second + block.length] = True
+        what = "both channels" if times else f"the {label} channel"
+        if times and record.excitation in STEADY:
+            before = block.second >= record.samples - block.second - block.length
+            bad[block.second :] |= before
+            bad[: block.second] |= not before
+        text = (
+            f"{record.name}: {block.length} samples of {what} at {block.first / record.sampling_rate_hz:.6g} s return "
+            f"at {block.second / record.sampling_rate_hz:.6g} s, as where a recorder writes a buffer twice; "
+            f"{_left_out(bad, record)}"
+        )
+        findings.append(Finding("clock_suspect" if times else "dead_channel", text))
+        reason = f"{what} repeated"
+        record = record.without(bad, reason) if times else _without(record, label, bad, reason)
+    return record, findings
+
+
+def _longest_part(record: Record, channels: Mapping[str, Channel]) -> tuple[Record, list[Finding]]:
+    """The longest part of a steady motion in which no time was lost; ``channels`` as seen before."""
+    if record.reference is None or record.excitation not in STEADY:
+        return record, []
+    valid = record.mask & record.reference_mask
+    if not all(np.array_equal(valid, channel.valid) for channel in channels.values()):
+        channels = {label: Channel.of(values, valid) for label, values, _ in _channels(record)}
+    places = breaks(*channels.values())
+    if places.size == 0:
+        return record, []
+    edges = np.concatenate([[0], places, [record.samples]])
+    longest = int(np.argmax(np.diff(edges)))
+    outside = np.ones(record.samples, dtype=bool)
+    # Which of the samples at a break is the last, or the first, is not known.
+    outside[edges[longest] + 2 * (longest > 0) : edges[longest + 1] - 2 * (longest < places.size)] = False
+    times = ", ".join(f"{place / record.sampling_rate_hz:.6g}" for place in places)
+    text = (
+        f"{record.name}: both channels break off at {times} s and go on elsewhere, as where a recorder lost time; "
+        f"only the longest unbroken part is used; {_left_out(outside, record)}"
+    )
+    return record.without(outside, "the longest part without lost time"), [Finding("clock_suspect", text)]
+
+
+def _wild(channels: Mapping[str, Channel]) -> dict[str, BoolArray]:
+    """Wild samples of each channel that has any; where the other channel moves as oddly, it is motion."""
+    found = {label: channel.wild for label, channel in channels.items()}
+    for label, other in zip(found, [*channels.values()][::-1], strict=True):
+        if len(found) > 1 and found[label].any():
+            found[label] = found[label] & ~moves(other, found[label], TOGETHER)
+    return {label: bad for label, bad in found.items() if bad.any()}
+
+
+def _without(record: Record, label: str, bad: BoolArray, reason: str) -> Record:
+    return record.without(bad, reason) if label == "reference" else record.without_response(bad, reason)
+
+
+def _left_out(bad: BoolArray, record: Record) -> str:
+    return f"{int(np.sum(bad & record.mask))} of {record.samples} samples are left out of the fit."
+
+
+def _aliasing(record: Record) -> list[Finding]:
+    if record.reference is None or record.optical is not None:  # what would fold of raw light is filtered away
+        return []
+    mask = record.reference_mask
+    values = record.reference
+    if not mask.all():  # a gap filled with zeros would be two steps
+        values = np.interp(np.arange(record.samples), np.flatnonzero(mask), values[mask])
+    power = np.abs(np.asarray(fft.rfft((values - values.mean()) * hann(record.samples)))) ** 2
+    total = float(power.sum())
+    above = float(power[int(0.9 * power.shape[0]) :].sum())
+    if total > 0 and above > ALIAS_POWER * total:
+        return [
+            Finding(
+                "aliasing",
+                f"{record.name}: {100 * above / total:.0f} % of the reference's power lies above 0.45 of the sampling "
+                "rate, where no anti-alias filter leaves any; content above half the rate would look the same.",
+            )
+        ]
+    return []
+
+
+def short_records(records: Sequence[Record], frequencies_hz: FloatArray) -> list[Finding]:
+    """Sine records that hold fewer than two periods."""
+    findings = []
+    for record, frequency in zip(records, frequencies_hz, strict=True):
+        periods = frequency * record.mask.sum() / record.sampling_rate_hz
+        if periods < FEWEST_PERIODS:
+            findings.append(
+                Finding("short_record", f"{record.name}: only {periods:.2g} periods of {frequency:.4g} Hz.")
+            )
+    return findings
+
+
+def refuse_other_motion(records: Sequence[Record], tones: MeasuredResponse) -> None:
+    """Refuse a record that is said to be a sine, though its sensor answers far more other motion.
+
+    Raises:
+        InputError: there is one.
+    """
+    samples = np.array([record.mask.sum() for record in records])
+    rest = np.abs(tones.line_reference[:, 0]) ** 2 * samples / 2.0  # twice the mean square beside the tone
+    for index in np.flatnonzero(rest > MOST_STRAY * np.abs(tones.reference) ** 2).tolist():
+        record, frequency = records[index], float(tones.frequency_hz[index])
+        likely = kind_of_motion(np.asarray(record.reference)[record.mask])
+        if likely == "shock":
+            found = "motion in a small part of the record"
+        elif frequency * samples[index] / record.sampling_rate_hz < FEWEST_PERIODS:
+            continue  # what is short may look like anything
+        else:
+            stray = stray_motion(record, frequency)
+            if stray < MOST_STRAY:
+                continue
+            found = f"the sensor answers {stray:.2g} times as much other motion as at {frequency:.4g} Hz"
+        other = "random" if likely == "sine" else likely
+        raise InputError(
+            "The motion of this record is no sine.",
+            expected='excitation = "sine" for motion at one frequency',
+            found=found,
+            where=record.name,
+            remedy=f'write excitation = "{other}", or cut the record to the tone',
+        )
+
+
+def nothing_in_common(records: Sequence[Record]) -> list[Finding]:
+    """Records whose response and reference have nothing in common, while others' have."""
+    return [
+        Finding(
+            "dead_channel",
+            f"{record.name}: response and reference have nothing in common; the record is left out. Is a channel dead, "
+            "or are they of two measurements?",
+        )
+        for record in records
+    ]
+
+
+def silent_channels(tones: MeasuredResponse) -> list[Finding]:
+    """A channel in which no record shows its tone above the noise: the wrong column, or a dead channel."""
+    findings = []
+    for label, heard in zip(("reference", "response"), _heard(tones), strict=True):
+        if not heard.any():
+            findings.append(
+                Finding("dead_channel", f"The {label} channel shows the tone above its noise in none of the records.")
+            )
+    return findings
+
+
+def silent_records(tones: MeasuredResponse) -> list[int]:
+    """Sine records of which one channel does not show the tone above its noise: what ``tones.record`` calls them."""
+    return tones.record[~np.all(_heard(tones), axis=0)].tolist()
+
+
+def _heard(tones: MeasuredResponse) -> BoolArray:
+    """Whether reference and response show the tone of each record above their noise, shape (2, tones)."""
+    channels = (tones.reference, tones.line_reference), (tones.response, tones.line_response)
+    noise = [np.sqrt(np.sum(np.abs(lines) ** 2, axis=1) / np.sum(tones.line_weight, axis=1)) for _, lines in channels]
+    return np.array([np.abs(tone) > SILENT_SIGMA * own for (tone, _), own in zip(channels, noise, strict=True)])

@@ -1,0 +1,1 @@
+"""Where a fit begins: a search in the nonparametric response, from everywhere at once."""

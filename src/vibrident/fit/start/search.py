@@ -1,0 +1,352 @@
+"""Many candidates brought down the same residual at once, in NumPy: cheap enough to look everywhere.
+
+The search works on the response at a few hundred points at most, in coordinates of its own: logarithms of what is
+positive (frequencies, damping ratios, durations, the gain's size), and the delay in radians at the highest frequency.
+Three residuals follow one another. The logarithm of the magnitude does not know delay and sign, and hardly any
+dead ends: off a sharp resonance it still says which way the resonance lies. The complex logarithm joins the phase.
+Finally the weighted difference is used, which the estimators minimise.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vibrident.data.records import BoolArray, FloatArray, Quantity
+from vibrident.fit.problem.coordinates import searched
+from vibrident.fit.response.response import ComplexArray
+from vibrident.fit.response.transform import median
+from vibrident.physics.models import SensorModel
+
+#: Step of the differences in coordinates near one.
+STEP = 1e-7
+#: Damping of Levenberg–Marquardt at the start.
+DAMPING = 1e-2
+#: Factor on the damping after a step that lowers the cost.
+EASED = 0.2
+#: Factor after one that does not.
+STIFFENED = 5.0
+#: No coordinate moves further at once.
+LONGEST = 0.7
+#: A candidate arrived where a step of hardly any damping leads no further than this, and not down.
+NO_STEP = 1e-9
+#: Nor where a step gains less than this part of a variance, as the residuals scatter.
+WORTH = 1e-3
+#: A candidate that finds no step with this damping arrived too.
+MOST_DAMPED = 1e8
+#: Residuals beyond so many times the common size, or so many standard deviations, count for less than their square.
+UNCOMMON = 8.0
+#: What is positive stays above this part of one unit.
+LEAST = 1e-9
+
+#: Residual of candidates' responses, (C, n) → (C, m), and its derivative, (C, n, P) → (C, m, P), from ∂ log H.
+Residual = Callable[[ComplexArray, ComplexArray], tuple[FloatArray, FloatArray]]
+
+
+@dataclass(frozen=True, eq=False)
+class TargetFRF:
+    """The response that is sought, at n points.
+
+    Attributes:
+        frequency_hz: shape (n,).
+        response: measured complex sensitivity, real and positive where the phase is not known, shape (n,).
+        deviation: relative standard deviation of the magnitude, shape (n,).
+        phase_deviation: of the phase, rad, shape (n,).
+        has_phase: whether the phase is known.
+        polar: whether the deviations belong to magnitude and phase, not to real and imaginary part.
+    """
+
+    frequency_hz: FloatArray
+    response: ComplexArray
+    deviation: FloatArray
+    phase_deviation: FloatArray
+    has_phase: bool
+    polar: bool
+
+    def at(self, points: np.ndarray) -> TargetFRF:
+        """Some of the points."""
+        return TargetFRF(
+            self.frequency_hz[points],
+            self.response[points],
+            self.deviation[points],
+            self.phase_deviation[points],
+            self.has_phase,
+            self.polar,
+        )
+
+    def scaled(self, factor: float) -> TargetFRF:
+        """The same points with deviations so many times as large."""
+        return replace(self, deviation=self.deviation * factor, phase_deviation=self.phase_deviation * factor)
+
+
+@dataclass(frozen=True, eq=False)
+class LogCoordinates:
+    """Coordinates of the search, shape (C, P) for C candidates, and the responses there.
+
+    Attributes:
+        model: a linear model.
+        quantity: what the reference is.
+        frequency_hz: of the points, shape (n,).
+        time_unit_s: unit of a delay.
+    """
+
+    model: SensorModel
+    quantity: Quantity
+    frequency_hz: FloatArray
+    time_unit_s: float
+
+    @functools.cached_property
+    def band_hz(self) -> tuple[float, float]:
+        """Lowest and highest frequency of the points."""
+        return float(np.min(self.frequency_hz)), float(np.max(self.frequency_hz))
+
+    def values(self, u: FloatArray, sign: FloatArray) -> dict[str, FloatArray]:
+        """Name to physical values, each of shape (C, 1); none outside the range that a fit searches.
+
+        Out there others would make up for it, which cannot follow when it is brought back.
+        """
+        found, ends = {}, searched(self.band_hz)
+        for index, spec in enumerate(self.model.parameters):
+            column = u[:, index, None]
+            if spec.kind == "gain":
+                found[spec.name] = sign[:, None] * np.exp(np.clip(column, -700.0, 700.0))
+            elif spec.kind in ends:
+                found[spec.name] = np.clip(np.exp(np.clip(column, -300.0, 300.0)), *ends[spec.kind])
+            elif spec.kind == "positive":
+                found[spec.name] = np.exp(np.clip(column, -300.0, 300.0))
+            elif spec.kind == "time":
+                found[spec.name] = column * self.time_unit_s
+            else:
+                found[spec.name] = column
+        return found
+
+    def place(self, values: dict[str, float]) -> tuple[FloatArray, float]:
+        """Coordinates of physical values, shape (P,), and the gain's sign."""
+        u = np.zeros(len(self.model.parameters))
+        sign = 1.0
+        for index, spec in enumerate(self.model.parameters):
+            value = values[spec.name]
+            if spec.kind == "gain":
+                u[index], sign = np.log(max(abs(value), np.finfo(float).tiny)), 1.0 if value >= 0 else -1.0
+            elif spec.kind in ("log", "duration", "positive"):
+                u[index] = np.log(max(abs(value), LEAST))
+            else:
+                u[index] = value / (self.time_unit_s if spec.kind == "time" else 1.0)
+        return u, sign
+
+    def named(self, u: FloatArray, sign: FloatArray, row: int) -> dict[str, float]:
+        """Physical values of one candidate, as plain floats."""
+        found = self.values(u[row : row + 1], sign[row : row + 1])
+        return {name: float(value[0, 0]) for name, value in found.items()}
+
+    def response(self, u: FloatArray, sign: FloatArray) -> ComplexArray:
+        """Responses of the candidates, shape (C, n)."""
+        with np.errstate(all="ignore"):  # a candidate far outside is left behind by its cost
+            found = self.model.frequency_response(self.values(u, sign), self.frequency_hz, self.quantity)
+        return np.broadcast_to(found, (u.shape[0], self.frequency_hz.size))
+
+    def log_slopes(self, u: FloatArray, sign: FloatArray, response: ComplexArray) -> ComplexArray:
+        """∂ log H by the coordinates, shape (C, n, P)."""
+        slopes = np.empty((*response.shape, u.shape[1]), dtype=complex)
+        for index, spec in enumerate(self.model.parameters):
+            if spec.kind == "gain":
+                slopes[..., index] = 1.0
+                continue
+            moved = u.copy()
+            moved[:, index] += STEP
+            with np.errstate(all="ignore"):
+                slopes[..., index] = (self.response(moved, sign) / response - 1.0) / STEP
+        return slopes
+
+
+def magnitudes(sought: TargetFRF, least: float) -> Residual:
+    """Logarithms of the magnitudes; relative deviations are at least ``least``."""
+    goal, weight = np.log(np.abs(sought.response)), 1.0 / np.maximum(sought.deviation, least)
+
+    def residual(h: ComplexArray, slopes: ComplexArray) -> tuple[FloatArray, FloatArray]:
+        return (np.log(np.abs(h)) - goal) * weight, slopes.real * weight[:, None]
+
+    return residual
+
+
+def logarithms(sought: TargetFRF, least: float) -> Residual:
+    """Complex logarithms, phases within half a turn; deviations are at least ``least``."""
+    radial, turning = (1.0 / np.maximum(d, least) for d in (sought.deviation, sought.phase_deviation))
+
+    def residual(h: ComplexArray, slopes: ComplexArray) -> tuple[FloatArray, FloatArray]:
+        ratio = h / sought.response
+        return (
+            np.concatenate([np.log(np.abs(ratio)) * radial, np.angle(ratio) * turning], axis=1),
+            np.concatenate([slopes.real * radial[:, None], slopes.imag * turning[:, None]], axis=1),
+        )
+
+    return residual
+
+
+def differences(sought: TargetFRF) -> Residual:
+    """The weighted residual that the estimators minimise."""
+    if sought.polar:
+        return _polar_differences(sought)
+    scale = 1.0 / (np.abs(sought.response) * sought.deviation)
+
+    def residual(h: ComplexArray, slopes: ComplexArray) -> tuple[FloatArray, FloatArray]:
+        off, turn = (h - sought.response) * scale, slopes * (h * scale)[..., None]
+        return np.concatenate([off.real, off.imag], axis=1), np.concatenate([turn.real, turn.imag], axis=1)
+
+    return residual
+
+
+def _polar_differences(sought: TargetFRF) -> Residual:
+    size = np.abs(sought.response)
+    scale, turning = 1.0 / (size * sought.deviation), 1.0 / sought.phase_deviation
+
+    def residual(h: ComplexArray, slopes: ComplexArray) -> tuple[FloatArray, FloatArray]:
+        radial = (np.abs(h) - size) * scale
+        outward = slopes.real * (np.abs(h) * scale)[..., None]
+        if not sought.has_phase:
+            return radial, outward
+        turn = np.angle(h / sought.response) * turning
+        return (
+            np.concatenate([radial, turn], axis=1),
+            np.concatenate([outward, slopes.imag * turning[:, None]], axis=1),
+        )
+
+    return residual
+
+
+@dataclass(frozen=True, eq=False)
+class Population:
+    """Candidates on their way down.
+
+    Attributes:
+        u: coordinates, shape (C, P).
+        sign: of the gain, shape (C,).
+        cost: sums of squares, shape (C,).
+        path: coordinates and costs of each candidate after every step, shapes (steps, C, P) and (steps, C).
+    """
+
+    u: FloatArray
+    sign: FloatArray
+    cost: FloatArray
+    path: tuple[FloatArray, FloatArray]
+
+    def best(self, count: int, apart: float = 0.0) -> np.ndarray:
+        """Rows of the ``count`` least costs, no two nearer than ``apart`` in every coordinate."""
+        chosen: list[int] = []
+        for row in np.argsort(self.cost, kind="stable").tolist():
+            if not np.isfinite(self.cost[row]):
+                break
+            near = any(
+                self.sign[row] == self.sign[c] and np.max(np.abs(self.u[row] - self.u[c])) < apart for c in chosen
+            )
+            if not near:
+                chosen.append(row)
+            if len(chosen) == count:
+                break
+        return np.array(chosen, dtype=int)
+
+
+def descend(
+    chart: LogCoordinates,
+    u: FloatArray,
+    sign: FloatArray,
+    residual: Residual,
+    rounds: int,
+    held: BoolArray | None = None,
+) -> Population:
+    """Levenberg–Marquardt on all candidates side by side.
+
+    Args:
+        chart: coordinates and responses.
+        u: where the candidates begin, shape (C, P).
+        sign: of their gains, shape (C,).
+        residual: what is made small.
+        rounds: steps tried.
+        held: coordinates that stay as they are, shape (C, P); None: none does.
+    """
+    u, damping = u.copy(), np.full(len(u), DAMPING)
+    free = np.ones((len(u), 1, 1)) if held is None else np.where(held, 0.0, 1.0)[:, None, :]
+    places, costs = [], []
+    for part in (rounds - rounds // 2, rounds // 2):  # what is out of the common is told better half-way
+        off, slopes = _evaluated(chart, u, sign, residual)
+        limit = _limit(off)
+        off, slopes = _bounded(off, slopes, limit)
+        cost = np.sum(off**2, axis=1)
+        places.append(u.copy())
+        costs.append(cost.copy())
+        moving = np.flatnonzero(np.isfinite(cost))
+        for _ in range(part):
+            if not moving.size:
+                break
+            step = _steps(off[moving], slopes[moving] * free[moving], damping[moving])
+            trial, before = u[moving] - step, cost[moving]
+            new, new_slopes = _bounded(*_evaluated(chart, trial, sign[moving], residual), limit[moving])
+            after, far = np.sum(new**2, axis=1), np.max(np.abs(step), axis=1)
+            better = after < before
+            gained = np.where(better, before - after, 0.0)
+            worth = WORTH * np.maximum(np.minimum(1.0, before), before / off.shape[1])
+            arrived = (damping[moving] < 1.0) & (better | (far < NO_STEP)) & (gained < worth)
+            taken = moving[better]
+            u[taken], off[taken], slopes[taken], cost[taken] = (
+                trial[better],
+                new[better],
+                new_slopes[better],
+                after[better],
+            )
+            damping[moving] *= np.where(better, EASED, STIFFENED)
+            places.append(u.copy())
+            costs.append(cost.copy())
+            moving = moving[~arrived & (damping[moving] < MOST_DAMPED)]
+        damping = np.minimum(damping, DAMPING)
+    return Population(u, sign, cost, (np.array(places), np.array(costs)))
+
+
+def information_at(chart: LogCoordinates, u: FloatArray, sign: FloatArray, residual: Residual) -> FloatArray:
+    """JᵀJ of the residual at each candidate, by the coordinates, shape (C, P, P)."""
+    _, slopes = _evaluated(chart, u, sign, residual)
+    return np.einsum("cmp,cmq->cpq", slopes, slopes)
+
+
+def _limit(off: FloatArray) -> FloatArray:
+    """Size beyond which a candidate's residuals are out of the common, shape (C, 1)."""
+    common = median(np.abs(np.where(np.isfinite(off), off, 0.0)))
+    return UNCOMMON * np.maximum(1.0, common)[:, None]
+
+
+def _bounded(off: FloatArray, slopes: FloatArray, limit: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Residuals that grow like a root beyond the limit (soft L1), and their slopes: what leaks in draws less."""
+    with np.errstate(all="ignore"):
+        root = np.sqrt(1.0 + (off / limit) ** 2)
+        bounded = np.sign(off) * limit * np.sqrt(2.0 * np.maximum(root - 1.0, 0.0))
+        factor = np.where(np.abs(off) > 1e-6 * limit, off / (bounded * root), 1.0)
+    small = np.abs(off) <= 1e-6 * limit
+    bounded = np.where(small, off, bounded)
+    return bounded, slopes * np.where(np.isfinite(factor), factor, 0.0)[..., None]
+
+
+def _evaluated(
+    chart: LogCoordinates, u: FloatArray, sign: FloatArray, residual: Residual
+) -> tuple[FloatArray, FloatArray]:
+    response = chart.response(u, sign)
+    with np.errstate(all="ignore"):
+        off, slopes = residual(response, chart.log_slopes(u, sign, response))
+    lost = ~np.all(np.isfinite(off), axis=1)
+    off[lost] = np.inf
+    return off, np.where(np.isfinite(slopes), slopes, 0.0)
+
+
+def _steps(off: FloatArray, slopes: FloatArray, damping: FloatArray) -> FloatArray:
+    """Damped Gauss–Newton steps, none longer than ``LONGEST`` in a coordinate; shape (C, P)."""
+    off = np.where(np.isfinite(off), off, 0.0)
+    matrix = np.einsum("cmp,cmq->cpq", slopes, slopes)
+    gradient = np.einsum("cmp,cm->cp", slopes, off)
+    diagonal = np.einsum("cpp->cp", matrix)
+    # A coordinate of which nothing is known stays; the others are scaled to one.
+    scale = np.sqrt(np.maximum(diagonal, 1e-20 * np.max(diagonal, axis=1, keepdims=True) + 1e-300))
+    scaled = matrix / (scale[:, :, None] * scale[:, None, :])
+    scaled += (damping[:, None, None] + 1e-14) * np.eye(scale.shape[1])
+    step = np.linalg.solve(scaled, (gradient / scale)[..., None])[..., 0] / scale
+    return step * np.minimum(1.0, LONGEST / np.maximum(np.max(np.abs(step), axis=1, keepdims=True), 1e-300))

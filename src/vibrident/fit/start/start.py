@@ -1,0 +1,399 @@
+"""Start values from the nonparametric response alone: no user ever gives one.
+
+A grid over natural frequency and damping, with every combination of what the add-ons guess, compared by magnitude,
+which neither delay nor sign can spoil. The best and most different go down the logarithm of the magnitude side by side
+(:mod:`vibrident.fit.start.search`), fewer of them further. The phases then say sign and delay, over hundreds of
+periods of the highest frequency, and what is left goes down the residual that the estimators make small. Nothing is
+compiled.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vibrident.base.errors import NotConverged
+from vibrident.data.records import FloatArray
+from vibrident.data.records.basis import distinct
+from vibrident.fit.problem import FrequencyProblem
+from vibrident.fit.start.rational import two_modes
+from vibrident.fit.start.search import (
+    LEAST,
+    LogCoordinates,
+    Population,
+    TargetFRF,
+    descend,
+    differences,
+    information_at,
+    logarithms,
+    magnitudes,
+)
+from vibrident.physics.models import SensorModel
+
+FREQUENCIES_PER_DECADE = 24
+DECADES_OUTSIDE = 1.5
+#: Most points of the search.
+MOST_POINTS = 200
+#: Most points by which the grid of add-ons is compared.
+MOST_SCORED_POINTS = 80
+#: Most points of the last step.
+MOST_FINAL_POINTS = 800
+#: Cores that are taken from the grid.
+CORES = 6
+#: Combinations of cores with add-ons that go down some steps.
+FIRST = 64
+#: Those of them that go on, and those that are brought to an end.
+SECOND, LAST = 12, 6
+#: Combinations of the grid that go down the phases without the magnitudes' way.
+BESIDE = 32
+#: Candidates whose delays two modes are fitted with by linear algebra.
+BY_ALGEBRA = 3
+#: Steps of the first stage, of all combinations.
+FEW_STEPS = 6
+#: Steps of the stages between.
+STEPS = 25
+#: Steps of the last stage.
+LAST_STEPS = 40
+#: No point counts for more than this relative deviation would allow: first the grid is coarse, then the way is long.
+LEAST_DEVIATION = 0.01
+#: Candidates on their way that differ by less in every coordinate are one.
+APART = 0.15
+#: Optima that differ by less in every coordinate are one.
+SAME = 1e-3
+#: A delay is looked for over so many periods of the highest frequency either way.
+PERIODS = 400
+#: Delays tried in each period.
+PER_PERIOD = 8
+#: Delays of each candidate that go on, the best ones.
+DELAYS = 3
+#: Of alignments of the phases that differ by less than this part for each doubling, the shorter delay is likelier.
+LIKELIER = 2e-3
+#: Optima whose costs differ by less fit alike: then the shorter delay is taken.
+ALIKE = 9.0
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where an estimator begins, and the way there from the grid.
+
+    Attributes:
+        values: parameters near the optimum, by name, in physical units.
+        costs: cost at each iterate of the way.
+        equations: number of residuals.
+        path: parameters at each iterate.
+        others: other optima, by cost, with their costs.
+    """
+
+    values: dict[str, float]
+    costs: tuple[float, ...]
+    equations: int
+    path: tuple[dict[str, float], ...]
+    others: tuple[tuple[dict[str, float], float], ...] = ()
+
+
+def find_start(problem: FrequencyProblem, model: SensorModel) -> Start:
+    """The best fit of the nonparametric response from all candidates.
+
+    Nonlinear parameters have no influence on the response to small signals, and start at zero. A start value stated in
+    the problem is used unchanged.
+
+    Raises:
+        NotConverged: no candidate leads to a finite fit.
+    """
+    whole, linear = model, model.linear
+    sought = sought_response(problem)
+    final = sought.at(_spread(sought.frequency_hz, MOST_FINAL_POINTS))
+    chart = LogCoordinates(linear, problem.quantity, final.frequency_hz, 1.0 / (2.0 * np.pi * problem.band_hz[1]))
+    scale = problem.points / max(final.frequency_hz.size, 1)
+    if problem.start is not None:
+        u, sign = chart.place(dict(problem.start))
+        known = descend(chart, u[None], np.array([sign]), differences(final), 0)
+        return Start(dict(problem.start), (scale * float(known.cost[0]),), problem.equations, (dict(problem.start),))
+    front = optima(sought, final, chart, problem.band_hz, problem.longest_delay_s)
+    rows = front.best(LAST, SAME)
+    if not rows.size:
+        raise NotConverged("No start value gives a finite fit: are the columns and units right?")
+
+    def named(u: FloatArray, row: int) -> dict[str, float]:
+        found = chart.named(u, front.sign, row)
+        return {name: found.get(name, 0.0) for name in whole.parameter_names}
+
+    if linear.shares:
+        rows = _likeliest_first(rows, front, chart, final)
+    first, *others = _shortest_delay_first(rows, front, linear)
+    places, costs = front.path[0][:, first : first + 1], front.path[1][:, first] * scale
+    path = tuple(_whole(chart.named(p, front.sign[first : first + 1], 0), whole) for p in places)
+    return Start(
+        named(front.u, first),
+        tuple(costs.tolist()),
+        problem.equations,
+        path,
+        tuple((named(front.u, row), scale * float(front.cost[row])) for row in others),
+    )
+
+
+def _whole(values: Mapping[str, float], model: SensorModel) -> dict[str, float]:
+    return {name: values.get(name, 0.0) for name in model.parameter_names}
+
+
+def _shortest_delay_first(rows: np.ndarray, front: Population, model: SensorModel) -> list[int]:
+    """The rows in order of cost; among those that fit as well as the best, the shortest delay comes first."""
+    if not model.has_delay:
+        return rows.tolist()
+    index = [spec.kind for spec in model.parameters].index("time")
+    alike = [row for row in rows.tolist() if front.cost[row] <= front.cost[rows[0]] + ALIKE]
+    first = min(alike, key=lambda row: round(abs(float(front.u[row, index])), 1))
+    return [first, *(row for row in rows.tolist() if row != first)]
+
+
+def _likeliest_first(rows: np.ndarray, front: Population, chart: LogCoordinates, final: TargetFRF) -> np.ndarray:
+    """The rows by χ² + log det(1 + JᵀJ): how likely the data are, not how well they fit (Laplace's approximation).
+
+    Somewhere in the band a mode of hardly any width or size follows a line of the noise, and fits better than the right
+    one that is seen by its tail alone. Of all places, widths and sizes that it could have, only one does so.
+    """
+    u, sign = front.u[rows], front.sign[rows]
+    information = information_at(chart, u, sign, differences(final))
+    occam = np.linalg.slogdet(np.eye(u.shape[1]) + information)[1]
+    score = front.cost[rows] + np.where(np.isfinite(occam), occam, 0.0)
+    return rows[np.argsort(score, kind="stable")]
+
+
+def sought_response(problem: FrequencyProblem) -> TargetFRF:
+    """What the search needs of a problem; points without response are left out."""
+    usable = np.abs(problem.response) > 0
+    phase = np.asarray(problem.data[4]) if problem.polar else problem.relative_deviation
+    tiny = np.finfo(float).tiny
+    found = TargetFRF(
+        np.asarray(problem.data[0]),
+        problem.response,
+        np.maximum(problem.relative_deviation, tiny),
+        np.maximum(phase, tiny),
+        problem.has_phase,
+        problem.polar,
+    )
+    return found.at(np.flatnonzero(usable))
+
+
+def _spread(frequency_hz: FloatArray, most: int) -> np.ndarray:
+    """At most so many of the points, evenly through their order by frequency."""
+    if frequency_hz.size <= most:
+        return np.arange(frequency_hz.size)
+    return np.argsort(frequency_hz, kind="stable")[np.linspace(0, frequency_hz.size - 1, most).astype(int)]
+
+
+def optima(
+    sought: TargetFRF,
+    final: TargetFRF,
+    chart: LogCoordinates,
+    band_hz: tuple[float, float],
+    longest_delay_s: float = np.inf,
+) -> Population:
+    """Where the candidates end.
+
+    Args:
+        sought: the response.
+        final: those of its points by which the end is judged.
+        chart: coordinates, at the frequencies of ``final``.
+        band_hz: lowest and highest frequency of the data.
+        longest_delay_s: no longer delay is looked for.
+    """
+    some = sought.at(_spread(sought.frequency_hz, MOST_POINTS))
+    near = LogCoordinates(chart.model, chart.quantity, some.frequency_hz, chart.time_unit_s)
+    u = _candidates(some, near, band_hz)
+    sign = np.ones(len(u))
+    coarse = descend(near, u, sign, magnitudes(some, LEAST_DEVIATION), FEW_STEPS)
+    rows = coarse.best(SECOND, APART)
+    fine = descend(near, coarse.u[rows], sign[rows], magnitudes(some, LEAST_DEVIATION), STEPS)
+    # Where magnitudes say little, or a zero may lie on either side, they lead astray: the first ones go on beside.
+    kept = np.concatenate([fine.u[fine.best(LAST, APART)], u[:BESIDE]])
+    return _aligned(kept, some, near, final, chart, longest_delay_s)
+
+
+def extended(problem: FrequencyProblem, model: SensorModel, values: Mapping[str, float]) -> Start | None:
+    """The best fit of a response by a model that extends one whose values are known; None if no fit is finite.
+
+    The search begins at these values and at the guesses of what they lack.
+    """
+    sought = sought_response(problem)
+    some = sought.at(_spread(sought.frequency_hz, MOST_POINTS))
+    near = LogCoordinates(model, problem.quantity, some.frequency_hz, 1.0 / (2.0 * np.pi * problem.band_hz[1]))
+    known = {name: values.get(name, 0.0) for name in model.parameter_names}
+    # From zero a logarithm does not return: what ended there begins at each place of its grid.
+    ended = [{s.name: g} for s in model.parameters if s.kind == "positive" and known[s.name] < LEAST for g in s.grid]
+    here = np.array([near.place(known | other)[0] for other in ended or [{}]])
+    lacking = [name for name in model.parameter_names if name not in values]
+    kept = _likely(_with_guesses(here, model, problem.band_hz, lacking), len(here), some, near)
+    front = _aligned(kept, some, near, some, near, problem.longest_delay_s)
+    rows = front.best(1)
+    if not rows.size:
+        return None
+    row, scale = int(rows[0]), problem.points / max(some.frequency_hz.size, 1)
+    found = near.named(front.u, front.sign, row)
+    return Start(found, (scale * float(front.cost[row]),), problem.equations, (found,))
+
+
+def _aligned(
+    kept: FloatArray,
+    some: TargetFRF,
+    near: LogCoordinates,
+    final: TargetFRF,
+    chart: LogCoordinates,
+    longest_delay_s: float,
+) -> Population:
+    """Where candidates of the right magnitude end, with the signs and delays that line up their phases."""
+    if not some.has_phase:
+        return descend(chart, kept, np.ones(len(kept)), differences(final), LAST_STEPS)
+    turned, sign = _with_sign_and_delay(kept, near, some, longest_delay_s)
+    begun = descend(near, turned, sign, logarithms(some, LEAST_DEVIATION), FEW_STEPS)
+    rows = begun.best(SECOND, APART)
+    turned, sign = _with_two_modes(begun.u[rows], begun.sign[rows], near, some)
+    aligned = descend(near, turned, sign, logarithms(some, LEAST_DEVIATION), STEPS)
+    rows = aligned.best(LAST, SAME)
+    closer = descend(near, aligned.u[rows], aligned.sign[rows], logarithms(some, LEAST_DEVIATION / 100.0), STEPS)
+    rows = np.argsort(closer.cost, kind="stable")
+    return descend(chart, closer.u[rows], closer.sign[rows], differences(final), LAST_STEPS)
+
+
+def _with_two_modes(
+    u: FloatArray, sign: FloatArray, chart: LogCoordinates, sought: TargetFRF
+) -> tuple[FloatArray, FloatArray]:
+    """The candidates, and for a model with a second mode what linear algebra makes of the first ones' delays."""
+    if len(chart.model.oscillators) != 2 or not chart.model.shares:
+        return u, sign
+    found = [
+        chart.place(v)
+        for row in range(min(BY_ALGEBRA, len(u)))
+        for v in two_modes(sought, chart.model, chart.quantity, chart.named(u, sign, row))
+    ]
+    places, signs = [p for p, _ in found], [s for _, s in found]
+    return np.concatenate([u, *(p[None] for p in places)]), np.concatenate([sign, np.array(signs)])
+
+
+def _candidates(sought: TargetFRF, chart: LogCoordinates, band_hz: tuple[float, float]) -> FloatArray:
+    """Coordinates of the grid's best, with what the add-ons guess, the best first; shape (C, P)."""
+    cores = _cores(sought, chart, band_hz)
+    return _likely(_with_guesses(cores, chart.model, band_hz), len(cores), sought, chart)
+
+
+def _likely(combined: FloatArray, cores: int, sought: TargetFRF, chart: LogCoordinates) -> FloatArray:
+    """Those of the combinations of so many cores with guesses that have the best magnitudes, the best first."""
+    if len(combined) <= FIRST:
+        return combined
+    few = _spread(sought.frequency_hz, MOST_SCORED_POINTS)
+    goal, weight = np.log(np.abs(sought.response[few])), 1.0 / np.maximum(sought.deviation[few], LEAST_DEVIATION) ** 2
+    at = LogCoordinates(chart.model, chart.quantity, sought.frequency_hz[few], chart.time_unit_s)
+    off = goal - np.log(np.abs(at.response(combined, np.ones(len(combined)))))
+    mean = off @ weight / np.sum(weight)
+    score = (off - mean[:, None]) ** 2 @ weight
+    gain = [spec.kind for spec in chart.model.parameters].index("gain")
+    combined[:, gain] += np.where(np.isfinite(mean), mean, 0.0)
+    score = np.where(np.isfinite(score), score, np.inf)
+    # Of those that differ in the later guesses alone, the best: the first one says where, and all places shall be seen.
+    places = next(len(spec.guesses) for spec in chart.model.parameters if spec.guesses) * cores
+    alike = score.reshape(places, -1)
+    rows = np.arange(places) * alike.shape[1] + np.argmin(alike, axis=1)
+    return combined[rows[np.argsort(score[rows], kind="stable")[:FIRST]]]
+
+
+def _cores(sought: TargetFRF, chart: LogCoordinates, band_hz: tuple[float, float]) -> FloatArray:
+    """The best and most different values of the core's grid by magnitude, add-ons as if not there."""
+    log_measured = np.log(np.abs(sought.response))
+    weight = 1.0 / np.maximum(sought.deviation, LEAST_DEVIATION) ** 2
+    model = chart.model
+    specs = [spec for spec in model.core.parameters if spec.grid]
+    axes = [_naturals(sought.frequency_hz, band_hz) if s.grid == "band" else np.array(s.grid) for s in specs]
+    grid = {s.name: values[..., None] for s, values in zip(specs, np.meshgrid(*axes, indexing="ij"), strict=True)}
+    alone = SensorModel(model.core.name, model.core)
+    trial = {name: grid.get(name, 1.0 if name == model.gain_name else 0.0) for name in alone.parameter_names}
+    unit = alone.frequency_response(trial, sought.frequency_hz, chart.quantity)  # (one axis a parameter, points)
+    difference = log_measured - np.log(np.abs(unit))
+    mean = difference @ weight / np.sum(weight)
+    score = (difference - mean[..., None]) ** 2 @ weight
+    chosen: list[FloatArray] = []
+    index = [model.parameter_names.index(s.name) for s in specs]
+    apart = [0.2 if s.grid == "band" else 1.0 for s in specs]
+    for flat in np.argsort(score, axis=None):
+        at = np.unravel_index(flat, score.shape)
+        own = {s.name: axis[k] for s, axis, k in zip(specs, axes, at, strict=True)}
+        own[model.gain_name] = np.exp(mean[at])
+        u, _ = chart.place({name: float(own.get(name, 0.0)) for name in model.parameter_names})
+        if all(np.any(np.abs(u - other)[index] > apart) for other in chosen):
+            chosen.append(u)
+        if len(chosen) == CORES:
+            break
+    return np.array(chosen)
+
+
+def _naturals(frequency_hz: FloatArray, band_hz: tuple[float, float]) -> FloatArray:
+    """Natural frequencies to try: evenly over the band and beyond, and between neighbours of few points."""
+    low, high = np.log10(band_hz[0]) - DECADES_OUTSIDE, np.log10(band_hz[1]) + DECADES_OUTSIDE
+    even = np.logspace(low, high, int((high - low) * FREQUENCIES_PER_DECADE) + 1)
+    points = distinct(frequency_hz)
+    if points.size > MOST_SCORED_POINTS:
+        return even
+    log = np.log(points)
+    between = [np.exp(log[:-1] + part * np.diff(log)) for part in (0.25, 0.5, 0.75)]
+    return distinct(np.concatenate([even, *between]))
+
+
+def _with_guesses(
+    cores: FloatArray, model: SensorModel, band_hz: tuple[float, float], names: Sequence[str] | None = None
+) -> FloatArray:
+    """Every core with every combination of the add-ons' guesses, or those of some parameters; the best core first."""
+    low, high = band_hz
+    unit = {"lowest": low, "highest": high, "period": 1.0 / high, "one": 1.0}
+    of = model.parameter_names if names is None else names
+    guessed = [i for i, spec in enumerate(model.parameters) if spec.guesses and spec.name in of]
+    if not guessed:
+        return cores
+    choices = []
+    for spec in (model.parameters[i] for i in guessed):
+        guesses = np.array(spec.guesses)
+        physical = low * (high / low) ** guesses if spec.guess_at == "band" else guesses * unit[spec.guess_at]
+        choices.append((physical if spec.kind == "ratio" else np.log(physical)).tolist())
+    combos = np.array(list(itertools.product(*choices)))
+    found = np.repeat(cores, len(combos), axis=0)
+    found[:, guessed] = np.tile(combos, (len(cores), 1))
+    return found
+
+
+def _with_sign_and_delay(
+    u: FloatArray, chart: LogCoordinates, sought: TargetFRF, longest_delay_s: float
+) -> tuple[FloatArray, FloatArray]:
+    """The candidates with the signs, and the delays, that line their phases up."""
+    model = chart.model
+    response = chart.response(u, np.ones(len(u)))
+    weight = 1.0 / np.maximum(sought.deviation, LEAST_DEVIATION) ** 2
+    turn = sought.response / response
+    turn = weight * turn / np.abs(turn)
+    if not model.has_delay:
+        sign = np.where(np.sum(turn, axis=1).real >= 0, 1.0, -1.0)
+        return u, sign
+    index = [spec.kind for spec in model.parameters].index("time")
+    highest = float(np.max(sought.frequency_hz))
+    steps = int(min(PERIODS, longest_delay_s * highest) * PER_PERIOD)
+    periods = np.arange(-steps, steps + 1) / PER_PERIOD
+    sums = np.real(np.exp(2j * np.pi * np.outer(periods, sought.frequency_hz / highest)) @ turn.T)  # (delays, C)
+    preferred = np.abs(sums) * (1.0 - LIKELIER * np.log2(1.0 + np.abs(periods)))[:, None]
+    places, signs = [], []
+    for row in range(len(u)):
+        peaks = _peaks(preferred[:, row])
+        for delay in peaks:
+            moved = u[row].copy()
+            moved[index] += periods[delay] / highest / chart.time_unit_s
+            places.append(moved)
+            signs.append(1.0 if sums[delay, row] >= 0 else -1.0)
+    return np.array(places), np.array(signs)
+
+
+def _peaks(values: FloatArray) -> list[int]:
+    """The highest of the local maxima."""
+    inner = (values[1:-1] >= values[:-2]) & (values[1:-1] > values[2:])
+    peaks = np.flatnonzero(inner) + 1
+    if not peaks.size:
+        return [int(np.argmax(values))]
+    return peaks[np.argsort(-values[peaks], kind="stable")[:DELAYS]].tolist()

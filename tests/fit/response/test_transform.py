@@ -1,0 +1,53 @@
+"""Lengths that transform fast, medians and means of neighbours, each against its definition."""
+
+import numpy as np
+import pytest
+
+from vibrident.base.fft_lengths import FACTORS, LEAST_LOST, fast_below
+from vibrident.fit.information import inverse_where_shown
+from vibrident.fit.response.rounding import converter_step
+from vibrident.fit.response.transform import in_blocks, median, power_of
+
+
+@pytest.mark.parametrize("most", [8193, 15_921, 15_991, 70_001, 1_599_921])
+def test_a_length_close_by_transforms_fast(most):
+    found = fast_below(most)
+    assert most * (1.0 - LEAST_LOST) < found <= most
+    rest = found
+    for prime in FACTORS:
+        while rest % prime == 0:
+            rest //= prime
+    assert rest == 1
+
+
+def test_a_short_length_stays():
+    assert fast_below(997) == 997
+
+
+@pytest.mark.parametrize("count", [1, 2, 7, 8])
+def test_medians_are_numpys(count, rng):
+    rows = rng.standard_normal((5, count))
+    np.testing.assert_array_equal(median(rows), np.median(rows, axis=1))
+    assert median(rows[0]) == np.median(rows[0])
+
+
+def test_powers_and_blocks(rng):
+    lines = rng.standard_normal(20_000) + 1j * rng.standard_normal(20_000)
+    np.testing.assert_allclose(power_of(lines), np.abs(lines) ** 2, rtol=1e-14)
+    assert sum(part.stop - part.start for part in in_blocks(lines.size)) == lines.size
+
+
+def test_numbers_that_imitate_each_other_are_left_to_one(rng):
+    """Rows, one of them twice: what is taken out by the inverse is the projection on their span."""
+    rows = rng.standard_normal((3, 40)) * np.array([[1.0], [1e6], [1e-6]])
+    twice, signal = np.concatenate([rows, rows[:1]]), rng.standard_normal(40)
+    left = signal - (inverse_where_shown(twice @ twice.T) @ (twice @ signal)) @ twice
+    np.testing.assert_allclose(left, signal - rows.T @ np.linalg.lstsq(rows.T, signal, rcond=None)[0], atol=1e-9)
+
+
+def test_a_grid_is_seen_by_all_values(rng):
+    """One value beside the grid in many on it: few values do not tell, all do."""
+    values = np.rint(1e3 * rng.standard_normal(5000)) / 8.0
+    assert converter_step(values) == 0.125
+    values[1234] += 0.05
+    assert converter_step(values) != 0.125

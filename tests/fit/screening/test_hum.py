@@ -1,0 +1,136 @@
+"""Hum is found in a residual by its frequency and is an unknown of every fit; a misfit, or a harmonic, is no hum."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import vibrident
+from vibrident.fit.response.rounding import converter_step, step_of_response
+from vibrident.fit.screening.hum import hum_tones, without_tones
+from vibrident.physics.simulation import simulate
+
+RATE, N = 2000.0, 1000
+P = {"sensitivity": 0.1, "natural_frequency": 120.0, "damping_ratio": 0.6}
+TONES = np.geomspace(10.3, 395.0, 15)
+
+
+def beside_hum(clean, seed, hum, mains_hz=24.7):
+    """Records with hum and its third harmonic, of this size against the response's rms."""
+    rng, records = np.random.default_rng(seed), []
+    for record in clean.records:
+        t = record.time_s
+        size, phase = hum * np.sqrt(2.0) * np.std(record.response), 2.0 * np.pi * rng.random(2)
+        wave = np.cos(2 * np.pi * mains_hz * t + phase[0]) + 0.3 * np.cos(2 * np.pi * 3 * mains_hz * t + phase[1])
+        records.append(record.with_response(record.response + size * wave, ""))
+    return vibrident.Calibration(records=tuple(records), model=clean.model)
+
+
+def recorded(seed, values=P, motion="multisine", repeats=4, **more):
+    """Steady motion with a little noise."""
+    frequencies = TONES if motion == "multisine" else [TONES[0], TONES[-1]]
+    return simulate(
+        ("accelerometer", values), motion, frequencies_hz=frequencies, sampling_rate_hz=RATE, samples=N,
+        repeats=repeats, response_noise=1e-3, start="steady", seed=seed, **more,
+    )  # fmt: skip
+
+
+def sines(seed, frequencies_hz, values=P):
+    made = simulate(
+        ("accelerometer", values), "sine", frequencies_hz=frequencies_hz, sampling_rate_hz=RATE, samples=N,
+        response_noise=1e-3, start="steady", seed=seed,
+    )  # fmt: skip
+    return replace(made, model="accelerometer")
+
+
+def within(result, values, limit=4.0):
+    for name, true in values.items():
+        found = result.parameters[name]
+        assert abs(found.value - true) < limit * found.standard_uncertainty, name
+
+
+@pytest.mark.draws(1, 3)
+def test_a_clean_sensor_beside_hum_is_adequate(draws):
+    for seed in range(draws):
+        result = vibrident.identify(beside_hum(recorded(seed), seed, 0.01), "accelerometer")
+        assert result.warning_codes == (), seed
+        within(result, P)
+
+
+@pytest.mark.parametrize("motion", ["multisine", "random"])
+def test_a_resonance_above_half_the_sampling_rate_is_not_drawn_to_hum(motion):
+    """Its free response rings at any frequency: without damping it took the hum, 1e4 u away."""
+    stiff = P | {"natural_frequency": 3127.0, "damping_ratio": 0.014}
+    clean = recorded(2, stiff, motion)
+    small, large = (vibrident.identify(beside_hum(clean, 5, hum), "accelerometer") for hum in (0.0, 0.05))
+    within(large, stiff)
+    for name in stiff:
+        u = [r.parameters[name].standard_uncertainty for r in (small, large)]
+        assert abs(small.parameters[name].value - large.parameters[name].value) < 2.0 * u[0], name
+        assert u[1] < 1.5 * u[0], name
+
+
+@pytest.mark.draws(1, 3)
+def test_hum_in_a_resonance_costs_information_and_no_truth(draws):
+    """24.7 Hz lies within the resonance: what free motion, response and hum have in common tells nothing."""
+    sharp = P | {"natural_frequency": 24.4, "damping_ratio": 0.02}
+    for seed in range(draws):
+        within(vibrident.identify(beside_hum(recorded(seed, sharp, "random"), seed, 0.01), "accelerometer"), sharp)
+
+
+@pytest.mark.draws(1, 3)
+def test_hum_of_other_records_is_known_in_the_one_whose_tone_it_disturbs(draws):
+    frequencies = np.array([13.1, 24.9, 41.3, 75.0, 120.0, 210.0, 333.0])
+    for seed in range(draws):
+        result = vibrident.identify(beside_hum(sines(seed, frequencies), seed, 0.01), "accelerometer")
+        assert result.warning_codes == (), seed
+        within(result, P)
+
+
+def test_hum_is_seen_and_a_misfit_or_a_harmonic_is_not():
+    clean = recorded(1)
+    predicted = [r.response for r in clean.records]
+    humming = beside_hum(clean, 1, 0.01)
+    tones = hum_tones(humming.records, predicted)
+    assert len(set(tones)) == 1
+    np.testing.assert_allclose(tones[0], (24.7, 74.1), atol=0.02)
+    for record, v in zip(without_tones(humming.records, predicted, tones), predicted, strict=True):
+        assert np.std(record.response - v) < 1e-3 * np.std(v)
+        assert record.hum_hz == tones[0]
+    assert not any(hum_tones(clean.records, [1.02 * v for v in predicted]))
+    bent = sines(1, [40.3, 90.7])
+    steady = [r.response for r in bent.records]
+    squared = [r.with_response(v + 0.1 * v**2 / np.std(v), "") for r, v in zip(bent.records, steady, strict=True)]
+    assert not any(hum_tones(squared, steady))
+
+
+def test_hum_is_seen_where_a_late_response_leaves_the_first_part_without_a_prediction():
+    clean = recorded(1)
+    late = [np.where(np.arange(N) < 400, np.nan, r.response) for r in clean.records]
+    tones = hum_tones(beside_hum(clean, 1, 0.01).records, late)
+    np.testing.assert_allclose([own[:2] for own in tones], ((24.7, 74.1),) * len(tones), atol=0.03)
+
+
+def test_a_fundamental_that_a_resonance_hides_is_where_its_harmonic_says():
+    """A fit took it for 25.9 Hz, a line beside, and what is left shows no tone there; the harmonic still says."""
+    clean = recorded(1)
+    predicted = [r.response for r in clean.records]
+    t = np.arange(N) / RATE
+    harmonic = [r.with_response(r.response + 0.01 * np.std(r.response) * np.cos(466.0 * t), "") for r in clean.records]
+    tones = hum_tones(harmonic, predicted, ((25.9,),) * len(harmonic))
+    assert len(set(tones)) == 1
+    np.testing.assert_allclose(tones[0], np.array([1.0, 3.0]) * 466.0 / (6.0 * np.pi), atol=0.03)
+    assert all(len(own) == 1 for own in hum_tones(harmonic, predicted))
+
+
+def test_a_record_keeps_the_step_of_its_converter_when_hum_is_taken_out():
+    """Its values lie on no grid any more, and its rounding errors were taken for a nonlinear sensor."""
+    clean = recorded(1)
+    predicted = [r.response for r in clean.records]
+    step = np.max(np.abs(predicted[0])) / 64.0
+    humming = [r.with_response(step * np.rint(r.response / step), "") for r in beside_hum(clean, 1, 0.05).records]
+    cleaned = without_tones(humming, predicted, hum_tones(humming, predicted))
+    for record in cleaned:
+        assert record.hum_hz
+        assert converter_step(record.response) == 0.0
+        assert step_of_response(record) == pytest.approx(step)
