@@ -1,5 +1,6 @@
 """The laws of the score tests: χ² without a departure, the impact that a refit would show, and no unit in either."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,7 @@ from tests.support.random_record import SAMPLES, TRUTH, calibration, motion
 import vibrident
 from vibrident.fit.departures.part import Part
 from vibrident.fit.departures.score import LinearFit, Sums
+from vibrident.physics.simulation import simulate
 
 
 def linear_part(rng: np.random.Generator, n: int, extra: np.ndarray) -> Part:
@@ -25,13 +27,13 @@ def linear_part(rng: np.random.Generator, n: int, extra: np.ndarray) -> Part:
         rate_hz=1.0,
         used=np.ones(n, bool),
         predicted=second,
+        bins=np.fft.rfft(second),
         motion=second,
         reference=second,
         transfer=bins + 0j,
         whitening=bins,
         basis=basis,
         residual=second,
-        slopes=first,
         jacobian=first,
         profile=np.ones(n),
         freedom=n - 1.0,
@@ -153,3 +155,19 @@ def test_noise_of_the_reference_bends_no_characteristic(sensor):
     """It is in the prediction and, turned, in the residual: the mean of Σ ŷ² e is −2 σ² Σ ŷ, which a shock has."""
     result = vibrident.identify(BY_NAME[f"clean/{sensor}/shock/reference 0.1 %"].trial(2).calibration())
     assert result.findings == ()
+
+
+@pytest.mark.parametrize(("change", "begin"), [("step", 0.4), ("step", 0.53), ("ramp", 0.0)])
+def test_a_change_in_quiet_noise_is_as_large_as_it_is(change: str, begin: float):
+    """One per cent in noise of 0.01 %: its place is told to a block, what jumps between says nothing of its size."""
+    made = simulate("paper", "random", samples=8000, response_noise=1e-4, seed=3)
+    (record,) = made.records
+    time = np.linspace(0.0, 1.0, record.samples)
+    gain = 1.0 + 0.01 * (time > begin if change == "step" else time)
+    result = vibrident.identify(replace(made, records=(record.with_response(record.response * gain, "changed"),)))
+    (finding, *_), value = result.findings, result.parameters["sensitivity"].value
+    assert finding.code == "regimes"
+    size = float(re.search(r"response is ([\d.]+) % larger", finding.message)[1])
+    assert size == pytest.approx(1.0, abs=0.05)
+    true = vibrident.identify(made).parameters["sensitivity"].value
+    assert finding.impact["sensitivity"] == pytest.approx(value - true, rel=0.1)

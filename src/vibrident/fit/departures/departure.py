@@ -202,7 +202,7 @@ def in_steps(part: Part, blocks: int, parameters: int) -> InTime:
     Whitening and a slow factor commute but for the whitening filter's length, so one filtering serves all places (sup
     over places: Andrews 1993).
     """
-    rows = part.changing_white
+    rows = part.changing
     edges = np.linspace(0, part.samples, blocks + 1).astype(int)
     doubt = part.in_common(rows)[:, -1] / part.samples  # noise is in all of the record, whenever the motion is
     own, other = [], np.concatenate([rows, part.basis, part.jacobian, part.residual[None]])

@@ -13,8 +13,8 @@ from vibrident.fit.information import inverse_where_shown
 from vibrident.fit.response.response import LEAST_DEVIATION, ComplexArray
 from vibrident.fit.response.rounding import TRIALS
 
-#: Rounding of columns that others span, in squares.
-ROUNDING = 1e-13
+#: Rounding of columns that others span, in squares; and of what is left of rows that are spanned.
+ROUNDING, LOST = 1e-13, 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,14 +30,14 @@ class Part:
         rate_hz: sampling rate.
         used: samples that count, shape (n,).
         predicted: response to the reference as it was recorded, shape (n,).
-        motion: predicted response to the most likely motion, shape (n,).
+        bins: of the response to the most likely motion that recurs with the record, shape (bins,).
+        motion: the response to the most likely motion, free motion included, shape (n,).
         reference: the most likely motion at the sensor's input, shape (n,).
         transfer: of the sensor at the bins, shape (bins,).
         whitening: gain at the bins that makes the noise white, zero where bins do not count, shape (bins,).
         basis: orthonormal whitened nuisance columns, shape (q, n).
         residual: whitened, shape (n,).
-        slopes: of the response with the coordinates, shape (p, n).
-        jacobian: the same, whitened, shape (p, n).
+        jacobian: slopes of the response with the coordinates, whitened, shape (p, n).
         profile: noise power in time over its mean, shape (n,).
         rounding: whitened errors of the converters that repeat with the motion; their products sum to a covariance,
             shape (2 TRIALS, n); empty where there are none.
@@ -55,13 +55,13 @@ class Part:
     rate_hz: float
     used: BoolArray
     predicted: FloatArray
+    bins: ComplexArray
     motion: FloatArray
     reference: FloatArray
     transfer: ComplexArray
     whitening: FloatArray
     basis: FloatArray
     residual: FloatArray
-    slopes: FloatArray
     jacobian: FloatArray
     profile: FloatArray
     freedom: float
@@ -76,11 +76,6 @@ class Part:
     def samples(self) -> int:
         """Number of samples n."""
         return int(self.used.size)
-
-    @functools.cached_property
-    def bins(self) -> ComplexArray:
-        """Of the motion, shape (bins,)."""
-        return np.asarray(fft.rfft(self.motion), dtype=complex)
 
     def in_common(self, rows: FloatArray, some: slice = slice(None)) -> FloatArray:
         """Products of whitened rows, shape (m, n), or some of them, with errors of which the covariance is known.
@@ -106,14 +101,11 @@ class Part:
 
     @functools.cached_property
     def changing(self) -> FloatArray:
-        """What a change adds to the response: motion and its slope, and the slopes with the coordinates of the fit."""
-        turned = np.asarray(fft.irfft(1j * self.radians * self.bins, self.samples))
-        own = self.slopes if self.pull is None else self.slopes[:0]
-        return np.concatenate([self.motion[None], turned[None], own])
+        """What a change adds to the response, whitened: motion, its slope and the Jacobian, shape (2 + p, n).
 
-    @functools.cached_property
-    def changing_white(self) -> FloatArray:
-        """The same, whitened."""
+        In time it is told from these: a jump of the response itself is in all bins, the quietest above all, and says no
+        more than where exactly it is.
+        """
         return np.concatenate([self.moved, self.jacobian if self.pull is None else self.jacobian[:0]])
 
     @functools.cached_property
@@ -134,18 +126,14 @@ class Part:
 
     def beside(self, columns: FloatArray) -> Part:
         """The part with more nuisance columns, whitened, shape (m, n)."""
-        basis = orthonormal(columns - (columns @ self.basis.T) @ self.basis)
-
-        def freed(rows: FloatArray) -> FloatArray:
-            return rows - (rows @ basis.T) @ basis
-
+        basis = orthonormal(self.freed(columns))
         return replace(
             self,
             basis=np.concatenate([self.basis, basis]),
-            residual=freed(self.residual),
-            jacobian=freed(self.jacobian),
-            rounding=freed(self.rounding),
-            effects=freed(self.effects),
+            residual=without(self.residual[None], basis)[0],
+            jacobian=without(self.jacobian, basis),
+            rounding=without(self.rounding, basis),
+            effects=without(self.effects, basis),
             freedom=self.freedom - len(basis),
         )
 
@@ -156,12 +144,22 @@ class Part:
             columns: in time, shape (m, n), or by their bins, complex, shape (m, bins).
         """
         bins = columns if np.iscomplexobj(columns) else fft.rfft(columns * self.used, axis=-1)
-        found = np.asarray(fft.irfft(bins * self.whitening, self.samples, axis=-1))
-        return found - (found @ self.basis.T) @ self.basis
+        return self.freed(np.asarray(fft.irfft(bins * self.whitening, self.samples, axis=-1)))
+
+    def freed(self, rows: FloatArray) -> FloatArray:
+        """Whitened rows less what nuisance parameters make of them, shape (m, n); zero where only rounding is left."""
+        return without(rows, self.basis)
 
     def through(self, columns: FloatArray) -> ComplexArray:
         """Bins of signals at the sensor's input, shape (m, n), as its response has them."""
         return np.asarray(fft.rfft(columns * self.used, axis=-1) * self.transfer, dtype=complex)
+
+
+def without(rows: FloatArray, basis: FloatArray) -> FloatArray:
+    """Rows, shape (m, n), less their projections on orthonormal ones; zero where only rounding is left."""
+    found = rows - (rows @ basis.T) @ basis
+    size = np.einsum("ij,ij->i", rows, rows)
+    return np.where((np.einsum("ij,ij->i", found, found) > LOST * size)[:, None], found, 0.0)
 
 
 def orthonormal(columns: FloatArray) -> FloatArray:

@@ -28,8 +28,9 @@ class Signals:
         span: its samples, n in number.
         used: those that count, shape (n,).
         rest: residual, shape (bins,).
-        predicted: response, shape (bins,).
-        slopes: of it with the coordinates, shape (p, bins).
+        predicted: response to the reference that recurs with the record, shape (bins,).
+        series: response as the fit has it, its free motion included, shape (n,).
+        jacobian: of the response with the coordinates, shape (p, bins).
         transfer: of the sensor, shape (bins,).
         nuisance: columns of the nuisance parameters, shape (q, bins).
         spectrum: of the noise, in the square of ``unit``; that of the reference, over |H|².
@@ -44,6 +45,7 @@ class Signals:
     used: BoolArray
     rest: ComplexArray
     predicted: ComplexArray
+    series: FloatArray
     jacobian: ComplexArray
     transfer: ComplexArray
     nuisance: ComplexArray
@@ -71,6 +73,17 @@ class Signals:
         likely = predicted + share * projected(self.rest, self.nuisance, np.sqrt(self.one_sided))
         unsure = np.where(share > 0.0, share * (1.0 - share), 1.0) * self.level * float(self.used.sum())
         return np.asarray(likely * (self.counted & (power_of(likely) > HEARD * unsure)))
+
+    @property
+    def motion(self) -> FloatArray:
+        """Response to the most likely motion in time, with the fit's free motion, shape (n,).
+
+        A response that recurs with the record rings at its ends, where it jumps; what a departure makes of that ringing
+        is no nuisance parameter's.
+        """
+        free = np.where(self.used, self.series - fft.irfft(self.predicted, self.used.size), 0.0)
+        free = np.where(self.used, free - np.mean(free[self.used]) if self.used.any() else 0.0, 0.0)
+        return np.asarray(fft.irfft(self.likely, self.used.size) + free)
 
     def part(self, effects: ComplexArray) -> Part:
         """The record whitened; ``effects``: relative change of the response by one u of each, shape (K, bins)."""
@@ -104,13 +117,13 @@ class Signals:
             self.record.sampling_rate_hz,
             self.used,
             predicted,
-            np.asarray(fft.irfft(likely, n)),
+            likely,
+            self.motion,
             np.asarray(fft.irfft(moved, n)),
             transfer,
             whitening,
             basis,
             residual,
-            np.asarray(fft.irfft(jacobian, n, axis=-1)),
             whitened,
             slow_profile(beside, self.used),
             freedom - (0.0 if pull is None else len(whitened)),

@@ -78,11 +78,11 @@ def _of_bins(
         first = int(np.argmax(np.isfinite(series)))
         span = slice(first, first + record.samples)
         if record.samples > LONGEST:
-            rest, motion = (fft.irfft(own, record.samples) for own in (record.residual, record.predicted(slice(None))))
+            rest, motion = fft.irfft(record.residual, record.samples), _about_mean(series[span], record.used)
             jacobian = fft.irfft(record.jacobian, record.samples, axis=-1)
             for piece in _pieces(record.samples):
                 there = slice(first + piece.start, first + piece.stop)
-                signals = (rest[piece] * noise, motion[piece] * noise, jacobian[:, piece] * noise)
+                signals = (rest[piece] * noise, motion[piece], jacobian[:, piece] * noise)
                 yield _in_time(given, evidence, estimate, there, record.used[piece], *signals)
             continue
         if index in tones and (own := motion_at()) is not None:
@@ -99,6 +99,7 @@ def _of_bins(
             record.used,
             record.residual * noise,
             np.array(record.predicted(slice(None))) * noise,
+            np.where(record.used, series[span], 0.0),
             jacobian * noise,
             record.model.through(),
             nuisance,
@@ -223,7 +224,7 @@ def _in_time(
     spectrum = noise_spectrum(freed, _beside_harmonics(seen, n, turns), floor)
     if spectrum.tones:
         nuisance = np.concatenate([nuisance, np.asarray(fft.rfft(waves(spectrum.tones, n) * used, axis=1))])
-    signals = left, bins, columns, transfer, nuisance
+    signals = left, bins, motion, columns, transfer, nuisance
     return Signals(record, span, used, *signals, spectrum, unit, one_sided, pull, turns)
 
 

@@ -67,12 +67,10 @@ def _candidate(part: Part, changes: InTime, number: int, kept: Sequence[int], wo
     factor = np.repeat(changes.factors[number], np.diff(changes.edges))
 
     def white() -> FloatArray:
-        return part.white(part.changing[kept] * factor)
+        return part.freed(part.changing[kept] * factor)
 
     def exactly() -> Sums:
-        return Sums.of(
-            part, white(), parameters, float(np.mean(factor)) * part.in_common(part.changing_white[kept])[:, -1]
-        )
+        return Sums.of(part, white(), parameters, float(np.mean(factor)) * part.in_common(part.changing[kept])[:, -1])
 
     time_s = float(changes.time_s[number]) if number < BLOCKS - 1 else None
     return Candidate(words, lambda: (white(),), time_s, exactly=exactly)
