@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from vibrident.base.escaping import xml_text
 from vibrident.export.form import library
+from vibrident.show.language import Say
 
 #: Language of the texts written here, ISO 639-1.
 LANGUAGE = "en"
@@ -18,8 +20,9 @@ SI = "https://ptb.de/si"
 class Tree:
     """Elements of both namespaces."""
 
-    def __init__(self) -> None:
+    def __init__(self, languages: Sequence[str] = (LANGUAGE,)) -> None:
         self.etree = library("lxml.etree", "dcc")
+        self.languages = languages
 
     def make(self, tag: str, *children: Any, text: str | None = None, **attributes: str) -> Any:
         """An element; a tag with ``si:`` is in that namespace, others are DCC's."""
@@ -32,6 +35,11 @@ class Tree:
     def text(self, tag: str, *lines: str) -> Any:
         """Own text, in English; one ``content`` a line."""
         return self.make(tag, *(self.make("content", text=cleaned(line), lang=LANGUAGE) for line in lines))
+
+    def titled(self, key: str) -> Any:
+        """A certificate's heading as a ``name``, in each language of the certificate."""
+        said = ((code, Say(code)("section", key)) for code in self.languages)
+        return self.make("name", *(self.make("content", text=text, lang=code) for code, text in said))
 
     def optional(self, tag: str, text: object) -> Any:
         """An element with a given text; None if there is none."""

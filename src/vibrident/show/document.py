@@ -149,7 +149,8 @@ def _certificate(result: Result) -> tuple[Block | None, ...]:
     rows += [row for group in certificate.groups(result) for row in group.rows]
     rows += [("Traceability", result.certificate.get("traceability")), *certificate.signatures(result)]
     rows += [("Remark", remark) for remark in certificate.remarks(result)]
-    return Facts(tuple(rows)), (instruments if instruments.rows else None)
+    judged = certificate.parts.conformity(result)
+    return Facts(tuple(rows)), (instruments if instruments.rows else None), *judged
 
 
 def _provenance(result: Result) -> tuple[Block, ...]:

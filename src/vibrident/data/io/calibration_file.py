@@ -11,9 +11,9 @@ from pydantic import AfterValidator, ConfigDict, Field, ValidationError
 
 from vibrident.base.errors import InputError
 from vibrident.data.effects import StatedKind, SystematicEffect
+from vibrident.data.io.certificate import CertificateSection
 from vibrident.data.io.schema_errors import schema_error
 from vibrident.data.io.sections import (
-    CertificateSection,
     Column,
     FileSection,
     InterferometerSection,
