@@ -30,6 +30,7 @@ from vibrident.show.numbers import (
 )
 from vibrident.show.points import Point, nominal_points, reference_point
 from vibrident.show.setting_tables import budget as english_budget
+from vibrident.show.setting_tables import point_budget
 from vibrident.show.views import Column, Fact, Facts, Figure, Sentence, Table, columns, listed
 from vibrident.use.conformity import DEVIATION, Judged, judged
 
@@ -176,6 +177,18 @@ def budget(result: Result, say: Say = ENGLISH) -> Table | None:
     rows = [(say.known(row[0]) if say.has(row[0]) else row[0], *row[1:]) for row in table.rows[:-1]]
     rows.append((say("text", "u_of_result"), *table.rows[-1][1:]))
     return replace(table, columns=tuple(heads), rows=tuple(rows), notes=(say("text", "budget_note"),))
+
+
+def point_budgets(result: Result, say: Say = ENGLISH) -> tuple[Table, ...]:
+    """The budget of the measured points, frequency by frequency; none without stated effects."""
+    found = []
+    for table in point_budget(result):
+        heads = [replace(one, title=say.known(one.title) if say.has(one.title) else one.title) for one in table.columns]
+        unit = table.columns[-1].unit
+        title = say.each(lambda one, table=table, unit=unit: f"{one('head', table.name)}, u / ({unit})")
+        step = max(1, -(-len(table.rows) // MOST_POINTS))
+        found.append(replace(table, columns=tuple(heads), rows=table.rows[::step], title=str(title)))
+    return tuple(found)
 
 
 def conformity(result: Result, say: Say = ENGLISH) -> tuple[Table | Sentence, ...]:

@@ -13,7 +13,7 @@ from vibrident.show.findings import findings
 from vibrident.show.history import drift, drift_table, histories
 from vibrident.show.numbers import NONE, parameter_scale, plain, sensor_name, stated
 from vibrident.show.residual_tests import residual_tests
-from vibrident.show.setting_tables import budget, light
+from vibrident.show.setting_tables import budget, light, point_budget
 from vibrident.show.views import (
     Block,
     Card,
@@ -32,6 +32,7 @@ from vibrident.show.views import (
     section,
 )
 
+CMC = "No U of the sensitivity is stated below the laboratory's capability (CMC)."
 MOST_FILES = 100  # data files listed in a report; the result lists them all
 
 
@@ -127,7 +128,9 @@ def _curves(result: Result) -> list[Section]:
 def _budget(result: Result) -> Sequence[Block]:
     """The contribution of each source; a budget of another form is shown unchanged."""
     if (table := budget(result)) is not None:
-        return (table,)
+        points = point_budget(result)
+        said = (Sentence(CMC),) if result.settings.get("cmc") else ()
+        return (table, *said, *([Folded("Budget of the measured points", points)] if points else []))
     return tables.values({key: value for key, value in result.settings.items() if "budget" in key and value})
 
 
