@@ -17,7 +17,7 @@ ROOMS = {
     "data": "registry effects interferometer records io sources",
     "physics": "registry naming models discretisation network simulation",
     "result": "document parts sensor result",
-    "fit": "registry information measure lines decay problem estimators uncertainty departures judge identification "
+    "fit": "registry information measure lines decay problem estimators uncertainty departures judge repeats|temperature identification "
     "joint",
     "use": "",
     "show": "",

@@ -76,6 +76,7 @@ def certificate(result: Result, issue: Issue = NOTHING_MORE) -> Document:
         part("sensitivity", nominal),
         part("curve", parts.curve(result, say)),
         part("parameters", parameters(result, say)),
+        part("temperature", parts.temperature(result, say)),
         part("budget", parts.budget(result, say), *parts.point_budgets(result, say)),
         part("data", parts.files(result, say)),
         part("statements", *map(Sentence, statements(result, say))),

@@ -257,6 +257,26 @@ def adjustment(result: Result, before: Result | None, say: Say = ENGLISH) -> Tab
     return Table(heads, tuple(rows), notes=(say("text", "before_note"),))
 
 
+def temperature(result: Result, say: Say = ENGLISH) -> Table | None:
+    """Temperature coefficients with U; None where the records are of one temperature."""
+    found = result.settings.get("temperature")
+    if not isinstance(found, Mapping) or not found.get("coefficients"):
+        return None
+    rows = []
+    for name, line in found["coefficients"].items():
+        scale = parameter_scale(result, result.parameters[name])
+        coefficient = with_u(line["per_k"], line["standard_uncertainty"], 1.0)
+        value = f"{plain(line['value_at_reference'] * scale.factor)} {scale.printed}".strip()
+        rows.append((say.known(parameter_name(name).words), value, *coefficient, plain(line["probability"], 2)))
+    reference = f"{found['reference_c']:g}"
+    heads = (Column(say("head", "parameter")), Column(say("head", "at_reference", reference=reference), "number"))
+    heads += (Column(say("head", "coefficient"), "number"), Column("U / (1/K)", "number"), Column("p", "number"))
+    measured_at = ", ".join(f"{t:g}" for t in found["temperatures_c"])
+    own = f"{found['of_result_c']:g}"
+    note = say("text", "temperature", temperatures=measured_at, reference=reference, own=own)
+    return Table(heads, tuple(rows), notes=(note,))
+
+
 def files(result: Result, say: Say = ENGLISH) -> Table | None:
     """Data files with their SHA-256."""
     entries = [entry for entry in result.provenance.get("files") or () if isinstance(entry, Mapping)]

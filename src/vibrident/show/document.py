@@ -13,7 +13,7 @@ from vibrident.show.findings import findings
 from vibrident.show.history import drift, drift_table, histories
 from vibrident.show.numbers import NONE, parameter_scale, plain, sensor_name, stated
 from vibrident.show.residual_tests import residual_tests
-from vibrident.show.setting_tables import budget, light, point_budget
+from vibrident.show.setting_tables import budget, light, point_budget, repeats
 from vibrident.show.views import (
     Block,
     Card,
@@ -33,6 +33,7 @@ from vibrident.show.views import (
 )
 
 CMC = "No U of the sensitivity is stated below the laboratory's capability (CMC)."
+_SHOWN = ("interferometer", "temperature", "repeats")  # settings with a section of their own
 MOST_FILES = 100  # data files listed in a report; the result lists them all
 
 
@@ -48,6 +49,8 @@ def report(result: Result, more: Sequence[Section] = ()) -> Document:
         section("residuals", "Residuals", residual_tests(result), figures.residuals(result)),
         section("fit", "Fit", tables.fit(result)),
         section("budget", "Uncertainty budget", *_budget(result)),
+        section("temperature", "Temperature", certificate.parts.temperature(result)),
+        section("repeats", "Runs", repeats(result)),
         section("interferometer", "Interferometer", light(result)),
         section("correlation", "Correlation of the estimated parameters", tables.correlation(result)),
         section("training", "Training", *_training(result)),
@@ -141,7 +144,7 @@ def _training(result: Result) -> tuple[Block | None, ...]:
 
 
 def _settings(result: Result) -> Sequence[Block]:
-    others = {key: value for key, value in result.settings.items() if "budget" not in key and key != "interferometer"}
+    others = {key: value for key, value in result.settings.items() if "budget" not in key and key not in _SHOWN}
     return tables.values(others)
 
 

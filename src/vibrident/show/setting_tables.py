@@ -73,6 +73,21 @@ def point_budget(result: Result) -> tuple[Table, ...]:
     return tuple(tables)
 
 
+def repeats(result: Result) -> Table | None:
+    """The values of each run; None for a single one."""
+    found = result.settings.get("repeats")
+    if not isinstance(found, Mapping) or not found.get("values"):
+        return None
+    names = [name for name in found["values"][0] if name in result.parameters]
+    scales = [parameter_scale(result, result.parameters[name]) for name in names]
+    rows = tuple(
+        (row["mounting"], row["run"], *(plain(scale.times(row[n]), 7) for n, scale in zip(names, scales, strict=True)))
+        for row in found["values"]
+    )
+    heads = [Column(parameter_name(n).words, "number", scale.printed) for n, scale in zip(names, scales, strict=True)]
+    return Table((*columns("mounting", "run"), *heads), rows).telling()
+
+
 def _is_row(row: Any) -> bool:
     return isinstance(row, Mapping) and "source" in row and isinstance(row.get("contributions"), Mapping)
 
