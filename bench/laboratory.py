@@ -13,7 +13,9 @@ import time
 import numpy as np
 
 import vibrident
+from vibrident.data.io.axes_file import AxesCalibration
 from vibrident.data.records import Calibration, Circumstances, Record
+from vibrident.use.triaxial import sensitivity_matrix
 
 RATE, SAMPLES = 8192.0, 512
 FREQUENCIES = (160.0, 480.0, 800.0, 960.0)
@@ -74,7 +76,55 @@ def temperatures(rng, points=(-10.0, 23.0, 50.0, 80.0)):
     }
 
 
-STUDIES = {"repeats": repeats, "temperature": temperatures}
+MATRIX = np.array([[1.0, 0.012, -0.007], [0.004, 0.9, 0.02], [-0.015, 0.006, 1.1]])
+OUTPUTS = ("x", "y", "z")
+
+
+def axes_calibration(rng, frequencies=(80.0, 480.0), motions=False, effects=(), noise=NOISE):
+    """Records of a triaxial sensor, turned into each axis, or moved along all axes at once in several directions."""
+    time_s, signals = np.arange(SAMPLES) / RATE, []
+    for f in (round(f * SAMPLES / RATE) * RATE / SAMPLES for f in frequencies):
+        drives = rng.standard_normal((5, 3)) + 1j * rng.standard_normal((5, 3)) if motions else np.eye(3) * np.exp(1j)
+        for k, drive in enumerate(drives):
+            wave = np.exp(2j * np.pi * f * time_s)
+            a = np.real(10.0 * drive[:, None] * wave)
+            v = np.real(10.0 * (MATRIX @ drive)[:, None] * response(f, **TRUE) * wave)
+            signals.append((f"{f:g} Hz {k}", f, OUTPUTS[k % 3], a, v + noise * rng.standard_normal(v.shape)))
+
+    def calibration(output, motion):
+        made = []
+        for name, f, axis, a, v in signals:
+            reference = a[motion] if motions else a[OUTPUTS.index(axis)]
+            where = Circumstances(axis="" if motions else axis)
+            made.append(Record(name, reference, v[output], RATE, "sine", f, circumstances=where))
+        return Calibration(tuple(made), effects=tuple(effects))
+
+    outputs = {name: calibration(i, 0) for i, name in enumerate(OUTPUTS)}
+    return AxesCalibration(outputs, {n: calibration(0, j) for j, n in enumerate(OUTPUTS)} if motions else {})
+
+
+def true_matrix(frequencies):
+    """Complex, shape (frequencies, 3, 3)."""
+    return np.array([MATRIX * response(f, **TRUE) for f in frequencies])
+
+
+def triaxial(rng, motions=False):
+    """Real and imaginary parts of the sensitivity matrix of a triaxial sensor."""
+    found = sensitivity_matrix(axes_calibration(rng, motions=motions))
+    low, high = found.interval_95()
+    true = true_matrix(found.frequency_hz)
+    parts = np.stack([true.real, true.imag], axis=-1)
+    inside = (low <= parts) & (parts <= high)
+    own = np.eye(3, dtype=bool)
+    return {"main": float(np.mean(inside[:, own])), "transverse": float(np.mean(inside[:, ~own]))}
+
+
+def three_motions(rng):
+    """The same, moved along all axes at once."""
+    return triaxial(rng, motions=True)
+
+
+STUDIES = {"repeats": repeats, "temperature": temperatures, "triaxial": triaxial, "three motions": three_motions}
 
 
 def coverage(name: str, count: int, seed: int = 1) -> dict[str, float]:

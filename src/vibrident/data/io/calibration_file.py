@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import difflib
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, ConfigDict, Field, ValidationError
 
@@ -137,8 +138,20 @@ def read_calibration_file(path: Path) -> CalibrationFile:
     Raises:
         InputError: the file cannot be read, is not TOML, or its keys or values are not allowed.
     """
-    document = read_toml(path)
-    where = str(path)
+    return checked_calibration(read_toml(path), str(path))
+
+
+def checked_calibration(document: Mapping[str, Any], where: str) -> CalibrationFile:
+    """The keys of a calibration file, checked; ``where`` names it. Errors as :func:`read_calibration_file`."""
+    for section in ("response", "reference"):
+        if isinstance(document.get(section), list):
+            raise InputError(
+                f"The file has several [[{section}]]: it is a calibration of several axes.",
+                expected=f"one [{section}]",
+                found=f"[[{section}]], {len(document[section])} of them",
+                where=where,
+                remedy="use `vibrident axes`, or write the section in single brackets",
+            )
     try:
         calibration = CalibrationFile.model_validate(document)
     except ValidationError as error:

@@ -68,19 +68,24 @@ def read(path: str | os.PathLike[str]) -> Calibration:
     """
     file = Path(path)
     where = str(file)
-    document = _with_unit_of_header(read_calibration_file(file), file.parent, where)
+    return calibration_of(read_calibration_file(file), file.parent, where)
+
+
+def calibration_of(document: CalibrationFile, folder: Path, where: str) -> Calibration:
+    """The calibration of a checked file, whose relative paths start at ``folder``; errors as :func:`read`."""
+    document = _with_unit_of_header(document, folder, where)
     quantity, records, table, more = document.reference.quantity, (), None, ()
     if document.interferometer is not None:
         from vibrident.data.io.optical_files import read_optical  # loads SciPy, which others do not need
 
-        optical = read_optical(document, file.parent, where)
+        optical = read_optical(document, folder, where)
         records, quantity, unit, more = optical.records, optical.quantity, optical.unit, optical.effects
     else:
         unit = reference_unit(quantity, document.reference.unit, document.reference.scale, where)
         if document.table:
-            table = read_table(document, file.parent, where)
+            table = read_table(document, folder, where)
         else:
-            records = read_records(document, file.parent, where, unit)
+            records = read_records(document, folder, where, unit)
     return Calibration(
         records=records,
         table=table,

@@ -92,8 +92,8 @@ def shift_of_effect(effect: SystematicEffect, linear: Linearised) -> FloatArray:
     return u * shift
 
 
-def pattern(effect: SystematicEffect, linear: Linearised | Place, frequency: FloatArray) -> NDArray[Any]:
-    """Change of log H for one unit of the effect, complex, shape (m,)."""
+def pattern(effect: SystematicEffect, linear: Linearised | Place | None, frequency: FloatArray) -> NDArray[Any]:
+    """Change of log H for one unit of the effect, complex, shape (m,); ``linear`` is for a clock alone."""
     if effect.pattern:
         at, real, imaginary = np.array(effect.pattern).T
         return np.interp(frequency, at, real) + 1j * np.interp(frequency, at, imaginary)
@@ -105,6 +105,7 @@ def pattern(effect: SystematicEffect, linear: Linearised | Place, frequency: Flo
         return np.full(len(frequency), -1j)
     if effect.kind == "mounting":
         return (frequency / float(effect.frequency_hz or 1.0)) ** 2 + 0j
+    assert linear is not None
     sensor = linear.coordinates, linear.z, linear.quantity
     ahead, _ = log_slopes(*sensor, frequency * (1.0 + STEP))
     behind, _ = log_slopes(*sensor, frequency * (1.0 - STEP))
