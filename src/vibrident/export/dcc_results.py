@@ -22,7 +22,8 @@ def measurement(tree: Tree, result: Result) -> Any:
         InputError: a unit has no form in D-SI.
     """
     make, text = tree.make, tree.text
-    stated, release = result.certificate, cleaned(result.provenance.get("vibrident") or "not stated")
+    stated, version = result.certificate, result.provenance.get("vibrident")
+    release = cleaned(f"v{version}" if version else "not stated")
     methods = [
         make(
             "usedMethod",
@@ -86,7 +87,7 @@ def _equipment(tree: Tree, entry: Mapping[str, Any]) -> Any:
     return make(
         "measuringEquipment",
         tree.named(entry["name"]),
-        text("description", *notes) if notes else None,
+        text("description", "; ".join(notes)) if notes else None,
         make("manufacturer", tree.named(entry["manufacturer"])) if entry.get("manufacturer") else None,
         tree.optional("model", entry.get("type")),
         make("identifications", tree.identification("manufacturer", serial)) if serial else None,
@@ -112,7 +113,7 @@ def _budget(tree: Tree, result: Result) -> list[Any]:
     for name in names:
         sizes = [row["contributions"].get(name) for row in rows]
         if None not in sizes:
-            about = tree.make("description", *(tree.make("content", text=cleaned(source)) for source in sources))
+            about = tree.make("description", tree.make("content", text=cleaned("; ".join(sources))))
             values = _list(tree, f"standard uncertainty of {name} by source", sizes, d_si(result.parameters[name].unit))
             found.append(tree.make("list", tree.text("name", name), about, values))
     return found
@@ -141,7 +142,7 @@ def _parameter(tree: Tree, result: Result, name: str, p: Parameter) -> Any:
         said = tree.text("noQuantity", "no finite value")
     else:
         said = _real(tree, p.value, d_si(p.unit), spread, name)
-    return tree.make("quantity", tree.text("name", name), tree.text("description", *notes), said)
+    return tree.make("quantity", tree.text("name", name), tree.text("description", "; ".join(notes)), said)
 
 
 def _half_open(low: float | None, high: float | None) -> list[str]:

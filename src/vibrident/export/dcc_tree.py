@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 from vibrident.base.escaping import xml_text
@@ -20,9 +19,8 @@ SI = "https://ptb.de/si"
 class Tree:
     """Elements of both namespaces."""
 
-    def __init__(self, languages: Sequence[str] = (LANGUAGE,)) -> None:
+    def __init__(self) -> None:
         self.etree = library("lxml.etree", "dcc")
-        self.languages = languages
 
     def make(self, tag: str, *children: Any, text: str | None = None, **attributes: str) -> Any:
         """An element; a tag with ``si:`` is in that namespace, others are DCC's."""
@@ -33,13 +31,12 @@ class Tree:
         return element
 
     def text(self, tag: str, *lines: str) -> Any:
-        """Own text, in English; one ``content`` a line."""
-        return self.make(tag, *(self.make("content", text=cleaned(line), lang=LANGUAGE) for line in lines))
+        """Own text, in English; one ``content``, as each language may have one (PTB's rules in dcclib)."""
+        return self.make(tag, self.make("content", text=cleaned(" ".join(lines)), lang=LANGUAGE))
 
     def titled(self, key: str) -> Any:
-        """A certificate's heading as a ``name``, in each language of the certificate."""
-        said = ((code, Say(code)("section", key)) for code in self.languages)
-        return self.make("name", *(self.make("content", text=text, lang=code) for code, text in said))
+        """A certificate's heading as a ``name``."""
+        return self.text("name", Say(LANGUAGE)("section", key))
 
     def optional(self, tag: str, text: object) -> Any:
         """An element with a given text; None if there is none."""

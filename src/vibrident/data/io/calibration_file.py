@@ -108,6 +108,7 @@ class TableSection(FileSection):
     magnitude_uncertainty: Column | None = None
     phase_uncertainty: Column | None = None
     phase_unit: Literal["deg", "rad"] = "deg"
+    magnitude_unit: Literal["", "dB"] = ""
 
 
 class CalibrationFile(FileSection):

@@ -43,7 +43,7 @@ def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
     """Write ``NAME.dcc.xml``."""
     result = Result.from_dict(sensor.result.to_dict())  # as in its file: no NaN, dates as text
     _check(result, options)
-    tree = Tree(Say.of(result).codes)
+    tree = Tree()
     root = _certificate(tree, result, options)
     text = tree.etree.tostring(root, xml_declaration=True, encoding="UTF-8", pretty_print=True)
     if options.schema is not None:
@@ -122,7 +122,7 @@ def _administration(tree: Tree, result: Result, options: Options) -> Any:
     core = make(
         "coreData",
         make("countryCodeISO3166_1", text=_country(result, options)),
-        *(make("usedLangCodeISO639_1", text=code) for code in dict.fromkeys([LANGUAGE, *tree.languages])),
+        make("usedLangCodeISO639_1", text=LANGUAGE),
         make("mandatoryLangCodeISO639_1", text=LANGUAGE),
         make("uniqueIdentifier", text=cleaned(f"{stated['laboratory']} {stated['number']}")),
         make(
@@ -148,7 +148,7 @@ def _administration(tree: Tree, result: Result, options: Options) -> Any:
     signed = [(name, role) for name, role in persons if not _blank(name)]
     return make(
         "administrativeData",
-        make("dccSoftware", make("software", text("name", "vibrident"), make("release", text=__version__))),
+        make("dccSoftware", make("software", text("name", "vibrident"), make("release", text=f"v{__version__}"))),
         core,
         make("items", item),
         make(
