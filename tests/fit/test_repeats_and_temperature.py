@@ -46,6 +46,10 @@ def test_remounting_is_a_component_of_its_own():
     freedom = np.hypot(whole, 0.002) ** 4 / (whole**4 / 4)
     assert result.settings["effective_degrees_of_freedom"] <= freedom * 1.001
     assert "5 mountings" in result.settings["uncertainty_covers"]
+    scatter, laser = result.settings["point_budget"]["sources"]
+    assert scatter["source"] == "scatter of 5 mountings"
+    squares = np.square(scatter["magnitude"]) + np.square(laser["magnitude"])
+    np.testing.assert_allclose(np.sqrt(squares), result.measured.magnitude_uncertainty, rtol=1e-3)
     assert result.warnings == ()
 
 

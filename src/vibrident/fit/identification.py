@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from vibrident.base.errors import InputError
 from vibrident.base.memory import in_one_thread
 from vibrident.data.records import Calibration
 from vibrident.fit.decay import decays_alone
@@ -86,11 +87,20 @@ def identify(
 
         require_plain(estimator, sampled=posterior is not None)
         return identify_decays(calibration, model, inflate=uncertainty != "noise")
-    if groups := temperatures_of(calibration):
+    groups, runs = temperatures_of(calibration), runs_of(calibration)
+    if posterior is not None and (groups or len(runs) > 1):
+        raise InputError(
+            "The posterior is sampled for one run at one temperature.",
+            expected="records without run, mounting and temperature_c, or of one each",
+            found=f"{len(runs)} runs, {max(len(groups), 1)} temperatures",
+            where=calibration.source or "calibration in memory",
+            remedy="leave the posterior out, or identify one of them",
+        )
+    if groups:
         return identify_temperatures(
             groups, lambda one: identify(one, model, estimator, uncertainty=uncertainty, progress=progress)
         )
-    if len(runs := runs_of(calibration)) > 1:
+    if len(runs) > 1:
         return identify_runs(
             runs, lambda one: fit(one, model, estimator, uncertainty=uncertainty, progress=progress), uncertainty
         )

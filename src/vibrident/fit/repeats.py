@@ -87,7 +87,6 @@ def identify_runs(runs: dict[tuple[str, str], Calibration], fit: Callable[[Calib
             ],
         },
     }
-    settings.pop("point_budget", None)
     made = replace(
         base,
         parameters=parameter_table(coordinates, mean, total, freedom, unit_fields(calibration), doubtful),
@@ -100,7 +99,19 @@ def identify_runs(runs: dict[tuple[str, str], Calibration], fit: Callable[[Calib
         signals=tuple(signal for one in results for signal in one.signals),
         settings=settings,
     )
-    return with_floor(replace(made, measured=_measured(results, made, mountings)), calibration.capabilities)
+    measured = _measured(results, made, mountings)
+    made = replace(made, measured=measured, settings=_with_scatter(settings, measured, covers[-1]))
+    return with_floor(made, calibration.capabilities)
+
+
+def _with_scatter(settings: dict[str, Any], measured: MeasuredCurve, name: str) -> dict[str, Any]:
+    """The settings with the scatter of the runs in place of the noise in the budget of the points."""
+    points = settings.get("point_budget")
+    if not points or points["frequency_hz"] != measured.frequency_hz.tolist():
+        return {key: value for key, value in settings.items() if key != "point_budget"}
+    parts = {"magnitude": measured.magnitude_noise.tolist(), "phase_deg": measured.phase_deg_noise.tolist()}
+    scatter = {"source": f"scatter of {name}", "type": "A", **parts}
+    return {**settings, "point_budget": {**points, "sources": [scatter, *points["sources"][1:]]}}
 
 
 def _components(places: FloatArray, mountings: Sequence[str]) -> tuple[FloatArray, list[BudgetRow]]:

@@ -125,10 +125,10 @@ def measured(result: Result, say: Say = ENGLISH) -> Table | None:
     for i in range(0, total, step):
         f = float(points.frequency_hz[i])
         columns = ("magnitude", "phase_deg", "magnitude_uncertainty", "phase_deg_uncertainty")
-        place = Point(nominal_frequency(f) or "", f, *(at(getattr(points, name), i) for name in columns))
+        place = Point(nominal_frequency(f) or NONE, f, *(at(getattr(points, name), i) for name in columns))
         rows.append(_row(place, scale.factor, phases))
     notes = [say("text", "measured_note"), *([say("text", "thinned", step=step, total=total)] if step > 1 else [])]
-    notes += [say("text", "unstated")] if any(NONE in row for row in rows) else []
+    notes += [say("text", "unstated")] if any(NONE in row[1:] for row in rows) else []
     return Table(_heads(say, scale.unit, phases), tuple(rows), notes=tuple(notes))
 
 

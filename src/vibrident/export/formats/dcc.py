@@ -206,6 +206,8 @@ def _statements(tree: Tree, result: Result) -> Iterable[tuple[str, *tuple[Any, .
     for warning in result.warnings:
         yield f"warning: {warning.code}", ours(warning.message)
     yield "reproduction", ours(Say(LANGUAGE)("text", "no_reproduction"))
+    if result.settings.get("cmc"):
+        yield "capability", ours(Say(LANGUAGE)("text", "cmc"))
     yield from _conformity(tree, result)
     if result.certificate.get("replaces"):
         yield "replaces certificate", tree.stated("declaration", result.certificate["replaces"])
