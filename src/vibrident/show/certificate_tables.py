@@ -24,6 +24,7 @@ from vibrident.show.numbers import (
     parameter_scale,
     percent,
     plain,
+    printed,
     sensitivity_scale,
     stated,
     with_u,
@@ -268,11 +269,11 @@ def temperature(result: Result, say: Say = ENGLISH) -> Table | None:
         coefficient = with_u(line["per_k"], line["standard_uncertainty"], 1.0)
         value = f"{plain(line['value_at_reference'] * scale.factor)} {scale.printed}".strip()
         rows.append((say.known(parameter_name(name).words), value, *coefficient, plain(line["probability"], 2)))
-    reference = f"{found['reference_c']:g}"
+    reference = printed(f"{found['reference_c']:g}")
     heads = (Column(say("head", "parameter")), Column(say("head", "at_reference", reference=reference), "number"))
     heads += (Column(say("head", "coefficient"), "number"), Column("U / (1/K)", "number"), Column("p", "number"))
-    measured_at = ", ".join(f"{t:g}" for t in found["temperatures_c"])
-    own = f"{found['of_result_c']:g}"
+    measured_at = ", ".join(printed(f"{t:g}") for t in found["temperatures_c"])
+    own = printed(f"{found['of_result_c']:g}")
     note = say("text", "temperature", temperatures=measured_at, reference=reference, own=own)
     return Table(heads, tuple(rows), notes=(note,))
 
