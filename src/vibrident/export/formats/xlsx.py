@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import datetime
 import math
 from pathlib import Path
 from typing import Any
@@ -11,8 +10,6 @@ from vibrident.base.escaping import one_line
 from vibrident.export.form import Format, Options, library
 from vibrident.export.formats.csv import sheets
 from vibrident.export.sensor import ExportedSensor
-
-_DAY = datetime.datetime(2000, 1, 1)  # the same result gives the same file
 
 
 def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
@@ -31,7 +28,7 @@ def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
         for column, title in enumerate(header, 1):
             sheet.column_dimensions[openpyxl.utils.get_column_letter(column)].width = max(12, len(title) + 2)
         sheet.freeze_panes = "B2"
-    book.properties.creator, book.properties.created, book.properties.modified = "vibrident", _DAY, _DAY
+    book.properties.creator = "vibrident"
     path = folder / f"{options.name}.xlsx"
     book.save(path)
     return [path]
