@@ -18,7 +18,7 @@ ROOMS = {
     "physics": "registry naming models discretisation network simulation",
     "result": "document parts sensor result",
     "fit": "registry information response screening bins decay problem noise start descent estimators uncertainty "
-    "departures judge identification joint",
+    "departures judge repeats|temperature identification joint",
     "use": "",
     "show": "",
     "export": "",

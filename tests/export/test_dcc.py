@@ -50,7 +50,7 @@ ORDER = {
     "dcc:respPersons": "dcc:respPerson+",
     "dcc:respPerson": "dcc:person dcc:description? dcc:role? dcc:mainSigner?",
     "dcc:statements": "dcc:statement+",
-    "dcc:statement": "dcc:name? dcc:description? dcc:declaration?",
+    "dcc:statement": "dcc:name? dcc:description? dcc:declaration? dcc:conformity?",
     "dcc:measurementResults": "dcc:measurementResult+",
     "dcc:measurementResult": "dcc:name dcc:description? dcc:usedMethods? dcc:usedSoftware? dcc:measuringEquipments? "
     "dcc:influenceConditions? dcc:results",
@@ -94,6 +94,7 @@ PATTERNS = {
         NOT_EMPTY,
     ),
     "dcc:mainSigner": "true|false|0|1",
+    "dcc:conformity": "pass|fail|conditionalPass|conditionalFail|noPass|noFail",
     "dcc:content": NOT_EMPTY,  # the schema takes any string; ours says something
     "si:label": ".*",
     **dict.fromkeys(("si:unit", "si:unitXMLList"), r"[^\s]+"),

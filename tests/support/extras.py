@@ -11,7 +11,15 @@ from pathlib import Path
 from tests.support.sources import ROOT
 
 #: Extra → a library of it, by which it is seen to be installed.
-LIBRARY = {"network": "jax", "fleet": "pyarrow", "history": "sqlalchemy", "report": "typst", "web": "nicegui"}
+LIBRARY = {
+    "network": "jax",
+    "fleet": "pyarrow",
+    "history": "sqlalchemy",
+    "report": "typst",
+    "web": "nicegui",
+    "parquet": "pyarrow",
+}
+LIBRARY |= {"excel": "openpyxl"}
 #: All that is there for Adam, springs, learned residuals, sampling and the paper: what the names of modules begin with.
 NEEDS_JAX = (
     "vibrident.base.backend.",

@@ -39,3 +39,36 @@ class SystematicEffect:
     def unit(self) -> str:
         """Unit of the standard uncertainty; "1" for a relative one."""
         return _UNITS.get(self.kind, "1")
+
+
+@dataclass(frozen=True)
+class Capability:
+    """The least expanded uncertainty (k = 2) that a laboratory may state over a band (CMC; ILAC-P14).
+
+    Attributes:
+        quantity: of the sensitivity: ``magnitude`` (relative) or ``phase`` (rad).
+        expanded_uncertainty: relative, or in rad.
+        from_hz, to_hz: the band, both ends included.
+    """
+
+    quantity: Literal["magnitude", "phase"]
+    expanded_uncertainty: float
+    from_hz: float = 0.0
+    to_hz: float = math.inf
+
+
+@dataclass(frozen=True)
+class Circumstances:
+    """Under which a record was made, as far as they are stated.
+
+    Attributes:
+        run: which of several runs it belongs to; empty where there is one.
+        mounting: during which mounting of the sensor; empty where it was mounted once.
+        axis: axis of the sensor along which it was moved: ``x``, ``y`` or ``z``; empty for a sensor of one axis.
+        temperature_c: of the sensor, in °C.
+    """
+
+    run: str = ""
+    mounting: str = ""
+    axis: str = ""
+    temperature_c: float | None = None

@@ -22,7 +22,8 @@ def measurement(tree: Tree, result: Result) -> Any:
         InputError: a unit has no form in D-SI.
     """
     make, text = tree.make, tree.text
-    stated, release = result.certificate, cleaned(result.provenance.get("vibrident") or "not stated")
+    stated, version = result.certificate, result.provenance.get("vibrident")
+    release = cleaned(f"v{version}" if version else "not stated")
     methods = [
         make(
             "usedMethod",
@@ -43,21 +44,17 @@ def measurement(tree: Tree, result: Result) -> Any:
         _result(
             tree,
             "parameters",
-            "Parameters of the model",
             [_parameter(tree, result, *p) for p in result.parameters.items()],
         )
     ]
     if result.correlation.names and np.isfinite(np.array(result.correlation.matrix, float)).all():
-        results.append(
-            _result(tree, "correlation", "Correlation of the estimated parameters", [_correlation(tree, result)])
-        )
-    for key, title, curve in (
-        ("response", "Complex sensitivity of the model", result.response),
-        ("measured", "Complex sensitivity as measured", result.measured),
-    ):
+        results.append(_result(tree, "correlation", [_correlation(tree, result)]))
+    for key, curve in (("response", result.response), ("measured", result.measured)):
         whole = _whole(curve)
         if whole:
-            results.append(_result(tree, key, title, [_curve(tree, result, curve, whole)]))
+            results.append(_result(tree, key, [_curve(tree, result, curve, whole)]))
+    if lists := _budget(tree, result):
+        results.append(_result(tree, "budget", lists))
     return make(
         "measurementResult",
         text("name", "Sensitivity of a vibration sensor"),
@@ -90,15 +87,36 @@ def _equipment(tree: Tree, entry: Mapping[str, Any]) -> Any:
     return make(
         "measuringEquipment",
         tree.named(entry["name"]),
-        text("description", *notes) if notes else None,
+        text("description", "; ".join(notes)) if notes else None,
         make("manufacturer", tree.named(entry["manufacturer"])) if entry.get("manufacturer") else None,
         tree.optional("model", entry.get("type")),
         make("identifications", tree.identification("manufacturer", serial)) if serial else None,
     )
 
 
-def _result(tree: Tree, key: str, title: str, data: Sequence[Any]) -> Any:
-    return tree.make("result", tree.text("name", title), tree.make("data", *data), id=key)
+#: Key of a result → heading of a certificate.
+_TITLES = {"parameters": "parameters", "response": "curve", "measured": "measured", "budget": "budget"}
+
+
+def _result(tree: Tree, key: str, data: Sequence[Any]) -> Any:
+    name = tree.titled(_TITLES[key]) if key in _TITLES else tree.text("name", "Correlation of the estimated parameters")
+    return tree.make("result", name, tree.make("data", *data), id=key)
+
+
+def _budget(tree: Tree, result: Result) -> list[Any]:
+    """For each parameter the standard uncertainty that each source contributes, in the order of the sources."""
+    rows = result.settings.get("uncertainty_budget") or ()
+    rows = [row for row in rows if isinstance(row, Mapping) and isinstance(row.get("contributions"), Mapping)]
+    sources = [f"{number}: {row['source']} (type {row.get('type')})" for number, row in enumerate(rows, 1)]
+    names = [n for n in dict.fromkeys(n for row in rows for n in row["contributions"]) if n in result.parameters]
+    found = []
+    for name in names:
+        sizes = [row["contributions"].get(name) for row in rows]
+        if None not in sizes:
+            about = tree.make("description", tree.make("content", text=cleaned("; ".join(sources))))
+            values = _list(tree, f"standard uncertainty of {name} by source", sizes, d_si(result.parameters[name].unit))
+            found.append(tree.make("list", tree.text("name", name), about, values))
+    return found
 
 
 def _parameter(tree: Tree, result: Result, name: str, p: Parameter) -> Any:
@@ -124,7 +142,7 @@ def _parameter(tree: Tree, result: Result, name: str, p: Parameter) -> Any:
         said = tree.text("noQuantity", "no finite value")
     else:
         said = _real(tree, p.value, d_si(p.unit), spread, name)
-    return tree.make("quantity", tree.text("name", name), tree.text("description", *notes), said)
+    return tree.make("quantity", tree.text("name", name), tree.text("description", "; ".join(notes)), said)
 
 
 def _half_open(low: float | None, high: float | None) -> list[str]:

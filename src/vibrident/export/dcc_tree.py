@@ -6,6 +6,7 @@ from typing import Any
 
 from vibrident.base.escaping import xml_text
 from vibrident.export.form import library
+from vibrident.show.language import Say
 
 #: Language of the texts written here, ISO 639-1.
 LANGUAGE = "en"
@@ -30,8 +31,12 @@ class Tree:
         return element
 
     def text(self, tag: str, *lines: str) -> Any:
-        """Own text, in English; one ``content`` a line."""
-        return self.make(tag, *(self.make("content", text=cleaned(line), lang=LANGUAGE) for line in lines))
+        """Own text, in English; one ``content``, as each language may have one (PTB's rules in dcclib)."""
+        return self.make(tag, self.make("content", text=cleaned(" ".join(lines)), lang=LANGUAGE))
+
+    def titled(self, key: str) -> Any:
+        """A certificate's heading as a ``name``."""
+        return self.text("name", Say(LANGUAGE)("section", key))
 
     def optional(self, tag: str, text: object) -> Any:
         """An element with a given text; None if there is none."""

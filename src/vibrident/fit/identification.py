@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from vibrident.base.errors import InputError
 from vibrident.base.memory import in_one_thread
 from vibrident.data.records import Calibration
 from vibrident.fit.decay import decays_alone
@@ -29,6 +30,8 @@ from vibrident.fit.judge import (
 )
 from vibrident.fit.problem import Evidence
 from vibrident.fit.registry import ESTIMATORS
+from vibrident.fit.repeats import identify_runs, runs_of
+from vibrident.fit.temperature import identify_temperatures, temperatures_of
 from vibrident.fit.uncertainty.budget import BudgetRow
 from vibrident.physics.models import model_of
 from vibrident.result import Result
@@ -64,6 +67,9 @@ def identify(
             sums up; for the estimator ``ml``, with the extra ``bayes``. None: not sampled.
         progress: called after each iteration of the optimiser.
 
+    Records of several runs (``run``, ``mounting``) are identified run by run, and the scatter of these is in the
+    uncertainty; records at several temperatures (``temperature_c``) temperature by temperature, with the coefficients.
+
     Returns:
         The result; its warnings are empty for a clean calibration of an adequate model.
 
@@ -81,6 +87,23 @@ def identify(
 
         require_plain(estimator, sampled=posterior is not None)
         return identify_decays(calibration, model, inflate=uncertainty != "noise")
+    groups, runs = temperatures_of(calibration), runs_of(calibration)
+    if posterior is not None and (groups or len(runs) > 1):
+        raise InputError(
+            "The posterior is sampled for one run at one temperature.",
+            expected="records without run, mounting and temperature_c, or of one each",
+            found=f"{len(runs)} runs, {max(len(groups), 1)} temperatures",
+            where=calibration.source or "calibration in memory",
+            remedy="leave the posterior out, or identify one of them",
+        )
+    if groups:
+        return identify_temperatures(
+            groups, lambda one: identify(one, model, estimator, uncertainty=uncertainty, progress=progress)
+        )
+    if len(runs) > 1:
+        return identify_runs(
+            runs, lambda one: fit(one, model, estimator, uncertainty=uncertainty, progress=progress), uncertainty
+        )
     begin = time.perf_counter()
     if posterior is not None:
         from vibrident.fit.uncertainty.posterior import sampler

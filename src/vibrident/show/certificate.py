@@ -1,10 +1,12 @@
-"""What a calibration certificate says, as text: from the result and the calibration file's [certificate] alone.
+"""What a calibration certificate says, as text: from the result and what [certificate] states, in one or two languages.
 
-The fields are those of practice under ISO 16063 and DKD-R 3-1. What is not stated is a blank to fill, never a value.
+The fields are those of ISO/IEC 17025:2017, 7.8, and of practice under ISO 16063 and DKD-R 3-1. What is not stated is a
+blank to fill, never a value, and a certificate that lacks what the standard asks for is a draft.
 """
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any
@@ -12,38 +14,31 @@ from typing import Any
 import numpy as np
 
 from vibrident.base.amounts import pretty
-from vibrident.base.nominal import same
 from vibrident.result import Result
-from vibrident.show import figures, tables, words
-from vibrident.show.coverage import coverage, interval_text, parameter_factor, scatter_only, unstated
+from vibrident.show import certificate_tables as parts
+from vibrident.show import tables, words
+from vibrident.show.certificate_tables import instruments as instruments
+from vibrident.show.certificate_tables import parameters as parameters
+from vibrident.show.certificate_tables import reference as reference
+from vibrident.show.certificate_tables import sensitivity as sensitivity
+from vibrident.show.coverage import coverage, parameter_factor, unstated
 from vibrident.show.findings import findings
-from vibrident.show.formulas import Words
 from vibrident.show.history import date_of
-from vibrident.show.numbers import (
-    COVERAGE_FACTOR,
-    NONE,
-    plain,
-    printed,
-    reference_unit,
-    sensitivity_scale,
-    sensor_name,
-    with_u,
-)
-from vibrident.show.points import Point, measured_band, nominal_points, reference_point
+from vibrident.show.issue import NOTHING_MORE, Issue, missing
+from vibrident.show.language import ENGLISH, Say
+from vibrident.show.numbers import COVERAGE_FACTOR, plain, printed, reference_unit, sensor_name
+from vibrident.show.points import measured_band
 from vibrident.show.views import (
     Beside,
-    Column,
+    Block,
     Document,
     Fact,
     Facts,
     Letterhead,
+    Section,
     Sentence,
     Signatures,
-    Table,
-    columns,
-    count,
     document,
-    listed,
     section,
 )
 
@@ -54,45 +49,56 @@ _PLACED = {
     *("amplitude", "conditioning", "procedure", "traceability", "instruments", "operator", "approved_by", "remarks"),
     *("temperature_c", "temperature_uncertainty_c", "relative_humidity_percent", "air_pressure_hpa"),
     *("relative_humidity_uncertainty_percent", "air_pressure_uncertainty_hpa", "reference_frequency_hz"),
+    *("deviations", "external_results", "opinions", "requirements", "decision_rule", "replaces", "changes"),
+    *("language", "second_language", "country"),
 }
-MOST_FILES = 30  # data files listed; the result lists them all
-_SENSOR = {"manufacturer": "Manufacturer", "type": "Type", "serial_number": "Serial number"}
-_CURVE_NOTE = (
-    "The values are those of the identified model at f. The nominal frequencies are those of ISO 266 inside the "
-    "measured band; f is the exact base-10 frequency, or the nominal value where the data were taken at those."
-)
+_SENSOR = ("manufacturer", "type", "serial_number")
 
 
-def certificate(result: Result) -> Document:
+def certificate(result: Result, issue: Issue = NOTHING_MORE) -> Document:
     """Everything that a certificate states of a result, to be signed."""
-    stated, curve = result.certificate, figures.sensitivity(result) if len(result.response.frequency_hz) > 1 else None
-    nominal = sensitivity(result) or Sentence("The measured band holds no nominal one-third-octave frequency.")
+    say = Say.of(result)
+    nominal = sensitivity(result, say) or Sentence(say("text", "no_nominal"))
+    stated = result.certificate
+
+    def part(name: str, *blocks: Block | None) -> Section:
+        return section(name, say("section", name), *blocks)
+
     sections = [
-        section("instruments", "Instruments", instruments(result)),
-        section("traceability", "Traceability", Sentence(_text(stated, "traceability") or "")),
-        section("reference", "Result at the reference frequency", reference(result)),
-        section("limits", "What limits these results", *_doubts(result)),
-        findings(result),
-        section("sensitivity", "Sensitivity at nominal frequencies", nominal),
-        section("curve", "Sensitivity over frequency", curve and replace(curve, caption="")),
-        section("parameters", "Parameters of the model", parameters(result)),
-        section("data", "Data", _files(result)),
-        section("statements", "Statements", *map(Sentence, statements(result))),
-        section("remarks", "Remarks", *map(Sentence, remarks(result))),
-        section("signatures", "", Signatures(signatures(result))),
+        part("instruments", instruments(result, say)),
+        part("traceability", Sentence(_text(stated, "traceability") or "")),
+        part("reference", reference(result, say)),
+        part("conformity", *parts.conformity(result, say)),
+        part("limits", *_doubts(result, say)),
+        replace(findings(result), title=say("section", "findings")),
+        part("measured", parts.measured(result, say)),
+        part("adjustment", parts.adjustment(result, issue.before, say)),
+        part("sensitivity", nominal),
+        part("curve", parts.curve(result, say)),
+        part("parameters", parameters(result, say)),
+        part("temperature", parts.temperature(result, say)),
+        part("budget", parts.budget(result, say), *parts.point_budgets(result, say)),
+        part("data", parts.files(result, say)),
+        part("statements", *map(Sentence, statements(result, say))),
+        part("opinions", *map(Sentence, _listed(stated, "opinions"))),
+        part("remarks", *map(Sentence, remarks(result))),
+        section("signatures", "", Signatures(signatures(result, say))),
     ]
+    head = (*_draft(result, say), *_scatter(result, say), *_amendment(result, say), Beside(groups(result, say)))
     return replace(
-        document(title(result), (*scatter_only(result), Beside(groups(result))), sections),
-        letterhead=letterhead(result),
+        document(title(result, say), head, sections),
+        letterhead=letterhead(result, say, issue.logo),
+        draft=say("title", "draft") if missing(result) else "",
+        language=say.codes[0],
     )
 
 
-def title(result: Result) -> str:
+def title(result: Result, say: Say = ENGLISH) -> str:
     """What the document is: a certificate states an uncertainty of the sensor, not of the scatter alone."""
-    return "Measurement report" if unstated(result) else "Calibration certificate"
+    return say("title", "report" if unstated(result) else "certificate")
 
 
-def letterhead(result: Result) -> Letterhead:
+def letterhead(result: Result, say: Say = ENGLISH, logo: bytes | None = None) -> Letterhead:
     """Who issues the certificate, its number, and what stands on each of its pages."""
     stated = result.certificate
     lines = (stated.get(key) for key in ("laboratory", "laboratory_address", "accreditation"))
@@ -102,15 +108,19 @@ def letterhead(result: Result) -> Letterhead:
         lines=tuple(str(line) for line in lines if line),
         number=_text(stated, "number"),
         subject=sensor_name(result.sensor),
-        foot=f"Evaluated with {made_by}. The results hold for the object and the conditions stated.",
+        foot=str(say("text", "foot", program=made_by)),
         date=date_of(result),
+        words={
+            "page": say("text", "page", page="{page}", pages="{pages}"),
+            **{key: say("label", key) for key in ("no", "laboratory", "place_and_date")},
+        },
+        logo="" if logo is None else base64.b64encode(logo).decode(),
     )
 
 
-def signatures(result: Result) -> tuple[Fact, ...]:
+def signatures(result: Result, say: Say = ENGLISH) -> tuple[Fact, ...]:
     """Who signs."""
-    labels = {"operator": "Calibrated by", "approved_by": "Approved by"}
-    return tuple((label, _text(result.certificate, key)) for key, label in labels.items())
+    return tuple((say("label", key), _text(result.certificate, key)) for key in ("operator", "approved_by"))
 
 
 def _text(stated: Mapping[str, Any], key: str) -> str | None:
@@ -118,40 +128,42 @@ def _text(stated: Mapping[str, Any], key: str) -> str | None:
     return None if value is None or value == "" else str(value)
 
 
-def groups(result: Result) -> tuple[Facts, ...]:
+def groups(result: Result, say: Say = ENGLISH) -> tuple[Facts, ...]:
     """What was calibrated, for whom, under which conditions and how."""
     stated, sensor = result.certificate, result.sensor
     others = {key: value for key, value in sensor.items() if key not in _SENSOR and value}
-    device = [(label, _text(sensor, key)) for key, label in _SENSOR.items()]
+
+    def given(*keys: str) -> list[Fact]:
+        """Rows that appear only where they are stated."""
+        return [(say("label", key), "\n".join(_listed(stated, key))) for key in keys if stated.get(key)]
+
+    def always(*keys: str) -> list[Fact]:
+        return [(say("label", key), _text(stated, key)) for key in keys]
+
+    device: list[Fact] = [(say("label", key), _text(sensor, key)) for key in _SENSOR]
     device += [(_words(key), str(value)) for key, value in others.items()]
-    device += _given(stated, {"condition": "Condition on receipt"})
-    order = [("Customer", _lines(stated, "customer", "customer_address"))]
-    order += _given(stated, {"order_number": "Order number", "date_of_receipt": "Date of receipt"})
-    order += [("Date of calibration", _text(stated, "date_of_calibration"))]
-    order += [("Date of issue", _text(stated, "date_of_issue")), *_given(stated, {"place": "Place"})]
-    conditions = [("Mounting", _text(stated, "mounting"))]
-    conditions += _given(
-        stated, {"direction": "Direction", "amplitude": "Amplitude", "conditioning": "Signal conditioning"}
-    )
-    conditions += [("Temperature", _ambient(stated, "temperature", "c", "°C"))]
-    conditions += [("Relative humidity", _ambient(stated, "relative_humidity", "percent", "%"))]
-    if stated.get("air_pressure_hpa") is not None:
-        conditions.append(("Air pressure", _ambient(stated, "air_pressure", "hpa", "hPa")))
+    device += given("condition")
+    order: list[Fact] = [(say("label", "customer"), _lines(stated, "customer", "customer_address"))]
+    order += given("order_number", "date_of_receipt")
+    order += [*always("date_of_calibration", "date_of_issue"), *given("place")]
+    conditions = [*always("mounting"), *given("direction", "amplitude", "conditioning")]
+    ambient = (("temperature", "c", "°C"), ("relative_humidity", "percent", "%"), ("air_pressure", "hpa", "hPa"))
+    for name, suffix, unit in ambient:
+        if name != "air_pressure" or stated.get("air_pressure_hpa") is not None:
+            conditions.append((say("label", f"{name}_{suffix}"), _ambient(stated, name, suffix, unit)))
+    unit = pretty(reference_unit(result))
+    quantity = say.each(lambda one: one("text", "in_unit", quantity=one.known(result.quantity), unit=unit))
     method = [
-        ("Procedure", _text(stated, "procedure")),
-        ("Reference quantity", f"{result.quantity}, in {pretty(reference_unit(result))}"),
-        ("Measured band", _band(result)),
-        ("Evaluation", f"model {result.model}, estimator {result.estimator}"),
+        *always("procedure"),
+        *given("deviations", "external_results"),
+        (say("label", "reference_quantity"), str(quantity)),
+        (say("label", "measured_band"), _band(result, say)),
+        (say("label", "evaluation"), say("text", "evaluation", model=result.model, estimator=result.estimator)),
     ]
     further = [(_words(key), _plain(value)) for key, value in stated.items() if key not in _PLACED]
-    titled = {"Object": device, "Order": order, "Conditions": conditions, "Method": method}
-    titled |= {"Further statements": further} if further else {}
-    return tuple(Facts(tuple(rows), title) for title, rows in titled.items())
-
-
-def _given(stated: Mapping[str, Any], labels: Mapping[str, str]) -> list[Fact]:
-    """Rows that appear only where they are stated."""
-    return [(label, str(stated[key])) for key, label in labels.items() if stated.get(key)]
+    titled = {"object": device, "order": order, "conditions": conditions, "method": method}
+    titled |= {"further": further} if further else {}
+    return tuple(Facts(tuple(rows), say("group", name)) for name, rows in titled.items())
 
 
 def _lines(stated: Mapping[str, Any], *keys: str) -> str | None:
@@ -181,110 +193,56 @@ def _ambient(stated: Mapping[str, Any], name: str, suffix: str, unit: str) -> st
     )
 
 
-def _band(result: Result) -> str:
-    band = measured_band(result)
+def _band(result: Result, say: Say) -> str:
+    band, total = measured_band(result), len(result.measured.frequency_hz)
     if band is None:
-        return "no measured points"
-    points = count(len(result.measured.frequency_hz), "measured point")
-    return f"{band[0]:.5g} Hz to {band[1]:.5g} Hz, {points}"
+        return say("text", "no_points")
+    low, high = (f"{end:.5g}" for end in band)
+    return say("text", "point" if total == 1 else "points", low=low, high=high, count=total)
 
 
-def instruments(result: Result) -> Table:
-    """The instruments used; no rows are a blank to fill."""
-    header = ("Instrument", "Manufacturer, type", "Serial number", "Certificate", "Calibrated until")
-    rows = []
-    for item in result.certificate.get("instruments") or ():
-        entry = item if isinstance(item, Mapping) else {"name": item}
-        maker = " ".join(str(entry[key]) for key in ("manufacturer", "type") if entry.get(key))
-        rest = (str(entry.get(key) or "") for key in ("serial_number", "certificate", "calibrated_until"))
-        rows.append((str(entry.get("name", "")), maker, *rest))
-    return Table(columns(*header), tuple(rows)).telling()
-
-
-def reference(result: Result) -> Facts:
-    """The sensitivity at the reference frequency, and how that was chosen."""
-    point, why = reference_point(result)
-    if point is None:
-        return Facts((("Reference frequency", None), ("Reason", f"{why[:1].upper()}{why[1:]}.")))
-    scale = sensitivity_scale(result)
-    magnitude, expanded = with_u(point.magnitude, point.magnitude_uncertainty, scale.factor)
-    exact = "" if same(float(point.nominal), point.frequency_hz) else f" (computed at {exact_frequency(point)} Hz)"
-    rows: list[Fact] = [
-        ("Reference frequency", f"{point.nominal} Hz{exact}; {why}"),
-        ("Magnitude |S|", f"{magnitude} {scale.unit}{_bar(expanded, scale.unit)}"),
-    ]
-    if point.phase_deg is not None:
-        phase, phase_u = with_u(point.phase_deg, point.phase_deg_uncertainty, 1.0)
-        rows.append(("Phase of S", f"{phase}°{_bar(phase_u, '°')}"))
-    return Facts(tuple(rows))
-
-
-def _bar(expanded: str, unit: str) -> str:
-    space = "" if unit == "°" else " "
-    return "" if expanded == NONE else f", U = {expanded}{space}{unit} (k = {COVERAGE_FACTOR:g})"
-
-
-def sensitivity(result: Result) -> Table | None:
-    """Magnitude, phase and U at the nominal frequencies of the measured band; None if it holds no nominal frequency."""
-    points = nominal_points(result)
-    if not points:
-        return None
-    scale = sensitivity_scale(result)
-    phases = any(point.phase_deg is not None for point in points)
-    heads = [("nominal", "Hz"), ("f", "Hz"), ("magnitude", scale.unit), ("U", scale.unit), ("U", "%")]
-    heads += [("phase", "°"), ("U", "°")] if phases else []
-    rows = tuple(_row(point, scale.factor, phases) for point in points)
-    notes = (_CURVE_NOTE, words.PHASE) if phases else (_CURVE_NOTE,)
-    return Table(tuple(Column(title, "number", unit) for title, unit in heads), rows, notes=notes)
-
-
-def exact_frequency(point: Point) -> str:
-    """The frequency that a point's values belong to, in Hz, five digits."""
-    return f"{point.frequency_hz:#.5g}".rstrip(".") if point.frequency_hz < 1e5 else f"{point.frequency_hz:.0f}"
-
-
-def _row(point: Point, factor: float, phases: bool) -> tuple[str, ...]:
-    magnitude, expanded = with_u(point.magnitude, point.magnitude_uncertainty, factor)
-    relative = NONE
-    if point.magnitude_uncertainty is not None and point.magnitude:
-        _, relative = with_u(abs(point.magnitude), point.magnitude_uncertainty, 100.0 / abs(point.magnitude))
-    row = (point.nominal, exact_frequency(point), magnitude, expanded, relative)
-    return row + with_u(point.phase_deg, point.phase_deg_uncertainty, 1.0) if phases else row
-
-
-def parameters(result: Result) -> Table:
-    """The parameter table without the columns that a certificate does not need."""
-    whole = tables.parameters(result)
-    few = parameter_factor(result) != COVERAGE_FACTOR
-    names = ("parameter", "symbol", "value", "u", *(("k",) if few else ()), "U", "unit", "remark")
-    kept = whole.select(tuple(whole.header.index(name) for name in names)).telling()
-    per_g = tables.per_g(result)
-    return replace(kept, notes=(per_g,) if per_g else ())
-
-
-def statements(result: Result) -> tuple[str, ...]:
-    """Paragraphs on uncertainty, phase and adequacy."""
+def statements(result: Result, say: Say = ENGLISH) -> tuple[str, ...]:
+    """Paragraphs on uncertainty, phase, adequacy and reproduction."""
     covers = result.settings.get("uncertainty_covers")
-    reference = result.settings.get("reference_standard_uncertainty")
-    uncertainty = (
-        "U is the expanded uncertainty, U = k·u with the standard uncertainty u (GUM) and the coverage factor",
-        coverage(result).text,
-        interval_text(result),
-    )
-    verdict = (
-        f"The model {'describes' if result.fit.adequate else 'does not describe'} the data within their uncertainties."
-    )
-    parts = (
-        Words(" ".join(part for part in uncertainty if part)),
-        f"It covers: {covers}." if covers else "",
-        f"It includes the reference's relative standard uncertainty of {plain(100.0 * reference, 3)} %."
-        if reference
-        else "",
-        " ".join((verdict, tables.worst(result.measured))).strip(),
+    relative = result.settings.get("reference_standard_uncertainty")
+    verdict = "adequate" if result.fit.adequate else "not_adequate"
+    found = [
+        say.each(lambda one: _uncertainty(result, one)),
+        str(say.each(lambda one: f"{one('text', 'covers')} {_sources(str(covers), one)}.")) if covers else "",
+        say("text", "reference", percent=plain(100.0 * relative, 3)) if relative else "",
+        say("text", "cmc") if result.settings.get("cmc") else "",
+        say.each(lambda one: f"{one('text', verdict)} {_worst(result, one)}".strip()),
         tables.small_signals(result),
-        tables.UNSTATED if _unstated(result) else "",
-    )
-    return tuple(part for part in parts if part)
+        say("text", "unstated") if _unstated(result) else "",
+        say("text", "no_reproduction"),
+    ]
+    return tuple(part for part in found if part)
+
+
+def _uncertainty(result: Result, say: Say) -> str:
+    """What U is and what it covers with which probability."""
+    known, k = coverage(result), parameter_factor(result)
+    percent, freedom = f"{100 * known.probability:.1f}", known.degrees_of_freedom
+    kind = "normal" if freedom is None else "student" if np.isfinite(freedom) else "normal_infinite"
+    of_nu = plain(freedom, 3)
+    lines = [say("text", "uncertainty"), say("text", kind, percent=percent, freedom=of_nu)]
+    if k != COVERAGE_FACTOR:
+        lines.append(say("text", "student_parameters", factor=plain(k, 3), freedom=of_nu))
+    return " ".join(lines)
+
+
+def _sources(covers: str, say: Say) -> str:
+    """The sources of an uncertainty; our own words for them in the language."""
+    return "; ".join(say.known(source) for source in covers.split("; "))
+
+
+def _worst(result: Result, say: Say) -> str:
+    off = np.abs(result.measured.deviation_percent)
+    if not off.size or np.isnan(off).all():
+        return ""
+    place = int(np.nanargmax(off))
+    mean, largest = plain(float(np.nanmean(off)), 2), plain(float(off[place]), 2)
+    return say("text", "worst", mean=mean, largest=largest, frequency=f"{result.measured.frequency_hz[place]:.5g}")
 
 
 def _unstated(result: Result) -> bool:
@@ -292,26 +250,49 @@ def _unstated(result: Result) -> bool:
     return any(unknown) or bool(np.isnan(result.response.magnitude_uncertainty).any())
 
 
-def _doubts(result: Result) -> Iterator[Sentence]:
+def _draft(result: Result, say: Say) -> tuple[Sentence, ...]:
+    """What is missing for the document to be issued."""
+    lacking = missing(result)
+    names = say.each(lambda one: f"{one('text', 'draft')} " + ", ".join(one("label", key) for key in lacking) + ".")
+    return (Sentence(names, "doubt", say("title", "draft")),) if lacking else ()
+
+
+def _scatter(result: Result, say: Say) -> tuple[Sentence, ...]:
+    """That U covers scatter only; nothing where gain and phase are stated."""
+    lacking = unstated(result)
+    if not lacking:
+        return ()
+    lead = say("text", "scatter_of_phase" if lacking == ("phase",) else "scatter")
+    why = say.each(
+        lambda one: f"{one('text', 'scatter_why')} {'; '.join(one('text', f'state_{part}') for part in lacking)}."
+    )
+    return (Sentence(why, "doubt", lead),)
+
+
+def _amendment(result: Result, say: Say) -> tuple[Block, ...]:
+    """What the document replaces, and what was changed; nothing for a first issue."""
+    stated = result.certificate
+    if not stated.get("replaces"):
+        return ()
+    changes = "\n".join(_listed(stated, "changes")) or None
+    rows = ((say("label", "replaces"), str(stated["replaces"])), (say("label", "changes"), changes))
+    return (Facts(rows, say("section", "amendment")), Sentence(say("text", "amended")))
+
+
+def _doubts(result: Result, say: Say) -> Iterator[Sentence]:
     for code in result.warning_codes:
         messages = (warning.message for warning in result.warnings if warning.code == code)
         title = words.explain(code).title
         yield Sentence(" ".join(messages), "doubt", f"{title[:1].upper()}{title[1:]}.")
     if not (result.warnings or result.fit.adequate):
-        yield Sentence("The model is not adequate for these data.", "doubt")
+        yield Sentence(say("text", "inadequate"), "doubt")
 
 
 def remarks(result: Result) -> tuple[str, ...]:
     """As stated."""
-    stated = result.certificate.get("remarks") or ()
-    return (stated,) if isinstance(stated, str) else tuple(str(remark) for remark in stated)
+    return tuple(_listed(result.certificate, "remarks"))
 
 
-def _files(result: Result) -> Table | None:
-    """Data files with their SHA-256."""
-    entries = [entry for entry in result.provenance.get("files") or () if isinstance(entry, Mapping)]
-    known = [entry for entry in entries if entry.get("file") or entry.get("sha256")]
-    rows = tuple((str(entry.get("file") or NONE), str(entry.get("sha256") or NONE)) for entry in known)
-    kept = listed(len(rows), MOST_FILES)
-    more = (f"and {len(rows) - kept} more, listed in result.json",) if len(rows) > kept else ()
-    return Table(columns("Data file", "SHA-256"), rows[:kept], notes=more) if rows else None
+def _listed(stated: Mapping[str, Any], key: str) -> list[str]:
+    found = stated.get(key) or ()
+    return [str(found)] if isinstance(found, str | int | float) else [str(one) for one in found]

@@ -13,7 +13,7 @@ from vibrident.show.findings import findings
 from vibrident.show.history import drift, drift_table, histories
 from vibrident.show.numbers import NONE, parameter_scale, plain, sensor_name, stated
 from vibrident.show.residual_tests import residual_tests
-from vibrident.show.setting_tables import budget, light
+from vibrident.show.setting_tables import budget, light, point_budget, repeats
 from vibrident.show.views import (
     Block,
     Card,
@@ -32,6 +32,8 @@ from vibrident.show.views import (
     section,
 )
 
+CMC = "No U of the sensitivity is stated below the laboratory's capability (CMC)."
+_SHOWN = ("interferometer", "temperature", "repeats")  # settings with a section of their own
 MOST_FILES = 100  # data files listed in a report; the result lists them all
 
 
@@ -47,6 +49,8 @@ def report(result: Result, more: Sequence[Section] = ()) -> Document:
         section("residuals", "Residuals", residual_tests(result), figures.residuals(result)),
         section("fit", "Fit", tables.fit(result)),
         section("budget", "Uncertainty budget", *_budget(result)),
+        section("temperature", "Temperature", certificate.parts.temperature(result)),
+        section("repeats", "Runs", repeats(result)),
         section("interferometer", "Interferometer", light(result)),
         section("correlation", "Correlation of the estimated parameters", tables.correlation(result)),
         section("training", "Training", *_training(result)),
@@ -127,7 +131,9 @@ def _curves(result: Result) -> list[Section]:
 def _budget(result: Result) -> Sequence[Block]:
     """The contribution of each source; a budget of another form is shown unchanged."""
     if (table := budget(result)) is not None:
-        return (table,)
+        points = point_budget(result)
+        said = (Sentence(CMC),) if result.settings.get("cmc") else ()
+        return (table, *said, *([Folded("Budget of the measured points", points)] if points else []))
     return tables.values({key: value for key, value in result.settings.items() if "budget" in key and value})
 
 
@@ -138,7 +144,7 @@ def _training(result: Result) -> tuple[Block | None, ...]:
 
 
 def _settings(result: Result) -> Sequence[Block]:
-    others = {key: value for key, value in result.settings.items() if "budget" not in key and key != "interferometer"}
+    others = {key: value for key, value in result.settings.items() if "budget" not in key and key not in _SHOWN}
     return tables.values(others)
 
 
@@ -149,7 +155,8 @@ def _certificate(result: Result) -> tuple[Block | None, ...]:
     rows += [row for group in certificate.groups(result) for row in group.rows]
     rows += [("Traceability", result.certificate.get("traceability")), *certificate.signatures(result)]
     rows += [("Remark", remark) for remark in certificate.remarks(result)]
-    return Facts(tuple(rows)), (instruments if instruments.rows else None)
+    judged = certificate.parts.conformity(result)
+    return Facts(tuple(rows)), (instruments if instruments.rows else None), *judged
 
 
 def _provenance(result: Result) -> tuple[Block, ...]:

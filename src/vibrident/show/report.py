@@ -16,6 +16,7 @@ from vibrident.result import Result
 from vibrident.show import document, plots
 from vibrident.show.certificate import certificate
 from vibrident.show.coverage import unstated
+from vibrident.show.issue import NOTHING_MORE, Issue
 from vibrident.show.media import markdown
 from vibrident.show.views import Section
 
@@ -36,7 +37,11 @@ def file_name(result: Result, form: Form) -> str:
 
 
 def content(
-    results: Result | Sequence[Result], form: Form, names: Sequence[str] = (), more: Sequence[Section] = ()
+    results: Result | Sequence[Result],
+    form: Form,
+    names: Sequence[str] = (),
+    more: Sequence[Section] = (),
+    issue: Issue = NOTHING_MORE,
 ) -> bytes:
     """The file of a report, as bytes.
 
@@ -45,6 +50,7 @@ def content(
         form: ``html``, ``pdf`` or ``md`` (without pictures).
         names: what to call each of several; by default 1, 2, ….
         more: sections that the report of one result has as well; a certificate has none.
+        issue: of a certificate: the result before an adjustment, logo, template, fonts.
 
     Raises:
         InputError: the form is not known, or what it needs is not installed (``pip install 'vibrident[report]'``).
@@ -59,7 +65,8 @@ def content(
 
         for result in alone:
             result.require_gain("a certificate")
-        return pdf.render(certificate(one) if one else document.comparison(alone, called))
+        made = certificate(one, issue) if one else document.comparison(alone, called)
+        return pdf.render(made, issue.template if one else None, issue.fonts)
     made = document.report(one, more) if one else document.comparison(alone, called)
     if form == "html":
         from vibrident.show.media import html
@@ -97,6 +104,7 @@ def write(
     path: str | os.PathLike[str],
     names: Sequence[str] = (),
     more: Sequence[Section] = (),
+    issue: Issue = NOTHING_MORE,
 ) -> Path:
     """Write a report.
 
@@ -107,6 +115,7 @@ def write(
             name.
         names: what to call each of several.
         more: sections that the report of one result has as well, such as its sensor's history.
+        issue: of a certificate, from ``vibrident.show.issue.issued``.
 
     Returns:
         path of the file.
@@ -123,7 +132,7 @@ def write(
         plots.save_all(one, target.parent)
         made = render(one, pictures=target.parent, more=more).encode()
     else:
-        made = content(results, form, names, more)
+        made = content(results, form, names, more, issue)
         target.parent.mkdir(parents=True, exist_ok=True)
     target.write_bytes(made)
     return target

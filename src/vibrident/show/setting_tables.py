@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from vibrident.base.amounts import Scale, pretty
 from vibrident.physics.naming import parameter_name
 from vibrident.result import Result
-from vibrident.show.numbers import NONE, parameter_scale, plain, uncertainty
+from vibrident.show.numbers import COVERAGE_FACTOR, NONE, parameter_scale, plain, sensitivity_scale, uncertainty
 from vibrident.show.views import Column, Table, columns
 
 _BUDGET_NOTE = (
@@ -42,6 +44,48 @@ def budget(result: Result) -> Table | None:
     heads = [Column(parameter_name(name).words, "number", units[name].printed) for name in names]
     heads = (*columns("source", "type", "kind"), *columns("u", "ν", kind="number"), *heads)
     return Table(heads, tuple(body), notes=(_BUDGET_NOTE,))
+
+
+def point_budget(result: Result) -> tuple[Table, ...]:
+    """Of magnitude and, where there is any, phase: a row a frequency and a column a source; empty without effects."""
+    found = result.settings.get("point_budget")
+    if not isinstance(found, Mapping) or not found.get("sources"):
+        return ()
+    points, scale = result.measured, sensitivity_scale(result)
+    places = [int(np.argmin(np.abs(points.frequency_hz - f))) for f in found["frequency_hz"]]
+    kinds = [("magnitude", "magnitude", scale.factor, scale.unit, points.magnitude_uncertainty)]
+    kinds += [("phase_deg", "phase", 1.0, "°", points.phase_deg_uncertainty)]
+    tables = []
+    for key, word, factor, unit, total in kinds:
+        if not np.isfinite(total).any():
+            continue
+        sizes = [source[key] for source in found["sources"]]
+        rows = []
+        for i, place in enumerate(places):
+            u = None if np.isnan(total[place]) else factor * float(total[place])
+            cells = [uncertainty(None if size[i] is None else factor * size[i]) for size in sizes]
+            both = uncertainty(u), uncertainty(None if u is None else COVERAGE_FACTOR * u)
+            rows.append((f"{found['frequency_hz'][i]:.5g}", *cells, *both))
+        heads = [str(source["source"]) for source in found["sources"]]
+        columns_ = [Column("f", "number", "Hz"), *columns(*heads, kind="number")]
+        columns_ += [Column("u", "number", unit), Column("U", "number", unit)]
+        tables.append(Table(tuple(columns_), tuple(rows), title=f"{word}, standard uncertainties in {unit}", name=word))
+    return tuple(tables)
+
+
+def repeats(result: Result) -> Table | None:
+    """The values of each run; None for a single one."""
+    found = result.settings.get("repeats")
+    if not isinstance(found, Mapping) or not found.get("values"):
+        return None
+    names = [name for name in found["values"][0] if name in result.parameters]
+    scales = [parameter_scale(result, result.parameters[name]) for name in names]
+    rows = tuple(
+        (row["mounting"], row["run"], *(plain(scale.times(row[n]), 7) for n, scale in zip(names, scales, strict=True)))
+        for row in found["values"]
+    )
+    heads = [Column(parameter_name(n).words, "number", scale.printed) for n, scale in zip(names, scales, strict=True)]
+    return Table((*columns("mounting", "run"), *heads), rows).telling()
 
 
 def _is_row(row: Any) -> bool:

@@ -108,20 +108,22 @@ def small_signals(result: Result) -> str:
 
 def per_g(result: Result) -> str:
     """The sensitivity per standard gravity, in a sentence; empty where it is not one to acceleration."""
+    number = per_g_value(result)
+    return f"Per standard gravity (g = {STANDARD_GRAVITY} m/s²) the sensitivity is {number}." if number else ""
+
+
+def per_g_value(result: Result) -> str:
+    """The sensitivity per standard gravity with its U and k; empty where it is not one to acceleration."""
     model = installed(result.model)
     sensitivity = result.parameters.get(model.gain_name) if model else None
     if sensitivity is None or not sensitivity.unit.endswith(("/(m/s^2)", "/(m/s²)")):
         return ""
     u, k = sensitivity.standard_uncertainty, parameter_factor(result)
     unit = sensitivity.unit[: sensitivity.unit.rindex("/(")] + "/g"
-    number = stated(
-        Parameter(
-            sensitivity.value * STANDARD_GRAVITY, unit, None if u is None else u * STANDARD_GRAVITY, (None, None)
-        ),
-        k,
-    )
+    value, u = sensitivity.value * STANDARD_GRAVITY, None if u is None else u * STANDARD_GRAVITY
+    number = stated(Parameter(value, unit, u, (None, None)), k)
     bar = f", U = {number.expanded} {number.unit} (k = {plain(k, 3)})" if u else ""
-    return f"Per standard gravity (g = {STANDARD_GRAVITY} m/s²) the sensitivity is {number.value} {number.unit}{bar}."
+    return f"{number.value} {number.unit}{bar}"
 
 
 def correlation(result: Result) -> Table | None:

@@ -44,7 +44,8 @@ class Column:
         if not self.unit:
             return self.title
         unit = f"({self.unit})" if "/" in self.unit else self.unit
-        return f"{self.title} / {unit}" if self.title else unit
+        first, *second = self.title.split("\n")
+        return "\n".join([f"{first} / {unit}", *second]) if self.title else unit
 
 
 def columns(*titles: str, kind: Literal["text", "number"] = "text") -> tuple[Column, ...]:
@@ -281,6 +282,8 @@ class Letterhead:
     subject: str  # on each page, beside the title
     foot: str  # below each page
     date: datetime.date | None  # of the document
+    words: dict[str, str] = field(default_factory=dict)  # of the frame: page, no, laboratory, place_and_date
+    logo: str = ""  # SVG, PNG or JPEG in base64
 
 
 @dataclass(frozen=True, eq=False)
@@ -291,6 +294,8 @@ class Document:
     head: tuple[Block, ...]
     sections: tuple[Section, ...]
     letterhead: Letterhead | None = None
+    draft: str = ""  # across each page
+    language: str = "en"
 
 
 def section(name: str, title: str, *blocks: Block | None) -> Section:

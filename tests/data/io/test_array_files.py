@@ -177,7 +177,7 @@ def test_wav_damage(tmp_path, refused):
 
 
 def test_unknown_ending_names_the_known_ones(tmp_path, refused):
-    error = refused(lambda: open_columns(tmp_path / "x.xlsx"), found="'.xlsx'", where="x.xlsx")
+    error = refused(lambda: open_columns(tmp_path / "x.ods"), found="'.ods'", where="x.ods")
     assert all(ending in error.expected for ending in by_ending())
     refused(lambda: open_columns(tmp_path / "x"), found="no ending")
 

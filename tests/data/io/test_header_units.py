@@ -154,8 +154,8 @@ def test_frequencies_are_read_in_the_unit_of_their_header(tmp_path, name, hertz)
 @pytest.mark.parametrize(
     ("header", "more", "words"),
     [
-        ("f,magnitude (dB),phase", "", "10^(dB/20)"),
-        ("f,mag_dB,phase", "", "10^(dB/20)"),
+        ("f,magnitude (dB),phase", "", "magnitude_unit"),
+        ("f,mag_dB,phase", "", "magnitude_unit"),
         ("f,mag,phase (rad)", "", 'phase_unit = "rad"'),
         ("f,mag,phase_deg", 'phase_unit = "rad"\n', 'phase_unit = "deg"'),
         ("f,mag (mV/g),phase", "", "scale = 0.00010197"),

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from vibrident.app.cli.commands.axes import axes
 from vibrident.app.cli.commands.compare import compare
 from vibrident.app.cli.commands.correct import correct
 from vibrident.app.cli.commands.demo import demo
@@ -76,7 +77,7 @@ app = typer.Typer(
 
 _PANELS = {
     "Begin": (demo, serve, doctor),
-    "From files to a model": (inspect, identify, fleet, report),
+    "From files to a model": (inspect, identify, axes, fleet, report),
     "Use and judge a model": (predict, correct, track, plan, compare, simulate, export, reproduce),
 }
 app.add_typer(history, name="history", rich_help_panel="Use and judge a model")

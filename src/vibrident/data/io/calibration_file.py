@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import difflib
-import math
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, ConfigDict, Field, ValidationError
 
 from vibrident.base.errors import InputError
-from vibrident.data.effects import StatedKind, SystematicEffect
+from vibrident.data.effects import Circumstances
+from vibrident.data.io.certificate import CertificateSection
 from vibrident.data.io.schema_errors import schema_error
 from vibrident.data.io.sections import (
-    CertificateSection,
     Column,
     FileSection,
     InterferometerSection,
@@ -24,6 +24,7 @@ from vibrident.data.io.sections import (
     check_interferometer,
 )
 from vibrident.data.io.toml_text import read_toml
+from vibrident.data.io.uncertainty_entries import CapabilityEntry, UncertaintyEntry, check_uncertainties
 from vibrident.data.records import USUAL_MODEL, Excitation, Quantity
 
 
@@ -36,6 +37,7 @@ def _scale(value: float) -> float:
 _Scale = Annotated[
     float, AfterValidator(_scale), Field(allow_inf_nan=False, description="a finite number other than 0")
 ]
+_Label = Annotated[str | int, Field(description="a number, or text in quotes")]
 _File = Annotated[str, Field(min_length=1, pattern=r"^[^\x00]*$", description="a file name in quotes")]
 
 
@@ -85,6 +87,15 @@ class RecordsEntry(FileSection):
     reference_file: _File | None = None
     rate_hz: Positive | None = None
     start_time_s: Number | None = None
+    run: _Label = ""
+    mounting: _Label = ""
+    axis: Literal["", "x", "y", "z"] = ""
+    temperature_c: Number | None = None
+
+    @property
+    def circumstances(self) -> Circumstances:
+        """Under which the records of the entry were made."""
+        return Circumstances(str(self.run), str(self.mounting), self.axis, self.temperature_c)
 
 
 class TableSection(FileSection):
@@ -97,22 +108,7 @@ class TableSection(FileSection):
     magnitude_uncertainty: Column | None = None
     phase_uncertainty: Column | None = None
     phase_unit: Literal["deg", "rad"] = "deg"
-
-
-class UncertaintyEntry(FileSection):
-    """One [[uncertainty]] entry: a systematic contribution, common to all points."""
-
-    source: Text
-    kind: StatedKind
-    standard_uncertainty: NotNegative
-    frequency_hz: Positive | None = None
-    degrees_of_freedom: Positive | None = None
-
-    @property
-    def effect(self) -> SystematicEffect:
-        """The entry as the record of an effect."""
-        freedom = math.inf if self.degrees_of_freedom is None else self.degrees_of_freedom
-        return SystematicEffect(self.source, self.kind, self.standard_uncertainty, self.frequency_hz, freedom)
+    magnitude_unit: Literal["", "dB"] = ""
 
 
 class CalibrationFile(FileSection):
@@ -129,6 +125,7 @@ class CalibrationFile(FileSection):
     uncertainty: list[UncertaintyEntry] = Field(
         default=[], description="one or more [[uncertainty]], in double brackets"
     )
+    cmc: list[CapabilityEntry] = Field(default=[], description="one or more [[cmc]], in double brackets")
 
     @property
     def sensor_text(self) -> dict[str, str]:
@@ -142,14 +139,26 @@ def read_calibration_file(path: Path) -> CalibrationFile:
     Raises:
         InputError: the file cannot be read, is not TOML, or its keys or values are not allowed.
     """
-    document = read_toml(path)
-    where = str(path)
+    return checked_calibration(read_toml(path), str(path))
+
+
+def checked_calibration(document: Mapping[str, Any], where: str) -> CalibrationFile:
+    """The keys of a calibration file, checked; ``where`` names it. Errors as :func:`read_calibration_file`."""
+    for section in ("response", "reference"):
+        if isinstance(document.get(section), list):
+            raise InputError(
+                f"The file has several [[{section}]]: it is a calibration of several axes.",
+                expected=f"one [{section}]",
+                found=f"[[{section}]], {len(document[section])} of them",
+                where=where,
+                remedy="use `vibrident axes`, or write the section in single brackets",
+            )
     try:
         calibration = CalibrationFile.model_validate(document)
     except ValidationError as error:
         raise schema_error(error, CalibrationFile, where) from None
     _check_sensor(calibration, where)
-    _check_uncertainty(calibration, where)
+    check_uncertainties(calibration.uncertainty, where)
     _check_content(calibration, where)
     return calibration
 
@@ -172,18 +181,6 @@ def _check_sensor(calibration: CalibrationFile, where: str) -> None:
                 found=f"{key} = {value!r}"[:80],
                 where=f"{where}, [sensor] {key}",
                 remedy="write it as text",
-            )
-
-
-def _check_uncertainty(calibration: CalibrationFile, where: str) -> None:
-    for number, entry in enumerate(calibration.uncertainty, start=1):
-        if (entry.kind == "mounting") != (entry.frequency_hz is not None):
-            raise InputError(
-                "Only a mounting effect has a frequency.",
-                expected='frequency_hz with kind = "mounting" alone',
-                found=f"kind = {entry.kind!r}, frequency_hz = {entry.frequency_hz!r}",
-                where=f"{where}, [[uncertainty]] entry {number}",
-                remedy="give the frequency at which the mounting's standard uncertainty holds, or remove it",
             )
 
 

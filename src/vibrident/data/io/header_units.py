@@ -174,7 +174,7 @@ def require_magnitude_unit(
     found = unit_in_name(name) or (name.rsplit("_", 1)[-1] if re.search(r"_(db|percent)$", name, re.IGNORECASE) else "")
     plain = found.translate(PLAIN).lower()
     if plain.startswith("db"):
-        remedy = "make it linear: 10^(dB/20), times what 0 dB stands for; and correct the header"
+        remedy = 'state magnitude_unit = "dB" under [table], and what 0 dB stands for as [response] scale'
         raise _contradiction(source, position, f"[table] {key}", "a linear magnitude", found, remedy)
     if plain in ("%", "percent"):
         remedy = "multiply it by the magnitude and divide by 100; and correct the header"

@@ -332,6 +332,7 @@ def _record(
         provenance=Provenance(one.part.file, sha256(folder / one.part.file), history),
         response_full_scale=None if to_response.full_scale is None else to_response.full_scale * abs(to_response.scale),
         reference_noise_order=4 if moving else 0,
+        circumstances=entry.circumstances,
         optical=replace(found.summary, findings=(*one.doubts, *found.summary.findings)),
     )
     return replace(found, displacement_m=np.zeros(0), valid=np.zeros(0, dtype=bool)), record

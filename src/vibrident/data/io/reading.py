@@ -14,8 +14,9 @@ from vibrident.data.io.header_units import unit_of_another_kind
 from vibrident.data.io.readers import by_ending, open_columns
 from vibrident.data.io.record_files import data_files, read_records
 from vibrident.data.io.table_file import read_table
+from vibrident.data.io.uncertainty_entries import effects_at
 from vibrident.data.io.units import reference_unit
-from vibrident.data.records import Calibration
+from vibrident.data.records import Calibration, Record
 
 #: Memory of a reading process for its libraries.
 _LIBRARIES_BYTES = 600_000_000
@@ -67,19 +68,24 @@ def read(path: str | os.PathLike[str]) -> Calibration:
     """
     file = Path(path)
     where = str(file)
-    document = _with_unit_of_header(read_calibration_file(file), file.parent, where)
+    return calibration_of(read_calibration_file(file), file.parent, where)
+
+
+def calibration_of(document: CalibrationFile, folder: Path, where: str) -> Calibration:
+    """The calibration of a checked file, whose relative paths start at ``folder``; errors as :func:`read`."""
+    document = _with_unit_of_header(document, folder, where)
     quantity, records, table, more = document.reference.quantity, (), None, ()
     if document.interferometer is not None:
         from vibrident.data.io.optical_files import read_optical  # loads SciPy, which others do not need
 
-        optical = read_optical(document, file.parent, where)
+        optical = read_optical(document, folder, where)
         records, quantity, unit, more = optical.records, optical.quantity, optical.unit, optical.effects
     else:
         unit = reference_unit(quantity, document.reference.unit, document.reference.scale, where)
         if document.table:
-            table = read_table(document, file.parent, where)
+            table = read_table(document, folder, where)
         else:
-            records = read_records(document, file.parent, where, unit)
+            records = read_records(document, folder, where, unit)
     return Calibration(
         records=records,
         table=table,
@@ -91,8 +97,16 @@ def read(path: str | os.PathLike[str]) -> Calibration:
         sensor=document.sensor_text,
         source=where,
         certificate=document.certificate.stated(),
-        effects=(*(entry.effect for entry in document.uncertainty), *more),
+        effects=(*effects_at(document.uncertainty, _temperatures(document, records), where), *more),
+        capabilities=tuple(entry.capability for entry in document.cmc),
     )
+
+
+def _temperatures(document: CalibrationFile, records: tuple[Record, ...]) -> list[float]:
+    """Of the records that state one; else that of the certificate."""
+    own = [record.circumstances.temperature_c for record in records]
+    room = document.certificate.temperature_c
+    return [t for t in own if t is not None] or ([] if room is None else [room])
 
 
 def _with_unit_of_header(document: CalibrationFile, folder: Path, where: str) -> CalibrationFile:

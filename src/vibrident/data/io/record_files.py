@@ -211,6 +211,7 @@ def read_record(part: Part, name: str, calibration: CalibrationFile, folder: Pat
         provenance=Provenance(part.file, sha256(folder / part.file), tuple(history)),
         reference_full_scale=None if reference is None else _scaled(to_reference.full_scale, to_reference.scale),
         response_full_scale=_scaled(to_response.full_scale, to_response.scale),
+        circumstances=entry.circumstances,
     )
 
 

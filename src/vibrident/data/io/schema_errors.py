@@ -12,15 +12,15 @@ from pydantic_core import ErrorDetails
 from vibrident.base.errors import InputError
 
 
-def schema_error(error: ValidationError, root: type[BaseModel], file: str) -> InputError:
-    """Return the InputError for the first finding; an unknown key precedes a missing one."""
+def schema_error(error: ValidationError, root: type[BaseModel], file: str, what: str = "calibration") -> InputError:
+    """Return the InputError for the first finding in a ``what`` file; an unknown key precedes a missing one."""
     findings = sorted(error.errors(), key=lambda finding: finding["type"] != "extra_forbidden")
     finding = findings[0]
     if finding["type"] == "extra_forbidden":
         return _unknown_key(finding, root, file)
     if finding["type"] == "missing":
         return _missing_key(finding, root, file)
-    return _bad_value(finding, root, file)
+    return _bad_value(finding, root, file, what)
 
 
 def _unknown_key(finding: ErrorDetails, root: type[BaseModel], file: str) -> InputError:
@@ -53,7 +53,7 @@ def _missing_key(finding: ErrorDetails, root: type[BaseModel], file: str) -> Inp
     )
 
 
-def _bad_value(finding: ErrorDetails, root: type[BaseModel], file: str) -> InputError:
+def _bad_value(finding: ErrorDetails, root: type[BaseModel], file: str, what: str) -> InputError:
     location = _known_part(finding["loc"], root)
     expected = _expected(location, root)
     if not expected:
@@ -61,7 +61,7 @@ def _bad_value(finding: ErrorDetails, root: type[BaseModel], file: str) -> Input
         expected = expected if finding["type"] == "literal_error" else finding["msg"]
     found = _input_at(finding, location)
     return InputError(
-        "A value in the calibration file cannot be used.",
+        f"A value in the {what} file cannot be used.",
         expected=expected,
         found=found,
         where=_where(file, location, root),

@@ -60,6 +60,8 @@ def read_table(calibration: CalibrationFile, folder: Path, where: str) -> Respon
     }
     _check_headers(calibration, source, positions)
     columns = dict(zip(positions, source.load(tuple(positions.values())), strict=True))
+    if section.magnitude_unit == "dB":
+        columns = _from_decibels(columns)
     for key, values in columns.items():
         _check(key, values, source, positions[key])
     lengths = {key: values.size for key, values in columns.items()}
@@ -74,6 +76,8 @@ def read_table(calibration: CalibrationFile, folder: Path, where: str) -> Respon
     radians = np.pi / 180 if section.phase_unit == "deg" else 1.0
     history = [f"{key}: column {position + 1} {source.names[position]!r}" for key, position in positions.items()]
     history.append(f"magnitude × {scale!r} → {calibration.response.unit} per unit of {calibration.reference.quantity}")
+    if section.magnitude_unit == "dB":
+        history.append("magnitude read in dB re 1 unit of the column, 20 lg")
     if section.phase is not None:
         history.append(f"phase read in {section.phase_unit}")
     hertz = hertz_per_unit(source, positions["frequency"])
@@ -89,6 +93,15 @@ def read_table(calibration: CalibrationFile, folder: Path, where: str) -> Respon
     )
 
 
+def _from_decibels(columns: dict[str, FloatArray]) -> dict[str, FloatArray]:
+    """Level and its standard uncertainty in dB as magnitude and standard uncertainty."""
+    size = 10.0 ** (columns["magnitude"] / 20.0)
+    found = columns | {"magnitude": size}
+    if "magnitude_uncertainty" in columns:
+        found["magnitude_uncertainty"] = columns["magnitude_uncertainty"] * size * np.log(10.0) / 20.0
+    return found
+
+
 def _check_headers(calibration: CalibrationFile, source: ColumnFile, positions: dict[str, int]) -> None:
     """Check the units in the header against the calibration file; see header_units."""
     assert calibration.table is not None
@@ -102,7 +115,7 @@ def _check_headers(calibration: CalibrationFile, source: ColumnFile, positions: 
             require_standard_uncertainty(source, position, key)
         if key.startswith("phase"):
             require_phase_unit(source, position, key, calibration.table.phase_unit)
-        elif key.startswith("magnitude"):
+        elif key.startswith("magnitude") and calibration.table.magnitude_unit != "dB":
             require_magnitude_unit(source, position, key, **stated)
             if "unit" in calibration.response.model_fields_set and calibration.reference.quantity != "drive":
                 require_response_unit(source, position, f"[table] {key}", stated["unit"], stated["scale"])
@@ -118,7 +131,7 @@ def _check(key: str, values: FloatArray, source: ColumnFile, position: int) -> N
     if bad.size:
         raise InputError(
             f"A value of {key} is not above zero.",
-            expected="numbers above 0" + ("; a magnitude in dB must be made linear" if key == "magnitude" else ""),
+            expected="numbers above 0" + ('; for dB state magnitude_unit = "dB"' if key == "magnitude" else ""),
             found=repr(float(values[bad[0]])),
             where=source.locate(position, int(bad[0])),
             remedy="repair or remove that row",

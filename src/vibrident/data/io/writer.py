@@ -7,6 +7,7 @@ import os
 import re
 import shutil
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ import numpy as np
 
 from vibrident.base.errors import InputError
 from vibrident.data.io.toml_text import toml_entry, toml_section
-from vibrident.data.records import Calibration, FloatArray, Record, ResponseTable, SystematicEffect
+from vibrident.data.records import Calibration, Capability, FloatArray, Record, ResponseTable, SystematicEffect
 
 CALIBRATION_FILE = "calibration.toml"
 _UNSAFE = re.compile(r"[^\w.+-]+")
@@ -153,22 +154,28 @@ def _toml(calibration: Calibration, files: list[str]) -> str:
     else:
         sections += _record_sections(calibration, files, reference, response)
     sections += [toml_entry("uncertainty", _effect(effect)) for effect in calibration.effects]
+    sections += [toml_entry("cmc", _capability(one)) for one in calibration.capabilities]
     if calibration.certificate:
         sections.append(toml_section("certificate", calibration.certificate))
     return "\n".join(sections)
 
 
 def _effect(effect: SystematicEffect) -> dict[str, Any]:
-    entry: dict[str, Any] = {
+    size = effect.standard_uncertainty
+    table = [[f, size * abs(complex(real, imaginary))] for f, real, imaginary in effect.pattern]
+    table = table if effect.kind in ("gain", "phase") else []
+    return {
         "source": effect.source,
         "kind": effect.kind,
-        "standard_uncertainty": effect.standard_uncertainty,
+        **({"table": table} if table else {"standard_uncertainty": size}),
+        "frequency_hz": effect.frequency_hz,
+        "degrees_of_freedom": effect.degrees_of_freedom if math.isfinite(effect.degrees_of_freedom) else None,
     }
-    if effect.frequency_hz is not None:
-        entry["frequency_hz"] = effect.frequency_hz
-    if math.isfinite(effect.degrees_of_freedom):
-        entry["degrees_of_freedom"] = effect.degrees_of_freedom
-    return entry
+
+
+def _capability(one: Capability) -> dict[str, Any]:
+    ends = {"from_hz": one.from_hz or None, "to_hz": one.to_hz if math.isfinite(one.to_hz) else None}
+    return {"quantity": one.quantity, "expanded_uncertainty": one.expanded_uncertainty, **ends}
 
 
 def _table_section(table: ResponseTable, file: str) -> str:
@@ -212,6 +219,7 @@ def _entry(record: Record, file: str, common_rate_hz: float) -> dict[str, Any]:
         "frequency_hz": record.frequency_hz,
         "rate_hz": record.sampling_rate_hz if record.sampling_rate_hz != common_rate_hz else None,
         "start_time_s": record.start_time_s or None,
+        **{key: value for key, value in asdict(record.circumstances).items() if value != ""},
     }
 
 

@@ -1,6 +1,6 @@
 """What was measured, in physical units: records, tabulated responses, the calibration that holds them. Validated."""
 
-from vibrident.data.effects import SystematicEffect
+from vibrident.data.effects import Capability, Circumstances, SystematicEffect
 from vibrident.data.records.basis import (
     EXCITATIONS,
     LARGEST,
@@ -26,6 +26,8 @@ __all__ = [
     "USUAL_MODEL",
     "BoolArray",
     "Calibration",
+    "Capability",
+    "Circumstances",
     "Excitation",
     "FloatArray",
     "Provenance",

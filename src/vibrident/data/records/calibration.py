@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from vibrident.base.brief import brief
 from vibrident.base.errors import InputError, unknown
-from vibrident.data.effects import SystematicEffect
+from vibrident.data.effects import Capability, SystematicEffect
 from vibrident.data.records.basis import QUANTITIES, REFERENCE_UNITS, USUAL_MODEL, Excitation, Quantity
 from vibrident.data.records.record import Record, ResponseTable
 
@@ -34,6 +34,7 @@ class Calibration:
         source: path of the calibration file; empty for data made in memory.
         certificate: what a certificate needs besides the data (customer, laboratory, conditions, …), as given; keys as
             in the calibration file, plain values, dates as ISO text.
+        capabilities: below which no U of the sensitivity is stated.
 
     Raises:
         InputError: neither or both of records and table are given, or the quantity is unknown.
@@ -50,6 +51,7 @@ class Calibration:
     source: str = ""
     certificate: Mapping[str, Any] = field(default_factory=dict)
     effects: tuple[SystematicEffect, ...] = ()
+    capabilities: tuple[Capability, ...] = ()
 
     __repr__ = brief
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from vibrident.base.brief import brief
 from vibrident.base.errors import InputError, unknown
+from vibrident.data.effects import Circumstances
 from vibrident.data.records.basis import EXCITATIONS, BoolArray, Excitation, FloatArray, Provenance, check_size, frozen
 
 if TYPE_CHECKING:
@@ -106,6 +107,7 @@ class Record:
         optical: what the signals of an interferometer said, from which the reference was made; None for others.
         hum_hz: tones of the response that no motion causes; unknowns of every fit to the record.
         response_step: of the converter, where the response is no longer as it came from there; 0: its values tell.
+        circumstances: run, mounting, axis and temperature, as far as stated.
 
     Raises:
         InputError: the arrays are not one-dimensional, differ in length, are shorter than 8 samples or hold a
@@ -129,6 +131,7 @@ class Record:
     optical: OpticalSummary | None = field(default=None, repr=False)
     hum_hz: tuple[float, ...] = ()
     response_step: float = 0.0
+    circumstances: Circumstances = field(default_factory=Circumstances)
 
     __repr__ = brief
 

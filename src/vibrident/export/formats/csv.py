@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from vibrident.base.escaping import csv_cell
 from vibrident.export.form import Format, Options
 from vibrident.export.sensor import ExportedSensor
+from vibrident.result import Result
 
 #: Field of a curve → heading; ``per``: its unit.
 _COLUMNS = {
@@ -32,35 +33,64 @@ _MEASURED = {
 
 
 def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
-    """Write the tables ``NAME_parameters.csv``, ``…_correlation.csv``, ``…_response.csv`` and ``…_measured.csv``."""
-    result = sensor.result
-    parameters = (
+    """Write a table for each of :func:`sheets`, ``NAME_parameters.csv`` and so on."""
+    return [_table(folder / f"{options.name}_{name}.csv", *table) for name, table in sheets(sensor.result).items()]
+
+
+#: A heading for each column, and the rows.
+Sheet = tuple[Sequence[str], Sequence[Sequence[object]]]
+
+
+def sheets(result: Result) -> dict[str, Sheet]:
+    """The tables of a result by name, with its own numbers; levels in dB and budgets where there are any."""
+    rows: list[Sequence[object]] = [
         (name, p.value, p.unit, p.standard_uncertainty, *p.interval_95, _word(p.identifiable), _word(p.derived))
         for name, p in result.parameters.items()
-    )
-    correlation = result.correlation
-    per = f"{result.response_unit} per {result.reference.get('unit', 'm/s^2')}"
-    curves = [(result.response, "response", _COLUMNS), (result.measured, "measured", _COLUMNS | _MEASURED)]
-    return [
-        _table(
-            folder / f"{options.name}_parameters.csv",
-            ("parameter", "value", "unit", "standard_uncertainty", "low_95", "high_95", "identifiable", "derived"),
-            parameters,
-        ),
-        _table(
-            folder / f"{options.name}_correlation.csv",
-            ("parameter", *correlation.names),
-            ((name, *row) for name, row in zip(correlation.names, correlation.matrix, strict=True)),
-        ),
-        *(
-            _table(
-                folder / f"{options.name}_{name}.csv",
-                [heading.format(per=per) for heading in columns.values()],
-                zip(*(_padded(getattr(curve, field), len(curve.frequency_hz)) for field in columns), strict=True),
-            )
-            for curve, name, columns in curves
-        ),
     ]
+    correlation = result.correlation
+    head = ("parameter", "value", "unit", "standard_uncertainty", "low_95", "high_95", "identifiable", "derived")
+    related = [(name, *row) for name, row in zip(correlation.names, correlation.matrix, strict=True)]
+    found: dict[str, Sheet] = {"parameters": (head, rows), "correlation": (("parameter", *correlation.names), related)}
+    per = f"{result.response_unit} per {result.reference.get('unit', 'm/s^2')}"
+    for curve, name, columns in (
+        (result.response, "response", _COLUMNS),
+        (result.measured, "measured", _COLUMNS | _MEASURED),
+    ):
+        padded = (_padded(getattr(curve, field), len(curve.frequency_hz)) for field in columns)
+        found[name] = [heading.format(per=per) for heading in columns.values()], list(zip(*padded, strict=True))
+    if result.measured.frequency_hz.size:
+        found["level"] = _level(result, per)
+    budget = [row for row in result.settings.get("uncertainty_budget") or () if isinstance(row, Mapping)]
+    if budget:
+        names = list(dict.fromkeys(name for row in budget for name in row.get("contributions") or ()))
+        own = ("source", "type", "kind", "standard_uncertainty", "unit", "degrees_of_freedom")
+        lines = [
+            (*(row.get(key) for key in own), *(row["contributions"].get(name) for name in names)) for row in budget
+        ]
+        found["budget"] = (*own, *names), lines
+    points = result.settings.get("point_budget")
+    if isinstance(points, Mapping):
+        columns_ = [points["frequency_hz"]] + [one[key] for one in points["sources"] for key in _PARTS]
+        heads = [f"{_PARTS[key]} of {one['source']}".format(per=per) for one in points["sources"] for key in _PARTS]
+        found["point_budget"] = ["frequency_hz", *heads], list(zip(*columns_, strict=True))
+    return found
+
+
+_PARTS = {"magnitude": "u ({per})", "phase_deg": "u (deg)"}
+
+
+def _level(result: Result, per: str) -> Sheet:
+    """Measured points and the model beside them in dB: 20 lg of the magnitude over one unit."""
+    points, factor = result.measured, 20.0 / math.log(10.0)
+    rows = []
+    for f, size, u, off in zip(
+        points.frequency_hz, points.magnitude, points.magnitude_uncertainty, points.deviation_percent, strict=True
+    ):
+        known = size > 0 and off > -100.0
+        values = (f, math.log(size) * factor, u / size * factor, math.log1p(off / 100.0) * factor) if known else (f,)
+        rows.append([None if math.isnan(v) else float(v) for v in values] + [None] * (4 - len(values)))
+    heads = ("frequency_hz", f"level_db (re 1 {per})", "standard_uncertainty_db", "model_deviation_db")
+    return heads, rows
 
 
 def _padded(values: Sequence[object], size: int) -> Sequence[object]:
@@ -92,6 +122,6 @@ CSV = Format(
     name="csv",
     title="tables of all numbers",
     write=write,
-    holds="parameters, u, intervals, correlation, curve and measured points with u",
+    holds="parameters, u, intervals, correlation, curve and measured points with u, levels in dB, budgets",
     cannot_hold="settings, fit metrics",
 )

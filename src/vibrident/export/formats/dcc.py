@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import datetime
 import functools
+import math
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -17,12 +18,15 @@ from vibrident.base.version import __version__
 from vibrident.export.dcc_results import measurement
 from vibrident.export.dcc_schema import validate
 from vibrident.export.dcc_tree import DCC as NAMESPACE
-from vibrident.export.dcc_tree import LANGUAGE, SI, Tree, cleaned
+from vibrident.export.dcc_tree import LANGUAGE, SI, Tree, cleaned, numeral
 from vibrident.export.form import Format, Options
 from vibrident.export.sensor import ExportedSensor
 from vibrident.result import Result
-from vibrident.show.coverage import coverage, interval_text, scatter_only
+from vibrident.show.coverage import coverage, interval_text, scatter_only, unstated
+from vibrident.show.language import Say
+from vibrident.show.points import reference_point
 from vibrident.show.tables import small_signals
+from vibrident.use.conformity import judged
 
 VERSION = "3.2.1"
 _LOCATION = f"https://ptb.de/dcc https://ptb.de/dcc/v{VERSION}/dcc.xsd"
@@ -58,10 +62,11 @@ def _check(result: Result, options: Options) -> None:
     if missing:
         raise InputError(
             "The result lacks what a calibration certificate must state.",
-            expected="in the calibration file: " + ", ".join(missing),
-            found="nothing there when the sensor was identified",
+            expected=", ".join(missing),
+            found="nothing",
             where="result.json, certificate and sensor",
-            remedy="add it to the calibration file and identify again",
+            remedy="write it into a file and give that with --certificate, or into the calibration file and identify "
+            "again",
         )
     for key in _DATES:
         if stated.get(key) and not _is_date(str(stated[key])):
@@ -72,15 +77,19 @@ def _check(result: Result, options: Options) -> None:
                 where=f"result.json, certificate {key}",
                 remedy="correct it in the calibration file and identify again",
             )
-    country = options.country
+    country = _country(result, options)
     if country is None or len(country) != 2 or not (country.isascii() and country.isalpha() and country.isupper()):
         raise InputError(
             "The certificate needs the country of the laboratory.",
             expected="two capitals (ISO 3166-1), such as DE",
             found=repr(country),
             where="--country",
-            remedy="give --country",
+            remedy="give --country, or [certificate] country",
         )
+
+
+def _country(result: Result, options: Options) -> str | None:
+    return options.country or result.certificate.get("country")
 
 
 def _blank(value: object) -> bool:
@@ -112,7 +121,7 @@ def _administration(tree: Tree, result: Result, options: Options) -> Any:
     order = stated.get("order_number")
     core = make(
         "coreData",
-        make("countryCodeISO3166_1", text=options.country),
+        make("countryCodeISO3166_1", text=_country(result, options)),
         make("usedLangCodeISO639_1", text=LANGUAGE),
         make("mandatoryLangCodeISO639_1", text=LANGUAGE),
         make("uniqueIdentifier", text=cleaned(f"{stated['laboratory']} {stated['number']}")),
@@ -139,13 +148,15 @@ def _administration(tree: Tree, result: Result, options: Options) -> Any:
     signed = [(name, role) for name, role in persons if not _blank(name)]
     return make(
         "administrativeData",
-        make("dccSoftware", make("software", text("name", "vibrident"), make("release", text=__version__))),
+        make("dccSoftware", make("software", text("name", "vibrident"), make("release", text=f"v{__version__}"))),
         core,
         make("items", item),
         make(
             "calibrationLaboratory",
             tree.optional("calibrationLaboratoryCode", stated.get("accreditation")),
-            _contact(tree, "contact", stated["laboratory"], stated.get("laboratory_address"), options.country),
+            _contact(
+                tree, "contact", stated["laboratory"], stated.get("laboratory_address"), _country(result, options)
+            ),
         ),
         make(
             "respPersons",
@@ -162,7 +173,7 @@ def _administration(tree: Tree, result: Result, options: Options) -> Any:
         _contact(tree, "customer", stated["customer"], stated.get("customer_address"), None),
         make(
             "statements",
-            *(make("statement", text("name", title), declaration) for title, declaration in _statements(tree, result)),
+            *(make("statement", text("name", title), *declared) for title, *declared in _statements(tree, result)),
         ),
     )
 
@@ -173,8 +184,8 @@ def _contact(tree: Tree, tag: str, name: str, address: str | None, country: str 
     return tree.make(tag, tree.named(name), tree.make("location", code, further))
 
 
-def _statements(tree: Tree, result: Result) -> Iterable[tuple[str, Any]]:
-    """Conventions of the numbers, and the laboratory's statements: title and declaration."""
+def _statements(tree: Tree, result: Result) -> Iterable[tuple[str, *tuple[Any, ...]]]:
+    """Conventions of the numbers, and the laboratory's statements: title, declaration, and conformity where judged."""
     ours = functools.partial(tree.text, "declaration")
     yield (
         "sign convention",
@@ -194,11 +205,42 @@ def _statements(tree: Tree, result: Result) -> Iterable[tuple[str, Any]]:
     yield "adequacy", ours(f"The model {verdict} the data within their uncertainties.")
     for warning in result.warnings:
         yield f"warning: {warning.code}", ours(warning.message)
-    for key in ("traceability", "condition", "mounting", "direction", "amplitude", "conditioning", "place"):
-        if result.certificate.get(key):
-            yield key, tree.stated("declaration", result.certificate[key])
-    for remark in result.certificate.get("remarks", ()):
-        yield "remark", tree.stated("declaration", remark)
+    yield "reproduction", ours(Say(LANGUAGE)("text", "no_reproduction"))
+    if result.settings.get("cmc"):
+        yield "capability", ours(Say(LANGUAGE)("text", "cmc"))
+    yield from _conformity(tree, result)
+    if result.certificate.get("replaces"):
+        yield "replaces certificate", tree.stated("declaration", result.certificate["replaces"])
+    for key in _STATED:
+        if found := result.certificate.get(key):
+            lines = found if isinstance(found, list | tuple) else [found]
+            for line in lines:
+                yield key.removesuffix("s") if key == "remarks" else key, tree.stated("declaration", line)
+
+
+#: Statements of the laboratory without an element of their own.
+_STATED = (
+    *("traceability", "condition", "mounting", "direction", "amplitude", "conditioning", "place", "deviations"),
+    *("external_results", "changes", "opinions", "remarks"),
+)
+
+
+def _conformity(tree: Tree, result: Result) -> Iterable[tuple[str, *tuple[Any, ...]]]:
+    """Each requirement with its limits, the value and its u, the decision rule, and whether it is met."""
+    if not result.certificate.get("requirements") or unstated(result):
+        return
+    point, _ = reference_point(result)
+    place = None if point is None else (point.magnitude, point.magnitude_uncertainty)
+    rule = Say(LANGUAGE)("text", result.certificate.get("decision_rule") or "simple")
+    for row in judged(result, None if point is None else point.frequency_hz, place):
+        numbers = {"low": row.low, "high": row.high, "value": row.value, "standard uncertainty": row.u}
+        numbers |= {"frequency in Hz": row.frequency_hz, "probability of conformance": row.probability}
+        known = {name: n for name, n in numbers.items() if n is not None and math.isfinite(n)}
+        said = [f"{row.quantity}, unit {row.unit}", *(f"{name} {numeral(n)}" for name, n in known.items())]
+        source = [f"stated in {row.source}"] if row.source else []
+        declaration = tree.text("declaration", rule, ", ".join([*said, *source]))
+        met = None if row.met is None else tree.make("conformity", text="pass" if row.met else "fail")
+        yield f"conformity: {row.quantity}", declaration, met
 
 
 DCC = Format(
@@ -206,7 +248,7 @@ DCC = Format(
     title="digital calibration certificate",
     write=write,
     holds="parameters with u and 95 % interval, correlation, curve and measured points with U (k = 2), "
-    "what `[certificate]` states, warnings",
+    "budget, what `[certificate]` states, warnings",
     cannot_hold="training, excerpts",
     options=("country", "schema"),
     extra="dcc",

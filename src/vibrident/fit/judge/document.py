@@ -27,7 +27,9 @@ from vibrident.fit.problem import Evidence
 from vibrident.fit.uncertainty import correlation, curve, parameter_table, weakly_determined
 from vibrident.fit.uncertainty.budget import DATA, BudgetRow, as_settings, effective_degrees_of_freedom, rows_of_effects
 from vibrident.fit.uncertainty.curve import frequencies, with_resonances
+from vibrident.fit.uncertainty.floor import with_floor
 from vibrident.fit.uncertainty.parameters import coverage_factor, unit_fields
+from vibrident.fit.uncertainty.point_budget import point_budget
 from vibrident.physics.models import SensorModel
 from vibrident.physics.naming import in_words
 from vibrident.result import Finding, Result, ResultWarning, Training
@@ -50,7 +52,10 @@ def document(fitted: Fitted, rows: Sequence[BudgetRow], more: Sequence[ResultWar
     drifts = [ResultWarning(finding.code, finding.message) for finding in fitted.drifts]
     stated = replace(stated, warnings=[*drifts, *stated.warnings, *more])
     result = _result(fitted.evidence, fitted.estimate, fitted.judgement, stated)
-    return replace(result, settings={**result.settings, "estimator_choice": fitted.reason})
+    effects = all_effects(fitted.evidence, fitted.judgement)
+    points = point_budget(result.measured, effects, fitted.linear)
+    settings = {**result.settings, "estimator_choice": fitted.reason, **({"point_budget": points} if points else {})}
+    return with_floor(replace(result, settings=settings), fitted.evidence.calibration.capabilities)
 
 
 @dataclass(frozen=True, eq=False)

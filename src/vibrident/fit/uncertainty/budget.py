@@ -10,6 +10,7 @@ A contribution changes the measured response by a known pattern over frequency, 
 | mounting | (f/f₀)² | relative, at f₀ = ``frequency_hz`` (a stiff mount well below its resonance) |
 | clock | −f ∂ log H/∂f | relative (sampling rate) |
 | ellipse, cyclic | tabulated by the interferometer's signals | relative |
+| gain, phase with a table or a band | tabulated by the calibration file | relative, rad: the largest |
 | rounding | tabulated by the records and their converters' steps | relative |
 
 The fit answers to it as to any other deviation: dz = (AᵀA)⁻¹ Aᵀ b. It is common to all points, so more data do not
@@ -64,9 +65,12 @@ def rows_of_effects(effects: Sequence[SystematicEffect], linear: Linearised) -> 
     for effect in effects:
         shift = shift_of_effect(effect, linear)
         rows.append(row_of_effect(effect, np.outer(shift, shift)))
-        if len(rows) > 1 and effect.pattern and rows[-2].source == effect.source:  # parts of one source
+        if (
+            len(rows) > 1 and effect.pattern and (rows[-2].source, rows[-2].kind) == (effect.source, effect.kind)
+        ):  # parts of one source
             last, before = rows.pop(), rows.pop()
-            u = float(np.hypot(before.standard_uncertainty or 0.0, effect.standard_uncertainty))
+            sizes = before.standard_uncertainty or 0.0, effect.standard_uncertainty
+            u = float(np.hypot(*sizes) if effect.kind == "rounding" else max(sizes))  # of the bands of a source
             rows.append(replace(last, standard_uncertainty=u, covariance=before.covariance + last.covariance))
     return rows
 
@@ -80,7 +84,7 @@ def row_of_effect(effect: SystematicEffect, covariance: FloatArray) -> BudgetRow
 def shift_of_effect(effect: SystematicEffect, linear: Linearised) -> FloatArray:
     """What one standard uncertainty of the effect does to z, shape (p,)."""
     u = effect.standard_uncertainty
-    if effect.kind == "gain":  # exact, even if the data do not determine the other parameters
+    if effect.kind == "gain" and not effect.pattern:  # exact, even if the data do not determine the other parameters
         return reference_direction(linear.z, linear.coordinates.model, u)
     change = pattern(effect, linear, linear.frequency_hz)
     part = np.where(linear.is_phase, np.imag(change), np.real(change))
@@ -88,8 +92,11 @@ def shift_of_effect(effect: SystematicEffect, linear: Linearised) -> FloatArray:
     return u * shift
 
 
-def pattern(effect: SystematicEffect, linear: Linearised | Place, frequency: FloatArray) -> NDArray[Any]:
-    """Change of log H for one unit of the effect, complex, shape (m,)."""
+def pattern(effect: SystematicEffect, linear: Linearised | Place | None, frequency: FloatArray) -> NDArray[Any]:
+    """Change of log H for one unit of the effect, complex, shape (m,); ``linear`` is for a clock alone."""
+    if effect.pattern:
+        at, real, imaginary = np.array(effect.pattern).T
+        return np.interp(frequency, at, real) + 1j * np.interp(frequency, at, imaginary)
     if effect.kind == "gain":
         return np.ones(len(frequency), dtype=complex)
     if effect.kind == "timing":
@@ -98,9 +105,7 @@ def pattern(effect: SystematicEffect, linear: Linearised | Place, frequency: Flo
         return np.full(len(frequency), -1j)
     if effect.kind == "mounting":
         return (frequency / float(effect.frequency_hz or 1.0)) ** 2 + 0j
-    if effect.pattern:
-        at, real, imaginary = np.array(effect.pattern).T
-        return np.interp(frequency, at, real) + 1j * np.interp(frequency, at, imaginary)
+    assert linear is not None
     sensor = linear.coordinates, linear.z, linear.quantity
     ahead, _ = log_slopes(*sensor, frequency * (1.0 + STEP))
     behind, _ = log_slopes(*sensor, frequency * (1.0 - STEP))

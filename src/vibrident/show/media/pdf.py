@@ -1,13 +1,17 @@
-"""Documents as PDF, set by typst from the template beside this module."""
+"""Documents as PDF, set by typst from the template beside this module, or from a laboratory's own."""
 
 from __future__ import annotations
 
+import base64
 import datetime
 import json
+import tempfile
+from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from vibrident.base.errors import InputError
 from vibrident.base.escaping import typst_data
 from vibrident.base.extras import library
 from vibrident.base.version import __version__
@@ -15,38 +19,87 @@ from vibrident.show.formulas import Words, formulas
 from vibrident.show.media import drawing
 from vibrident.show.views import Beside, Block, Document, Facts, Figure, Folded, Sentence, Signatures, Table
 
-_TEMPLATES = Path(__file__).parent / "templates"
+_TEMPLATE = Path(__file__).parent / "templates" / "document.typ"
+#: Fonts with Chinese letters, by what systems call them: the first that is there is used.
+_CHINESE = (
+    *("Noto Serif CJK SC", "Noto Serif SC", "Source Han Serif SC", "Songti SC", "SimSun", "Noto Sans CJK SC"),
+    *("Noto Sans SC", "Source Han Sans SC", "PingFang SC", "Microsoft YaHei", "SimHei", "WenQuanYi Zen Hei"),
+)
 
 
-def render(document: Document) -> bytes:
+def render(document: Document, template: Path | None = None, fonts: Iterable[Path] = ()) -> bytes:
     """A document as PDF; the same document gives the same file.
 
+    Args:
+        document: any.
+        template: a typst file in place of ours, which finds the same data in ``sys.inputs.document``.
+        fonts: folders with further fonts.
+
     Raises:
-        InputError: typst is not installed.
+        InputError: typst is not installed, no font has the document's letters, or the template fails.
     """
     typst = library("typst", "report", "PDF needs typst, which is not installed.", "--format pdf")
     issued = document.letterhead
     day = None if issued is None else issued.date
+    logo = b"" if issued is None else base64.b64decode(issued.logo)
     fields = {
         "title": document.title,
+        "draft": document.draft,
+        "language": document.language,
         "head": [_block(block) for block in document.head],
         "sections": [{"title": part.title, "blocks": [_block(b) for b in part.blocks]} for part in document.sections],
-        "letterhead": None if issued is None else asdict(issued),
+        "letterhead": None if issued is None else {**asdict(issued), "logo": bool(logo)},
         "day": None if day is None else (day.year, day.month, day.day),
         "foot": f"Made with vibrident {__version__}." if issued is None else issued.foot,
     }
     keys = ("text", "base", "small", "kind")
     written = [dict(zip(keys, (text, *parts), strict=True)) for text, parts in formulas().items()]
-    content = json.dumps({**typst_data(_marked(fields)), "formulas": written}, ensure_ascii=False, default=str)
+    data = {**typst_data(_marked(fields)), "formulas": written}
+    foreign = not _european(json.dumps(data, ensure_ascii=False, default=str))
+    places = [str(folder) for folder in fonts]
+    known = typst.Fonts(include_system_fonts=foreign, font_paths=places).families() if foreign or places else []
+    data["fonts"] = [name for name in _CHINESE if name in known][:1] if foreign else []
+    if document.language == "zh" and not data["fonts"]:
+        raise _no_font()
     # No clock, and no fonts of this machine where typst's own has all the letters.
     noon = datetime.datetime.combine(day or datetime.date(2000, 1, 1), datetime.time(12), datetime.UTC)
-    return typst.compile(
-        str(_TEMPLATES / "document.typ"),
-        root=str(_TEMPLATES),
-        format="pdf",
-        sys_inputs={"document": content},
-        ignore_system_fonts=_european(content),
-        timestamp=int(noon.timestamp()),
+    with tempfile.TemporaryDirectory() as folder:  # typst reads nothing outside it
+        root = Path(folder)
+        (root / "document.typ").write_bytes((template or _TEMPLATE).read_bytes())
+        (root / "logo").write_bytes(logo)
+        try:
+            return typst.compile(
+                str(root / "document.typ"),
+                root=folder,
+                format="pdf",
+                font_paths=places,
+                sys_inputs={"document": json.dumps(data, ensure_ascii=False, default=str)},
+                ignore_system_fonts=not foreign,
+                timestamp=int(noon.timestamp()),
+            )
+        except RuntimeError as error:
+            if template is None and not logo:
+                raise
+            raise _not_set(template, error) from error
+
+
+def _not_set(template: Path | None, error: Exception) -> InputError:
+    return InputError(
+        "The certificate cannot be set with the laboratory's own template or logo.",
+        expected="a typst file that makes a document, and a logo as SVG, PNG or JPEG",
+        found=" ".join(str(getattr(error, "diagnostic", error)).split())[:300],
+        where="[certificate] template, logo" if template is None else str(template),
+        remedy="correct it, or leave it out",
+    )
+
+
+def _no_font() -> InputError:
+    return InputError(
+        "No font with Chinese letters was found.",
+        expected="one of " + ", ".join(_CHINESE),
+        found="none of them on this machine",
+        where="[certificate] language",
+        remedy="install one, such as Noto Serif CJK, or name the folder that holds it: [certificate] fonts",
     )
 
 

@@ -8,7 +8,7 @@ from typing import Any
 from vibrident.app.cli import options
 from vibrident.app.cli.console import out, warn, wrote
 from vibrident.app.cli.files import write_samples
-from vibrident.app.cli.options import flag, option
+from vibrident.app.cli.options import argument, flag, option
 from vibrident.app.workflow.folder import load_result, write_json, written_whole
 
 _CHOSEN = "chosen from noise, motion, sensor and sampling rate"
@@ -16,7 +16,7 @@ _CHOSEN = "chosen from noise, motion, sensor and sampling rate"
 
 def correct(
     result: Path = options.RESULT_FILE,
-    calibration: Path = options.CALIBRATION_FILE,
+    calibration: Path = argument("CAL.toml|TABLE", "Calibration file; or a table of your own: CSV, Parquet, Excel."),
     folder: Path = option(
         "--out", "DIR", "Folder for the CSV files, correction.json and the picture.", Path("vibrident-correction")
     ),
@@ -27,14 +27,23 @@ def correct(
     track: bool = flag(
         "--track", help="Track the sensor through the records, and correct each with its own parameters."
     ),
+    column: str | None = option("--column", "NAME|N", "TABLE: the column of the sensor's signal."),
+    time: str | None = option("--time", "NAME|N", "TABLE: the column of the times, in s or the unit of its name."),
+    rate: float | None = option("--rate", "HZ", "TABLE: sampling rate, where it has no times."),
+    scale: float = option("--scale", "X", "TABLE: response unit per unit of the column.", 1.0),
     no_plots: bool = flag("--no-pictures", "--no-plots", help="Draw no picture."),
 ) -> None:
     """Restore the acceleration from the measured response, with an uncertainty for every sample.
 
     Writes a CSV file a record, and band, noise, peak with interval, and warnings in correction.json.
     A reference is used for comparison only. Write excitation = "decay" for records without one.
+
+    Of a table, writes the same table into the folder with two columns more: acceleration and its standard uncertainty.
     """
     limits = options.band(band)
+    if calibration.suffix.lower() != ".toml":
+        _own_table(load_result(result), calibration, folder, limits, noise, (column, time, rate, scale))
+        return
     from vibrident.data.io import read_guarded
     from vibrident.data.io.writer import record_files
 
@@ -65,6 +74,34 @@ def correct(
                 plots.save(plots.correction(corrections, dict(known.sensor)), output.path / "correction.png")
     warn(corrections.findings)
     _show(document, folder, corrections.motion, drawn=not no_plots)
+
+
+def _own_table(known: Any, path: Path, folder: Path, limits: Any, noise: float | None, asked: tuple[Any, ...]) -> None:
+    from vibrident.base.errors import InputError
+    from vibrident.data.io.own_table import ENDINGS, read_signal, with_columns
+    from vibrident.data.records import Calibration
+
+    column, time, rate, scale = asked
+    if column is None or path.suffix.lower() not in ENDINGS:
+        raise InputError(
+            "This is no calibration file, and no table to add columns to.",
+            expected=f"a file that ends in {', '.join(ENDINGS)}, and --column for the signal",
+            found=path.name + ("" if column is None else f", --column {column}"),
+            where="command line",
+            remedy="give --column with the name or the number of the column",
+        )
+    from vibrident.app.cli.progress import Busy
+    from vibrident.use.correction import correct as run
+
+    with written_whole(folder) as output:
+        with Busy("Correcting"):
+            data = Calibration((read_signal(path, column, time, rate, scale),), response_unit=known.response_unit)
+            corrections = run(known, data, band_hz=limits, noise=noise)
+        one, motion = corrections.corrections[0], corrections.motion
+        new = {motion: one.acceleration, f"{motion}_standard_uncertainty": one.standard_uncertainty}
+        with_columns(path, output.path / path.name, new)
+    warn(corrections.findings)
+    wrote(output.files)
 
 
 def _show(document: dict[str, Any], folder: Path, motion: str, *, drawn: bool) -> None:

@@ -28,6 +28,7 @@ def export(
     name: str = option("--name", "NAME", "Name of files and functions.", "sensor"),
     schema: Path | None = option("--schema", "XSD", "{exports: schema}: validate against this schema."),
     country: str | None = option("--country", "XX", "{exports: country}: ISO 3166-1 code of the laboratory's country."),
+    certificate: list[Path] | None = options.CERTIFICATE_FILES,
     channel: str | None = option("--channel", "NET.STA.LOC.CHA", "{exports: channel}: codes of the channel."),
     online: bool = flag("--online", help="{exports: online}: the tracker (learner, detector, corrector)."),
 ) -> None:
@@ -35,7 +36,9 @@ def export(
 
     What a format cannot hold is stated in the file, or refused with the reason.
     """
-    known = load_result(result)
+    from vibrident.show.issue import issued
+
+    known, _ = issued(load_result(result), certificate or [])
     limits = options.band(band)
     from vibrident.export import export as run
 

@@ -35,12 +35,16 @@ def report(
         "html: interactive, one file; pdf: calibration certificate or measurement report; md: Markdown with pictures.",
         default="by the ending of --out, or md",
     ),
+    certificate: list[Path] | None = options.CERTIFICATE_FILES,
     store: str | None = option("--store", "URL", "Add what this history holds of the sensor; not in a certificate."),
 ) -> None:
     """Write a report; of several results also a comparison, with the drift of a sensor. It needs results alone."""
     ending = "" if target is None else target.suffix.lower().removeprefix(".")
     chosen = form or (ending if ending in options.FORMATS else "md")
-    loaded = [(path, load_result(path)) for path in results]
+    from vibrident.show.issue import issued
+
+    given = [issued(load_result(path), certificate or []) for path in results]
+    loaded = [(path, result) for path, (result, _) in zip(results, given, strict=True)]
     more = _histories(loaded, store, chosen)
     names = distinct([path for path, _ in loaded])
     everything, alone = [result for _, result in loaded], len(loaded) == 1
@@ -61,7 +65,7 @@ def report(
     for folder, parts in jobs.items():
         with written_whole(folder) as output:
             for part, place, sections in parts:
-                write(part, chosen, output.path / place, names, sections)  # type: ignore[arg-type]
+                write(part, chosen, output.path / place, names, sections, given[0][1])  # type: ignore[arg-type]
         written += output.files
     wrote([file for file in written if file.suffix == f".{chosen}"])
 

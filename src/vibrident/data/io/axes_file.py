@@ -1,0 +1,116 @@
+"""A calibration file of a sensor with several axes: a [[response]] an output, [reference] or [[reference]] the motion.
+
+Each output and each motion has its ``axis``. With one reference the sensor was turned, and ``axis`` of each [[records]]
+entry says along which of its axes it was moved; with several, the exciter moves along all of them.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from vibrident.base.errors import InputError, unknown
+from vibrident.data.io.calibration_file import checked_calibration
+from vibrident.data.io.reading import calibration_of
+from vibrident.data.io.toml_text import read_toml
+from vibrident.data.records import Calibration
+
+AXES = ("x", "y", "z")
+
+
+@dataclass(frozen=True)
+class AxesCalibration:
+    """A sensor with several outputs.
+
+    Attributes:
+        outputs: axis of an output to its calibration by the first reference.
+        motions: axis of a reference to its signals: a calibration whose records have that reference; empty where the
+            exciter has one reference, and the records say along which axis it moved.
+        transverse_motion: relative standard uncertainty of motion across the axis, with one reference (ISO 16063-31).
+    """
+
+    outputs: Mapping[str, Calibration]
+    motions: Mapping[str, Calibration]
+    transverse_motion: float = 0.0
+
+
+def has_axes(path: str | os.PathLike[str]) -> bool:
+    """Whether a calibration file is one of several axes.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    return isinstance(read_toml(Path(path)).get("response"), list)
+
+
+def read_axes(path: str | os.PathLike[str]) -> AxesCalibration:
+    """Read a calibration file of several axes and its data files.
+
+    Raises:
+        InputError: the file or the data cannot be used, or the axes do not fit together.
+    """
+    file, where = Path(path), str(path)
+    document = read_toml(file)
+    responses = _by_axis(document.get("response"), "[[response]]", where)
+    several = isinstance(document.get("reference"), list)
+    references = _by_axis(document["reference"], "[[reference]]", where) if several else {}
+    single = dict(document.get("reference") or {}) if not several else {}
+    purity = single.pop("transverse_motion", 0.0)
+    if isinstance(purity, bool) or not isinstance(purity, int | float) or not 0 <= purity < 1:
+        raise InputError(
+            "The transverse motion cannot be used.",
+            expected="a number from 0 to 1: standard uncertainty relative to the motion along the axis",
+            found=f"transverse_motion = {purity!r}",
+            where=f"{where}, [reference]",
+            remedy="correct it, or leave it out",
+        )
+    first = next(iter(references.values())) if several else single
+
+    def read(response: Mapping[str, Any], reference: Mapping[str, Any]) -> Calibration:
+        one = {**document, "response": response, "reference": reference}
+        return calibration_of(checked_calibration(one, where), file.parent, where)
+
+    outputs = {axis: read(response, first) for axis, response in responses.items()}
+    some = next(iter(responses.values()))
+    motions = {axis: read(some, reference) for axis, reference in references.items()}
+    for record in next(iter(outputs.values())).records:
+        if record.excitation != "sine" or (not several and not record.circumstances.axis):
+            raise InputError(
+                "A record does not fit a calibration of several axes.",
+                expected='excitation = "sine"' + ("" if several else ', and axis = "x", "y" or "z"'),
+                found=f"{record.excitation!r}, axis {record.circumstances.axis!r}",
+                where=f"{where}, record {record.name!r}",
+                remedy="state the axis of the motion in its [[records]] entry, or leave the record out",
+            )
+    return AxesCalibration(outputs, motions, float(purity))
+
+
+def _by_axis(entries: Any, name: str, where: str) -> dict[str, dict[str, Any]]:
+    """Each entry by its axis, without it."""
+    if not isinstance(entries, list) or len(entries) < 2:
+        raise InputError(
+            "This is no calibration of several axes.",
+            expected=f"two or three {name}, each with its axis",
+            found=f"{len(entries) if isinstance(entries, list) else 1} of them",
+            where=f"{where}, {name}",
+            remedy="add the others, or identify it with `vibrident identify`",
+        )
+    found: dict[str, dict[str, Any]] = {}
+    for number, entry in enumerate(entries, 1):
+        here, own = f"{where}, {name} entry {number}", dict(entry)
+        axis = own.pop("axis", None)
+        if axis not in AXES:
+            raise unknown(f"An entry of {name} has no axis.", str(axis), AXES, here)
+        if axis in found:
+            raise InputError(
+                f"Two entries of {name} have one axis.",
+                expected="a different axis each",
+                found=f"axis = {axis!r} twice",
+                where=here,
+                remedy="correct one of them",
+            )
+        found[axis] = own
+    return found

@@ -1,0 +1,237 @@
+"""What a certificate states besides the numbers: [certificate], and a file of its own that is given after the fit."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar
+
+from pydantic import BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+
+from vibrident.base.errors import InputError
+from vibrident.data.io.schema_errors import schema_error
+from vibrident.data.io.sections import FileSection, NotNegative, Number, Positive, Text
+from vibrident.data.io.toml_text import read_toml
+
+Language = Literal["en", "de", "fr", "zh"]
+
+
+def _text(value: Any) -> Any:
+    """A number (of a certificate, of an order) is text."""
+    return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
+
+
+def _date(value: Any) -> Any:
+    """A date of TOML, or the same in quotes, as text."""
+    if isinstance(value, datetime.date) and not isinstance(value, datetime.datetime):
+        return value.isoformat()
+    if isinstance(value, str):
+        return datetime.date.fromisoformat(value).isoformat()
+    raise ValueError("not a date")
+
+
+def _lines(value: Any) -> Any:
+    return [value] if isinstance(value, str) else value
+
+
+def _named(value: Any) -> Any:
+    return {"name": value} if isinstance(value, str) else value
+
+
+# A field's description is the "expected" of its error message.
+_Text = Annotated[str, BeforeValidator(_text), Field(min_length=1, description="text in quotes, not empty")]
+_Date = Annotated[str, BeforeValidator(_date), Field(description="a date such as 2025-03-31")]
+_Lines = Annotated[
+    list[Annotated[str, Field(min_length=1)]],
+    BeforeValidator(_lines),
+    Field(min_length=1, description="text in quotes, or a list of such"),
+]
+_Percent = Annotated[float, Field(ge=0, le=100, description="a number from 0 to 100")]
+
+
+class InstrumentSection(FileSection):
+    """One of the instruments used, and where its own traceability is stated."""
+
+    name: _Text
+    manufacturer: _Text | None = None
+    type: _Text | None = None
+    serial_number: _Text | None = None
+    certificate: _Text | None = None
+    calibrated_until: _Date | None = None
+
+
+class RequirementSection(FileSection):
+    """A specification to judge conformity by: of a parameter, or of the sensitivity over a band.
+
+    ``quantity`` is a parameter's name with ``low`` and ``high`` in its unit; or ``sensitivity_deviation``, in percent
+    from the sensitivity at the reference frequency, at each measured frequency from ``from_hz`` to ``to_hz``.
+    """
+
+    quantity: Text
+    low: Number | None = None
+    high: Number | None = None
+    from_hz: Positive | None = None
+    to_hz: Positive | None = None
+    source: _Text | None = None
+
+    @model_validator(mode="after")
+    def _limited(self) -> RequirementSection:
+        if self.low is None and self.high is None:
+            raise ValueError("a requirement has low or high, or both")
+        return self
+
+
+_Instrument = Annotated[InstrumentSection, BeforeValidator(_named)]
+
+
+class CertificateSection(FileSection):
+    """[certificate]; see docs/report.md for the meaning of each key."""
+
+    number: _Text | None = None
+    laboratory: _Text | None = None
+    laboratory_address: _Text | None = None
+    accreditation: _Text | None = None
+    customer: _Text | None = None
+    customer_address: _Text | None = None
+    order_number: _Text | None = None
+    date_of_receipt: _Date | None = None
+    date_of_calibration: _Date | None = None
+    date_of_issue: _Date | None = None
+    place: _Text | None = None
+    condition: _Text | None = None
+    mounting: _Text | None = None
+    direction: _Text | None = None
+    amplitude: _Text | None = None
+    conditioning: _Text | None = None
+    temperature_c: Number | None = None
+    temperature_uncertainty_c: NotNegative | None = None
+    relative_humidity_percent: _Percent | None = None
+    relative_humidity_uncertainty_percent: NotNegative | None = None
+    air_pressure_hpa: Positive | None = None
+    air_pressure_uncertainty_hpa: NotNegative | None = None
+    procedure: _Text | None = None
+    traceability: _Text | None = None
+    instruments: list[_Instrument] = Field(default=[], description="a list of names, or [[certificate.instruments]]")
+    reference_frequency_hz: Positive | None = None
+    operator: _Text | None = None
+    approved_by: _Text | None = None
+    remarks: _Lines | None = None
+    deviations: _Lines | None = None
+    external_results: _Lines | None = None
+    opinions: _Lines | None = None
+    requirements: list[RequirementSection] = Field(
+        default=[], description="[[certificate.requirements]], each with a quantity and low or high or both"
+    )
+    decision_rule: Literal["simple", "guarded"] | None = None
+    replaces: _Text | None = None
+    changes: _Lines | None = None
+    language: Language | None = None
+    second_language: Language | None = None
+    country: Annotated[str, Field(pattern="^[A-Z]{2}$", description="two capitals (ISO 3166-1), such as DE")] | None = (
+        None
+    )
+
+    def stated(self) -> Mapping[str, Any]:
+        """What the file states, as plain values; dates as text."""
+        return self.model_dump(exclude_none=True, exclude_unset=True)
+
+
+class _OwnSection(CertificateSection):
+    """[certificate] of a file of its own: other files may be named, relative to it."""
+
+    logo: _Text | None = None
+    template: _Text | None = None
+    before: _Text | None = None
+    fonts: _Text | None = None
+
+
+class _SensorText(FileSection):
+    """[sensor] of a file of its own: what is to be printed of the sensor."""
+
+    model_config = ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, _Text] = Field(init=False)
+
+
+class _CertificateFile(FileSection):
+    certificate: _OwnSection = _OwnSection()
+    sensor: _SensorText = Field(default_factory=_SensorText, description="text in quotes, one line a key")
+
+
+class _Form(FileSection):
+    certificate: CertificateSection = CertificateSection()
+
+
+_FILES = ("logo", "template", "before")
+_Document = TypeVar("_Document", _CertificateFile, _Form)
+
+
+@dataclass(frozen=True)
+class CertificateData:
+    """What was given for a certificate after the fit.
+
+    Attributes:
+        certificate: as [certificate] of a calibration file, plain values, dates as text.
+        sensor: further text of [sensor].
+        logo: file of the laboratory's logo (SVG, PNG or JPEG).
+        template: file of the laboratory's own typst template.
+        before: result.json of the calibration before an adjustment.
+        fonts: folder with further fonts.
+    """
+
+    certificate: Mapping[str, Any] = field(default_factory=dict)
+    sensor: Mapping[str, str] = field(default_factory=dict)
+    logo: Path | None = None
+    template: Path | None = None
+    before: Path | None = None
+    fonts: Path | None = None
+
+
+def certificate_data(files: Sequence[Path]) -> CertificateData:
+    """Read certificate files; what a later one states replaces the same of an earlier one.
+
+    Raises:
+        InputError: a file cannot be read, is not TOML, names a file that is not there, or holds a key or value that is
+            not allowed.
+    """
+    stated: dict[str, Any] = {}
+    sensor: dict[str, str] = {}
+    named: dict[str, Path] = {}
+    for file in files:
+        found = _checked(_CertificateFile, read_toml(file, "certificate"), str(file))
+        own = dict(found.certificate.stated())
+        for key in (*_FILES, "fonts"):
+            if key in own:
+                named[key] = _existing(file.parent / own.pop(key), key, str(file))
+        stated |= own
+        sensor |= {key: str(value) for key, value in (found.sensor.model_extra or {}).items()}
+    return CertificateData(stated, sensor, **named)
+
+
+def certificate_section(values: Mapping[str, Any], where: str) -> Mapping[str, Any]:
+    """What a form was filled with, checked as [certificate] of a calibration file; ``where`` names the form.
+
+    Raises:
+        InputError: a key or value is not allowed.
+    """
+    return _checked(_Form, {"certificate": dict(values)}, where).certificate.stated()
+
+
+def _checked(kind: type[_Document], document: Mapping[str, Any], where: str) -> _Document:
+    try:
+        return kind.model_validate(document)
+    except ValidationError as error:
+        raise schema_error(error, kind, where, "certificate") from None
+
+
+def _existing(path: Path, key: str, where: str) -> Path:
+    if path.is_dir() if key == "fonts" else path.is_file():
+        return path
+    raise InputError(
+        f"The {'folder' if key == 'fonts' else 'file'} of {key} cannot be read.",
+        expected="a folder" if key == "fonts" else "a file, relative to the certificate file",
+        found="none of that name",
+        where=f"{where}, [certificate] {key} = {path.name!r}",
+        remedy="correct the name",
+    )

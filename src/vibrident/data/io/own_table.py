@@ -1,0 +1,154 @@
+"""A user's own table (CSV, Parquet, Excel): a signal from it, and the same table with further columns."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from vibrident.base.errors import InputError
+from vibrident.data.io.columns import library
+from vibrident.data.io.csv_layout import BLANKS, detect_layout
+from vibrident.data.io.header_units import seconds_per_unit
+from vibrident.data.io.readers import open_columns, sha256
+from vibrident.data.io.sampling import sampling_from_times
+from vibrident.data.records import FloatArray, Provenance, Record
+
+ENDINGS = (".csv", ".txt", ".tsv", ".dat", ".parquet", ".pq", ".xlsx")
+
+
+def read_signal(path: Path, column: str, time: str | None, rate_hz: float | None, scale: float) -> Record:
+    """A column of a table as a record without reference.
+
+    Args:
+        path: the table.
+        column: name, or number from 1, of the signal.
+        time: the same of the times, in s or the unit in its name; None where there is none.
+        rate_hz: samples per second, where there are no times and the file states no rate.
+        scale: response unit per unit of the column.
+
+    Raises:
+        InputError: a column is not there, or nothing tells the sampling rate.
+    """
+    source = open_columns(path)
+    place = source.position_of(_key(column), "--column")
+    (values,) = source.load((place,))
+    clock = source.clock(place)
+    if time is not None:
+        at = source.position_of(_key(time), "--time")
+        (times,) = source.load((at,))
+        rate = sampling_from_times(times * seconds_per_unit(source, at), lambda row: source.locate(at, row)).rate_hz
+    elif rate_hz is not None or clock is not None:
+        rate = rate_hz if rate_hz is not None else clock.rate_hz  # type: ignore[union-attr]
+    else:
+        raise InputError(
+            "Nothing tells the sampling rate of the table.",
+            expected="--time with the column of the times, or --rate",
+            found="neither",
+            where=str(path),
+            remedy="give one of the two",
+        )
+    provenance = Provenance(path.name, sha256(path), (f"response: column {column} × {scale!r}",))
+    return Record(path.name, None, values * scale, rate, "decay", provenance=provenance)
+
+
+def _key(text: str) -> int | str:
+    return int(text) if text.isdecimal() else text
+
+
+def with_columns(path: Path, target: Path, columns: Mapping[str, FloatArray]) -> Path:
+    """Write the table with further columns, in its own format; what it held stays as it was.
+
+    Args:
+        path: the table.
+        target: the file to write.
+        columns: heading to its values, one a row of the table.
+
+    Raises:
+        InputError: the table has another number of rows, or a column of that name.
+    """
+    names = set(open_columns(path).names)
+    for name in columns:
+        if name in names:
+            raise InputError(
+                "The table has a column of that name already.",
+                expected=f"no column {name!r}",
+                found=repr(name),
+                where=str(path),
+                remedy="rename the column, or give the table as it was",
+            )
+    ending = path.suffix.lower()
+    write = {".parquet": _parquet, ".pq": _parquet, ".xlsx": _excel}.get(ending, _text)
+    write(path, target, columns)
+    return target
+
+
+def _parquet(path: Path, target: Path, columns: Mapping[str, FloatArray]) -> None:
+    parquet, arrow = library("pyarrow.parquet", "parquet", path), library("pyarrow", "parquet", path)
+    table = parquet.read_table(path)
+    _require_rows(table.num_rows, columns, path)
+    for name, values in columns.items():
+        table = table.append_column(name, arrow.array(values))
+    parquet.write_table(table, target)
+
+
+def _excel(path: Path, target: Path, columns: Mapping[str, FloatArray]) -> None:
+    openpyxl = library("openpyxl", "excel", path)
+    book = openpyxl.load_workbook(path)
+    sheet = book.worksheets[0]
+    rows = [n for n, row in enumerate(sheet.iter_rows(values_only=True), 1) if any(cell is not None for cell in row)]
+    size = len(next(iter(columns.values())))
+    _require_rows(min(len(rows), size), columns, path)
+    data, head = rows[-size:], rows[: len(rows) - size]
+    first = sheet.max_column + 1
+    for offset, (name, values) in enumerate(columns.items()):
+        if head:
+            sheet.cell(head[-1], first + offset, name)
+        for row, value in zip(data, values.tolist(), strict=True):
+            sheet.cell(row, first + offset, value if np.isfinite(value) else None)
+    for row in sheet.iter_rows():
+        for cell in row:
+            if isinstance(cell.value, float):  # openpyxl itself would write 16 digits, one too few
+                cell.value, cell.data_type = repr(cell.value), "n"
+    book.save(target)
+
+
+def _text(path: Path, target: Path, columns: Mapping[str, FloatArray]) -> None:
+    layout = detect_layout(path, str(path))
+    gap = " " if layout.delimiter == BLANKS else layout.delimiter
+    lines = path.read_bytes().decode(layout.encoding).splitlines()
+    head, data = lines[: layout.first_line - 1], lines[layout.first_line - 1 :]
+    filled = [n for n, line in enumerate(data) if line.strip()]
+    _require_rows(len(filled), columns, path)
+    texts = [[_number(value, layout.decimal) for value in values.tolist()] for values in columns.values()]
+    for n, cells in zip(filled, zip(*texts, strict=True), strict=True):
+        data[n] = _joined(data[n], cells, gap)
+    places = [n for n, line in enumerate(head) if line.strip()]
+    if places and any(layout.names):
+        has_units = any(layout.units) and len(places) > 1
+        if has_units:
+            head[places[-1]] = _joined(head[places[-1]], [""] * len(columns), gap)
+        named = places[-2] if has_units else places[-1]
+        head[named] = _joined(head[named], list(columns), gap)
+    target.write_text("\n".join([*head, *data]) + "\n", encoding=layout.encoding.removesuffix("-sig"), newline="\n")
+
+
+def _joined(line: str, cells: Sequence[str], gap: str) -> str:
+    return f"{line if line.endswith(gap) and gap != ' ' else line + gap}{gap.join(cells)}"
+
+
+def _number(value: float, decimal: str) -> str:
+    return repr(value).replace(".", decimal) if np.isfinite(value) else ""
+
+
+def _require_rows(rows: int, columns: Mapping[str, FloatArray], path: Path) -> None:
+    size = len(next(iter(columns.values())))
+    if rows != size:
+        raise InputError(
+            "The table has another number of rows than the signal has values.",
+            expected=f"{size} rows of numbers",
+            found=str(rows),
+            where=str(path),
+            remedy="remove rows that are no data",
+        )

@@ -1,0 +1,190 @@
+"""Several runs of a calibration, the sensor remounted between them or not: type A evaluation (GUM 4.2).
+
+Each run is identified by itself. With M mountings of n_m runs each, the estimate is the mean of the means of the
+mountings, whose covariance is that of these means over M, with M − 1 degrees of freedom; with one mounting it is the
+mean of the n runs, with n − 1, and remounting is not in it. The two components are those of the one-way random model:
+repeatability, the variance within mountings, and remounting, what the means vary beyond it. Systematic effects are
+common to all runs and are added (type B); the degrees of freedom are those of Welch and Satterthwaite (GUM G.4.1).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from vibrident.base.errors import InputError
+from vibrident.data.records import Calibration, FloatArray
+from vibrident.fit.judge import Fitted, document, own_rows
+from vibrident.fit.uncertainty import correlation, curve, parameter_table
+from vibrident.fit.uncertainty.budget import DATA, BudgetRow, as_settings, effective_degrees_of_freedom
+from vibrident.fit.uncertainty.floor import with_floor
+from vibrident.fit.uncertainty.parameters import coverage_factor, unit_fields
+from vibrident.result import MeasuredCurve, Result
+
+REPEATABILITY, REMOUNTING = "repeatability", "remounting"
+_SAME = 1e-3  # relative distance within which points of two runs are at one frequency
+_ZERO = 1e-300
+
+
+def runs_of(calibration: Calibration) -> dict[tuple[str, str], Calibration]:
+    """Mounting and run to the records of it; one entry where no runs are stated.
+
+    Raises:
+        InputError: some records belong to a run and others to none.
+    """
+    keys = [(r.circumstances.mounting, r.circumstances.run) for r in calibration.records]
+    groups = {key: tuple(r for r, k in zip(calibration.records, keys, strict=True) if k == key) for key in keys}
+    if len(groups) > 1 and any(not any(key) for key in groups):
+        raise InputError(
+            "Some records belong to a run, and others to none.",
+            expected="run or mounting in every [[records]] entry, or in none",
+            found=", ".join(r.name for r, key in zip(calibration.records, keys, strict=True) if not any(key))[:80],
+            where=f"{calibration.source or 'calibration in memory'}, [[records]]",
+            remedy="state the run of these records too",
+        )
+    return {key: replace(calibration, records=records) for key, records in groups.items()}
+
+
+def identify_runs(runs: dict[tuple[str, str], Calibration], fit: Callable[[Calibration], Fitted], scope: Any) -> Result:
+    """The result of several runs together.
+
+    Args:
+        runs: mounting and run to its calibration, two or more.
+        fit: estimates and judges a calibration.
+        scope: as ``uncertainty`` of ``identify``, of each run.
+
+    Raises:
+        InputError: a run cannot be identified.
+    """
+    fits = [fit(one) for one in runs.values()]
+    first = fits[0]
+    coordinates = first.estimate.coordinates
+    places = np.array([coordinates.place(one.estimate.coordinates.values(one.estimate.z)) for one in fits])
+    mountings = [key[0] for key in runs]
+    mean, parts = _components(places, mountings)
+    rows = [*parts, *(row for row in own_rows(first, scope) if row.kind != DATA)]
+    total = np.sum([row.covariance for row in rows], axis=0)
+    freedom = float(np.min(effective_degrees_of_freedom(_joined(rows))))
+    results = [document(one, own_rows(one, scope)) for one in fits]
+    base, calibration, names = results[0], first.evidence.calibration, first.evidence.model.parameter_names
+    doubtful = {name: "" for one in results for name, p in one.parameters.items() if not p.identifiable}
+    covers = [f"{len(fits)} runs", *([f"{len(set(mountings))} mountings"] if len(set(mountings)) > 1 else [])]
+    settings = {
+        **base.settings,
+        "uncertainty_covers": "; ".join([*covers, *(f"{row.source} ({row.kind})" for row in rows if row.kind != DATA)]),
+        "coverage_factor": coverage_factor(freedom),
+        "effective_degrees_of_freedom": freedom,
+        "uncertainty_budget": as_settings(rows, names, coordinates.slopes(mean)),
+        "repeats": {
+            "runs": len(fits),
+            "mountings": len(set(mountings)),
+            "values": [
+                {"mounting": key[0], "run": key[1], **{n: p.value for n, p in one.parameters.items() if not p.derived}}
+                for key, one in zip(runs, results, strict=True)
+            ],
+        },
+    }
+    made = replace(
+        base,
+        parameters=parameter_table(coordinates, mean, total, freedom, unit_fields(calibration), doubtful),
+        correlation=correlation(first.evidence.model, total),
+        response=curve(coordinates, mean, total, calibration.quantity, base.response.frequency_hz),
+        warnings=tuple(dict.fromkeys(warning for one in results for warning in one.warnings)),
+        findings=tuple(finding for one in results for finding in one.findings),
+        fit=replace(base.fit, adequate=all(one.fit.adequate for one in results)),
+        provenance={**base.provenance, "files": [f for one in results for f in one.provenance.get("files") or ()]},
+        signals=tuple(signal for one in results for signal in one.signals),
+        settings=settings,
+    )
+    measured = _measured(results, made, mountings)
+    made = replace(made, measured=measured, settings=_with_scatter(settings, measured, covers[-1]))
+    return with_floor(made, calibration.capabilities)
+
+
+def _with_scatter(settings: dict[str, Any], measured: MeasuredCurve, name: str) -> dict[str, Any]:
+    """The settings with the scatter of the runs in place of the noise in the budget of the points."""
+    points = settings.get("point_budget")
+    if not points or points["frequency_hz"] != measured.frequency_hz.tolist():
+        return {key: value for key, value in settings.items() if key != "point_budget"}
+    parts = {"magnitude": measured.magnitude_noise.tolist(), "phase_deg": measured.phase_deg_noise.tolist()}
+    scatter = {"source": f"scatter of {name}", "type": "A", **parts}
+    return {**settings, "point_budget": {**points, "sources": [scatter, *points["sources"][1:]]}}
+
+
+def _components(places: FloatArray, mountings: Sequence[str]) -> tuple[FloatArray, list[BudgetRow]]:
+    """Mean of the runs, shape (p,), and the type A rows of the budget; ``places``: of each run, shape (runs, p)."""
+    groups = [places[[one == name for one in mountings]] for name in dict.fromkeys(mountings)]
+    if len(groups) == 1:
+        mean = places.mean(axis=0)
+        return mean, [_row(REPEATABILITY, np.cov(places.T) / len(places), len(places) - 1)]
+    means = np.array([group.mean(axis=0) for group in groups])
+    whole = np.atleast_2d(np.cov(means.T)) / len(groups)
+    within = sum(np.atleast_2d((group - group.mean(axis=0)).T @ (group - group.mean(axis=0))) for group in groups)
+    left = len(places) - len(groups)
+    if left == 0:
+        return means.mean(axis=0), [_row(REMOUNTING, whole, len(groups) - 1)]
+    own = within / left * float(np.mean([1.0 / len(group) for group in groups])) / len(groups)
+    share = np.clip(np.diag(own) / np.maximum(np.diag(whole), _ZERO), 0.0, 1.0)  # of the variance of the mean
+    scales = np.sqrt(share), np.sqrt(1.0 - share)
+    rows = [_row(REPEATABILITY, whole * np.outer(scales[0], scales[0]), left)]
+    rows.append(_row(REMOUNTING, whole * np.outer(scales[1], scales[1]), len(groups) - 1))
+    rest = whole - rows[0].covariance - rows[1].covariance  # of the correlations, none on the diagonal
+    rows[1] = replace(rows[1], covariance=rows[1].covariance + rest)
+    return means.mean(axis=0), rows
+
+
+def _row(source: str, covariance: FloatArray, freedom: int) -> BudgetRow:
+    return BudgetRow(source, DATA, None, "", float(freedom), np.atleast_2d(covariance))
+
+
+def _joined(rows: Sequence[BudgetRow]) -> list[BudgetRow]:
+    """The type A rows as one, with the degrees of freedom of the means: they are parts of one sample variance."""
+    data = [row for row in rows if row.kind == DATA]
+    covariance = np.sum([row.covariance for row in data], axis=0)
+    return [replace(data[-1], covariance=covariance), *(row for row in rows if row.kind != DATA)]
+
+
+def _measured(results: Sequence[Result], mean: Result, mountings: Sequence[str]) -> MeasuredCurve:
+    """The points as means over the runs, their noise as the scatter of these; all points where they do not match."""
+    curves = [one.measured for one in results]
+    f = curves[0].frequency_hz
+    alike = all(len(c.frequency_hz) == len(f) and np.all(abs(c.frequency_hz / f - 1) <= _SAME) for c in curves)
+    if not alike or not len(f):
+        return curves[0]
+    magnitudes, phases = (np.array([getattr(c, name) for c in curves]) for name in ("magnitude", "phase_deg"))
+    phases = phases[0] + (phases - phases[0] + 180.0) % 360.0 - 180.0
+    size, size_noise = _mean_over(magnitudes, mountings)
+    turn, turn_noise = _mean_over(phases, mountings)
+    common = [
+        np.sqrt(np.maximum(np.nan_to_num(u) ** 2 - np.nan_to_num(noise) ** 2, 0.0))
+        for u, noise in (
+            (curves[0].magnitude_uncertainty, curves[0].magnitude_noise),
+            (curves[0].phase_deg_uncertainty, curves[0].phase_deg_noise),
+        )
+    ]
+    model = mean.to_sensor().frequency_response(f, mean.quantity)  # type: ignore[arg-type]
+    shift = (np.rad2deg(np.angle(model)) - turn + 180.0) % 360.0 - 180.0
+    return replace(
+        curves[0],
+        magnitude=size,
+        phase_deg=turn,
+        magnitude_noise=size_noise,
+        phase_deg_noise=turn_noise,
+        magnitude_uncertainty=np.hypot(size_noise, common[0]),
+        phase_deg_uncertainty=np.hypot(turn_noise, common[1]),
+        deviation_percent=100.0 * (np.abs(model) / size - 1.0),
+        deviation_phase_deg=shift,
+        deviation_uncertainty_percent=100.0 * size_noise / size,
+        deviation_phase_uncertainty_deg=turn_noise,
+    )
+
+
+def _mean_over(values: FloatArray, mountings: Sequence[str]) -> tuple[FloatArray, FloatArray]:
+    """Mean of the means of the mountings and its standard uncertainty; ``values``: shape (runs, points)."""
+    names = list(dict.fromkeys(mountings))
+    rows = [[one == name for one in mountings] for name in names] if len(names) > 1 else np.eye(len(values), dtype=bool)
+    means = np.array([values[row].mean(axis=0) for row in rows])
+    return means.mean(axis=0), means.std(axis=0, ddof=1) / np.sqrt(len(means))

@@ -1,0 +1,288 @@
+"""The tables of a certificate, in its languages: every number is the result's."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from vibrident.base.amounts import pretty
+from vibrident.base.nominal import same
+from vibrident.physics.naming import parameter_name
+from vibrident.result import Parameter, Result
+from vibrident.show import figures, tables
+from vibrident.show.coverage import parameter_factor, unstated
+from vibrident.show.formulas import Words
+from vibrident.show.language import ENGLISH, Say
+from vibrident.show.numbers import (
+    COVERAGE_FACTOR,
+    NONE,
+    at,
+    nominal_frequency,
+    parameter_scale,
+    percent,
+    plain,
+    printed,
+    sensitivity_scale,
+    stated,
+    with_u,
+)
+from vibrident.show.points import Point, nominal_points, reference_point
+from vibrident.show.setting_tables import budget as english_budget
+from vibrident.show.setting_tables import point_budget
+from vibrident.show.views import Column, Fact, Facts, Figure, Sentence, Table, columns, listed
+from vibrident.use.conformity import DEVIATION, Judged, judged
+
+MOST_FILES = 30  # data files listed; the result lists them all
+MOST_POINTS = 100  # measured points listed; more are thinned evenly
+
+
+def instruments(result: Result, say: Say = ENGLISH) -> Table:
+    """The instruments used; no rows are a blank to fill."""
+    header = (say("head", key) for key in ("instrument", "maker", "serial_number", "certificate", "calibrated_until"))
+    rows = []
+    for item in result.certificate.get("instruments") or ():
+        entry = item if isinstance(item, Mapping) else {"name": item}
+        maker = " ".join(str(entry[key]) for key in ("manufacturer", "type") if entry.get(key))
+        rest = (str(entry.get(key) or "") for key in ("serial_number", "certificate", "calibrated_until"))
+        rows.append((str(entry.get("name", "")), maker, *rest))
+    return Table(columns(*header), tuple(rows)).telling()
+
+
+def reference(result: Result, say: Say = ENGLISH) -> Facts:
+    """The sensitivity at the reference frequency, and how that was chosen."""
+    point, why = reference_point(result)
+    label = say("label", "reference_frequency_hz")
+    if point is None:
+        asked = result.certificate.get("reference_frequency_hz")
+        reason = say.known(why) if asked is None else say("text", "outside", frequency=f"{asked:.6g}")
+        reason = reason if asked is not None else Words(f"{reason[:1].upper()}{reason[1:]}.")
+        return Facts(((label, None), (say("label", "reason"), reason)))
+    scale = sensitivity_scale(result)
+    magnitude, expanded = with_u(point.magnitude, point.magnitude_uncertainty, scale.factor)
+    exact = same(float(point.nominal), point.frequency_hz)
+
+    def chosen(one: Say) -> str:
+        at_exact = "" if exact else one("text", "computed_at", frequency=exact_frequency(point))
+        return f"{point.nominal} Hz{at_exact}; {one.known(why)}"
+
+    rows: list[Fact] = [
+        (label, say.each(chosen)),
+        (say("label", "magnitude"), f"{magnitude} {scale.unit}{_bar(expanded, scale.unit)}"),
+    ]
+    if point.phase_deg is not None:
+        phase, phase_u = with_u(point.phase_deg, point.phase_deg_uncertainty, 1.0)
+        rows.append((say("label", "phase"), f"{phase}°{_bar(phase_u, '°')}"))
+    return Facts(tuple(rows))
+
+
+def _bar(expanded: str, unit: str) -> str:
+    space = "" if unit == "°" else " "
+    return "" if expanded == NONE else f", U = {expanded}{space}{unit} (k = {COVERAGE_FACTOR:g})"
+
+
+def sensitivity(result: Result, say: Say = ENGLISH) -> Table | None:
+    """Magnitude, phase and U at the nominal frequencies of the measured band; None if it holds no nominal frequency."""
+    points = nominal_points(result)
+    if not points:
+        return None
+    scale = sensitivity_scale(result)
+    phases = any(point.phase_deg is not None for point in points)
+    rows = tuple(_row(point, scale.factor, phases) for point in points)
+    notes = (say("text", "curve_note"), *((say("text", "phase"),) if phases else ()))
+    return Table(_heads(say, scale.unit, phases), rows, notes=notes)
+
+
+def _heads(say: Say, unit: str, phases: bool) -> tuple[Column, ...]:
+    heads = [(say("head", "nominal"), "Hz"), ("f", "Hz"), (say("head", "magnitude"), unit), ("U", unit), ("U", "%")]
+    heads += [(say("head", "phase"), "°"), ("U", "°")] if phases else []
+    return tuple(Column(title, "number", unit) for title, unit in heads)
+
+
+def exact_frequency(point: Point) -> str:
+    """The frequency that a point's values belong to, in Hz, five digits."""
+    return f"{point.frequency_hz:#.5g}".rstrip(".") if point.frequency_hz < 1e5 else f"{point.frequency_hz:.0f}"
+
+
+def _row(point: Point, factor: float, phases: bool) -> tuple[str, ...]:
+    magnitude, expanded = with_u(point.magnitude, point.magnitude_uncertainty, factor)
+    relative = NONE
+    if point.magnitude_uncertainty is not None and point.magnitude:
+        _, relative = with_u(abs(point.magnitude), point.magnitude_uncertainty, 100.0 / abs(point.magnitude))
+    row = (point.nominal, exact_frequency(point), magnitude, expanded, relative)
+    return row + with_u(point.phase_deg, point.phase_deg_uncertainty, 1.0) if phases else row
+
+
+def measured(result: Result, say: Say = ENGLISH) -> Table | None:
+    """What the data say at each frequency, with U of noise and stated effects together; None without points."""
+    points, scale = result.measured, sensitivity_scale(result)
+    total = len(points.frequency_hz)
+    if total == 0:
+        return None
+    phases, step = bool(np.isfinite(points.phase_deg).any()), max(1, -(-total // MOST_POINTS))
+    rows = []
+    for i in range(0, total, step):
+        f = float(points.frequency_hz[i])
+        columns = ("magnitude", "phase_deg", "magnitude_uncertainty", "phase_deg_uncertainty")
+        place = Point(nominal_frequency(f) or NONE, f, *(at(getattr(points, name), i) for name in columns))
+        rows.append(_row(place, scale.factor, phases))
+    notes = [say("text", "measured_note"), *([say("text", "thinned", step=step, total=total)] if step > 1 else [])]
+    notes += [say("text", "unstated")] if any(NONE in row[1:] for row in rows) else []
+    return Table(_heads(say, scale.unit, phases), tuple(rows), notes=tuple(notes))
+
+
+def curve(result: Result, say: Say = ENGLISH) -> Figure | None:
+    """The picture of the sensitivity with symbols for words; None for a single frequency."""
+    figure = figures.sensitivity(result)
+    if figure is None or len(result.response.frequency_hz) < 2:
+        return None
+    stacks = []
+    for stack in figure.stacks:
+        panels = []
+        for panel, name in zip(stack.panels, (f"|S| / ({sensitivity_scale(result).unit})", "φ / °"), strict=False):
+            series = tuple(replace(one, label="", band="") for one in panel.series)
+            axes = replace(panel.x, label="f / Hz"), replace(panel.y, label=name)
+            panels.append(replace(panel, x=axes[0], y=axes[1], series=series, title=""))
+        stacks.append(replace(stack, panels=tuple(panels), title=""))
+    return replace(figure, title="", subject="", note="", stacks=tuple(stacks), caption=say("text", "caption"))
+
+
+def parameters(result: Result, say: Say = ENGLISH) -> Table:
+    """The parameter table without the columns that a certificate does not need."""
+    whole = tables.parameters(result)
+    few = parameter_factor(result) != COVERAGE_FACTOR
+    names = ("parameter", "symbol", "value", "u", *(("k",) if few else ()), "U", "unit", "remark")
+    kept = whole.select(tuple(whole.header.index(name) for name in names))
+    heads = tuple(
+        column if column.title in ("u", "k", "U") else replace(column, title=say("head", column.title))
+        for column in kept.columns
+    )
+    rows = tuple(
+        (say.known(row[0]), *row[1:-1], say.each(lambda one, row=row: ", ".join(map(one.known, row[-1].split(", ")))))
+        for row in kept.rows
+    )
+    number = tables.per_g_value(result)
+    notes = (str(say("text", "per_g", g=tables.STANDARD_GRAVITY, value=number)),) if number else ()
+    return replace(kept, columns=heads, rows=rows, notes=notes).telling()
+
+
+def budget(result: Result, say: Say = ENGLISH) -> Table | None:
+    """The uncertainty budget of the parameters; None where the result holds none."""
+    table = english_budget(result)
+    if table is None:
+        return None
+    heads = [replace(one, title=say("head", one.title)) for one in table.columns[:3]]
+    heads += [one if one.title in ("u", "ν") else replace(one, title=say.known(one.title)) for one in table.columns[3:]]
+    rows = [(say.known(row[0]) if say.has(row[0]) else row[0], *row[1:]) for row in table.rows[:-1]]
+    rows.append((say("text", "u_of_result"), *table.rows[-1][1:]))
+    return replace(table, columns=tuple(heads), rows=tuple(rows), notes=(say("text", "budget_note"),))
+
+
+def point_budgets(result: Result, say: Say = ENGLISH) -> tuple[Table, ...]:
+    """The budget of the measured points, frequency by frequency; none without stated effects."""
+    found = []
+    for table in point_budget(result):
+        heads = [replace(one, title=say.known(one.title) if say.has(one.title) else one.title) for one in table.columns]
+        unit = table.columns[-1].unit
+        title = say.each(lambda one, table=table, unit=unit: f"{one('head', table.name)}, u / ({unit})")
+        step = max(1, -(-len(table.rows) // MOST_POINTS))
+        found.append(replace(table, columns=tuple(heads), rows=table.rows[::step], title=str(title)))
+    return tuple(found)
+
+
+def conformity(result: Result, say: Say = ENGLISH) -> tuple[Table | Sentence, ...]:
+    """Each requirement, whether it is met by the decision rule, and how probable that is; nothing without requirements.
+
+    Raises:
+        InputError: a requirement is of a quantity that the result does not have.
+    """
+    if not result.certificate.get("requirements"):
+        return ()
+    if unstated(result):
+        return (Sentence(say("text", "no_conformity")),)
+    point, _ = reference_point(result)
+    place = None if point is None else (point.magnitude, point.magnitude_uncertainty)
+    rows = [_judged(result, one, say) for one in judged(result, None if point is None else point.frequency_hz, place)]
+    heads = [Column(say("head", key)) for key in ("requirement", "source")]
+    heads += [Column(say("head", key), "number") for key in ("limits", "value")]
+    heads += [Column("U", "number"), Column(say("head", "unit")), Column(say("head", "probability"), "number")]
+    table = Table((*heads, Column(say("head", "decision"))), tuple(rows)).telling()
+    rule = say("text", result.certificate.get("decision_rule") or "simple")
+    return (Sentence(rule), replace(table, notes=(say("text", "probability"),)))
+
+
+def _judged(result: Result, row: Judged, say: Say) -> tuple[str, ...]:
+    if row.quantity == DEVIATION:
+        point, _ = reference_point(result)
+        place = "" if point is None else point.nominal
+        name = say("text", "deviation", reference=place, frequency=f"{row.frequency_hz or math.nan:.5g}")
+        factor, unit = 1.0, "%"
+    else:
+        scale = parameter_scale(result, result.parameters[row.quantity])
+        name, factor, unit = say.known(parameter_name(row.quantity).words), scale.factor, scale.printed or "1"
+    ends = [NONE if math.isinf(end) else plain(end * factor) for end in (row.low, row.high)]
+    value, expanded = with_u(row.value if math.isfinite(row.value) else None, row.u, factor)
+    word = "not_judged" if row.met is None else "pass" if row.met else "fail"
+    chance = NONE if row.probability is None else f"{100.0 * row.probability:.2f} %"
+    return name, row.source, f"{ends[0]} … {ends[1]}", value, expanded, unit, chance, say("text", word)
+
+
+def adjustment(result: Result, before: Result | None, say: Say = ENGLISH) -> Table | None:
+    """The sensitivity at the reference frequency and the parameters, as received and as returned.
+
+    None without a result from before.
+    """
+    if before is None:
+        return None
+    found: list[tuple[str, Parameter, Parameter]] = []
+    points = [reference_point(one)[0] for one in (before, result)]
+    if points[0] is not None and points[1] is not None:
+        unit = f"{result.response_unit}/({result.reference.get('unit') or 'm/s^2'})"
+        pair = [Parameter(p.magnitude, unit, p.magnitude_uncertainty, (None, None)) for p in points if p is not None]
+        found.append((say.each(lambda one: f"{one('label', 'magnitude')}, {points[1].nominal} Hz"), pair[0], pair[1]))  # type: ignore[union-attr]
+    for name, after in result.parameters.items():
+        if name in before.parameters and not after.derived and before.parameters[name].unit == after.unit:
+            found.append((say.known(parameter_name(name).words), before.parameters[name], after))
+    rows = []
+    for name, one, other in found:
+        scale = parameter_scale(result, other)
+        texts = [stated(each, COVERAGE_FACTOR, scale) for each in (one, other)]
+        change = percent(100.0 * (other.value / one.value - 1.0)) if one.value else NONE
+        numbers = [text for number in texts for text in (number.value, number.expanded)]
+        rows.append((name, *numbers, pretty(texts[0].unit), change))
+    heads = (Column(say("head", "quantity")), Column(say("head", "before"), "number"), Column("U", "number"))
+    heads += (Column(say("head", "after"), "number"), Column("U", "number"), Column(say("head", "unit")))
+    heads += (Column(say("head", "change"), "number"),)
+    return Table(heads, tuple(rows), notes=(say("text", "before_note"),))
+
+
+def temperature(result: Result, say: Say = ENGLISH) -> Table | None:
+    """Temperature coefficients with U; None where the records are of one temperature."""
+    found = result.settings.get("temperature")
+    if not isinstance(found, Mapping) or not found.get("coefficients"):
+        return None
+    rows = []
+    for name, line in found["coefficients"].items():
+        scale = parameter_scale(result, result.parameters[name])
+        coefficient = with_u(line["per_k"], line["standard_uncertainty"], 1.0)
+        value = f"{plain(line['value_at_reference'] * scale.factor)} {scale.printed}".strip()
+        rows.append((say.known(parameter_name(name).words), value, *coefficient, plain(line["probability"], 2)))
+    reference = printed(f"{found['reference_c']:g}")
+    heads = (Column(say("head", "parameter")), Column(say("head", "at_reference", reference=reference), "number"))
+    heads += (Column(say("head", "coefficient"), "number"), Column("U / (1/K)", "number"), Column("p", "number"))
+    measured_at = ", ".join(printed(f"{t:g}") for t in found["temperatures_c"])
+    own = printed(f"{found['of_result_c']:g}")
+    note = say("text", "temperature", temperatures=measured_at, reference=reference, own=own)
+    return Table(heads, tuple(rows), notes=(note,))
+
+
+def files(result: Result, say: Say = ENGLISH) -> Table | None:
+    """Data files with their SHA-256."""
+    entries = [entry for entry in result.provenance.get("files") or () if isinstance(entry, Mapping)]
+    known = [entry for entry in entries if entry.get("file") or entry.get("sha256")]
+    rows = tuple((str(entry.get("file") or NONE), str(entry.get("sha256") or NONE)) for entry in known)
+    kept = listed(len(rows), MOST_FILES)
+    more = (say("text", "more_files", count=len(rows) - kept),) if len(rows) > kept else ()
+    return Table(columns(say("head", "file"), "SHA-256"), rows[:kept], notes=more) if rows else None

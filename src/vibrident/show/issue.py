@@ -1,0 +1,130 @@
+"""A certificate to be issued: what was given after the fit, what is missing, and the form to fill in."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+from vibrident.data.io.certificate import CertificateData, CertificateSection, certificate_data
+from vibrident.result import Result
+from vibrident.show.language import Say
+
+Kind = Literal["text", "lines", "date", "number", "choice", "instruments", "requirements"]
+
+#: Keys that ISO/IEC 17025:2017, 7.8.2.1 and 7.8.4.1, asks of every certificate.
+REQUIRED = (
+    *("number", "laboratory", "laboratory_address", "place", "customer", "customer_address", "date_of_calibration"),
+    *("date_of_issue", "procedure", "traceability", "temperature_c", "approved_by"),
+)
+_GROUPS: Mapping[str, tuple[str, ...]] = {
+    "document": ("number", "date_of_issue", "language", "second_language", "replaces", "changes"),
+    "laboratory": ("laboratory", "laboratory_address", "accreditation", "country", "operator", "approved_by"),
+    "order": ("customer", "customer_address", "order_number", "date_of_receipt", "date_of_calibration", "place"),
+    "conditions": (
+        *("condition", "mounting", "direction", "amplitude", "conditioning"),
+        *("temperature_c", "temperature_uncertainty_c"),
+        *("relative_humidity_percent", "relative_humidity_uncertainty_percent"),
+        *("air_pressure_hpa", "air_pressure_uncertainty_hpa"),
+    ),
+    "method": ("procedure", "deviations", "traceability", "instruments", "external_results", "reference_frequency_hz"),
+    "conformity": ("requirements", "decision_rule"),
+    "further": ("opinions", "remarks"),
+}
+_KINDS: Mapping[str, Kind] = {
+    **dict.fromkeys(("date_of_receipt", "date_of_calibration", "date_of_issue"), "date"),
+    **dict.fromkeys(("language", "second_language", "decision_rule"), "choice"),
+    **dict.fromkeys(("remarks", "deviations", "external_results", "opinions", "changes"), "lines"),
+    **dict.fromkeys(("laboratory_address", "customer_address"), "lines"),
+    "instruments": "instruments",
+    "requirements": "requirements",
+}
+_CHOICES = {
+    **dict.fromkeys(("language", "second_language"), ("en", "de", "fr", "zh")),
+    "decision_rule": ("simple", "guarded"),
+}
+
+
+@dataclass(frozen=True)
+class FormField:
+    """An entry of the form.
+
+    Attributes:
+        key: of [certificate].
+        label: in words.
+        group: heading above it, in words.
+        kind: what is entered; ``lines`` is text of several lines.
+        required: whether a certificate without it is a draft.
+        choices: of kind ``choice``.
+    """
+
+    key: str
+    label: str
+    group: str
+    kind: Kind
+    required: bool
+    choices: tuple[str, ...] = ()
+
+
+def form(language: str = "en") -> tuple[FormField, ...]:
+    """The entries of a certificate, in the order of the form; what is entered is checked by ``certificate_section``."""
+    say = Say(language)
+    found = []
+    for group, keys in _GROUPS.items():
+        for key in keys:
+            number = "float" in str(CertificateSection.model_fields[key].annotation)
+            kind: Kind = _KINDS.get(key, "number" if number else "text")
+            label = say("label", key)
+            found.append(FormField(key, label, say("group", group), kind, key in REQUIRED, _CHOICES.get(key, ())))
+    return tuple(found)
+
+
+def missing(result: Result) -> tuple[str, ...]:
+    """Keys that a certificate must state and this result does not, those of [sensor] too; empty: it can be issued."""
+    stated = result.certificate
+    wanted = [*REQUIRED, *(["changes"] if stated.get("replaces") else [])]
+    lacking = [key for key in wanted if stated.get(key) in (None, "", [])]
+    return (*lacking, *(["serial_number"] if not result.sensor.get("serial_number") else []))
+
+
+@dataclass(frozen=True)
+class Issue:
+    """What belongs to a certificate and not to a result.
+
+    Attributes:
+        before: the result before an adjustment.
+        logo: of the laboratory, as SVG, PNG or JPEG.
+        template: the laboratory's own typst file in place of ours.
+        fonts: folders with further fonts.
+    """
+
+    before: Result | None = None
+    logo: bytes | None = None
+    template: Path | None = None
+    fonts: tuple[Path, ...] = ()
+
+
+NOTHING_MORE = Issue()
+
+
+def issued(result: Result, files: Sequence[Path]) -> tuple[Result, Issue]:
+    """A result with what certificate files state; a later file replaces what an earlier one states.
+
+    Raises:
+        InputError: a file, or one that it names, cannot be read or holds what is not allowed.
+    """
+    data = certificate_data(files)
+    return stated(result, data), _issue(data)
+
+
+def stated(result: Result, data: CertificateData) -> Result:
+    """The result with further statements for its certificate and sensor."""
+    certificate: dict[str, Any] = {**result.certificate, **data.certificate}
+    return replace(result, certificate=certificate, sensor={**result.sensor, **data.sensor})
+
+
+def _issue(data: CertificateData) -> Issue:
+    logo = None if data.logo is None else data.logo.read_bytes()
+    before = None if data.before is None else Result.load(data.before)
+    return Issue(before, logo, data.template, () if data.fonts is None else (data.fonts,))

@@ -1,0 +1,80 @@
+"""Laboratories' values of one sensor: weighted mean, consistency and degrees of equivalence (Cox 2002, procedure A).
+
+M. G. Cox, The evaluation of key comparison data, Metrologia 39 (2002) 589-595.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vibrident.base.errors import InputError
+from vibrident.base.tails import chi2_tail
+from vibrident.use.comparison import COVERAGE_FACTOR
+
+
+@dataclass(frozen=True)
+class Equivalence:
+    """A laboratory's value beside the weighted mean of all.
+
+    Attributes:
+        difference: the value less the mean.
+        expanded: U of the difference, k = 2: U² = 4 (u² − u_mean²), as the value is part of the mean.
+        e_n: difference over ``expanded``; None where the value is all of the mean.
+    """
+
+    difference: float
+    expanded: float
+    e_n: float | None
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """What values of one quantity say together.
+
+    Attributes:
+        mean: weighted by 1/u².
+        u: its standard uncertainty.
+        chi2: observed χ² of the differences; of ``degrees_of_freedom``.
+        probability: of a larger χ² for consistent values; they are taken for consistent from 0.05 on.
+        laboratories: in the order given.
+    """
+
+    mean: float
+    u: float
+    chi2: float
+    degrees_of_freedom: int
+    probability: float
+    laboratories: tuple[Equivalence, ...]
+
+
+def agreement(values: Sequence[float], uncertainties: Sequence[float]) -> Agreement:
+    """Weighted mean of independent values, and how far each is from it.
+
+    Args:
+        values: one a laboratory, in one unit, at least two.
+        uncertainties: their standard uncertainties, positive, in that unit.
+
+    Raises:
+        InputError: there are fewer than two, or an uncertainty is not a positive number.
+    """
+    x, u = np.asarray(values, float), np.asarray(uncertainties, float)
+    if x.size < 2 or x.shape != u.shape or not np.all(np.isfinite(x)) or not np.all(np.isfinite(u) & (u > 0)):
+        raise InputError(
+            "These values cannot be compared.",
+            expected="two values or more, each with a standard uncertainty above zero",
+            found=f"{x.size} values, {u.size} uncertainties",
+            where="values of laboratories",
+            remedy="give one of each for every laboratory",
+        )
+    weight = 1.0 / u**2
+    mean, u_mean = float(np.sum(weight * x) / np.sum(weight)), float(1.0 / math.sqrt(np.sum(weight)))
+    chi2 = float(np.sum(((x - mean) / u) ** 2))
+    found = []
+    for value, own in zip(x.tolist(), u.tolist(), strict=True):
+        expanded = COVERAGE_FACTOR * math.sqrt(max(own**2 - u_mean**2, 0.0))
+        found.append(Equivalence(value - mean, expanded, (value - mean) / expanded if expanded else None))
+    return Agreement(mean, u_mean, chi2, x.size - 1, chi2_tail(x.size - 1, chi2), tuple(found))

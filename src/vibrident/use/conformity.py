@@ -1,0 +1,137 @@
+"""Conformity of a result with requirements: decision rules and the probability of conformance (JCGM 106:2012)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from vibrident.base.errors import InputError
+from vibrident.result import Result
+
+Rule = Literal["simple", "guarded"]
+DEVIATION = "sensitivity_deviation"  # quantity: percent from the sensitivity at the reference frequency
+GUARD = 2.0  # guard band in u: w = U with k = 2 (ILAC-G8:09/2019, 5.1)
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A requirement and what is said of it.
+
+    Attributes:
+        quantity: name of a parameter, or ``sensitivity_deviation``.
+        unit: of value and limits.
+        low, high: tolerance limits; infinite where there is none.
+        source: where the requirement is stated, as given.
+        value: of the result; of a deviation at the frequency where conformance is least probable.
+        u: its standard uncertainty; None where it is not known.
+        frequency_hz: of a deviation; None otherwise.
+        probability: of conformance; None without u.
+        met: by the decision rule; None where it cannot be judged.
+    """
+
+    quantity: str
+    unit: str
+    low: float
+    high: float
+    source: str
+    value: float
+    u: float | None
+    frequency_hz: float | None
+    probability: float | None
+    met: bool | None
+
+
+def probability_of_conformance(value: float, u: float, low: float, high: float) -> float:
+    """Probability that a normally distributed quantity lies within its limits (JCGM 106, 7.2)."""
+    ends = [math.erf((end - value) / (u * math.sqrt(2.0))) for end in (low, high)]
+    return 0.5 * (ends[1] - ends[0])
+
+
+def accepted(value: float, u: float | None, low: float, high: float, rule: Rule) -> bool | None:
+    """Whether a value is accepted.
+
+    ``simple``: it lies within its limits (JCGM 106, 8.2); ``guarded``: it does so by U with k = 2 (8.3.2). None where a
+    guard band is asked for and u is not known.
+    """
+    if rule == "simple":
+        return low <= value <= high
+    return None if u is None else low + GUARD * u <= value <= high - GUARD * u
+
+
+def judged(result: Result, reference_hz: float | None, reference: tuple[float, float | None] | None) -> list[Judged]:
+    """Each requirement of ``result.certificate``, judged.
+
+    Args:
+        result: with the requirements and the decision rule in its certificate.
+        reference_hz: the reference frequency; None where there is none.
+        reference: magnitude of the sensitivity there and its standard uncertainty; None where there is none.
+
+    Raises:
+        InputError: a requirement is of a quantity that the result does not have.
+    """
+    rule: Rule = result.certificate.get("decision_rule") or "simple"
+    found = []
+    for entry in result.certificate.get("requirements") or ():
+        low, high = (entry.get(key) for key in ("low", "high"))
+        limits = -math.inf if low is None else float(low), math.inf if high is None else float(high)
+        if entry["quantity"] == DEVIATION:
+            points = list(_deviations(result, entry, reference)) if reference_hz is not None else []
+            rows = [_row(entry, "%", limits, *point, rule) for point in points]
+            if not rows:
+                rows = [_row(entry, "%", limits, math.nan, None, None, rule)]
+            found.append(min(rows, key=_order))
+            continue
+        if entry["quantity"] not in result.parameters:
+            raise InputError(
+                "A requirement is of a quantity that the result does not have.",
+                expected="one of " + ", ".join([*result.parameters, DEVIATION]),
+                found=repr(entry["quantity"]),
+                where="[[certificate.requirements]] quantity",
+                remedy="name one of these, or remove the requirement",
+            )
+        parameter = result.parameters[entry["quantity"]]
+        u = parameter.standard_uncertainty
+        found.append(_row(entry, parameter.unit, limits, parameter.value, u, None, rule))
+    return found
+
+
+def _order(row: Judged) -> tuple[bool, float, float]:
+    """The point that decides comes first: not met, then least probable, then farthest from the middle."""
+    return row.met is True, 1.0 if row.probability is None else row.probability, -abs(row.value)
+
+
+def _row(
+    entry: Any,
+    unit: str,
+    limits: tuple[float, float],
+    value: float,
+    u: float | None,
+    frequency: float | None,
+    rule: Rule,
+) -> Judged:
+    known = math.isfinite(value)
+    chance = probability_of_conformance(value, u, *limits) if known and u else None
+    met = accepted(value, u, *limits, rule) if known else None
+    return Judged(entry["quantity"], unit, *limits, str(entry.get("source") or ""), value, u, frequency, chance, met)
+
+
+def _deviations(
+    result: Result, entry: Any, reference: tuple[float, float | None] | None
+) -> Iterator[tuple[float, float | None, float]]:
+    """Deviation in percent, its u and its frequency, of the measured points in the band of the requirement.
+
+    u holds all of both values' uncertainties: what they have in common is not subtracted, so it is an upper limit.
+    """
+    if reference is None or not reference[0]:
+        return
+    size, reference_u = reference
+    points = result.measured
+    low, high = entry.get("from_hz") or 0.0, entry.get("to_hz") or math.inf
+    for f, magnitude, u in zip(points.frequency_hz, points.magnitude, points.magnitude_uncertainty, strict=True):
+        if low * (1 - 1e-9) <= f <= high * (1 + 1e-9) and np.isfinite(magnitude):
+            both = None if reference_u is None or not np.isfinite(u) else math.hypot(u / size, reference_u / size)
+            yield 100.0 * (magnitude / size - 1.0), None if both is None else 100.0 * both, float(f)

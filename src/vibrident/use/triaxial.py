@@ -1,0 +1,267 @@
+"""The sensitivity matrix of a sensor with several outputs, from sine records along its axes.
+
+At each frequency V = S A: the outputs' amplitudes V, shape (outputs, records), are the matrix S, shape (outputs, axes),
+times the motion A. With one reference each record has motion along one axis; with several, A holds all of them, and the
+records must differ enough to tell the axes apart. S is estimated by weighted least squares, a row an output.
+
+The uncertainty of an element is that of the noise of both channels (from spectral lines beside the tone), of the stated
+systematic effects, and, with one reference, of the exciter's motion across the axis, which is not measured: it adds
+|S_ii| times ``transverse_motion`` to each part of the elements off the diagonal (ISO 16063-31:2009, 6).
+
+The main sensitivity of output i is S_ii. Its transverse sensitivity is the largest over directions in the plane across
+the axis, √(S_ij² + S_ik²), and its misalignment the angle between the axis and the direction of largest sensitivity,
+with components S_ij/S_ii, in rad, of the parts in phase with S_ii.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibrident.base.errors import InputError
+from vibrident.base.tails import student_quantile
+from vibrident.data.io.axes_file import AxesCalibration, read_axes
+from vibrident.data.records import Calibration, FloatArray, Record
+from vibrident.fit.measure.tones import measure_tones, tone_frequency
+from vibrident.fit.uncertainty.budget import effects_of, pattern
+
+SCHEMA = "vibrident.matrix/1"
+_SAME = 1e-3  # relative distance within which records are at one frequency
+_CONDITION = 1e3  # of the motion, scaled to one: beyond, the axes are not told apart
+_FORMULAS = ("gain", "timing", "phase", "mounting")  # effects that need no model
+_SMALL = 1e-300
+
+ComplexArray = NDArray[np.complex128]
+
+
+@dataclass(frozen=True, eq=False)
+class Matrix:
+    """The complex sensitivity matrix over frequency, per m/s² (or the reference's unit).
+
+    Attributes:
+        outputs: axis of each output.
+        axes: axes of motion.
+        frequency_hz: shape (n,).
+        values: complex, shape (n, outputs, axes); NaN where no record moved along that axis.
+        u: standard uncertainty of the real and of the imaginary part each, shape (n, outputs, axes, 2).
+        degrees_of_freedom: behind ``u``, shape (n, outputs, axes).
+        unit: of the sensitivities.
+        settings: what else is stated: effects, transverse motion, sensor.
+    """
+
+    outputs: tuple[str, ...]
+    axes: tuple[str, ...]
+    frequency_hz: FloatArray
+    values: ComplexArray
+    u: FloatArray
+    degrees_of_freedom: FloatArray
+    unit: str
+    settings: Mapping[str, Any]
+
+    def interval_95(self) -> tuple[FloatArray, FloatArray]:
+        """Limits of the 95 % intervals of real and imaginary part, each of the shape of ``u``."""
+        parts = np.stack([self.values.real, self.values.imag], axis=-1)
+        k = np.vectorize(lambda freedom: student_quantile(min(float(freedom), 1e9), 0.975))(self.degrees_of_freedom)
+        return parts - k[..., None] * self.u, parts + k[..., None] * self.u
+
+    def main(self) -> list[dict[str, Any]]:
+        """Of each output: main and transverse sensitivity and misalignment, at each frequency."""
+        found = []
+        for i, name in enumerate(self.outputs):
+            if name not in self.axes:
+                continue
+            own = self.axes.index(name)
+            across = [j for j in range(len(self.axes)) if j != own]
+            main = self.values[:, i, own]
+            ratio = self.values[:, i, across] / main[:, None]
+            u = np.hypot(*np.moveaxis(self.u[:, i, across], -1, 0)) / np.sqrt(2.0) / np.abs(main)[:, None]
+            in_phase = np.real(ratio)
+            size = np.sqrt(np.sum(np.abs(ratio) ** 2, axis=1))
+            angle = np.sqrt(np.sum(in_phase**2, axis=1))
+            rows = {
+                "output": name,
+                "magnitude": np.abs(main),
+                "magnitude_uncertainty": self.u[:, i, own, 0],
+                "phase_deg": np.rad2deg(np.angle(main)),
+                "phase_deg_uncertainty": np.rad2deg(self.u[:, i, own, 1] / np.abs(main)),
+                "transverse_percent": 100.0 * size,
+                "transverse_uncertainty_percent": 100.0 * _u_of_size(np.abs(ratio), u),
+                "misalignment_deg": np.rad2deg(np.arctan(angle)),
+                "misalignment_uncertainty_deg": np.rad2deg(_u_of_size(np.abs(in_phase), u)),
+                "components_rad": {self.axes[j]: in_phase[:, n] for n, j in enumerate(across)},
+                "components_uncertainty_rad": {self.axes[j]: u[:, n] for n, j in enumerate(across)},
+            }
+            found.append({key: _plain(value) for key, value in rows.items()})
+        return found
+
+    def to_dict(self) -> dict[str, Any]:
+        """The document of schema ``vibrident.matrix/1``; null for what is not known."""
+        return {
+            "schema": SCHEMA,
+            "outputs": list(self.outputs),
+            "axes": list(self.axes),
+            "unit": self.unit,
+            "frequency_hz": _plain(self.frequency_hz),
+            "real": _plain(self.values.real),
+            "imaginary": _plain(self.values.imag),
+            "u_real": _plain(self.u[..., 0]),
+            "u_imaginary": _plain(self.u[..., 1]),
+            "degrees_of_freedom": _plain(self.degrees_of_freedom),
+            "main": self.main(),
+            "settings": dict(self.settings),
+        }
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write the document as JSON."""
+        target = Path(path)
+        target.write_text(json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        return target
+
+
+def sensitivity_matrix(calibration: AxesCalibration | str | os.PathLike[str]) -> Matrix:
+    """The sensitivity matrix of a calibration of several axes.
+
+    Raises:
+        InputError: the file cannot be used, or at a frequency the records do not tell the axes of motion apart.
+    """
+    if not isinstance(calibration, AxesCalibration):
+        calibration = read_axes(calibration)
+    first = next(iter(calibration.outputs.values()))
+    found = [tone_frequency(record) for record in first.records]
+    axes = tuple(calibration.motions) or tuple(dict.fromkeys(r.circumstances.axis for r in first.records))
+    motion = _motion(calibration, first.records, found, axes)
+    groups = _groups(found)
+    outputs = tuple(calibration.outputs)
+    shape = len(groups), len(outputs), len(axes)
+    values, u, freedom = np.full(shape, np.nan, complex), np.full((*shape, 2), np.nan), np.full(shape, np.inf)
+    for i, name in enumerate(outputs):
+        tones = measure_tones(calibration.outputs[name].records, found)
+        for n, group in enumerate(groups):
+            row = _row(tones, motion[group], group, first.source)
+            values[n, i], u[n, i], freedom[n, i] = row
+    frequency = np.array([sum(found[k] for k in group) / len(group) for group in groups])
+    u, freedom = _with_effects(first, calibration, outputs, axes, frequency, values, u, freedom)
+    unit = f"{first.response_unit}/({first.reference_unit})"
+    settings = {
+        "sensor": dict(first.sensor),
+        "transverse_motion": calibration.transverse_motion,
+        "effects": [{"source": e.source, "kind": e.kind, "u": e.standard_uncertainty} for e in effects_of(first)],
+        "records": [record.name for record in first.records],
+    }
+    return Matrix(outputs, axes, frequency, values, u, freedom, unit, settings)
+
+
+def _groups(frequencies: Sequence[float]) -> list[list[int]]:
+    """Numbers of the records at one frequency each, rising."""
+    groups: list[list[int]] = []
+    for k in np.argsort(frequencies, kind="stable").tolist():
+        if groups and frequencies[k] <= frequencies[groups[-1][0]] * (1.0 + _SAME):
+            groups[-1].append(k)
+        else:
+            groups.append([k])
+    return groups
+
+
+def _motion(
+    calibration: AxesCalibration, records: Sequence[Record], found: Sequence[float], axes: Sequence[str]
+) -> ComplexArray:
+    """Motion along each axis over the first reference's amplitude, shape (records, axes)."""
+    if not calibration.motions:
+        return np.array([[float(axis == r.circumstances.axis) for axis in axes] for r in records], dtype=complex)
+    columns = []
+    for one in calibration.motions.values():
+        signals = [replace(own, response=other.reference) for own, other in zip(records, one.records, strict=True)]
+        tones = measure_tones(signals, found)
+        columns.append(tones.response / tones.reference)
+    return np.stack(columns, axis=1)
+
+
+def _row(
+    tones: Any, motion: ComplexArray, group: Sequence[int], where: str
+) -> tuple[ComplexArray, FloatArray, FloatArray]:
+    """A row of the matrix at one frequency, u of its parts and degrees of freedom; NaN for axes without motion."""
+    ratio = tones.response[group] / tones.reference[group]
+    moved = np.any(motion != 0, axis=0)
+    a = motion[:, moved]
+    scale = np.sqrt(np.sum(np.abs(a) ** 2, axis=0))
+    if a.shape[0] < a.shape[1] or np.linalg.cond(a / scale) > _CONDITION:
+        raise InputError(
+            "The records do not tell the axes of motion apart.",
+            expected="at each frequency as many records as axes, moved in different directions",
+            found=f"{a.shape[0]} records at {tones.frequency_hz[group[0]]:.5g} Hz for {a.shape[1]} axes",
+            where=where or "calibration in memory",
+            remedy="add records with other directions, or leave that frequency out",
+        )
+    lines = tones.line_response[group] - ratio[:, None] * tones.line_reference[group]
+    weight = tones.line_weight[group]
+    variance = np.sum(weight * np.abs(lines) ** 2, axis=1) / np.sum(weight, axis=1)
+    if tones.rounding is not None:
+        variance = variance + tones.rounding[group, 1] + np.abs(ratio) ** 2 * tones.rounding[group, 0]
+    variance = np.maximum(variance / np.abs(tones.reference[group]) ** 2, _SMALL)
+    normal = np.linalg.inv(a.conj().T @ (a / variance[:, None]))
+    row = np.full(motion.shape[1], np.nan, complex)
+    row[moved] = normal @ (a.conj().T @ (ratio / variance))
+    u = np.full((motion.shape[1], 2), np.nan)
+    u[moved] = np.sqrt(np.real(np.diag(normal)))[:, None]
+    freedom = np.full(motion.shape[1], np.inf)
+    freedom[moved] = float(np.min(tones.degrees_of_freedom[group]))
+    return row, u, freedom
+
+
+def _with_effects(
+    first: Calibration,
+    calibration: AxesCalibration,
+    outputs: Sequence[str],
+    axes: Sequence[str],
+    frequency: FloatArray,
+    values: ComplexArray,
+    u: FloatArray,
+    freedom: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """U and degrees of freedom with the stated effects, on size and angle of each element, and transverse motion."""
+    square, noise = u**2, u[..., 0] ** 2
+    turn = values / np.maximum(np.abs(values), _SMALL)
+    for effect in effects_of(first):
+        if effect.kind not in _FORMULAS:
+            raise InputError(
+                "An effect cannot be used in a calibration of several axes.",
+                expected="kind gain, phase, timing or mounting",
+                found=effect.kind,
+                where=f"{first.source}, [[uncertainty]] {effect.source!r}",
+                remedy="leave it out, or state it as gain or phase",
+            )
+        change = effect.standard_uncertainty * pattern(effect, None, frequency)
+        both = np.abs(values)[..., None] * np.stack([np.real(change), np.imag(change)], axis=1)[:, None, None, :]
+        square[..., 0] += (both[..., 0] * turn.real) ** 2 + (both[..., 1] * turn.imag) ** 2
+        square[..., 1] += (both[..., 0] * turn.imag) ** 2 + (both[..., 1] * turn.real) ** 2
+    for i, output in enumerate(outputs):
+        for j, axis in enumerate(axes):
+            if axis != output and output in axes:
+                main = np.abs(values[:, i, list(axes).index(output)])
+                square[:, i, j] += ((calibration.transverse_motion * main) ** 2)[:, None]
+    whole = np.mean(square, axis=-1)
+    return np.sqrt(square), freedom * (whole / np.maximum(noise, _SMALL)) ** 2
+
+
+def _u_of_size(parts: FloatArray, u: FloatArray) -> FloatArray:
+    """U of √(Σ parts²), each with its u, shape (n, parts); where all are zero the largest u."""
+    size = np.sqrt(np.sum(parts**2, axis=1))
+    linear = np.sqrt(np.sum((parts * u) ** 2, axis=1)) / np.maximum(size, _SMALL)
+    return np.where(size > 0, linear, np.max(u, axis=1, initial=0.0))
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, list):
+        return [_plain(item) for item in value]
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    return None if isinstance(value, float) and not np.isfinite(value) else value

@@ -1,0 +1,102 @@
+"""Runs, remounted or not, and temperatures: what is stated covers the truth, and its parts are told apart."""
+
+import numpy as np
+import pytest
+from bench.laboratory import COEFFICIENTS, TRUE, coverage, records
+
+import vibrident
+from vibrident.base.errors import InputError
+from vibrident.data.io import read
+from vibrident.data.io.writer import write_calibration
+from vibrident.data.records import Calibration, Circumstances, SystematicEffect
+from vibrident.show import certificate_tables, document
+from vibrident.show.media import markdown
+
+
+def mounted(seed=0, mountings=5, runs=3, spread=(1e-3, 1e-4), **more):
+    rng, made = np.random.default_rng(seed), []
+    for m in range(mountings):
+        drawn = {name: value * (1 + spread[0] * rng.standard_normal()) for name, value in TRUE.items()}
+        for r in range(runs):
+            own = {name: value * (1 + spread[1] * rng.standard_normal()) for name, value in drawn.items()}
+            mounting = str(m) if mountings > 1 else ""
+            made += records(rng, own, Circumstances(run=str(r + 1), mounting=mounting))
+    return Calibration(tuple(made), **more)
+
+
+def rows_of(result):
+    return {row["source"]: row for row in result.settings["uncertainty_budget"]}
+
+
+def test_remounting_is_a_component_of_its_own():
+    effect = SystematicEffect("laser", "gain", 0.002)
+    result = vibrident.identify(mounted(effects=(effect,)), "accelerometer")
+    rows, gain = rows_of(result), result.parameters["sensitivity"]
+    assert list(rows) == ["repeatability", "remounting", "laser"]
+    assert (rows["repeatability"]["degrees_of_freedom"], rows["remounting"]["degrees_of_freedom"]) == (10, 4)
+    parts = {name: row["contributions"]["sensitivity"] / gain.value for name, row in rows.items()}
+    assert parts["laser"] == pytest.approx(0.002, rel=1e-3)
+    values = np.array([row["sensitivity"] for row in result.settings["repeats"]["values"]]).reshape(5, 3)
+    assert gain.value == pytest.approx(values.mean(), rel=1e-9)
+    whole = values.mean(axis=1).std(ddof=1) / np.sqrt(5) / gain.value
+    assert np.hypot(parts["repeatability"], parts["remounting"]) == pytest.approx(whole, rel=1e-3)
+    own = np.sqrt(values.var(axis=1, ddof=1).mean() / 15) / gain.value
+    assert parts["repeatability"] == pytest.approx(own, rel=1e-3)
+    assert gain.standard_uncertainty / gain.value == pytest.approx(np.hypot(whole, 0.002), rel=1e-3)
+    freedom = np.hypot(whole, 0.002) ** 4 / (whole**4 / 4)
+    assert result.settings["effective_degrees_of_freedom"] <= freedom * 1.001
+    assert "5 mountings" in result.settings["uncertainty_covers"]
+    scatter, laser = result.settings["point_budget"]["sources"]
+    assert scatter["source"] == "scatter of 5 mountings"
+    squares = np.square(scatter["magnitude"]) + np.square(laser["magnitude"])
+    np.testing.assert_allclose(np.sqrt(squares), result.measured.magnitude_uncertainty, rtol=1e-3)
+    assert result.warnings == ()
+
+
+def test_without_remounting_it_is_repeatability_alone():
+    result = vibrident.identify(mounted(mountings=1, runs=6), "accelerometer")
+    assert list(rows_of(result)) == ["repeatability"]
+    assert rows_of(result)["repeatability"]["degrees_of_freedom"] == 5
+    assert result.settings["effective_degrees_of_freedom"] == pytest.approx(5)
+    noise = result.measured.magnitude_noise / result.measured.magnitude
+    assert np.all((noise > 0) & (noise < 1e-3))
+
+
+def test_a_calibration_file_states_runs_and_temperatures(tmp_path):
+    made = mounted(mountings=2, runs=2)
+    path = write_calibration(tmp_path, made)
+    again = read(path)
+    assert [r.circumstances for r in again.records] == [r.circumstances for r in made.records]
+    text = markdown.render(document.report(vibrident.identify(path, "accelerometer")))
+    assert "## Runs" in text
+    path.write_text(path.read_text().replace('run = "2"', "").replace('mounting = "1"', ""))
+    with pytest.raises(InputError, match="run"):
+        vibrident.identify(path, "accelerometer")
+
+
+def test_temperature_coefficients():
+    rng, made = np.random.default_rng(5), []
+    for t in (-20.0, 23.0, 60.0):
+        own = {name: value * (1 + COEFFICIENTS[name] * (t - 23.0)) for name, value in TRUE.items()}
+        made += records(rng, own, Circumstances(temperature_c=t))
+    effects = (SystematicEffect("laser", "gain", 0.01),)
+    result = vibrident.identify(Calibration(tuple(made), effects=effects), "accelerometer")
+    found = result.settings["temperature"]
+    assert (found["reference_c"], found["of_result_c"]) == (23.0, 23.0)
+    for name, true in COEFFICIENTS.items():
+        line = found["coefficients"][name]
+        assert abs(line["per_k"] - true) < 4 * line["standard_uncertainty"]
+        assert line["standard_uncertainty"] < 0.05 * abs(true)  # the common gain is in no ratio
+    assert len(certificate_tables.temperature(result).rows) == 4
+    assert "## Temperature" in markdown.render(document.report(result))
+    some = [made[0], *records(rng, TRUE, Circumstances()), made[-1]]
+    with pytest.raises(InputError, match="temperature"):
+        vibrident.identify(Calibration(tuple(some)), "accelerometer")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("study", ["repeats", "temperature"])
+def test_coverage(study):
+    """200 draws: three standard deviations are 0.046; `python -m bench.laboratory` takes 500."""
+    for name, share in coverage(study, 200).items():
+        assert abs(share - 0.95) <= 0.046, name
