@@ -75,7 +75,8 @@ class DataStep:
         self._list()
 
     def hold(self) -> None:
-        """Tell the browser whether to ask before the page is left."""
+        """Keep what there is; tell the browser whether there is something."""
+        self.user.changed()
         self.upload.client.run_javascript(f"vibrident.hold({str(not self.user.empty).lower()})")
 
     def _begin(self) -> None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 import ipaddress
 import re
+import secrets
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -12,6 +14,10 @@ _ENVELOPE_BYTES = 1_000_000
 _MOST_DIGITS = 18
 #: Most simultaneous uploads of the largest size, of all users together.
 _AT_ONCE = 4
+#: Key of a request's scope: whose browser it is.
+OWNER = "vibrident.owner"
+_COOKIE_S = 30 * 86_400
+_COOKIE = re.compile(r"[0-9a-f]{64}")
 _HOST = re.compile(r"[\w.\-]+(:\d{1,5})?|\[[0-9a-fA-F:.]+\](:\d{1,5})?", re.ASCII)
 _HEADERS = (
     (b"x-content-type-options", b"nosniff"),
@@ -76,7 +82,8 @@ class Guard:
         elif self._coming + int(length) > _AT_ONCE * self._limit:
             await _refuse(scope, send, 503, _BUSY)
         else:
-            await self._guarded(scope, receive, send, headers[b"host"])
+            scope[OWNER], cookie = owner(scope, headers)
+            await self._guarded(scope, receive, send, headers[b"host"], cookie)
 
     def _known(self, scope: Any, headers: dict[bytes, str]) -> bool:
         """Whether the host is an allowed name, or the address at which the request arrived."""
@@ -90,9 +97,9 @@ class Guard:
         here = scope.get("server")
         return name in self._names or (bool(here) and _is_address(name) and name == _plain(str(here[0])))
 
-    async def _guarded(self, scope: Any, receive: Any, send: Any, host: str) -> None:
+    async def _guarded(self, scope: Any, receive: Any, send: Any, host: str, cookie: tuple[Any, ...]) -> None:
         received, started = 0, False
-        told = ((b"content-security-policy", policy(host).encode()), *_HEADERS)
+        told = ((b"content-security-policy", policy(host).encode()), *_HEADERS, *cookie)
 
         async def counted() -> Any:
             nonlocal received
@@ -119,6 +126,23 @@ class Guard:
                 await _refuse(scope, send, 413 if large else 503, _TOO_LARGE if large else _BUSY)
         finally:
             self._coming -= received
+
+
+def owner(scope: Any, headers: dict[bytes, str]) -> tuple[str, tuple[tuple[bytes, bytes], ...]]:
+    """Whose browser it is, and the header that gives it a cookie if it has none yet."""
+    name = f"vibrident-{(scope.get('server') or ('', 0))[1]}"  # browsers do not tell ports apart
+    token, more = cookies(headers).get(name, ""), ()
+    if not _COOKIE.fullmatch(token):
+        token = secrets.token_hex(32)
+        kept = f"{name}={token}; Path=/; Max-Age={_COOKIE_S}; HttpOnly; SameSite=Lax"
+        more = ((b"set-cookie", kept.encode()),) if scope.get("path") == "/" else ()
+    return hashlib.sha256(token.encode()).hexdigest(), more
+
+
+def cookies(headers: dict[bytes, str]) -> dict[str, str]:
+    """The cookies of a request, by name."""
+    pairs = (part.strip().partition("=") for part in headers.get(b"cookie", "").split(";"))
+    return {name: value for name, _, value in pairs}
 
 
 def _headers(scope: Any) -> dict[bytes, str]:

@@ -10,8 +10,9 @@ from typing import Any
 from nicegui import ui
 
 from vibrident.app.web import frame, looks
+from vibrident.app.web.held import Named
 from vibrident.app.web.session import RESULT
-from vibrident.app.web.users import Named, User
+from vibrident.app.web.users import User
 from vibrident.base.escaping import html
 from vibrident.show.report import FILE_NAMES
 

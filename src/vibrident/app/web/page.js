@@ -1,8 +1,6 @@
-// What the browser does by itself: asks before data are left, follows the steps, fits charts to their place.
+// What the browser does by itself: remembers that there are data, follows the steps, fits charts to their place.
 window.vibrident = {
-  holds: false,
   hold(now) {
-    this.holds = now;
     if (now) sessionStorage.vibridentHeld = 'yes'; else sessionStorage.removeItem('vibridentHeld');
   },
   go(name) {
@@ -62,10 +60,5 @@ window.vibrident = {
     }, true);
   },
 };
-addEventListener('beforeunload', event => {
-  if (!vibrident.holds || !window.socket?.connected) return;  // where the server is gone, nothing more is lost
-  event.preventDefault(); event.returnValue = '';
-  setTimeout(() => { sessionStorage.__nicegui_tab_closed = 'false'; }, 500);  // the person stayed
-});
 let resizing;
 addEventListener('resize', () => { clearTimeout(resizing); resizing = setTimeout(() => vibrident.fit(), 150); });

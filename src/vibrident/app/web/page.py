@@ -3,21 +3,27 @@
 from __future__ import annotations
 
 import asyncio
+import time
+from functools import partial
 from pathlib import Path
 
-from nicegui import app, ui
+from nicegui import ui
 
 from vibrident.app.web import frame
 from vibrident.app.web.columns import ColumnsStep
 from vibrident.app.web.compare import CompareStep
 from vibrident.app.web.data import DataStep
 from vibrident.app.web.fit import FitStep
+from vibrident.app.web.guard import OWNER
 from vibrident.app.web.outcome import OutcomeStep
 from vibrident.app.web.users import User, Users
 from vibrident.base.errors import InputError
+from vibrident.show.views import count
 
 _FOLDER = Path(__file__).parent
 _STYLE = (_FOLDER / "page.css").read_text(encoding="utf-8")
+#: Most of them that a new tab is offered.
+_MOST_OFFERED = 4
 _SCRIPT = (_FOLDER / "page.js").read_text(encoding="utf-8")
 
 
@@ -38,12 +44,13 @@ async def page(users: Users) -> None:
         errors = ui.element("div").props("aria-live=assertive id=errors")
         ui.on_exception(lambda error: frame.show_error(errors, error))
         try:
-            user = users.attach(client, app.storage.tab)
+            user = users.attach(client, client.request.scope.get(OWNER, ""))
         except InputError as error:
             frame.show_error(errors, error)
             return
         if user.empty:
             await _say_if_gone()
+            _offer(user)
         await _steps(user)
 
 
@@ -56,7 +63,24 @@ async def _say_if_gone() -> None:
     if held:
         with ui.element("div").classes("warning").props("role=alert id=gone"):
             ui.label("The server no longer has the data, the form and the results of this page.").classes("problem")
-            ui.label("It was started again or needed the room, or the page was left for an hour. Load the files again.")
+            ui.label("It needed the room, or the page was left for longer than it keeps them. Load the files again.")
+
+
+def _offer(user: User) -> None:
+    """What was left in tabs that are closed."""
+    if not (left := user.users.left_by(user.owner)):
+        return
+
+    def take(one: User) -> None:
+        user.users.hand_over(one, user)
+        ui.navigate.reload()
+
+    with ui.element("div").classes("actions").props("id=left-work role=group aria-label='Earlier work'"):
+        ui.label("Go on with earlier work:")
+        for one in left[:_MOST_OFFERED]:
+            at = time.strftime("%d %b %H:%M", time.localtime(one.seen))
+            named = f"{count(len(one.session.names), 'file')}, {count(len(one.results), 'result')}, {at}"
+            ui.button(named, on_click=partial(take, one)).props("outline")
 
 
 async def _steps(user: User) -> None:

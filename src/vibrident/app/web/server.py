@@ -14,6 +14,7 @@ from vibrident.app.web.home import Home
 from vibrident.app.web.session import MEGABYTE
 from vibrident.app.workflow.choices import LOOPBACK
 from vibrident.base.errors import InputError
+from vibrident.lab.history.location import data_folder
 
 USUAL_PORT = 8080
 #: Seconds without a connection after which the browser rebuilds the page; its state is kept longer.
@@ -34,6 +35,7 @@ def serve(
     limit_mb: float,
     names: Sequence[str] = (),
     store: str | None = None,
+    keep_h: float = 24.0,
     say: Any = print,
 ) -> None:
     """Serve the page until interrupted.
@@ -45,6 +47,7 @@ def serve(
         limit_mb: most megabytes of one user's files.
         names: further host names of the page.
         store: URL of the history that everybody who reaches the page may read and add to; None for none.
+        keep_h: hours for which data, form and results of who left are kept on disk; 0: an hour, in memory alone.
         say: called with the address.
 
     Raises:
@@ -53,10 +56,11 @@ def serve(
     from nicegui import ui
 
     chosen = _free_port(host, port)
-    home = Home()
+    keep_s = 3600.0 * keep_h
+    home = Home(data_folder() / "page" if keep_s else None, f"{host}-{chosen}", keep_s)
     os.environ["TMPDIR"] = tempfile.tempdir = str(home.spool)  # partial uploads lie there too
     try:
-        build(limit_mb, home, names=own_names(host) | frozenset(names), store=store)
+        build(limit_mb, home, names=own_names(host) | frozenset(names), store=store, keep_s=keep_s)
         say(f"http://{_bracketed(reachable(host))}:{chosen}/")
         ui.run(
             host=host,
@@ -76,7 +80,14 @@ def serve(
         home.close()
 
 
-def build(limit_mb: float, home: Home, *, names: frozenset[str] = LOOPBACK, store: str | None = None) -> None:
+def build(
+    limit_mb: float,
+    home: Home,
+    *,
+    names: frozenset[str] = LOOPBACK,
+    store: str | None = None,
+    keep_s: float = 0.0,
+) -> None:
     """Register the page and its guard."""
     from nicegui import app, ui
 
@@ -84,7 +95,7 @@ def build(limit_mb: float, home: Home, *, names: frozenset[str] = LOOPBACK, stor
     from vibrident.app.web.page import page
     from vibrident.app.web.users import Users
 
-    users = Users(home.folder, limit_mb, store)
+    users = Users(home.folder, limit_mb, store, keep_s)
     app.add_middleware(Guard, limit_bytes=int(limit_mb * MEGABYTE), names=names)
     app.on_startup(users.start)
     app.on_shutdown(users.close)
