@@ -35,8 +35,7 @@ _SURROUNDINGS = {
 }
 #: Most bytes of an answer: an error may quote its input.
 _LONGEST_ANSWER = 16_000_000
-#: Of a call, whose sender is trusted.
-_ANY_LENGTH = 1 << 62
+_ANY_LENGTH = 1 << 62  # of a call, whose sender is trusted
 _LONGEST_TRACE = 20_000
 #: Bytes of what a process printed last.
 _LAST_BYTES = 20_000
@@ -106,13 +105,19 @@ class Process:
         prepare: called there before the first call, to load libraries.
         folder: where it works; None for the folder of this process.
         idle_s: seconds without a call after which it ends; None: with its owner.
+        wrapper: a command that confines it.
     """
 
     def __init__(
-        self, prepare: Callable[[], None] | None = None, *, folder: Path | None = None, idle_s: float | None = None
+        self,
+        prepare: Callable[[], None] | None = None,
+        *,
+        folder: Path | None = None,
+        idle_s: float | None = None,
+        wrapper: Sequence[str] = (),
     ) -> None:
         self._arguments = (_name(prepare) if prepare else "", "" if idle_s is None else str(idle_s))
-        self._folder = folder
+        self._folder, self._wrapper = folder, wrapper
         self._child: _Child | None = None
         self._ended = False
         self._lock = threading.Lock()  # held during a call
@@ -137,7 +142,7 @@ class Process:
         """
         if not self.alive:
             self.close()
-            self._child = _Child(self._arguments, self._folder)
+            self._child = _Child(self._arguments, self._folder, self._wrapper)
         if self._ended:  # perhaps while it started
             self.close()
             raise Ended
@@ -211,10 +216,10 @@ class Process:
 class _Child:
     """One life of a process."""
 
-    def __init__(self, arguments: Sequence[str], folder: Path | None) -> None:
+    def __init__(self, arguments: Sequence[str], folder: Path | None, wrapper: Sequence[str]) -> None:
         self.popen = subprocess.Popen(
-            # -P: no imports from the user's folder. A session of its own: Ctrl-C reaches its owner alone.
-            [sys.executable, "-P", "-c", _WORK, *arguments],
+            # -P: no imports from the user's folder. In a session of its own Ctrl-C does not reach it.
+            [*wrapper, sys.executable, "-P", "-c", _WORK, *arguments],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,

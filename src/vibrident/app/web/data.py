@@ -119,6 +119,8 @@ class DataStep:
         left_out: dict[str, list[str]] = {}
         for file in event.files:
             try:
+                if not file.name.lower().endswith(".json"):
+                    self.user.require("identify", "upload data")
                 place = session.place_for(file.name, file.size())
                 try:
                     await file.save(place)
@@ -174,6 +176,7 @@ class DataStep:
         self.listing.text = "Simulating the calibration of the paper's accelerometer …"
         session = self.user.session
         try:
+            self.user.require("identify", "identify")
             session.clear()
             session.open()
             self.user.form = None

@@ -146,7 +146,11 @@ class FitStep:
                 return
             name = CALIBRATION
         chosen = Choices(name, self.estimator.value, self.discretisation.value, uncertainty=self.uncertainty.value)
-        user.start(chosen)
+        try:
+            user.start(chosen)
+        except Exception as error:
+            frame.show_error(self.errors, error, user.session)
+            return
         self._renew()
         self.timer.activate()
         self.section.client.run_javascript("vibrident.see('status')")

@@ -130,11 +130,13 @@ class OutcomeStep:
 
     async def _report(self, named: Named, form: str, name: str) -> None:
         self.errors.clear()
+        await self.user.note("issued", named.path, document=name)
         await give(self.user, self.errors, name, looks.report, [named.path], form, [])
 
     async def _export(self, named: Named, form: str, options: dict[str, Any]) -> None:
         self.export_errors.clear()
         session, errors = self.user.session, self.export_errors
+        await self.user.note("exported", named.path, form=form)
         folder = session.new_folder("export")
         try:
             made, name = await self.user.look(
@@ -161,6 +163,7 @@ class History:
         ui.html("<h3>History</h3>", sanitize=False)
         with ui.element("div").classes("actions"):
             self.button = ui.button("Add to history", on_click=self._add).props("outline id=add-to-history")
+            self.button.visible = self.user.may("identify")
         self.words = ui.label("").classes("hint").props("role=status id=history-words")
         self.errors = ui.element("div").props("aria-live=assertive")
         self.body = ui.element("div").props("id=history")
@@ -168,12 +171,15 @@ class History:
 
     async def _add(self) -> None:
         self.button.disable()
+        await self.user.note("added to history", self.named.path)
         await self._ask(looks.added_to_history)
         if not self.button.is_deleted:
             self.button.enable()
 
     async def _ask(self, function: Any) -> None:
         self.errors.clear()
+        if function is not looks.history and not self.user.may("identify"):
+            return
         shown = await frame.looked(self.user, self.errors, function, self.named.path, self.store, file_bytes=_ANY_SIZE)
         if shown is None or self.body.is_deleted:
             return

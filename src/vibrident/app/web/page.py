@@ -13,11 +13,13 @@ from vibrident.app.web import frame
 from vibrident.app.web.columns import ColumnsStep
 from vibrident.app.web.compare import CompareStep
 from vibrident.app.web.data import DataStep
+from vibrident.app.web.door import SIGN_OUT
 from vibrident.app.web.fit import FitStep
-from vibrident.app.web.guard import OWNER
+from vibrident.app.web.guard import ACCOUNT, OWNER
 from vibrident.app.web.outcome import OutcomeStep
 from vibrident.app.web.users import User, Users
 from vibrident.base.errors import InputError
+from vibrident.base.escaping import html
 from vibrident.show.views import count
 
 _FOLDER = Path(__file__).parent
@@ -35,6 +37,9 @@ async def page(users: Users) -> None:
     ui.html('<a class="skip" href="#main">To the content</a>', sanitize=False)
     with ui.element("header").classes("top"):
         ui.html("<h1>vibrident</h1><p>From calibration records to a sensor's dynamic model</p>", sanitize=False)
+        if account := ui.context.client.request.scope.get(ACCOUNT):
+            out = f'<form method="post" action="{SIGN_OUT}"><button>Sign out</button></form>' if account.hash else ""
+            ui.html(f'<div class="who"><span>{html(account.name)}</span>{out}</div>', sanitize=False)
     main = ui.element("div").classes("steps").props("id=main")  # within the main of NiceGUI
     client = ui.context.client
     await client.connected()

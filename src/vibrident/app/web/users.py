@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import gc
+import hashlib
 import os
 import shutil
 import time
@@ -15,13 +16,15 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from vibrident.app.web import state
+from vibrident.app.web.confinement import confined
+from vibrident.app.web.door import Door
 from vibrident.app.web.held import Choices, Confirmed, Form, Job, Named
 from vibrident.app.web.looks import facts, prepare
 from vibrident.app.web.session import MEGABYTE, RESULT, Session
 from vibrident.app.web.worker import Stopped, Worker, identify
 from vibrident.base.errors import InputError
 from vibrident.base.process import Limits
-from vibrident.base.sandbox import Ready
+from vibrident.base.sandbox import Ready, run
 
 #: Seconds for which a page's state is kept without a browser, by a server that keeps nothing on disk.
 KEPT_S = 3600.0
@@ -117,8 +120,44 @@ class User:
         """Whether there is nothing to lose."""
         return not (self.session.names or self.results or self.busy)
 
+    def may(self, role: str) -> bool:
+        """Whether who has this page may do what the role does."""
+        door = self.users.door
+        account = door.account(self.owner) if door else None
+        return door is None or (account is not None and account.may(role))
+
+    def require(self, role: str, what: str) -> None:
+        """Refuse what the account may not do.
+
+        Raises:
+            InputError: its role does not include the one that is needed.
+        """
+        if not self.may(role):
+            raise InputError(
+                f"Your account may not {what}.",
+                expected=f"an account with the role “{role}”",
+                found=repr(self.owner),
+                remedy="ask whoever runs the server",
+            )
+
+    async def note(self, action: str, path: Path | None = None, **facts: Any) -> None:
+        """Write to the audit log who did what, with the SHA-256 of a result's file."""
+        if (door := self.users.door) is None:
+            return
+
+        def write() -> None:
+            more = {} if path is None else {"sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
+            door.audit.note(self.owner, action, **facts, **more)
+
+        await asyncio.to_thread(write)
+
     def start(self, choices: Choices) -> None:
-        """Begin to identify with a copy of the data; the outcome is in ``job`` and ``results``."""
+        """Begin to identify with a copy of the data; the outcome is in ``job`` and ``results``.
+
+        Raises:
+            InputError: the account may not.
+        """
+        self.require("identify", "identify")
         self.job, self.running = Job(), choices
         self.changed()
         self._task = asyncio.get_running_loop().create_task(self._identify(self.job, choices))
@@ -136,6 +175,7 @@ class User:
                 await self.worker.run(*task, folder=copy, progress=job.add)
             job.words = "Reading the result …"
             model, estimator = await self.look(facts, made)
+            await self.note("identified", made, model=model, estimator=estimator)
             self.keep(f"{self._number()}: {model}, {estimator}", made, copy / choices.calibration, choices)
             job.words = Job.DONE
         except asyncio.CancelledError:
@@ -182,14 +222,17 @@ class Users:
         store: URL of the history that all of them share; None for none.
         keep_s: seconds for which the state of who left is kept on disk, also when the server stops; 0 for an hour,
             as long as the server runs.
+        door: of a team's page, where the owner of a page is an account; None for none.
     """
 
-    def __init__(self, folder: Path, limit_mb: float, store: str | None = None, keep_s: float = 0.0) -> None:
-        self.folder, self.limit_mb, self.store, self.keep_s = folder, limit_mb, store, keep_s
+    def __init__(
+        self, folder: Path, limit_mb: float, store: str | None = None, keep_s: float = 0.0, door: Door | None = None
+    ) -> None:
+        self.folder, self.limit_mb, self.store, self.keep_s, self.door = folder, limit_mb, store, keep_s, door
         self.kept: list[User] = []
         self.to_write: set[User] = set()
         self.identifying = asyncio.Semaphore(max(2, os.cpu_count() or 1))
-        self._ready = Ready(prepare)
+        self._ready = Ready(prepare, confined(folder))
         self._threads = ThreadPoolExecutor(_LOOKS_AT_ONCE, thread_name_prefix="look")
         self._round: asyncio.Task[None] | None = None
 
@@ -229,7 +272,8 @@ class Users:
     async def look(self, function: Callable[..., _T], *args: Any, file_bytes: int = 0) -> _T:
         """Run a function of ``looks`` in a separate process, within limits."""
         memory = int(_LOOK_MEMORY + _LOOK_MEMORY_A_BYTE * self.limit_mb * MEGABYTE)
-        call = partial(self._ready.run, function, *args, limits=Limits(_LOOK_SECONDS, memory, file_bytes, memory))
+        apart = run if file_bytes else self._ready.run  # what writes needs more than the folder of the files
+        call = partial(apart, function, *args, limits=Limits(_LOOK_SECONDS, memory, file_bytes, memory))
         return await asyncio.get_running_loop().run_in_executor(self._threads, call)
 
     def attach(self, client: Any, owner: str = "") -> User:

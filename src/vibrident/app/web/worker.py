@@ -12,6 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from vibrident.app.web.confinement import confined
 from vibrident.base.errors import InputError
 from vibrident.base.process import Died, Ended, Limits, Process, WorkerError
 
@@ -53,7 +54,7 @@ class Worker:
         loop = asyncio.get_running_loop()
         limits = Limits(_MOST_SECONDS, _memory(folder), _MOST_FILE_BYTES)
         told = None if progress is None else partial(loop.call_soon_threadsafe, progress)
-        self._process = process = Process(folder=folder)
+        self._process = process = Process(folder=folder, wrapper=confined(folder, writable=True))
         try:
             await asyncio.to_thread(process.call, task, *args, limits=limits, progress=told)
         except Ended:
