@@ -60,5 +60,22 @@ window.vibrident = {
     }, true);
   },
 };
+let listing;
+const contents = () => {  // a link to each step that is there, once there is more than one
+  const bar = document.getElementById('contents');
+  const seen = [...document.querySelectorAll('.step')].filter(step => step.offsetParent);
+  const words = step => step.querySelector('h2').lastChild.textContent;
+  const key = seen.map(step => step.id).join();
+  if (!bar || bar.dataset.key === key) return;
+  bar.dataset.key = key;
+  bar.hidden = seen.length < 3;
+  bar.replaceChildren(...seen.map(step => Object.assign(document.createElement('a'), {
+    href: '#' + step.id, textContent: words(step),
+    onclick(event) { event.preventDefault(); vibrident.go(step.id); },
+  })));
+};
+addEventListener('DOMContentLoaded', () => new MutationObserver(() => {
+  clearTimeout(listing); listing = setTimeout(contents, 100);
+}).observe(document.body, { childList: true, subtree: true, attributes: true, attributeFilter: ['class'] }));
 let resizing;
 addEventListener('resize', () => { clearTimeout(resizing); resizing = setTimeout(() => vibrident.fit(), 150); });

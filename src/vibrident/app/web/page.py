@@ -17,6 +17,7 @@ from vibrident.app.web.door import SIGN_OUT
 from vibrident.app.web.fit import FitStep
 from vibrident.app.web.guard import ACCOUNT, OWNER
 from vibrident.app.web.outcome import OutcomeStep
+from vibrident.app.web.tools import ToolsStep
 from vibrident.app.web.users import User, Users
 from vibrident.base.errors import InputError
 from vibrident.base.escaping import html
@@ -40,6 +41,8 @@ async def page(users: Users) -> None:
         if account := ui.context.client.request.scope.get(ACCOUNT):
             out = f'<form method="post" action="{SIGN_OUT}"><button>Sign out</button></form>' if account.hash else ""
             ui.html(f'<div class="who"><span>{html(account.name)}</span>{out}</div>', sanitize=False)
+    contents = '<nav class="contents" aria-label="Contents" id="contents" hidden></nav>'  # filled by the script
+    ui.html(contents, sanitize=False).classes("w-full")
     main = ui.element("div").classes("steps").props("id=main")  # within the main of NiceGUI
     client = ui.context.client
     await client.connected()
@@ -90,20 +93,26 @@ def _offer(user: User) -> None:
 
 async def _steps(user: User) -> None:
     outcome, compare, fit = OutcomeStep(user), CompareStep(user), FitStep(user)
-    columns, data = ColumnsStep(user), DataStep(user)
+    columns, data, tools = ColumnsStep(user), DataStep(user), ToolsStep(user)
 
-    async def results() -> None:
+    async def results(*, go: bool = True) -> None:
         data.hold()
-        await outcome.show()
+        await outcome.show(go=go)
         await compare.show()
+        tools.show()
 
-    data.build(on_data=columns.show, on_result=results)
+    async def came() -> None:
+        tools.show()
+        await columns.show()
+
+    data.build(on_data=came, on_result=results)
     await asyncio.sleep(0)  # yield between the steps
     columns.build(on_confirmed=fit.show, on_edit=fit.refresh, on_doubt=fit.doubt)
     fit.build(on_result=results)
     await asyncio.sleep(0)
     outcome.build()
     compare.build()
+    tools.build(on_result=results)
     data.hold()
     if user.empty:
         return

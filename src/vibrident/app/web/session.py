@@ -100,7 +100,7 @@ class Session:
                 expected=f"one, or one that is named {CALIBRATION}",
                 found=", ".join(names),
                 where="upload",
-                remedy="remove the others",
+                remedy="remove the others, or use them all under “More with these data”",
             )
         return None if not names else CALIBRATION if CALIBRATION in names else names[0]
 
@@ -219,14 +219,23 @@ class Session:
 
     def download(self, content: bytes) -> Path:
         """A file for bytes to the browser; all but the last few are removed."""
+        self._for_download().write_bytes(content)
+        return self._last
+
+    def take(self, file: Path) -> Path:
+        """The same for a file, which is moved."""
+        file.replace(self._for_download())
+        return self._last
+
+    def _for_download(self) -> Path:
         self.open()
         folder = self.folder / "downloads"
         folder.mkdir(mode=0o700, exist_ok=True)
         self._made += 1
-        (place := folder / f"{self._made}").write_bytes(content)
-        for old in sorted(folder.iterdir(), key=lambda path: int(path.name))[:-_DOWNLOADS]:
+        self._last = folder / f"{self._made}"
+        for old in sorted(folder.iterdir(), key=lambda path: int(path.name))[: 1 - _DOWNLOADS]:
             old.unlink(missing_ok=True)
-        return place
+        return self._last
 
     def local(self, error: _T) -> _T | InputError:
         """The error with paths relative to the folder of the data."""
