@@ -41,8 +41,7 @@ _LONGEST_TRACE = 20_000
 _LAST_BYTES = 20_000
 #: Seconds until a process that closed its output has ended.
 _ENDING_S = 5.0
-#: SIGXCPU of Linux and macOS.
-_OUT_OF_TIME = -24
+_OUT_OF_TIME = -24  # SIGXCPU of Linux and macOS
 #: How an answer fails that was not written by :func:`parcel.send`.
 _UNREADABLE = (ValueError, TypeError, KeyError, RecursionError)
 _T = TypeVar("_T")
@@ -230,7 +229,7 @@ class _Child:
         assert self.popen.stdin is not None
         assert self.popen.stdout is not None
         self._calls, self._answers = self.popen.stdin, self.popen.stdout
-        self._printed = b""
+        self._printed, self._wrapped = b"", bool(wrapper)
         self._listener = threading.Thread(target=self._listen, daemon=True)
         self._listener.start()
 
@@ -263,6 +262,7 @@ class _Child:
         except subprocess.TimeoutExpired:  # it has closed its output, and goes on
             self.kill()
             code = self.popen.wait()
+        code = 128 - code if self._wrapped and code > 128 else code  # how a wrapper says a signal
         if overdue.is_set() or code == _OUT_OF_TIME:
             return Died("time", "a process that was still at work")
         self._listener.join(_ENDING_S)

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from tests.support.contrast import too_faint
 from tests.support.serving import choose, simulated, upload
+from tests.support.shell import printed
 
 WAIT_MS = 240_000
 
@@ -70,11 +71,11 @@ def test_predict_correct_track_and_plan(identified, picture, violations, made):
     ran(page, "Correct")
     assert "correction.json" in files(page)
     picture(page, "corrected")
-    ran(page, "Track")
-    assert "track.csv" in files(page)
     ran(page, "Plan the next calibration")
     assert "plan.json" in files(page)
     picture(page, "planned")
+    ran(page, "Track")
+    assert "track.csv" in files(page)
     assert violations(page) == []
 
 
@@ -118,3 +119,28 @@ def test_a_value_is_never_another_option(visit, made, tmp_path):
     choose(page, "Task", "Predict")
     page.locator("#run").click()
     page.get_by_text("Something is missing for this task.").wait_for()
+
+
+@pytest.mark.slow
+def test_calibration_files_of_their_own_make_a_joint_fit_and_a_fleet(visit, picture, tmp_path):
+    for seed in ("1", "2"):
+        folder = tmp_path / seed
+        folder.mkdir()
+        words = ("--samples", "2000", "--rate", "12800", "--seed", seed, "--frequencies", "100,200,400,800")
+        printed("simulate", "--out", ".", *words, folder=folder)
+        for path in folder.glob("*.csv"):
+            path.rename(tmp_path / f"{seed}_{path.name}")
+        text = (folder / "calibration.toml").read_text().replace('file = "', f'file = "{seed}_')
+        (tmp_path / f"{seed}.toml").write_text(text)
+    page = visit()
+    upload(page, *tmp_path.glob("*.csv"), *tmp_path.glob("*.toml"))
+    page.get_by_text("use them all under").wait_for(timeout=WAIT_MS)
+    ran(page, "Fit several calibrations together")
+    assert {"result.json", "2/result.json"} <= set(files(page))
+    page.locator("#compare .js-plotly-plot").first.wait_for(timeout=WAIT_MS)
+    said = ran(page, "Identify many sensors")
+    assert "identified" in said
+    assert str(tmp_path) not in said
+    assert "/" not in said.partition("Written:")[2].replace("files/", "")
+    assert "fleet.parquet" in files(page)
+    picture(page, "fleet")
