@@ -199,7 +199,22 @@ def test_the_command_refuses_in_one_message():
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 2
     assert "Others could use this page without signing in." in done.stderr
+    assert done.stderr.startswith("Error: ")
     assert "Traceback" not in done.stderr
+
+
+def test_an_account_is_made_from_a_shell(tmp_path):
+    file = tmp_path / "accounts"
+    command = [*VIBRIDENT, "serve", "--auth", str(file), "--add", "ada:approve"]
+    for word, code in ((SECRET, 0), ("short", 2)):
+        done = subprocess.run(command, input=f"{word}\n", capture_output=True, text=True, timeout=60, check=False)
+        assert done.returncode == code
+        assert "Traceback" not in done.stderr
+    assert SECRET not in file.read_text()
+    assert file.stat().st_mode & 0o777 == 0o600
+    ada = Accounts(file).check("ada", SECRET)
+    assert ada is not None
+    assert ada.role == "approve"
 
 
 @pytest.mark.parametrize("text", ["bob", "bob:king:", "bob:look:plain text", "../x:look:", ":look:"])

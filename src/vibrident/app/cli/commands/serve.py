@@ -54,7 +54,7 @@ def serve(
     if add is not None:
         _add(auth, add)
         return
-    if host not in LOOPBACK and proxy is None:
+    if host not in LOOPBACK and proxy is None and auth is not None:
         note(f"Warning: no encryption: whoever listens between a browser and {host} reads along. Use a proxy with TLS.")
 
     def say(address: str) -> None:
@@ -78,6 +78,7 @@ def _add(auth: Path | None, account: str) -> None:
             remedy="name the file of accounts; it is made if there is none",
         )
     name, _, role = account.partition(":")
-    password = typer.prompt(f"Password of {name}", hide_input=True, confirmation_prompt=sys.stdin.isatty())
+    asked = sys.stdin.isatty()
+    password = typer.prompt(f"Password of {name}", hide_input=asked, confirmation_prompt=asked)
     add(auth, name, role, password)
     note(f"{name} may {role} now.")
