@@ -7,6 +7,7 @@ import contextlib
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -44,12 +45,13 @@ class Server:
 
 
 @contextlib.contextmanager
-def serving(folder: Path, *command: str) -> Iterator[Server]:
-    """A server of a command, which leaves no temporary file behind."""
+def serving(folder: Path, *command: str, ending: int = signal.SIGTERM) -> Iterator[Server]:
+    """A server of a command, which leaves no temporary file behind; ``ending`` is the signal that ends it."""
     pytest.importorskip("nicegui")
     begin = time.monotonic()
     log = folder / "log"
-    environment = {**os.environ, "TMPDIR": str(folder), "PYTHONUNBUFFERED": "1"}
+    own = {"TMPDIR": str(folder), "XDG_DATA_HOME": str(folder / "data"), "PYTHONUNBUFFERED": "1"}
+    environment = os.environ | own
     for name in [name for name in environment if name.startswith(("NICEGUI", "PYTEST"))]:
         del environment[name]
     with (
@@ -61,13 +63,14 @@ def serving(folder: Path, *command: str) -> Iterator[Server]:
         try:
             yield _ready(made, begin, log, folder)
         finally:
-            made.terminate()  # a suite in the background ignores SIGINT, and its children with it
+            made.send_signal(ending)  # a suite in the background ignores SIGINT, and its children with it
             try:
                 made.wait(20)
             except subprocess.TimeoutExpired:
                 made.kill()
                 raise
-    assert not [path for path in folder.iterdir() if path.name.startswith("vibrident-")], "temporary files are left"
+    left = [path for path in folder.iterdir() if path.name.startswith("vibrident-")]
+    assert ending != signal.SIGTERM or not left, "temporary files are left"
 
 
 def _busy_s(pid: int, elapsed_s: float) -> float:

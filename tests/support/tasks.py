@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 import sys
+from pathlib import Path
 
 from vibrident.base.errors import InputError, NotConverged
 
@@ -38,3 +40,18 @@ def hungry() -> None:
 def two_steps(last: float, *, progress) -> None:
     for iteration in (1, 2):
         progress(iteration, 9, last / iteration)
+
+
+def names_in(folder: str) -> list[str]:
+    """Names of what a folder holds."""
+    return sorted(os.listdir(folder))
+
+
+def written(name: str) -> None:
+    """An empty file."""
+    Path(name).touch()
+
+
+def reached(port: int) -> None:
+    """A connection to this machine."""
+    socket.create_connection(("127.0.0.1", port), timeout=5).close()

@@ -35,15 +35,13 @@ _SURROUNDINGS = {
 }
 #: Most bytes of an answer: an error may quote its input.
 _LONGEST_ANSWER = 16_000_000
-#: Of a call, whose sender is trusted.
-_ANY_LENGTH = 1 << 62
+_ANY_LENGTH = 1 << 62  # of a call, whose sender is trusted
 _LONGEST_TRACE = 20_000
 #: Bytes of what a process printed last.
 _LAST_BYTES = 20_000
 #: Seconds until a process that closed its output has ended.
 _ENDING_S = 5.0
-#: SIGXCPU of Linux and macOS.
-_OUT_OF_TIME = -24
+_OUT_OF_TIME = -24  # SIGXCPU of Linux and macOS
 #: How an answer fails that was not written by :func:`parcel.send`.
 _UNREADABLE = (ValueError, TypeError, KeyError, RecursionError)
 _T = TypeVar("_T")
@@ -106,13 +104,19 @@ class Process:
         prepare: called there before the first call, to load libraries.
         folder: where it works; None for the folder of this process.
         idle_s: seconds without a call after which it ends; None: with its owner.
+        wrapper: a command that confines it.
     """
 
     def __init__(
-        self, prepare: Callable[[], None] | None = None, *, folder: Path | None = None, idle_s: float | None = None
+        self,
+        prepare: Callable[[], None] | None = None,
+        *,
+        folder: Path | None = None,
+        idle_s: float | None = None,
+        wrapper: Sequence[str] = (),
     ) -> None:
         self._arguments = (_name(prepare) if prepare else "", "" if idle_s is None else str(idle_s))
-        self._folder = folder
+        self._folder, self._wrapper = folder, wrapper
         self._child: _Child | None = None
         self._ended = False
         self._lock = threading.Lock()  # held during a call
@@ -137,7 +141,7 @@ class Process:
         """
         if not self.alive:
             self.close()
-            self._child = _Child(self._arguments, self._folder)
+            self._child = _Child(self._arguments, self._folder, self._wrapper)
         if self._ended:  # perhaps while it started
             self.close()
             raise Ended
@@ -211,10 +215,10 @@ class Process:
 class _Child:
     """One life of a process."""
 
-    def __init__(self, arguments: Sequence[str], folder: Path | None) -> None:
+    def __init__(self, arguments: Sequence[str], folder: Path | None, wrapper: Sequence[str]) -> None:
         self.popen = subprocess.Popen(
-            # -P: no imports from the user's folder. A session of its own: Ctrl-C reaches its owner alone.
-            [sys.executable, "-P", "-c", _WORK, *arguments],
+            # -P: no imports from the user's folder. In a session of its own Ctrl-C does not reach it.
+            [*wrapper, sys.executable, "-P", "-c", _WORK, *arguments],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
@@ -225,7 +229,7 @@ class _Child:
         assert self.popen.stdin is not None
         assert self.popen.stdout is not None
         self._calls, self._answers = self.popen.stdin, self.popen.stdout
-        self._printed = b""
+        self._printed, self._wrapped = b"", bool(wrapper)
         self._listener = threading.Thread(target=self._listen, daemon=True)
         self._listener.start()
 
@@ -258,6 +262,7 @@ class _Child:
         except subprocess.TimeoutExpired:  # it has closed its output, and goes on
             self.kill()
             code = self.popen.wait()
+        code = 128 - code if self._wrapped and code > 128 else code  # how a wrapper says a signal
         if overdue.is_set() or code == _OUT_OF_TIME:
             return Died("time", "a process that was still at work")
         self._listener.join(_ENDING_S)

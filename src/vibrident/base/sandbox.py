@@ -7,7 +7,7 @@ confine code: it runs as the same user and may read that user's files. Its answe
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
 from vibrident.base.errors import InputError
@@ -33,10 +33,11 @@ class Ready:
 
     Args:
         prepare: what the process does while it waits.
+        wrapper: a command that starts it, such as one that confines it.
     """
 
-    def __init__(self, prepare: Callable[[], None]) -> None:
-        self._prepare = prepare
+    def __init__(self, prepare: Callable[[], None], wrapper: Sequence[str] = ()) -> None:
+        self._prepare, self._wrapper = prepare, wrapper
         self._waiting: Process | None = None
         self._lock = threading.Lock()
         self._closed = False
@@ -45,7 +46,7 @@ class Ready:
         """Start a process, unless one is waiting."""
         with self._lock:
             if not self._closed and not (self._waiting and self._waiting.alive):
-                self._waiting = Process(self._prepare)
+                self._waiting = Process(self._prepare, wrapper=self._wrapper)
                 self._waiting.start()
 
     def run(self, function: Callable[..., _T], *args: Any, limits: Limits) -> _T:
@@ -53,7 +54,7 @@ class Ready:
         with self._lock:
             process, self._waiting = self._waiting, None
         try:
-            return _run(process or Process(self._prepare), function, args, limits)
+            return _run(process or Process(self._prepare, wrapper=self._wrapper), function, args, limits)
         finally:
             self.prepare()
 

@@ -29,7 +29,7 @@ from vibrident.base.errors import InputError
 from vibrident.base.tails import student_quantile
 from vibrident.data.io.axes_file import AxesCalibration, read_axes
 from vibrident.data.records import Calibration, FloatArray, Record
-from vibrident.fit.measure.tones import measure_tones, tone_frequency
+from vibrident.fit.response.tones import measure_tones, tone_frequency
 from vibrident.fit.uncertainty.budget import effects_of, pattern
 
 SCHEMA = "vibrident.matrix/1"

@@ -87,3 +87,16 @@ def picture():
             page.screenshot(path=PICTURES / f"{name}.png", full_page=True)
 
     return take
+
+
+@pytest.fixture(scope="session")
+def violations():
+    """What axe finds on the page: the rules that are broken, and where; for the page's own parts alone."""
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe is not installed").Axe()
+
+    def found(page) -> list[tuple[str, list[str]]]:
+        page.wait_for_timeout(600)  # colours change slowly
+        broken = axe.run(page).response["violations"]
+        return [(one["id"], [node["html"][:160] for node in one["nodes"]]) for one in broken]
+
+    return found

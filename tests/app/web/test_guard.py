@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import re
 import socket
 from collections.abc import Sequence
 from typing import Any
@@ -62,10 +63,12 @@ def test_this_machine_is_welcome_and_is_told_the_policy(host):
     start, _ = ask(host=host)
     assert start["status"] == 200
     told = dict(start["headers"])
-    assert told[b"content-security-policy"] == policy(host).encode()
+    nonce = re.search(r"'nonce-([0-9a-f]{32})'", told[b"content-security-policy"].decode())
+    assert nonce
+    assert told[b"content-security-policy"] == policy(host, nonce[1]).encode()
     assert told[b"x-frame-options"] == b"DENY"
     assert told[b"x-content-type-options"] == b"nosniff"
-    assert told[b"referrer-policy"] == b"no-referrer"
+    assert told[b"referrer-policy"] == b"same-origin"
 
 
 @pytest.mark.parametrize("host", [HERE, "[::1]:8080", "lab.example"])
@@ -168,6 +171,14 @@ def test_another_site_is_refused(origin):
     assert ask(b"x", host=HERE, origin=origin)[0]["status"] == 403
     refused = {"type": "websocket.close", "code": 1008}
     assert ask(kind="websocket", host=HERE, origin=origin) == [refused]
+
+
+def test_a_refusal_has_the_headers_too():
+    for refused in (ask(host="evil.example"), ask(host=HERE, content_length="many"), ask(host=HERE, origin="null")):
+        told = dict(refused[0]["headers"])
+        assert told[b"content-security-policy"].startswith(b"default-src 'none'")
+        assert told[b"x-frame-options"] == b"DENY"
+        assert told[b"x-content-type-options"] == b"nosniff"
 
 
 def test_the_page_itself_is_no_other_site():

@@ -12,7 +12,7 @@ import h5py
 import numpy as np
 import pytest
 from tests.support.sample_results import table2
-from tests.support.serving import VIBRIDENT, choose, field, serving, simulated, start_anew, upload
+from tests.support.serving import choose, field, simulated, start_anew, upload
 
 WAIT_MS = 120_000
 ROWS = "time,reference,response\n" + "".join(f"{i / 100},{i % 7},{i % 5}\n" for i in range(50))
@@ -92,78 +92,6 @@ def test_edits_after_confirm_reach_identify_and_files_added_wipe_no_form(visit, 
     page.get_by_role("button", name="remove 0.csv").click()
     page.get_by_text("1 file:").wait_for(timeout=WAIT_MS)
     page.locator("#start").wait_for(state="hidden")
-
-
-def test_a_reload_asks_and_keeps_the_form(visit, tmp_path):
-    (tmp_path / "a.csv").write_text(ROWS)
-    page, asked = visit(), []
-    page.on("dialog", lambda dialog: (asked.append(dialog.type), dialog.accept()))
-    upload(page, tmp_path / "a.csv")
-    page.locator("#confirm").wait_for(timeout=WAIT_MS)
-    field(page, "Serial number").fill("4711")
-    page.reload()
-    page.locator("#confirm").wait_for(timeout=WAIT_MS)
-    assert asked == ["beforeunload"]
-    assert field(page, "Serial number").input_value() == "4711"
-
-
-@pytest.mark.slow
-def test_a_reload_asks_and_loses_nothing_even_while_it_identifies(visit, picture, server, tmp_path):
-    page = visit()
-    asked = []
-    page.on("dialog", lambda dialog: (asked.append(dialog.type), dialog.accept()))
-    page.reload()
-    page.get_by_role("button", name="Choose a folder").wait_for()
-    assert not asked  # nothing would be lost
-    upload(page, *simulated(tmp_path))
-    page.locator("#confirm").wait_for(timeout=WAIT_MS)
-    field(page, "Serial number").fill("4711")
-    page.locator("#confirm").click()
-    page.locator("#start").click()
-    page.get_by_role("button", name="Cancel").wait_for()
-
-    page.reload()
-    page.get_by_role("button", name="Cancel").wait_for(timeout=WAIT_MS)  # it goes on
-    assert asked == ["beforeunload"]
-    assert field(page, "Serial number").input_value() == "4711"
-    page.get_by_text("Identified.").wait_for(timeout=WAIT_MS)
-    page.locator("#result .js-plotly-plot").first.wait_for(timeout=WAIT_MS)
-    assert page.evaluate("document.activeElement.id") == "result-title"  # the focus follows the steps
-    page.wait_for_function("Math.abs(document.querySelector('#result').getBoundingClientRect().top) < 200")
-
-    page.goto("about:blank")
-    page.go_back()
-    page.locator("#result .js-plotly-plot").first.wait_for(timeout=WAIT_MS)
-    assert 'serial_number = "4711"' in calibration(page)
-    assert page.locator("#gone").count() == 0
-    other = page.context.new_page()  # a page of its own
-    other.goto(server.address)
-    other.get_by_text("No data yet.").wait_for()
-    other.close()
-
-
-def test_after_the_server_died_the_page_says_what_is_lost(browser, picture, tmp_path):
-    (tmp_path / "a.csv").write_text(ROWS)
-    command = (*VIBRIDENT, "serve", "--port")
-    context = browser.new_context()
-    page = context.new_page()
-    for folder in ("one", "other"):
-        (tmp_path / folder).mkdir()
-    with serving(tmp_path / "one", *command, "0") as first:
-        port = first.address.rstrip("/").rpartition(":")[2]
-        page.goto(first.address)
-        page.get_by_role("heading", name="Data").wait_for()
-        assert page.locator("#gone").count() == 0
-        upload(page, tmp_path / "a.csv")
-        page.locator("#confirm").wait_for(timeout=WAIT_MS)
-    with serving(tmp_path / "other", *command, port):
-        page.locator("#gone").wait_for(timeout=WAIT_MS)
-        page.get_by_text("No data yet.").wait_for(timeout=WAIT_MS)
-        assert page.locator("#gone").is_visible()
-        picture(page, "gone")
-        upload(page, tmp_path / "a.csv")
-        page.locator("#confirm").wait_for(timeout=WAIT_MS)
-    context.close()
 
 
 def test_start_anew_asks_and_removes_the_result_too(visit, picture, tmp_path):

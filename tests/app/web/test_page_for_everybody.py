@@ -40,12 +40,15 @@ def filled(visit, tmp_path):
 
 
 @pytest.mark.parametrize("width", [1280, 390])
-def test_everything_has_a_name_and_can_be_reached(filled, width):
+def test_everything_has_a_name_and_can_be_reached(filled, violations, width):
     page = filled(width)
     assert page.evaluate(UNNAMED) == []
+    assert violations(page) == []
     assert page.evaluate("document.querySelectorAll('main, [role=main]').length") == 1
     assert page.get_by_label("Files", exact=True).count() == 1
     assert page.get_by_role("button", name="Choose files").is_visible()
+    with page.expect_file_chooser():
+        page.get_by_role("button", name="Choose files").press("Enter")
     assert page.evaluate(UNREACHABLE) == []
     table = page.locator("#result .scroll").first
     table.focus()
@@ -57,7 +60,7 @@ def test_everything_has_a_name_and_can_be_reached(filled, width):
 
 @pytest.mark.parametrize("width", [1280, 390])
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_text_can_be_read_in_light_and_dark(filled, picture, width, scheme):
+def test_text_can_be_read_in_light_and_dark(filled, picture, violations, width, scheme):
     page = filled(width)
     page.emulate_media(color_scheme=scheme)
     dark = "matches" if scheme == "dark" else "!matches"
@@ -65,5 +68,6 @@ def test_text_can_be_read_in_light_and_dark(filled, picture, width, scheme):
     page.wait_for_timeout(600)  # colours change slowly
     picture(page, f"{scheme}-{width}")
     assert too_faint(page) == []
+    assert violations(page) == []
     ground = page.locator("#data").evaluate("e => getComputedStyle(e).backgroundColor")
     assert (sum(map(int, ground[4:-1].split(","))) < 200) == (scheme == "dark")

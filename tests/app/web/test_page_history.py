@@ -29,6 +29,10 @@ def test_results_are_added_and_their_history_is_shown(visit, picture, history_st
     with Store(history_store) as store:
         sensor = query.find(store, "on the page")
         assert len(query.entries(store, sensor.id)[sensor.id]) == 5
+    page.locator("#approve").press("Enter")
+    page.get_by_text("is approved. The history holds 5").wait_for(timeout=WAIT_MS)
+    with Store(history_store) as store:
+        assert "approved" in str(query.entries(store, sensor.id)[sensor.id][-1])
     upload(page, tmp_path / "nameless.json")
     page.get_by_text("holds no calibration").wait_for(timeout=WAIT_MS)
     page.locator("#add-to-history").click()

@@ -7,7 +7,9 @@ import http.client
 import json
 import os
 import socket
+import statistics
 import sys
+import time
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -15,6 +17,8 @@ import h5py
 import pytest
 from tests.support.serving import VIBRIDENT, serving, simulated, start_anew, upload
 from tests.support.shell import printed
+
+from vibrident.app.workflow.accounts import add
 
 WAIT_MS = 120_000
 TAG = "<img src=x onerror=window.pwned=1>"
@@ -150,19 +154,22 @@ def test_no_other_name_and_no_other_site_gets_in(server, tmp_path):
 
 
 def test_served_to_all_the_address_opens_and_rebinding_is_refused(tmp_path):
-    with serving(tmp_path, *VIBRIDENT, "serve", "--host", "0.0.0.0", "--name", "lab.example") as everywhere:
+    pytest.importorskip("argon2")
+    add(tmp_path / "accounts", "ina", "identify", "correct horse")
+    options = ("--host", "0.0.0.0", "--name", "lab.example", "--auth", str(tmp_path / "accounts"))
+    with serving(tmp_path, *VIBRIDENT, "serve", *options) as everywhere:
         assert "0.0.0.0" not in everywhere.address
         here = urlsplit(everywhere.address).netloc
-        assert asked(everywhere.address, "GET", "/", Host="lab.example") == 200
+        assert asked(everywhere.address, "GET", "/", Host="lab.example") == 303
         for name in ("evil.example", "192.0.2.1"):
             assert asked(everywhere.address, "GET", "/", Host=name) == 403
             assert handshake(everywhere.address, Host=name, Origin=f"http://{name}") == 403
-        assert handshake(everywhere.address, Host=here, Origin=f"http://{here}") == 101
+        assert handshake(everywhere.address, Host=here, Origin=f"http://{here}") == 403  # nobody signed in
 
 
 def test_requests_cost_no_folder(server):
     def folders() -> int:
-        (home,) = (path for path in server.folder.iterdir() if path.name.startswith("vibrident-serve-"))
+        (home,) = (server.folder / "data" / "vibrident" / "page").iterdir()
         return len(list(home.iterdir()))
 
     before = folders()
@@ -177,11 +184,14 @@ def test_a_bomb_goes_off_elsewhere(visit, server, tmp_path):
     with h5py.File(tmp_path / "bomb.h5", "w") as file:
         for name in ("reference", "response"):
             file.create_dataset(name, shape=(10**10,), chunks=(10**6,), compression="gzip", fillvalue=1.0, dtype="f8")
+    with h5py.File(tmp_path / "declared.h5", "w") as file:  # 24 GB that were never written
+        for name in ("reference", "response"):
+            file.create_dataset(name, shape=(3 * 10**9,), dtype="f8")
     (tmp_path / "deep.json").write_text("[" * 200_000)
     (tmp_path / "calibration.toml").write_text("a = " + "[" * 50_000)
     assert (tmp_path / "bomb.h5").stat().st_size < 10_000
     page = visit()
-    for name in ("bomb.h5", "deep.json", "calibration.toml"):
+    for name in ("bomb.h5", "declared.h5", "deep.json", "calibration.toml"):
         upload(page, tmp_path / name)
         page.get_by_role("alert").first.wait_for(timeout=WAIT_MS)
         assert "Traceback" not in page.content()
@@ -191,3 +201,23 @@ def test_a_bomb_goes_off_elsewhere(visit, server, tmp_path):
     assert server.process.poll() is None
     assert peak_memory(server.process.pid) < MOST_MEMORY
     assert os.getpid() != server.process.pid
+
+
+def test_twenty_uploads_at_once_starve_nobody(server, tmp_path):
+    """Each announces all that a user may send and trickles; others are answered meanwhile, and no such upload stays."""
+    here = urlsplit(server.address)
+    head = f"POST /_nicegui/client/x/upload/1 HTTP/1.1\r\nHost: {here.netloc}\r\nContent-Length: 100000000\r\n\r\n"
+    with contextlib.ExitStack() as stack:
+        sockets = [
+            stack.enter_context(socket.create_connection((here.hostname, here.port), timeout=20)) for _ in range(20)
+        ]
+        for one in sockets:
+            one.sendall(head.encode() + b"x" * 100_000)
+        taken = []
+        for _ in range(20):
+            begin = time.monotonic()
+            assert asked(server.address, "GET", "/", Host=here.netloc) == 200
+            taken.append(time.monotonic() - begin)
+        assert statistics.median(taken) < 0.5
+    assert asked(server.address, "GET", "/", Host=here.netloc) == 200
+    assert peak_memory(server.process.pid) < MOST_MEMORY

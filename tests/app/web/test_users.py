@@ -16,11 +16,12 @@ pytest.importorskip("nicegui")
 from tests.support import tasks
 from tests.support.serving import alone
 
-from vibrident.app.web import looks, users, worker
+from vibrident.app.web import held, looks, users, worker
 from vibrident.app.web.columns import merged
 from vibrident.app.web.description import Description
+from vibrident.app.web.held import Job
 from vibrident.app.web.looks import Guess
-from vibrident.app.web.users import Job, Users
+from vibrident.app.web.users import Users
 from vibrident.base.errors import InputError, NotConverged
 from vibrident.base.process import WorkerError
 from vibrident.data.io.guess import guess_columns
@@ -30,7 +31,6 @@ class Browser:
     """A tab, seen from the server; ``client`` is the page in it."""
 
     def __init__(self, identity: str = "tab") -> None:
-        self.storage: dict[str, str] = {}
         self.identity = identity
         self.open()
 
@@ -44,7 +44,7 @@ class Browser:
 @pytest.fixture
 def clock(monkeypatch):
     now = SimpleNamespace(s=0.0)
-    monkeypatch.setattr(users.time, "monotonic", lambda: now.s)
+    monkeypatch.setattr(users.time, "time", lambda: now.s)
     return now
 
 
@@ -57,7 +57,7 @@ def everybody(tmp_path, clock):
 
 
 def with_file(everybody: Users, tab: Browser, size: int = 10) -> users.User:
-    user = everybody.attach(tab.client, tab.storage)
+    user = everybody.attach(tab.client)
     user.session.place_for("a.csv", size).write_bytes(bytes(size))
     return user
 
@@ -69,14 +69,14 @@ def test_a_tab_that_comes_back_within_the_hour_finds_what_it_left(everybody, clo
     clock.s = 3500.0
     everybody.forget()
     tab.open()
-    assert everybody.attach(tab.client, tab.storage) is user
+    assert everybody.attach(tab.client) is user
     clock.s = 10_000.0
     everybody.forget()  # it is looked at
     tab.leave()
     clock.s += 3700.0
     everybody.forget()
     tab.open()
-    fresh = everybody.attach(tab.client, tab.storage)
+    fresh = everybody.attach(tab.client)
     assert fresh is not user
     assert fresh.empty
     assert not user.session.folder.exists()
@@ -86,18 +86,17 @@ def test_a_page_reloaded_before_the_old_connection_ends_is_the_same_and_a_duplic
     tab = Browser()
     user = with_file(everybody, tab)
     tab.open()
-    assert everybody.attach(tab.client, tab.storage) is user
+    assert everybody.attach(tab.client) is user
     copy = Browser("other")
-    copy.storage = dict(tab.storage)
-    other = everybody.attach(copy.client, copy.storage)
+    other = everybody.attach(copy.client)
     assert other is not user
     assert other.empty
-    assert everybody.attach(tab.client, tab.storage) is user
+    assert everybody.attach(tab.client) is user
 
 
 def test_who_has_nothing_is_forgotten_at_once(everybody, clock):
     tab = Browser()
-    everybody.attach(tab.client, tab.storage)
+    everybody.attach(tab.client)
     tab.leave()
     clock.s = 60.0
     everybody.forget()
@@ -112,13 +111,14 @@ def test_too_many_users(everybody, clock, monkeypatch):
         with_file(everybody, tab)
     late = Browser("late")
     with pytest.raises(InputError, match="limit of users"):
-        everybody.attach(late.client, late.storage)
+        everybody.attach(late.client)
     tabs[1].leave()
     clock.s = 10.0
     everybody.forget()
     tabs[2].leave()
-    everybody.attach(late.client, late.storage)
-    assert [tab.storage["user"] in everybody.kept for tab in tabs] == [True, False, True]
+    everybody.attach(late.client)
+    left = {user.tab for user in everybody.kept}
+    assert [tab.identity in left for tab in tabs] == [True, False, True]
 
 
 def test_room_for_all_is_made_by_those_who_left_first(everybody, clock):
@@ -130,9 +130,81 @@ def test_room_for_all_is_made_by_those_who_left_first(everybody, clock):
     with pytest.raises(InputError, match="no room"):
         with_file(everybody, late)
     tabs[4].leave()
-    user = everybody.attach(late.client, late.storage)
+    user = everybody.attach(late.client)
     user.session.place_for("a.csv", 1_000_000)
-    assert [tab.storage["user"] in everybody.kept for tab in tabs] == [number != 4 for number in range(10)]
+    left = {user.tab for user in everybody.kept}
+    assert [tab.identity in left for tab in tabs] == [number != 4 for number in range(10)]
+
+
+def test_what_was_left_is_offered_to_its_owner_alone(everybody):
+    tab, other = Browser("one"), Browser("two")
+    left = everybody.attach(tab.client, "me")
+    left.session.place_for("a.csv", 10).write_bytes(bytes(10))
+    user = everybody.attach(other.client, "me")
+    assert everybody.left_by("me") == []  # it is open
+    tab.leave()
+    assert everybody.left_by("me") == [left]
+    assert everybody.left_by("you") == everybody.left_by("") == []
+    assert not everybody.hand_over(left, everybody.attach(Browser("three").client, "you"))
+    assert everybody.hand_over(left, user)
+    assert everybody.attach(other.client, "me") is left
+    assert everybody.attach(Browser("two").client, "you") is not left  # the name of a tab is no key
+
+
+def test_a_stopped_server_leaves_its_users_to_the_next(tmp_path):
+    before = Users(tmp_path, 1.0, keep_s=1000.0)
+    user = before.attach(Browser().client, "me")
+    user.session.place_for("a.csv", 10).write_bytes(bytes(10))
+    user.session.place_for("b.csv", 20).write_bytes(bytes(5))  # it was arriving
+    (user.session.folder / "run-1").mkdir()
+    user.form = merged(None, guessed(user.session.data, "t,ref [mm/s],out [pC]", "c.csv"))
+    user.form.set("scale", 2.0)
+    (user.session.data / "c.csv").unlink()
+    (tmp_path / "made.json").write_text("{}")
+    user.keep("1: mine", tmp_path / "made.json", choices=held.Choices("calibration.toml"))
+    user.running = held.Choices("calibration.toml", "ml")
+    user.write()
+
+    after = Users(tmp_path, 1.0, keep_s=1000.0)
+    after._restore()
+    again = after.attach(Browser().client, "me")
+    assert again is not user
+    assert again.session.names == ["a.csv"]
+    assert not (again.session.folder / "run-1").exists()
+    assert again.form is not None
+    assert (again.form.given, again.form.touched) == (user.form.given, {"scale"})
+    assert again.results == user.results
+    assert isinstance(again.job.error, worker.Stopped)
+
+    (again.session.folder / "state").write_bytes(b"[0, 3]\n")  # of another version
+    late = Users(tmp_path, 1.0, keep_s=1000.0)
+    late._restore()
+    assert not late.kept
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_was_left_too_long_ago_is_not_taken_up(tmp_path, clock):
+    before = Users(tmp_path, 1.0, keep_s=1000.0)
+    user = before.attach(Browser().client, "me")
+    user.session.place_for("a.csv", 10).write_bytes(bytes(10))
+    user.write()
+    clock.s = 1001.0
+    after = Users(tmp_path, 1.0, keep_s=1000.0)
+    after._restore()
+    assert not after.kept
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_job_says_its_share_and_the_most_time_left(monkeypatch):
+    now = SimpleNamespace(s=0.0)
+    monkeypatch.setattr(held.time, "monotonic", lambda: now.s)
+    job = Job(began=0.0)
+    job.add(1, 11, 3.0)
+    assert job.most_left_s is None
+    now.s = 2.0
+    job.add(2, 11, 2.0)
+    assert (job.share, job.most_left_s) == (2 / 11, 18.0)
+    assert job.status.endswith("(2 s; this start: at most 18 s more)")
 
 
 def test_a_job_tells_separate_starts_apart():

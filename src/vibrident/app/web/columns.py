@@ -11,10 +11,11 @@ from nicegui import ui
 
 from vibrident.app.web import frame
 from vibrident.app.web.description import ROLES, Description, calibration_text, described
+from vibrident.app.web.held import Confirmed, Form
 from vibrident.app.web.looks import Guess, calibration, chart, faults, guess, readable
 from vibrident.app.web.preview import HEIGHT
 from vibrident.app.web.session import CALIBRATION
-from vibrident.app.web.users import Confirmed, Form, User
+from vibrident.app.web.users import User
 from vibrident.base.errors import InputError
 from vibrident.data.records import EXCITATIONS
 from vibrident.physics.models import ADD_ONS, CORES
@@ -89,6 +90,7 @@ class ColumnsStep:
                 found = await self.user.look(guess, session.data, session.files)
                 if turn == self.turn:
                     self.user.form = merged(self.user.form, found)
+                    self.user.changed()
         except Exception as error:
             if turn == self.turn:
                 frame.show_error(self.body, error, session)
@@ -169,6 +171,7 @@ class ColumnsStep:
         if form is None or form.get(name) == value:
             return
         form.set(name, value)
+        self.user.changed()
         for element in self.fields[name]:  # some occur twice, for records and for a table
             if element.value != value:
                 element.value = value

@@ -75,7 +75,8 @@ class DataStep:
         self._list()
 
     def hold(self) -> None:
-        """Tell the browser whether to ask before the page is left."""
+        """Keep what there is; tell the browser whether there is something."""
+        self.user.changed()
         self.upload.client.run_javascript(f"vibrident.hold({str(not self.user.empty).lower()})")
 
     def _begin(self) -> None:
@@ -118,6 +119,8 @@ class DataStep:
         left_out: dict[str, list[str]] = {}
         for file in event.files:
             try:
+                if not file.name.lower().endswith(".json"):
+                    self.user.require("identify", "upload data")
                 place = session.place_for(file.name, file.size())
                 try:
                     await file.save(place)
@@ -173,6 +176,7 @@ class DataStep:
         self.listing.text = "Simulating the calibration of the paper's accelerometer …"
         session = self.user.session
         try:
+            self.user.require("identify", "identify")
             session.clear()
             session.open()
             self.user.form = None

@@ -11,9 +11,10 @@ from nicegui import ui
 
 from vibrident.app.web import frame
 from vibrident.app.web.description import calibration_text
+from vibrident.app.web.held import Choices, Confirmed, Job
 from vibrident.app.web.looks import calibration
 from vibrident.app.web.session import CALIBRATION
-from vibrident.app.web.users import Choices, Confirmed, Job, User
+from vibrident.app.web.users import User
 from vibrident.app.web.worker import Stopped
 from vibrident.app.workflow.choices import DISCRETISATIONS, UNCERTAINTIES
 from vibrident.app.workflow.estimators import AUTO, estimators_with
@@ -65,19 +66,23 @@ class FitStep:
                 self.stop = ui.button("Cancel", on_click=self.user.worker.cancel).props("outline color=negative")
                 self.spinner = ui.spinner(size="28px")
                 self.status = ui.label("").props("role=status id=status")
+            self.share = ui.linear_progress(0.0, show_value=False, size="8px")
+            self.share.props('id=share aria-label="share of the iterations"')
             self.errors = ui.element("div").props("aria-live=assertive")
             self.place = ui.element("div").classes("chart")
         self.timer = ui.timer(_PACE_S, self._follow, active=False)
-        self.stop.visible = self.spinner.visible = self.section.visible = False
+        self.stop.visible = self.spinner.visible = self.section.visible = self.share.visible = False
 
     def doubt(self) -> None:
         """The confirmation no longer holds; a running identification continues with its copy of the data."""
         self.user.confirmed = None
+        self.user.changed()
         self._renew()
 
     async def show(self, confirmed: Confirmed) -> None:
         """Offer to identify with this calibration file."""
         self.user.confirmed = confirmed
+        self.user.changed()
         self.errors.clear()
         await self._read()
         frame.go(self.section)
@@ -89,6 +94,8 @@ class FitStep:
         if self.user.busy:
             self.timer.activate()
         self._renew()
+        if self.over is not None:
+            self._tell(self.over)
 
     def refresh(self) -> None:
         """Take over the form's values."""
@@ -139,7 +146,11 @@ class FitStep:
                 return
             name = CALIBRATION
         chosen = Choices(name, self.estimator.value, self.discretisation.value, uncertainty=self.uncertainty.value)
-        user.start(chosen)
+        try:
+            user.start(chosen)
+        except Exception as error:
+            frame.show_error(self.errors, error, user.session)
+            return
         self._renew()
         self.timer.activate()
         self.section.client.run_javascript("vibrident.see('status')")
@@ -151,6 +162,8 @@ class FitStep:
             self.timer.deactivate()
             return
         self.status.text = job.status
+        self.share.visible = job.share is not None and not job.over
+        self.share.value = job.share or 0.0
         if (iterations := sum(map(len, job.starts))) != self.drawn:
             self.drawn = iterations
             self._draw(job.starts)
@@ -159,14 +172,19 @@ class FitStep:
         self.over = job
         self.timer.deactivate()
         self._renew()
-        if job.error is not None:
-            frame.show_error(self.errors, job.error, self.user.session)
-            if isinstance(job.error, Stopped) and not self.errors.is_deleted:
-                with self.errors:
-                    ui.button("Repeat", on_click=self._identify).props("outline id=repeat")
-        elif job.words == Job.DONE:
+        self._tell(job)
+        if job.error is None and job.words == Job.DONE:
             self._forget_curve()  # the result shows the whole curve
             await self.on_result()
+
+    def _tell(self, job: Job) -> None:
+        """Say why an identification failed."""
+        if job.error is None:
+            return
+        frame.show_error(self.errors, job.error, self.user.session)
+        if isinstance(job.error, Stopped) and not self.errors.is_deleted:
+            with self.errors:
+                ui.button("Repeat", on_click=self._identify).props("outline id=repeat")
 
     def _draw(self, starts: list[list[float]]) -> None:
         drawn = json.dumps(_curve(starts)).encode()

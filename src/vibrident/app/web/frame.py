@@ -91,7 +91,7 @@ def listed(names: Sequence[str]) -> str:
     return ", ".join(names[:kept]) + (f" and {len(names) - kept} more" if len(names) > kept else "")
 
 
-def step(number: int, title: str, name: str) -> ui.element:
+def step(number: int | str, title: str, name: str) -> ui.element:
     """A section of the page with its heading."""
     section = ui.element("section").classes("step").props(f'aria-labelledby="{name}-title" id="{name}"')
     with section:
@@ -143,11 +143,12 @@ def in_page_words(error: VibridentError) -> VibridentError:
     """The error with the labels of the page in place of words of the command line."""
     if not isinstance(error, InputError):
         return error
-    said = {key: _of_page(text) for key, text in vars(error).items() if key in ("expected", "where", "remedy")}
+    said = {key: page_words(text) for key, text in vars(error).items() if key in ("expected", "where", "remedy")}
     return type(error)(**{**vars(error), **said})
 
 
-def _of_page(text: str) -> str:
+def page_words(text: str) -> str:
+    """A text with the labels of the page in place of words of the command line."""
     text = text.replace(memory.VARIABLE, "the memory that the server may take for a file")
     text = _INSTALL.sub(r"ask whoever runs the server to install \1", text)
     text = _COMMAND.sub(lambda found: _STEPS.get(found[1], found[1]), text)

@@ -2,21 +2,31 @@
 
 from __future__ import annotations
 
+import hashlib
 import ipaddress
 import re
+import secrets
 from typing import Any
 from urllib.parse import urlsplit
+
+from vibrident.app.web.door import Door, cookies, say
 
 #: Allowance for the browser's envelope around files.
 _ENVELOPE_BYTES = 1_000_000
 _MOST_DIGITS = 18
 #: Most simultaneous uploads of the largest size, of all users together.
 _AT_ONCE = 4
+#: Key of a request's scope: whose browser it is.
+OWNER = "vibrident.owner"
+#: The same: who signed in, if the page has a door.
+ACCOUNT = "vibrident.account"
+_COOKIE_S = 30 * 86_400
+_COOKIE = re.compile(r"[0-9a-f]{64}")
 _HOST = re.compile(r"[\w.\-]+(:\d{1,5})?|\[[0-9a-fA-F:.]+\](:\d{1,5})?", re.ASCII)
 _HEADERS = (
     (b"x-content-type-options", b"nosniff"),
     (b"x-frame-options", b"DENY"),
-    (b"referrer-policy", b"no-referrer"),
+    (b"referrer-policy", b"same-origin"),  # without any, a form says that it comes from nowhere
     (b"cross-origin-opener-policy", b"same-origin"),
     (b"cross-origin-resource-policy", b"same-origin"),
 )
@@ -28,13 +38,15 @@ _TOO_LARGE = b"The files are too large for the page."
 _BUSY = b"The server takes as many files as it can at this moment. Try again in a minute."
 
 
-def policy(host: str) -> str:
-    """The content security policy: only this server as source and target.
+def policy(host: str, nonce: str = "") -> str:
+    """The content security policy: only this server as source and target, and of inline scripts those with the nonce.
 
-    Some browsers do not count the target of the page's WebSocket, ``host``, as ``'self'``.
+    NiceGUI evaluates text that the server sends, and Vue sets styles of elements. Some browsers do not count the target
+    of the page's WebSocket, ``host``, as ``'self'``.
     """
+    inline = f"'nonce-{nonce}' " if nonce else ""
     return (
-        "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval' blob:; style-src 'self' 'unsafe-inline'; "
+        f"default-src 'self'; script-src 'self' {inline}'unsafe-eval' blob:; style-src 'self' 'unsafe-inline'; "
         "img-src 'self' data: blob:; font-src 'self' data:; worker-src 'self' blob:; "
         f"connect-src 'self' ws://{host} wss://{host}; "
         "object-src 'none'; frame-src 'none'; frame-ancestors 'none'; form-action 'self'; base-uri 'self'"
@@ -52,10 +64,11 @@ class Guard:
         app: the guarded application.
         limit_bytes: most bytes of a request's body.
         names: allowed host names, beside the address at which a request arrives; others could be DNS rebinding.
+        door: of a team's page; None lets in everybody who reaches it.
     """
 
-    def __init__(self, app: Any, limit_bytes: int, names: frozenset[str]) -> None:
-        self._app, self._limit = app, limit_bytes + _ENVELOPE_BYTES
+    def __init__(self, app: Any, limit_bytes: int, names: frozenset[str], door: Door | None = None) -> None:
+        self._app, self._limit, self._door = app, limit_bytes + _ENVELOPE_BYTES, door
         self._names = frozenset(map(_plain, names))
         self._coming = 0
 
@@ -68,15 +81,34 @@ class Guard:
         if not self._known(scope, headers) or _of_another_site(scope, headers):
             await _refuse(scope, send, 403, _STRANGER)
         elif scope["type"] == "websocket":
-            await self._app(scope, receive, send)
+            await self._connected(scope, receive, send, headers)
         elif not (length := headers.get(b"content-length", "0")).isdecimal() or len(length) > _MOST_DIGITS:
             await _refuse(scope, send, 400, b"The length of the request is not a number.")
         elif int(length) > self._limit:
             await _refuse(scope, send, 413, _TOO_LARGE)
+        elif self._door and await self._door.answer(scope, receive, send, headers, _HEADERS):
+            return
         elif self._coming + int(length) > _AT_ONCE * self._limit:
             await _refuse(scope, send, 503, _BUSY)
         else:
-            await self._guarded(scope, receive, send, headers[b"host"])
+            account = self._door.visitor(scope, headers) if self._door else None
+            scope[OWNER], cookie = (account.name, ()) if account else owner(scope, headers)
+            scope[ACCOUNT] = account
+            await self._guarded(scope, receive, send, headers[b"host"], cookie)
+
+    async def _connected(self, scope: Any, receive: Any, send: Any, headers: dict[bytes, str]) -> None:
+        """Pass a WebSocket on for as long as its visitor may be here."""
+        door = self._door
+        if door and door.visitor(scope, headers) is None:
+            await _refuse(scope, send, 403, b"")
+            return
+
+        async def checked() -> Any:
+            message = await receive()
+            gone = door is not None and door.visitor(scope, headers) is None
+            return {"type": "websocket.disconnect", "code": 1008} if gone else message
+
+        await self._app(scope, checked, send)
 
     def _known(self, scope: Any, headers: dict[bytes, str]) -> bool:
         """Whether the host is an allowed name, or the address at which the request arrived."""
@@ -90,9 +122,11 @@ class Guard:
         here = scope.get("server")
         return name in self._names or (bool(here) and _is_address(name) and name == _plain(str(here[0])))
 
-    async def _guarded(self, scope: Any, receive: Any, send: Any, host: str) -> None:
+    async def _guarded(self, scope: Any, receive: Any, send: Any, host: str, cookie: tuple[Any, ...]) -> None:
         received, started = 0, False
-        told = ((b"content-security-policy", policy(host).encode()), *_HEADERS)
+        nonce = secrets.token_hex(16)
+        told = ((b"content-security-policy", policy(host, nonce).encode()), *_HEADERS, *cookie)
+        held: dict[str, Any] | None = None  # the start of a page, until its scripts have the nonce
 
         async def counted() -> Any:
             nonlocal received
@@ -105,10 +139,18 @@ class Guard:
             return message
 
         async def marked(message: Any) -> None:
-            nonlocal started
+            nonlocal started, held
             if message["type"] == "http.response.start":
                 started = True
                 message = {**message, "headers": [*message["headers"], *told]}
+                if dict(message["headers"]).get(b"content-type", b"").startswith(b"text/html"):
+                    held = message
+                    return
+            elif held is not None:  # a page comes in one piece
+                body = message.get("body", b"").replace(b"<script", f'<script nonce="{nonce}"'.encode())
+                kept = [one for one in held["headers"] if one[0] != b"content-length"]
+                await send({**held, "headers": kept})
+                held, message = None, {**message, "body": body}
             await send(message)
 
         try:
@@ -119,6 +161,17 @@ class Guard:
                 await _refuse(scope, send, 413 if large else 503, _TOO_LARGE if large else _BUSY)
         finally:
             self._coming -= received
+
+
+def owner(scope: Any, headers: dict[bytes, str]) -> tuple[str, tuple[tuple[bytes, bytes], ...]]:
+    """Whose browser it is, and the header that gives it a cookie if it has none yet."""
+    name = f"vibrident-{(scope.get('server') or ('', 0))[1]}"  # browsers do not tell ports apart
+    token, more = cookies(headers).get(name, ""), ()
+    if not _COOKIE.fullmatch(token):
+        token = secrets.token_hex(32)
+        kept = f"{name}={token}; Path=/; Max-Age={_COOKIE_S}; HttpOnly; SameSite=Lax"
+        more = ((b"set-cookie", kept.encode()),) if scope.get("path") == "/" else ()
+    return hashlib.sha256(token.encode()).hexdigest(), more
 
 
 def _headers(scope: Any) -> dict[bytes, str]:
@@ -166,6 +219,5 @@ async def _refuse(scope: Any, send: Any, status: int, text: bytes) -> None:
     if scope["type"] == "websocket":
         await send({"type": "websocket.close", "code": 1008})
         return
-    headers = [(b"content-type", b"text/plain; charset=utf-8"), (b"connection", b"close")]
-    await send({"type": "http.response.start", "status": status, "headers": headers})
-    await send({"type": "http.response.body", "body": text})
+    nothing = (b"content-security-policy", b"default-src 'none'; frame-ancestors 'none'")
+    await say(send, status, ((b"connection", b"close"), nothing, *_HEADERS), text)

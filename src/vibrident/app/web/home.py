@@ -1,14 +1,18 @@
-"""The folder of a running server with all uploads; folders of dead servers are removed."""
+"""The folder of a running server with all uploads: kept for the next server at its address, or removed with it."""
 
 from __future__ import annotations
 
 import contextlib
 import os
+import re
 import shutil
 import stat
 import tempfile
+import time
 from pathlib import Path
 from typing import Any
+
+from vibrident.base.errors import InputError
 
 fcntl: Any
 try:
@@ -23,31 +27,59 @@ _NEW = "vibrident-new-"
 
 
 class Home:
-    """A private folder below the system's temporary folder."""
+    """A private folder: below the system's temporary folder, or one of an address that is kept.
 
-    def __init__(self) -> None:
-        top = Path(tempfile.gettempdir())
-        remove_leftovers(top)
-        made = Path(tempfile.mkdtemp(prefix=_NEW, dir=top))
-        self._lock = os.open(made / _LOCK, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o600)
-        if fcntl is not None:
-            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        os.write(self._lock, f"{os.getpid()}\n".encode())
-        self.folder = top / (PREFIX + made.name.removeprefix(_NEW))
-        made.rename(self.folder)  # another server sees it only now, locked
+    Args:
+        kept: folder of all kept ones; None for a temporary one.
+        address: of the server; names the folder that is kept.
+        keep_s: seconds for which folders of dead servers are kept.
+
+    Raises:
+        InputError: another server has the folder, or it cannot be made.
+    """
+
+    def __init__(self, kept: Path | None = None, address: str = "", keep_s: float = 0.0) -> None:
+        self.kept = kept is not None
+        remove_leftovers(Path(tempfile.gettempdir()))
+        if kept is None:
+            top = Path(tempfile.gettempdir())
+            made = Path(tempfile.mkdtemp(prefix=_NEW, dir=top))
+            self._take(made)
+            self.folder = top / (PREFIX + made.name.removeprefix(_NEW))
+            made.rename(self.folder)  # another server sees it only now, locked
+        else:
+            self.folder = kept / (PREFIX + re.sub(r"[^\w.-]", "_", address))
+            try:
+                self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+                self._take(self.folder)
+            except OSError as error:
+                raise _taken(self.folder, error) from error
+            remove_leftovers(kept, keep_s)
         self.spool = self.folder / "spool"
+        shutil.rmtree(self.spool, ignore_errors=True)
         self.spool.mkdir()
 
+    def _take(self, folder: Path) -> None:
+        self._lock = os.open(folder / _LOCK, os.O_CREAT | os.O_RDWR | getattr(os, "O_NOFOLLOW", 0), 0o600)
+        if fcntl is not None:
+            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        os.truncate(self._lock, 0)
+        os.write(self._lock, f"{os.getpid()}\n".encode())
+
     def close(self) -> None:
-        """Remove the folder and all that is in it."""
-        shutil.rmtree(self.folder, ignore_errors=True)
+        """Remove what is not kept."""
+        if self._lock < 0:
+            return
+        if self.kept:
+            os.utime(self._lock)  # kept from now on
+        shutil.rmtree(self.spool if self.kept else self.folder, ignore_errors=True)
         with contextlib.suppress(OSError):
             os.close(self._lock)
         self._lock = -1
 
 
-def remove_leftovers(top: Path) -> list[str]:
-    """Remove the folders of this user's servers that no longer run; returns their names.
+def remove_leftovers(top: Path, older_s: float = 0.0) -> list[str]:
+    """Remove the folders of this user's servers that stopped so many seconds ago or more; returns their names.
 
     A server holds the lock in its folder while it lives, which identifies it. Links, folders of other users, and
     folders without a lock are left alone.
@@ -63,26 +95,37 @@ def remove_leftovers(top: Path) -> list[str]:
     try:
         for name in names:
             with contextlib.suppress(OSError):
-                if _remove(name, above):
+                if _remove(name, above, older_s):
                     removed.append(name)
     finally:
         os.close(above)
     return removed
 
 
-def _remove(name: str, above: int) -> bool:
+def _remove(name: str, above: int, older_s: float) -> bool:
     folder = os.open(name, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW, dir_fd=above)
     try:
         if os.fstat(folder).st_uid != os.getuid():
             return False
         lock = os.open(_LOCK, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK, dir_fd=folder)
+        used = max(os.fstat(folder).st_mtime, os.fstat(lock).st_mtime)
     finally:
         os.close(folder)
     try:
-        if not stat.S_ISREG(os.fstat(lock).st_mode):
+        if not stat.S_ISREG(os.fstat(lock).st_mode) or (older_s and time.time() - used < older_s):
             return False
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)  # BlockingIOError: its server lives
         shutil.rmtree(name, dir_fd=above)  # follows no links
     finally:
         os.close(lock)
     return True
+
+
+def _taken(folder: Path, error: OSError) -> InputError:
+    return InputError(
+        "The folder in which the page keeps its state cannot be used.",
+        expected="a folder that this user may write and no other server uses",
+        found=error.strerror or str(error),
+        where=str(folder),
+        remedy="stop the other server, choose another --port, or keep nothing with --keep 0",
+    )

@@ -196,9 +196,8 @@ def facts(path: Path) -> tuple[str, str]:
 def outcome(path: Path) -> dict[str, Any]:
     """The view of a result: verdict, numbers, warnings and findings as HTML, charts as JSON."""
     result = Result.load(path)
-    drawn = [make(result) for make in (figures.sensitivity, figures.deviation, figures.training)]
-    named = [(figure.title, chart) for figure in drawn if figure is not None for _, chart in _charts(figure)]
-    shown, left = _fitting(named, MOST_BYTES)
+    shown, left = _fitting(_named(figures.sensitivity(result), figures.deviation(result)), MOST_BYTES)
+    found, left = _fitting(_named(figures.training(result)), left)
     signals, left = _fitting(_charts(figures.signals(result)), left)
     return {
         "verdict": html.fragment(document.verdict(result), *scatter_only(result)),
@@ -206,9 +205,14 @@ def outcome(path: Path) -> dict[str, Any]:
         "parameters": html.fragment(tables.parameters(result)),
         "warnings": html.fragment(*told(result)),
         "charts": shown,
+        "found": found,
         "signals": signals,
         "left_out": left < 0,
     }
+
+
+def _named(*drawn: Figure | None) -> list[tuple[str, Any]]:
+    return [(figure.title, chart) for figure in drawn if figure is not None for _, chart in _charts(figure)]
 
 
 def _charts(figure: Figure | None) -> list[tuple[str, Any]]:
@@ -250,6 +254,30 @@ def exported(path: Path, folder: Path, form: str, options: dict[str, Any]) -> tu
     return archive.getvalue(), f"{form}.zip"
 
 
+def everything(path: Path, calibration: Path | None, folder: Path) -> bytes:
+    """One archive: the result, its calibration file, the reports, and each export that asks for nothing."""
+    from vibrident.export import export
+    from vibrident.export.registry import EXPORTS
+
+    result = Result.load(path)
+    archive = io.BytesIO()
+    with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as packed:
+        packed.write(path, "result.json")
+        if calibration is not None:
+            packed.write(calibration, "calibration.toml")
+        for form in ("html", "pdf", "md"):
+            packed.writestr(file_name(result, form), content(result, form))
+        for name, form in EXPORTS.all().items():
+            if form.options or form.extra:
+                continue
+            try:
+                for file in export(result, name, folder / name):
+                    packed.write(file, f"exports/{file.relative_to(folder)}")
+            except VibridentError:  # a format that cannot hold this sensor
+                continue
+    return archive.getvalue()
+
+
 def comparison(paths: Sequence[Path], names: Sequence[str]) -> dict[str, Any]:
     """Results side by side: a chart as JSON or none, and tables as HTML with their titles."""
     results = [Result.load(path) for path in paths]
@@ -276,6 +304,22 @@ def added_to_history(path: Path, store: str) -> dict[str, Any]:
     with Store(store) as opened:
         ((new, number),) = add_all(opened, [result])
     return _history(result, store, f"Calibration {number}{'' if new else ' was there already'}. ")
+
+
+def approved(path: Path, store: str, by: str) -> dict[str, Any]:
+    """The same, once the result's calibration was approved.
+
+    Raises:
+        InputError: the history does not hold it, or the store cannot be used.
+    """
+    from vibrident.lab.history.entry import add_all, approve
+    from vibrident.lab.history.store import Store
+
+    result = Result.load(path)
+    with Store(store) as opened:
+        ((_, number),) = add_all(opened, [result])
+        approve(opened, number, by=by)
+    return _history(result, store, f"Calibration {number} is approved. ")
 
 
 def _history(result: Result, store: str, before: str) -> dict[str, Any]:

@@ -10,8 +10,9 @@ from typing import Any
 from nicegui import ui
 
 from vibrident.app.web import frame, looks
+from vibrident.app.web.held import Named
 from vibrident.app.web.session import RESULT
-from vibrident.app.web.users import Named, User
+from vibrident.app.web.users import User
 from vibrident.base.escaping import html
 from vibrident.show.report import FILE_NAMES
 
@@ -86,6 +87,7 @@ class OutcomeStep:
             for form, label in (("html", "Report (HTML)"), ("pdf", f"{title} (PDF)"), ("md", "Report (Markdown)")):
                 asked = partial(self._report, named, form, names[form])
                 ui.button(label, on_click=asked).props(f"outline id=get-{form}")
+            ui.button("Everything (zip)", on_click=partial(self._everything, named)).props("outline id=get-everything")
             if named.choices is not None:
                 name = named.choices.calibration
                 ui.button(name, on_click=lambda: ui.download.file(named.calibration, name)).props("outline id=get-toml")
@@ -129,11 +131,24 @@ class OutcomeStep:
 
     async def _report(self, named: Named, form: str, name: str) -> None:
         self.errors.clear()
+        await self.user.note("issued", named.path, document=name)
         await give(self.user, self.errors, name, looks.report, [named.path], form, [])
+
+    async def _everything(self, named: Named) -> None:
+        self.errors.clear()
+        await self.user.note("issued", named.path, document="everything.zip")
+        folder = self.user.session.new_folder("export")
+        calibration = named.calibration if named.choices is not None else None
+        try:
+            asked = (looks.everything, named.path, calibration, folder)
+            await give(self.user, self.errors, "calibration.zip", *asked, file_bytes=_MOST_EXPORTED)
+        finally:
+            await asyncio.to_thread(shutil.rmtree, folder, True)
 
     async def _export(self, named: Named, form: str, options: dict[str, Any]) -> None:
         self.export_errors.clear()
         session, errors = self.user.session, self.export_errors
+        await self.user.note("exported", named.path, form=form)
         folder = session.new_folder("export")
         try:
             made, name = await self.user.look(
@@ -160,6 +175,9 @@ class History:
         ui.html("<h3>History</h3>", sanitize=False)
         with ui.element("div").classes("actions"):
             self.button = ui.button("Add to history", on_click=self._add).props("outline id=add-to-history")
+            self.button.visible = self.user.may("identify")
+            approve = ui.button("Add and approve", on_click=self._approve).props("outline id=approve")
+            approve.visible = self.user.may("approve")
         self.words = ui.label("").classes("hint").props("role=status id=history-words")
         self.errors = ui.element("div").props("aria-live=assertive")
         self.body = ui.element("div").props("id=history")
@@ -167,13 +185,28 @@ class History:
 
     async def _add(self) -> None:
         self.button.disable()
+        await self.user.note("added to history", self.named.path)
         await self._ask(looks.added_to_history)
         if not self.button.is_deleted:
             self.button.enable()
 
-    async def _ask(self, function: Any) -> None:
+    async def _approve(self) -> None:
         self.errors.clear()
-        shown = await frame.looked(self.user, self.errors, function, self.named.path, self.store, file_bytes=_ANY_SIZE)
+        try:
+            self.user.require("approve", "approve")
+        except Exception as error:
+            frame.show_error(self.errors, error)
+            return
+        await self.user.note("approved", self.named.path)
+        await self._ask(looks.approved, *([self.user.owner] if self.user.users.door else ["the page"]))
+
+    async def _ask(self, function: Any, *more: str) -> None:
+        self.errors.clear()
+        if function is not looks.history and not self.user.may("identify"):
+            return
+        shown = await frame.looked(
+            self.user, self.errors, function, self.named.path, self.store, *more, file_bytes=_ANY_SIZE
+        )
         if shown is None or self.body.is_deleted:
             return
         self.words.text = shown["words"]
@@ -184,10 +217,10 @@ class History:
             ui.html(shown["tables"], sanitize=False)
 
 
-async def give(user: User, errors: ui.element, name: str, function: Any, *args: Any) -> None:
+async def give(user: User, errors: ui.element, name: str, function: Any, *args: Any, **limits: Any) -> None:
     """Let the browser download the output of a function of ``looks``."""
     try:
-        made = await user.look(function, *args)
+        made = await user.look(function, *args, **limits)
         place = await asyncio.to_thread(user.session.download, made)
     except Exception as error:
         frame.show_error(errors, error, user.session)
@@ -209,6 +242,16 @@ def _curves(shown: dict[str, Any]) -> None:
     for title, figure, height in shown["charts"]:
         ui.html(f"<h3>{html(title)}</h3>", sanitize=False)
         frame.Chart(figure, height)
+    if shown["found"]:
+        behind = ui.expansion("How it was found").classes("w-full").props("id=how")
+
+        def draw() -> None:  # plotly draws nothing in a hidden element
+            if behind.value and not behind.default_slot.children:
+                with behind:
+                    for _, figure, height in shown["found"]:
+                        frame.Chart(figure, height)
+
+        behind.on_value_change(draw)
     if signals := shown["signals"]:
         ui.html("<h3>Signals</h3>", sanitize=False)
         if len(signals) > 1:

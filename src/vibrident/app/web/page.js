@@ -1,8 +1,6 @@
-// What the browser does by itself: asks before data are left, follows the steps, fits charts to their place.
+// What the browser does by itself: remembers that there are data, follows the steps, fits charts to their place.
 window.vibrident = {
-  holds: false,
   hold(now) {
-    this.holds = now;
     if (now) sessionStorage.vibridentHeld = 'yes'; else sessionStorage.removeItem('vibridentHeld');
   },
   go(name) {
@@ -62,10 +60,22 @@ window.vibrident = {
     }, true);
   },
 };
-addEventListener('beforeunload', event => {
-  if (!vibrident.holds || !window.socket?.connected) return;  // where the server is gone, nothing more is lost
-  event.preventDefault(); event.returnValue = '';
-  setTimeout(() => { sessionStorage.__nicegui_tab_closed = 'false'; }, 500);  // the person stayed
-});
+let listing;
+const contents = () => {  // a link to each step that is there, once there is more than one
+  const bar = document.getElementById('contents');
+  const seen = [...document.querySelectorAll('.step')].filter(step => step.offsetParent);
+  const words = step => step.querySelector('h2').lastChild.textContent;
+  const key = seen.map(step => step.id).join();
+  if (!bar || bar.dataset.key === key) return;
+  bar.dataset.key = key;
+  bar.hidden = seen.length < 3;
+  bar.replaceChildren(...seen.map(step => Object.assign(document.createElement('a'), {
+    href: '#' + step.id, textContent: words(step),
+    onclick(event) { event.preventDefault(); vibrident.go(step.id); },
+  })));
+};
+addEventListener('DOMContentLoaded', () => new MutationObserver(() => {
+  clearTimeout(listing); listing = setTimeout(contents, 100);
+}).observe(document.body, { childList: true, subtree: true, attributes: true, attributeFilter: ['class'] }));
 let resizing;
 addEventListener('resize', () => { clearTimeout(resizing); resizing = setTimeout(() => vibrident.fit(), 150); });

@@ -3,21 +3,30 @@
 from __future__ import annotations
 
 import asyncio
+import time
+from functools import partial
 from pathlib import Path
 
-from nicegui import app, ui
+from nicegui import ui
 
 from vibrident.app.web import frame
 from vibrident.app.web.columns import ColumnsStep
 from vibrident.app.web.compare import CompareStep
 from vibrident.app.web.data import DataStep
+from vibrident.app.web.door import SIGN_OUT
 from vibrident.app.web.fit import FitStep
+from vibrident.app.web.guard import ACCOUNT, OWNER
 from vibrident.app.web.outcome import OutcomeStep
+from vibrident.app.web.tools import ToolsStep
 from vibrident.app.web.users import User, Users
 from vibrident.base.errors import InputError
+from vibrident.base.escaping import html
+from vibrident.show.views import count
 
 _FOLDER = Path(__file__).parent
 _STYLE = (_FOLDER / "page.css").read_text(encoding="utf-8")
+#: Most of them that a new tab is offered.
+_MOST_OFFERED = 4
 _SCRIPT = (_FOLDER / "page.js").read_text(encoding="utf-8")
 
 
@@ -29,6 +38,11 @@ async def page(users: Users) -> None:
     ui.html('<a class="skip" href="#main">To the content</a>', sanitize=False)
     with ui.element("header").classes("top"):
         ui.html("<h1>vibrident</h1><p>From calibration records to a sensor's dynamic model</p>", sanitize=False)
+        if account := ui.context.client.request.scope.get(ACCOUNT):
+            out = f'<form method="post" action="{SIGN_OUT}"><button>Sign out</button></form>' if account.hash else ""
+            ui.html(f'<div class="who"><span>{html(account.name)}</span>{out}</div>', sanitize=False)
+    contents = '<nav class="contents" aria-label="Contents" id="contents" hidden></nav>'  # filled by the script
+    ui.html(contents, sanitize=False).classes("w-full")
     main = ui.element("div").classes("steps").props("id=main")  # within the main of NiceGUI
     client = ui.context.client
     await client.connected()
@@ -38,12 +52,13 @@ async def page(users: Users) -> None:
         errors = ui.element("div").props("aria-live=assertive id=errors")
         ui.on_exception(lambda error: frame.show_error(errors, error))
         try:
-            user = users.attach(client, app.storage.tab)
+            user = users.attach(client, client.request.scope.get(OWNER, ""))
         except InputError as error:
             frame.show_error(errors, error)
             return
         if user.empty:
             await _say_if_gone()
+            _offer(user)
         await _steps(user)
 
 
@@ -56,25 +71,48 @@ async def _say_if_gone() -> None:
     if held:
         with ui.element("div").classes("warning").props("role=alert id=gone"):
             ui.label("The server no longer has the data, the form and the results of this page.").classes("problem")
-            ui.label("It was started again or needed the room, or the page was left for an hour. Load the files again.")
+            ui.label("It needed the room, or the page was left for longer than it keeps them. Load the files again.")
+
+
+def _offer(user: User) -> None:
+    """What was left in tabs that are closed."""
+    if not (left := user.users.left_by(user.owner)):
+        return
+
+    def take(one: User) -> None:
+        user.users.hand_over(one, user)
+        ui.navigate.reload()
+
+    with ui.element("div").classes("actions").props("id=left-work role=group aria-label='Earlier work'"):
+        ui.label("Go on with earlier work:")
+        for one in left[:_MOST_OFFERED]:
+            at = time.strftime("%d %b %H:%M", time.localtime(one.seen))
+            named = f"{count(len(one.session.names), 'file')}, {count(len(one.results), 'result')}, {at}"
+            ui.button(named, on_click=partial(take, one)).props("outline")
 
 
 async def _steps(user: User) -> None:
     outcome, compare, fit = OutcomeStep(user), CompareStep(user), FitStep(user)
-    columns, data = ColumnsStep(user), DataStep(user)
+    columns, data, tools = ColumnsStep(user), DataStep(user), ToolsStep(user)
 
-    async def results() -> None:
+    async def results(*, go: bool = True) -> None:
         data.hold()
-        await outcome.show()
+        await outcome.show(go=go)
         await compare.show()
+        tools.show()
 
-    data.build(on_data=columns.show, on_result=results)
+    async def came() -> None:
+        tools.show()
+        await columns.show()
+
+    data.build(on_data=came, on_result=results)
     await asyncio.sleep(0)  # yield between the steps
     columns.build(on_confirmed=fit.show, on_edit=fit.refresh, on_doubt=fit.doubt)
     fit.build(on_result=results)
     await asyncio.sleep(0)
     outcome.build()
     compare.build()
+    tools.build(on_result=results)
     data.hold()
     if user.empty:
         return

@@ -8,12 +8,16 @@ import os
 import socket
 import tempfile
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
+from vibrident.app.web.confinement import possible
+from vibrident.app.web.door import Door, team
 from vibrident.app.web.home import Home
 from vibrident.app.web.session import MEGABYTE
 from vibrident.app.workflow.choices import LOOPBACK
 from vibrident.base.errors import InputError
+from vibrident.lab.history.location import data_folder
 
 USUAL_PORT = 8080
 #: Seconds without a connection after which the browser rebuilds the page; its state is kept longer.
@@ -34,6 +38,11 @@ def serve(
     limit_mb: float,
     names: Sequence[str] = (),
     store: str | None = None,
+    keep_h: float = 24.0,
+    auth: Path | None = None,
+    proxy: str | None = None,
+    user_header: str | None = None,
+    audit: Path | None = None,
     say: Any = print,
 ) -> None:
     """Serve the page until interrupted.
@@ -45,18 +54,29 @@ def serve(
         limit_mb: most megabytes of one user's files.
         names: further host names of the page.
         store: URL of the history that everybody who reaches the page may read and add to; None for none.
+        keep_h: hours for which data, form and results of who left are kept on disk; 0: an hour, in memory alone.
+        auth: file of accounts; see ``accounts``.
+        proxy: address of a proxy before the page; its word on who asks is taken.
+        user_header: header in which the proxy says who has signed in.
+        audit: file of what was done by whom; None for one in the user's data folder where people sign in.
         say: called with the address.
 
     Raises:
-        InputError: the address or the port cannot be used.
+        InputError: the address or the port cannot be used, or others could use the page without signing in.
     """
     from nicegui import ui
 
     chosen = _free_port(host, port)
-    home = Home()
+    keep_s = 3600.0 * keep_h
+    loopback = host in LOOPBACK
+    team(auth, proxy, user_header, None, Path(), loopback=loopback)  # refused before anything is made
+    home = Home(data_folder() / "page" if keep_s else None, f"{host}-{chosen}", keep_s)
+    door = team(auth, proxy, user_header, audit or data_folder() / "audit.jsonl", home.folder, loopback=loopback)
     os.environ["TMPDIR"] = tempfile.tempdir = str(home.spool)  # partial uploads lie there too
     try:
-        build(limit_mb, home, names=own_names(host) | frozenset(names), store=store)
+        build(limit_mb, home, names=own_names(host) | frozenset(names), store=store, keep_s=keep_s, door=door)
+        if door is not None and not possible():
+            say("Readers of files are not confined: bubblewrap is missing here or not allowed (docs/security.md).")
         say(f"http://{_bracketed(reachable(host))}:{chosen}/")
         ui.run(
             host=host,
@@ -71,12 +91,21 @@ def serve(
             language="en-US",
             gzip_middleware_factory=None,  # compressing takes longer than sending, and
             ws_per_message_deflate=False,  # delays all users
+            proxy_headers=False,  # else uvicorn believes what any neighbour says of its address
         )
     finally:
         home.close()
 
 
-def build(limit_mb: float, home: Home, *, names: frozenset[str] = LOOPBACK, store: str | None = None) -> None:
+def build(
+    limit_mb: float,
+    home: Home,
+    *,
+    names: frozenset[str] = LOOPBACK,
+    store: str | None = None,
+    keep_s: float = 0.0,
+    door: Door | None = None,
+) -> None:
     """Register the page and its guard."""
     from nicegui import app, ui
 
@@ -84,8 +113,8 @@ def build(limit_mb: float, home: Home, *, names: frozenset[str] = LOOPBACK, stor
     from vibrident.app.web.page import page
     from vibrident.app.web.users import Users
 
-    users = Users(home.folder, limit_mb, store)
-    app.add_middleware(Guard, limit_bytes=int(limit_mb * MEGABYTE), names=names)
+    users = Users(home.folder, limit_mb, store, keep_s, door)
+    app.add_middleware(Guard, limit_bytes=int(limit_mb * MEGABYTE), names=names, door=door)
     app.on_startup(users.start)
     app.on_shutdown(users.close)
     app.on_shutdown(home.close)  # a signal ends the process before ``serve`` returns

@@ -8,7 +8,7 @@ import secrets
 import shutil
 from collections.abc import Callable
 from pathlib import Path, PurePosixPath
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from vibrident.base.errors import InputError, VibridentError
 from vibrident.data.io.file_order import natural
@@ -38,11 +38,14 @@ class Session:
         parent: folder of all users.
         limit_mb: most megabytes of the data, and of the results.
         room: called with the bytes to come; raises InputError if the server has no room for them.
+        name: of a folder that was kept.
     """
 
-    def __init__(self, parent: Path, limit_mb: float, room: Callable[[int], None] = lambda size: None) -> None:
+    def __init__(
+        self, parent: Path, limit_mb: float, room: Callable[[int], None] = lambda size: None, name: str = ""
+    ) -> None:
         self.limit_mb = limit_mb
-        self.folder = parent / secrets.token_hex(16)
+        self.folder = parent / (name or secrets.token_hex(16))
         self.data = self.folder / "data"
         self.results = self.folder / "results"
         self._room = room
@@ -97,7 +100,7 @@ class Session:
                 expected=f"one, or one that is named {CALIBRATION}",
                 found=", ".join(names),
                 where="upload",
-                remedy="remove the others",
+                remedy="remove the others, or use them all under “More with these data”",
             )
         return None if not names else CALIBRATION if CALIBRATION in names else names[0]
 
@@ -106,7 +109,7 @@ class Session:
         self.open()
         (self.data / CALIBRATION).unlink(missing_ok=True)  # a hard link to it may be in use
         (self.data / CALIBRATION).write_text(text, encoding="utf-8")
-        self._sizes[CALIBRATION] = len(text)
+        self._sizes[CALIBRATION] = (self.data / CALIBRATION).stat().st_size
         self._written = True
 
     def forget_calibration(self) -> None:
@@ -149,6 +152,28 @@ class Session:
         if self._sizes.pop(name, None) is not None:
             (self.data / name).unlink(missing_ok=True)
             self._written = self._written and name != CALIBRATION
+
+    @property
+    def state(self) -> dict[str, Any]:
+        """What the folders do not say of themselves."""
+        return {"sizes": dict(self._sizes), "written": self._written}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Take up a folder that was kept; a file that had not arrived whole is removed."""
+        for path in self.folder.iterdir():
+            if path.is_dir() and path not in (self.data, self.results):
+                shutil.rmtree(path, ignore_errors=True)
+        self.open()
+        for path in list(self.data.iterdir()):
+            if state["sizes"].get(path.name) != path.stat().st_size:
+                path.unlink()
+        self.rescan()
+        self._written = state["written"] and CALIBRATION in self._sizes
+        kept = sorted(self.results.glob("*.json"), key=lambda path: int(path.stem))
+        for path in kept:
+            both = (path, path.with_suffix(".toml"))
+            self._result_sizes[path] = sum(one.stat().st_size for one in both if one.exists())
+        self._made = max((int(path.stem) for path in kept), default=0)
 
     def rescan(self) -> None:
         """Update the list of files after another process has written."""
@@ -194,14 +219,23 @@ class Session:
 
     def download(self, content: bytes) -> Path:
         """A file for bytes to the browser; all but the last few are removed."""
+        self._for_download().write_bytes(content)
+        return self._last
+
+    def take(self, file: Path) -> Path:
+        """The same for a file, which is moved."""
+        file.replace(self._for_download())
+        return self._last
+
+    def _for_download(self) -> Path:
         self.open()
         folder = self.folder / "downloads"
         folder.mkdir(mode=0o700, exist_ok=True)
         self._made += 1
-        (place := folder / f"{self._made}").write_bytes(content)
-        for old in sorted(folder.iterdir(), key=lambda path: int(path.name))[:-_DOWNLOADS]:
+        self._last = folder / f"{self._made}"
+        for old in sorted(folder.iterdir(), key=lambda path: int(path.name))[: 1 - _DOWNLOADS]:
             old.unlink(missing_ok=True)
-        return place
+        return self._last
 
     def local(self, error: _T) -> _T | InputError:
         """The error with paths relative to the folder of the data."""

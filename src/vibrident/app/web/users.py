@@ -1,31 +1,35 @@
-"""The users of the page: their state, kept for an hour after they left, and limits of all users."""
+"""The users of the page: their state, kept for a time after they left, and limits of all users."""
 
 from __future__ import annotations
 
 import asyncio
 import gc
+import hashlib
 import os
-import secrets
 import shutil
 import time
-from collections.abc import Callable, MutableMapping
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, ClassVar, TypeVar
+from typing import Any, TypeVar
 
-from vibrident.app.web.description import Description
-from vibrident.app.web.looks import Guess, facts, prepare
+from vibrident.app.web import state
+from vibrident.app.web.confinement import confined
+from vibrident.app.web.door import Door
+from vibrident.app.web.held import Choices, Confirmed, Form, Job, Named
+from vibrident.app.web.looks import facts, prepare
 from vibrident.app.web.session import MEGABYTE, RESULT, Session
-from vibrident.app.web.worker import Worker, identify
-from vibrident.app.workflow.estimators import AUTO, estimators_with
+from vibrident.app.web.worker import Stopped, Worker, identify
 from vibrident.base.errors import InputError
 from vibrident.base.process import Limits
-from vibrident.base.sandbox import Ready
+from vibrident.base.sandbox import Ready, run
 
-#: Seconds for which a page's state is kept without a browser.
+#: Seconds for which a page's state is kept without a browser, by a server that keeps nothing on disk.
 KEPT_S = 3600.0
+#: Seconds between two rounds that write what has changed.
+_WRITE_S = 0.3
 #: Most users; beyond, the one who left first is evicted; if nobody has left, a new one is refused.
 MOST_USERS = 50
 #: Limit of all users, in limits of one.
@@ -38,124 +42,16 @@ _LOOK_MEMORY = 1_000_000_000
 #: Further memory for each byte that a user may upload.
 _LOOK_MEMORY_A_BYTE = 5
 _ROUND_S = 20.0
-_KEY = "user"
 _T = TypeVar("_T")
-
-
-@dataclass(frozen=True)
-class Choices:
-    """Choices of one identification, also as a command for a shell.
-
-    Attributes:
-        calibration: name of the calibration file, in the folder of the data.
-        estimator: its name.
-        discretisation: of an estimator that has one; ignored for others.
-        uncertainty: what the uncertainties cover.
-    """
-
-    calibration: str
-    estimator: str = AUTO
-    discretisation: str = "bandlimited"
-    uncertainty: str = "auto"
-
-    @property
-    def options(self) -> dict[str, str]:
-        """Every applicable option, including those at their default."""
-        own = {"discretisation": self.discretisation} if self.estimator in estimators_with("discretisation") else {}
-        return {"estimator": self.estimator, **own, "uncertainty": self.uncertainty}
-
-    @property
-    def command(self) -> str:
-        """For a shell, in the folder of the data; file names are safe within double quotes."""
-        file = f'"{self.calibration}"' if " " in self.calibration else self.calibration
-        return " ".join(("vibrident identify", file, *(f"--{key} {value}" for key, value in self.options.items())))
-
-
-@dataclass
-class Named:
-    """A result and its name; if made here, with its choices."""
-
-    name: str
-    path: Path
-    choices: Choices | None = None
-
-    @property
-    def calibration(self) -> Path:
-        """The calibration file of a result that was made here."""
-        return self.path.with_suffix(".toml")
-
-
-@dataclass
-class Form:
-    """The form about the columns, and the user's input.
-
-    Attributes:
-        guess: the choices, and the possible meaning of the columns.
-        given: the form's values.
-        touched: fields set by the user; a guess does not change them.
-    """
-
-    guess: Guess
-    given: Description
-    touched: set[str] = field(default_factory=set)
-
-    def get(self, name: str) -> Any:
-        """Value of a field; those of the sensor are named ``sensor.NAME``."""
-        whole, _, part = name.partition(".")
-        return getattr(self.given, whole)[part] if part else getattr(self.given, whole)
-
-    def set(self, name: str, value: Any) -> None:
-        """Set a field to the user's value."""
-        self.touched.add(name)
-        whole, _, part = name.partition(".")
-        if part:
-            getattr(self.given, whole)[part] = value
-        else:
-            setattr(self.given, whole, value)
-
-
-@dataclass
-class Confirmed:
-    """The calibration file that identifications use: the uploaded one, or the form's."""
-
-    name: str
-    from_form: bool
-
-
-@dataclass
-class Job:
-    """A running identification: its status, the cost of each start, and how it ended."""
-
-    BEGINNING: ClassVar[str] = "Reading the data, loading the libraries …"
-    DONE: ClassVar[str] = "Identified."
-
-    words: str = BEGINNING
-    starts: list[list[float]] = field(default_factory=list)
-    over: bool = False
-    error: Exception | None = None
-    began: float = field(default_factory=time.monotonic)
-
-    @property
-    def status(self) -> str:
-        """The status, with the elapsed seconds."""
-        return self.words if self.over else f"{self.words} ({time.monotonic() - self.began:.0f} s)"
-
-    def add(self, iteration: int, most: int, cost: float) -> None:
-        """Record an iteration; if the count does not increase, another start has begun."""
-        if not self.starts or iteration <= len(self.starts[-1]):
-            self.starts.append([])
-        self.starts[-1].append(cost)
-        which = f"Start {len(self.starts)}, iteration" if len(self.starts) > 1 else "Iteration"
-        self.words = f"{which} {iteration} of at most {most}, cost {cost:.4g}"
 
 
 class User:
     """State of one open page; not shared with other pages."""
 
-    def __init__(self, users: Users) -> None:
-        self.users = users
+    def __init__(self, users: Users, owner: str = "", tab: str = "", kept: str = "") -> None:
+        self.users, self.owner, self.tab = users, owner, tab
         self.look = users.look
-        self.session = Session(users.folder, users.limit_mb, users.make_room)
+        self.session = Session(users.folder, users.limit_mb, users.make_room, kept)
         self.worker = Worker()
         self.results: list[Named] = []
         self.form: Form | None = None
@@ -163,7 +59,51 @@ class User:
         self.job: Job | None = None
         self.notice = ""
         self.client: Any = None
-        self.seen = time.monotonic()
+        self.seen = time.time()
+        self.running: Choices | None = None
+
+    @classmethod
+    def restored(cls, users: Users, folder: Path) -> User | None:
+        """Who left this folder; None if nobody can tell."""
+        known = state.read(folder)
+        if known is None:
+            return None
+        try:
+            user = cls(users, known["owner"], known["tab"], folder.name)
+            user.session.restore(known["session"])
+            user.form, user.confirmed, user.seen = known["form"], known["confirmed"], known["seen"]
+            user.results = [named for named in known["results"] if named.path.exists()]
+            if user.form is not None:
+                user.form.touched = set(user.form.touched)
+            if known["running"] is not None:
+                user.running = known["running"]
+                user.job = Job("", over=True, error=_server_stopped())
+        except (KeyError, TypeError, ValueError, AttributeError, OSError):
+            return None
+        return user
+
+    def changed(self) -> None:
+        """Something is to be kept: it is written soon."""
+        self.users.to_write.add(self)
+
+    def write(self) -> None:
+        """Write the state beside the files."""
+        form = self.form
+        if form is not None:  # the chart can be drawn again
+            form = replace(form, guess=replace(form.guess, chart=b""), touched=sorted(form.touched))  # type: ignore[arg-type]
+        state.write(
+            self.session.folder,
+            {
+                "owner": self.owner,
+                "tab": self.tab,
+                "seen": self.seen,
+                "session": self.session.state,
+                "form": form,
+                "confirmed": self.confirmed,
+                "results": self.results,
+                "running": self.running,
+            },
+        )
 
     @property
     def connected(self) -> bool:
@@ -180,9 +120,46 @@ class User:
         """Whether there is nothing to lose."""
         return not (self.session.names or self.results or self.busy)
 
+    def may(self, role: str) -> bool:
+        """Whether who has this page may do what the role does."""
+        door = self.users.door
+        account = door.account(self.owner) if door else None
+        return door is None or (account is not None and account.may(role))
+
+    def require(self, role: str, what: str) -> None:
+        """Refuse what the account may not do.
+
+        Raises:
+            InputError: its role does not include the one that is needed.
+        """
+        if not self.may(role):
+            raise InputError(
+                f"Your account may not {what}.",
+                expected=f"an account with the role “{role}”",
+                found=repr(self.owner),
+                remedy="ask whoever runs the server",
+            )
+
+    async def note(self, action: str, path: Path | None = None, **facts: Any) -> None:
+        """Write to the audit log who did what, with the SHA-256 of a result's file."""
+        if (door := self.users.door) is None:
+            return
+
+        def write() -> None:
+            more = {} if path is None else {"sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
+            door.audit.note(self.owner, action, **facts, **more)
+
+        await asyncio.to_thread(write)
+
     def start(self, choices: Choices) -> None:
-        """Begin to identify with a copy of the data; the outcome is in ``job`` and ``results``."""
-        self.job = Job()
+        """Begin to identify with a copy of the data; the outcome is in ``job`` and ``results``.
+
+        Raises:
+            InputError: the account may not.
+        """
+        self.require("identify", "identify")
+        self.job, self.running = Job(), choices
+        self.changed()
         self._task = asyncio.get_running_loop().create_task(self._identify(self.job, choices))
 
     async def _identify(self, job: Job, choices: Choices) -> None:
@@ -198,6 +175,7 @@ class User:
                 await self.worker.run(*task, folder=copy, progress=job.add)
             job.words = "Reading the result …"
             model, estimator = await self.look(facts, made)
+            await self.note("identified", made, model=model, estimator=estimator)
             self.keep(f"{self._number()}: {model}, {estimator}", made, copy / choices.calibration, choices)
             job.words = Job.DONE
         except asyncio.CancelledError:
@@ -205,7 +183,8 @@ class User:
         except Exception as error:
             job.words, job.error = "", error
         finally:
-            job.over = True
+            job.over, self.running = True, None
+            self.changed()
             shutil.rmtree(copy, ignore_errors=True)
 
     def _number(self) -> int:
@@ -224,11 +203,13 @@ class User:
         if lost:
             names = ", ".join(f"“{name}”" for name in lost)
             self.notice = f"Too many results; removed: {names}."
+        self.changed()
 
     def close(self) -> None:
         """End running processes, remove the files."""
         self.worker.cancel()
         self.session.close()
+        self.users.to_write.discard(self)
         self.results, self.form, self.confirmed, self.notice = [], None, None, ""
 
 
@@ -239,29 +220,51 @@ class Users:
         folder: folder of their files.
         limit_mb: most megabytes of one user's files.
         store: URL of the history that all of them share; None for none.
+        keep_s: seconds for which the state of who left is kept on disk, also when the server stops; 0 for an hour,
+            as long as the server runs.
+        door: of a team's page, where the owner of a page is an account; None for none.
     """
 
-    def __init__(self, folder: Path, limit_mb: float, store: str | None = None) -> None:
-        self.folder, self.limit_mb, self.store = folder, limit_mb, store
-        self.kept: dict[str, User] = {}
+    def __init__(
+        self, folder: Path, limit_mb: float, store: str | None = None, keep_s: float = 0.0, door: Door | None = None
+    ) -> None:
+        self.folder, self.limit_mb, self.store, self.keep_s, self.door = folder, limit_mb, store, keep_s, door
+        self.kept: list[User] = []
+        self.to_write: set[User] = set()
         self.identifying = asyncio.Semaphore(max(2, os.cpu_count() or 1))
-        self._ready = Ready(prepare)
+        self._ready = Ready(prepare, confined(folder))
         self._threads = ThreadPoolExecutor(_LOOKS_AT_ONCE, thread_name_prefix="look")
         self._round: asyncio.Task[None] | None = None
 
     def start(self) -> None:
-        """Prepare the first process, begin to remove absent users."""
+        """Take up what was kept, prepare the first process, begin to remove absent users."""
+        if self.keep_s:
+            self._restore()
         self._threads.submit(self._ready.prepare)
         gc.collect()
         gc.freeze()  # libraries stay: collecting them again and again would delay all users
         self._round = asyncio.create_task(self._rounds())
 
+    def _restore(self) -> None:
+        for folder in self.folder.iterdir():
+            if folder.is_dir() and len(folder.name) == 32:
+                user = User.restored(self, folder)
+                if user is None:
+                    shutil.rmtree(folder, ignore_errors=True)
+                else:
+                    self.kept.append(user)
+        self.forget()
+
     def close(self) -> None:
-        """End everything."""
+        """End everything; what is kept stays on disk."""
         if self._round is not None:
             self._round.cancel()
-        for user in self.kept.values():
-            user.close()
+        for user in self.kept:
+            if self.keep_s:
+                user.write()  # before the running identification ends: the next server tells of it
+                user.worker.cancel()
+            else:
+                user.close()
         self.kept.clear()
         self._ready.close()
         self._threads.shutdown(wait=False, cancel_futures=True)
@@ -269,26 +272,40 @@ class Users:
     async def look(self, function: Callable[..., _T], *args: Any, file_bytes: int = 0) -> _T:
         """Run a function of ``looks`` in a separate process, within limits."""
         memory = int(_LOOK_MEMORY + _LOOK_MEMORY_A_BYTE * self.limit_mb * MEGABYTE)
-        call = partial(self._ready.run, function, *args, limits=Limits(_LOOK_SECONDS, memory, file_bytes, memory))
+        apart = run if file_bytes else self._ready.run  # what writes needs more than the folder of the files
+        call = partial(apart, function, *args, limits=Limits(_LOOK_SECONDS, memory, file_bytes, memory))
         return await asyncio.get_running_loop().run_in_executor(self._threads, call)
 
-    def attach(self, client: Any, tab: MutableMapping[str, Any]) -> User:
+    def attach(self, client: Any, owner: str = "") -> User:
         """The user of this browser tab: the one it had, or a new one.
 
         Args:
             client: the page that was opened.
-            tab: the server's storage of the tab; a copy if the tab was duplicated.
+            owner: whose browser it is.
 
         Raises:
             InputError: there are too many users.
         """
-        user = self.kept.get(tab.get(_KEY, ""))
-        if user is None or (user.connected and user.client is not client and user.client.tab_id != client.tab_id):
-            user = self._new(tab)
-        user.client, user.seen = client, time.monotonic()
+        user = next((one for one in self.kept if (one.tab, one.owner) == (client.tab_id, owner)), None)
+        user = user or self._new(client.tab_id, owner)
+        user.client, user.seen = client, time.time()
         return user
 
-    def _new(self, tab: MutableMapping[str, Any]) -> User:
+    def left_by(self, owner: str) -> list[User]:
+        """What this owner left in tabs that are closed, the latest first."""
+        mine = [user for user in self.kept if owner and user.owner == owner and not (user.connected or user.empty)]
+        return sorted(mine, key=lambda user: -user.seen)
+
+    def hand_over(self, left: User, user: User) -> bool:
+        """Give a tab what its owner left; whether it still is there. What the tab had is kept with those left."""
+        if left not in self.left_by(user.owner):
+            return False
+        left.tab, user.tab = user.tab, left.tab
+        for one in (left, user):
+            one.changed()
+        return True
+
+    def _new(self, tab: str, owner: str) -> User:
         self.forget()
         while len(self.kept) >= MOST_USERS:
             if not self._drop_oldest():
@@ -298,8 +315,7 @@ class Users:
                     found="as many",
                     remedy="reload the page later, or start a server on a machine of your own",
                 )
-        tab[_KEY] = secrets.token_hex(16)
-        user = self.kept[tab[_KEY]] = User(self)
+        self.kept.append(user := User(self, owner, tab))
         return user
 
     def make_room(self, size: int) -> None:
@@ -309,7 +325,7 @@ class Users:
             InputError: they do not fit.
         """
         most = _ALL_LIMITS * self.limit_mb * MEGABYTE
-        while sum(user.session.used_bytes for user in self.kept.values()) + size > most:
+        while sum(user.session.used_bytes for user in self.kept) + size > most:
             if not self._drop_oldest():
                 raise InputError(
                     "The server has no room for more files at present.",
@@ -321,23 +337,39 @@ class Users:
 
     def forget(self) -> None:
         """Remove users who did not return."""
-        now = time.monotonic()
-        for key, user in list(self.kept.items()):
+        now = time.time()
+        for user in list(self.kept):
             if user.connected or user.busy:
                 user.seen = now
-            elif now - user.seen > (_ROUND_S if user.empty else KEPT_S):
-                self._drop(key)
+            elif now - user.seen > (_ROUND_S if user.empty else self.keep_s or KEPT_S):
+                self._drop(user)
 
     def _drop_oldest(self) -> bool:
-        gone = [(user.seen, key) for key, user in self.kept.items() if not (user.connected or user.busy)]
+        gone = [user for user in self.kept if not (user.connected or user.busy)]
         if gone:
-            self._drop(min(gone)[1])
+            self._drop(min(gone, key=lambda user: user.seen))
         return bool(gone)
 
-    def _drop(self, key: str) -> None:
-        self.kept.pop(key).close()
+    def _drop(self, user: User) -> None:
+        self.kept.remove(user)
+        user.close()
 
     async def _rounds(self) -> None:
+        last = time.monotonic()
         while True:
-            await asyncio.sleep(_ROUND_S)
-            self.forget()
+            await asyncio.sleep(_WRITE_S)
+            if time.monotonic() - last > _ROUND_S:
+                last = time.monotonic()
+                self.forget()
+                self.to_write |= {user for user in self.kept if user.connected and not user.empty}
+            while self.keep_s and self.to_write:
+                self.to_write.pop().write()
+
+
+def _server_stopped() -> Stopped:
+    return Stopped(
+        "The server was stopped during the identification.",
+        expected="an identification that runs to its end",
+        found="a server that was started again",
+        remedy="repeat it; the data and the form are here",
+    )

@@ -7,11 +7,18 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Callable, Mapping
+import os
+import subprocess
+import sys
+import tempfile
+import zipfile
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+from vibrident.app.web.confinement import confined
+from vibrident.app.web.session import refuse_outside
 from vibrident.base.errors import InputError
 from vibrident.base.process import Died, Ended, Limits, Process, WorkerError
 
@@ -21,6 +28,10 @@ _MEMORY = 4_000_000_000
 _MEMORY_A_BYTE = 20
 _MOST_SECONDS = 7200.0
 _MOST_FILE_BYTES = 1_000_000_000
+#: Of a command: its folder of files, the archive of them, most characters, and pictures that are shown.
+OUT, ARCHIVE = "files", "files.zip"
+_MOST_SAID = 20_000
+_MOST_PICTURES, _MOST_PICTURE = 3, 2_000_000
 _LOG = logging.getLogger("vibrident.app.web")
 
 
@@ -40,9 +51,9 @@ class Worker:
             self._process.end()
 
     async def run(
-        self, task: Callable[..., None], *args: Any, folder: Path, progress: Callable[..., object] | None = None
-    ) -> None:
-        """Run a function of this module in the folder; ``progress`` is called in this thread.
+        self, task: Callable[..., Any], *args: Any, folder: Path, progress: Callable[..., object] | None = None
+    ) -> Any:
+        """Run a function of this module in the folder, and return what it returns; ``progress`` is called here.
 
         Raises:
             InputError, NotConverged: as the task does.
@@ -53,9 +64,9 @@ class Worker:
         loop = asyncio.get_running_loop()
         limits = Limits(_MOST_SECONDS, _memory(folder), _MOST_FILE_BYTES)
         told = None if progress is None else partial(loop.call_soon_threadsafe, progress)
-        self._process = process = Process(folder=folder)
+        self._process = process = Process(folder=folder, wrapper=confined(folder, writable=True))
         try:
-            await asyncio.to_thread(process.call, task, *args, limits=limits, progress=told)
+            return await asyncio.to_thread(process.call, task, *args, limits=limits, progress=told)
         except Ended:
             raise asyncio.CancelledError from None
         except Died as death:
@@ -75,6 +86,35 @@ def identify(calibration: str, options: Mapping[str, str], result: Path, *, prog
     request.check()
     (made,) = run(request, [read(calibration)], progress)
     made.save(result)
+
+
+def command(arguments: Sequence[str]) -> dict[str, Any]:
+    """Run a command of the shell on the files of the folder: what it said, its pictures, and an archive of its files.
+
+    Raises:
+        InputError: a calibration file names files outside the folder.
+    """
+    for word in arguments:
+        if word.endswith(".toml"):
+            refuse_outside(Path(word))
+    surroundings = {**os.environ, "COLUMNS": "110", "NO_COLOR": "1", "MPLCONFIGDIR": tempfile.gettempdir()}
+    asked = [sys.executable, "-P", "-m", "vibrident", *arguments]
+    done = subprocess.run(
+        asked, capture_output=True, text=True, env=surroundings, stdin=subprocess.DEVNULL, check=False
+    )
+    files = [path for path in sorted(Path(OUT).rglob("*")) if path.is_file()]
+    with zipfile.ZipFile(ARCHIVE, "w", zipfile.ZIP_DEFLATED) as packed:
+        for path in files:
+            packed.write(path, path.relative_to(OUT))
+    pictures = [path for path in files if path.suffix == ".png" and path.stat().st_size < _MOST_PICTURE]
+    here = f"{Path.cwd()}{os.sep}"  # whoever asks need not know where the server has it
+    return {
+        "code": done.returncode,
+        "text": done.stdout[-_MOST_SAID:].replace(here, ""),
+        "errors": done.stderr[-_MOST_SAID:].replace(here, ""),
+        "files": [str(path.relative_to(OUT)) for path in files],
+        "pictures": [(path.name, path.read_bytes()) for path in pictures[:_MOST_PICTURES]],
+    }
 
 
 def simulate_demo() -> None:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import sys
+from pathlib import Path
+
 import typer
 
 from vibrident.app.cli.console import note, out
@@ -21,14 +24,20 @@ def serve(
     port: int = between("--port", "N", "Port.", 0, 65535, 0, "8080, or one that is free"),
     no_browser: bool = flag("--no-browser", help="Open no browser."),
     limit_mb: float = between("--limit-mb", "MB", "Most megabytes of one user's files.", 1, 1e6, 100.0),
+    keep: float = between("--keep", "HOURS", "How long the work of who left is kept on disk; 0: not.", 0, 8760, 24.0),
     name: list[str] | None = option("--name", "NAME", "A further host name of the page; may be repeated."),
+    auth: Path | None = option("--auth", "FILE", "Accounts of a team: who may sign in, and with which role."),
+    add: str | None = option("--add", "NAME:ROLE", "Write an account to FILE; roles: look, identify, approve."),
+    proxy: str | None = option("--proxy", "ADDRESS", "Address of the proxy before the page."),
+    user_header: str | None = option("--user-header", "NAME", "Header in which the proxy says who signed in there."),
+    audit: Path | None = option("--audit", "FILE", "Who did what.", default="audit.jsonl in the data folder"),
     store: str | None = option(
         "--store", "URL", "History to show and add to; see `vibrident history`.", default=_STORE
     ),
 ) -> None:
     """Open a page in the browser: drop files, confirm columns, identify, view, download. Ctrl-C ends it.
 
-    Data stay on this machine; each open page has files of its own, which are removed an hour after it was closed.
+    Data stay on this machine; each open page has files of its own. A page that is left is there again for a day.
     """
     require("nicegui", "web", "The page needs NiceGUI, which is not installed.", "vibrident serve")
     from vibrident.lab.history.location import chosen
@@ -40,11 +49,36 @@ def serve(
             found="another one, with the same commands",
             remedy="start vibrident serve",
         )
-    if host not in LOOPBACK:
-        note(f"Warning: everybody who reaches {host} can use this page, without a password or encryption.")
+    if auth is not None:
+        require("argon2", "web", "Accounts need argon2-cffi, which is not installed.", "vibrident serve --auth")
+    if add is not None:
+        _add(auth, add)
+        return
+    if host not in LOOPBACK and proxy is None and auth is not None:
+        note(f"Warning: no encryption: whoever listens between a browser and {host} reads along. Use a proxy with TLS.")
 
     def say(address: str) -> None:
         out().print(f"vibrident is at {address}  (Ctrl-C ends it)")
 
     own = chosen(store) if store is not None or host in LOOPBACK else None  # others have no business in one's own
-    context.obj(host=host, port=port, show=not no_browser, limit_mb=limit_mb, names=name or (), store=own, say=say)
+    team = {"auth": auth, "proxy": proxy, "user_header": user_header, "audit": audit}
+    files = {"limit_mb": limit_mb, "store": own, "keep_h": keep}
+    context.obj(host=host, port=port, show=not no_browser, names=name or (), say=say, **files, **team)
+
+
+def _add(auth: Path | None, account: str) -> None:
+    from vibrident.app.workflow.accounts import add
+
+    if auth is None:
+        raise InputError(
+            "There is no file for the account.",
+            expected="--auth FILE with --add",
+            found="none",
+            where="command line",
+            remedy="name the file of accounts; it is made if there is none",
+        )
+    name, _, role = account.partition(":")
+    asked = sys.stdin.isatty()
+    password = typer.prompt(f"Password of {name}", hide_input=asked, confirmation_prompt=asked)
+    add(auth, name, role, password)
+    note(f"{name} may {role} now.")

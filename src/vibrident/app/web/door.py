@@ -1,0 +1,248 @@
+"""Who may come in to a team's page: by signing in, or by the header of a proxy at a named address; what was done."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import hashlib
+import html
+import json
+import os
+import secrets
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from urllib.parse import parse_qs
+
+from vibrident.app.workflow.accounts import Account, Accounts
+from vibrident.base.errors import InputError
+
+SIGN_IN, SIGN_OUT = "/sign-in", "/sign-out"
+#: Seconds for which somebody stays signed in.
+_SESSION_S = 12 * 3600.0
+_MOST_SESSIONS = 1000
+#: Most bytes of a name and a password, and most tries that wait for their turn.
+_MOST_BYTES = 2000
+_MOST_WAITING = 8
+_PAGE = """<!doctype html><html lang="en"><meta charset="utf-8"><meta name="viewport" content="width=device-width">
+<meta name="color-scheme" content="light dark"><title>vibrident: sign in</title><style nonce="{nonce}">
+body {{ font: 1rem/1.5 system-ui, sans-serif; max-width: 22rem; margin: 12vh auto; padding: 0 16px }}
+label, input, button {{ display: block; width: 100%; box-sizing: border-box; font: inherit }}
+input {{ padding: 8px; margin: 2px 0 14px }} button {{ padding: 10px }} [role=alert] {{ font-weight: 650 }}
+</style><main><h1>vibrident</h1>{said}<form method="post" action="{action}"><label for="name">Name</label>
+<input id="name" name="name" autocomplete="username" required autofocus><label for="password">Password</label>
+<input id="password" name="password" type="password" autocomplete="current-password" required>
+<button>Sign in</button></form></main></html>"""
+
+
+@dataclass(frozen=True)
+class Proxy:
+    """A proxy before the page: its address, and the header in which it says who has signed in there, if it does."""
+
+    address: str
+    user_header: str | None = None
+
+
+class Audit:
+    """What was done by whom: a line of JSON each, added to a file."""
+
+    def __init__(self, file: Path | None) -> None:
+        self._file = file
+
+    def note(self, account: str, action: str, **facts: Any) -> None:
+        """Add a line; it is on the disk when this returns."""
+        if self._file is None:
+            return
+        at = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
+        line = json.dumps({"time": at, "account": account, "action": action, **facts}) + "\n"
+        self._file.parent.mkdir(parents=True, exist_ok=True)
+        place = os.open(self._file, os.O_CREAT | os.O_WRONLY | os.O_APPEND, 0o600)
+        try:
+            os.write(place, line.encode())
+            os.fsync(place)
+        finally:
+            os.close(place)
+
+
+class Door:
+    """Lets requests in, and answers those of signing in and out.
+
+    Args:
+        accounts: of the file; None if everybody whom the proxy lets in may identify.
+        proxy: before the page; None for none.
+        audit: where to note who came.
+        sessions: file in which sessions outlive the server.
+    """
+
+    def __init__(self, accounts: Accounts | None, proxy: Proxy | None, audit: Audit, sessions: Path) -> None:
+        self._accounts, self._proxy, self.audit, self._file = accounts, proxy, audit, sessions
+        self._by_proxy = proxy is not None and proxy.user_header is not None
+        self._waiting = 0
+        self._sessions: dict[str, tuple[str, float]] = {}
+        with contextlib.suppress(OSError, ValueError, TypeError):
+            self._sessions = {
+                key: (str(one[0]), float(one[1])) for key, one in json.loads(sessions.read_text()).items()
+            }
+
+    def account(self, name: str) -> Account | None:
+        """Who has this name now; a role that was changed holds at once."""
+        known = self._accounts.named(name) if self._accounts else None
+        if known is None and self._by_proxy:
+            return Account(name, "look" if self._accounts else "identify", "")
+        return known
+
+    def visitor(self, scope: Any, headers: dict[bytes, str]) -> Account | None:
+        """Whose request it is; None if of nobody who may come in."""
+        if self._by_proxy:
+            assert self._proxy is not None
+            name = headers.get(str(self._proxy.user_header).lower().encode(), "")
+            plain = 0 < len(name) <= 200 and name.isprintable()
+            return self.account(name) if plain and _peer(scope) == self._proxy.address else None
+        name, until = self._sessions.get(_key(headers, scope), ("", 0.0))
+        return self.account(name) if time.time() < until else None
+
+    async def answer(self, scope: Any, receive: Any, send: Any, headers: dict[bytes, str], told: Any) -> bool:
+        """Answer a request that the page does not; False if the page may."""
+        path, method = scope.get("path"), scope.get("method")
+        if self._by_proxy:
+            if self.visitor(scope, headers) is None:
+                await say(send, 403, told, b"Sign in at the proxy before this page.")
+                return True
+            return False
+        if path == SIGN_IN and method == "POST":
+            await self._sign_in(scope, receive, send, headers, told)
+        elif path == SIGN_IN:
+            await self._form(send, told, 200, "")
+        elif path == SIGN_OUT and method == "POST":
+            account = self.visitor(scope, headers)
+            self._sessions.pop(_key(headers, scope), None)
+            self._write()
+            self.audit.note(account.name if account else "", "signed out")
+            await _see(send, told, SIGN_IN)
+        elif self.visitor(scope, headers) is None:
+            if path == "/" and method == "GET":
+                await _see(send, told, SIGN_IN)
+            else:
+                await say(send, 401, told, b"Sign in first.")
+        else:
+            return False
+        return True
+
+    async def _sign_in(self, scope: Any, receive: Any, send: Any, headers: dict[bytes, str], told: Any) -> None:
+        assert self._accounts is not None
+        body, more = b"", True
+        while more and len(body) <= _MOST_BYTES:
+            message = await receive()
+            if message["type"] == "http.disconnect":
+                return
+            body, more = body + message.get("body", b""), message.get("more_body", False)
+        given = parse_qs(body[:_MOST_BYTES].decode("utf-8", "replace"))
+        name, password = (given.get(key, [""])[0] for key in ("name", "password"))
+        where = self._from(scope, headers)
+        keys = (f"name {name}", f"address {where}")
+        if (wait := self._accounts.wait_s(*keys)) > 0.0 or self._waiting >= _MOST_WAITING:
+            await self._form(send, told, 429, f"Too many tries. Wait {max(wait, 1.0):.0f} s.")
+            return
+        self._waiting += 1
+        try:
+            account = await asyncio.to_thread(self._accounts.check, name, password, *keys)
+        finally:
+            self._waiting -= 1
+        self.audit.note(name[:64], "signed in" if account else "refused", address=where)
+        if account is None:
+            await self._form(send, told, 403, "Name and password do not belong together.")
+            return
+        token = secrets.token_hex(32)
+        now = time.time()
+        self._sessions = {key: one for key, one in self._sessions.items() if one[1] > now}
+        if len(self._sessions) >= _MOST_SESSIONS:
+            self._sessions.pop(next(iter(self._sessions)))
+        self._sessions[hashlib.sha256(token.encode()).hexdigest()] = (name, now + _SESSION_S)
+        self._write()
+        flags = f"Path=/; Max-Age={_SESSION_S:.0f}; HttpOnly; SameSite=Lax"
+        if self._proxy and _peer(scope) == self._proxy.address and headers.get(b"x-forwarded-proto") == "https":
+            flags += "; Secure"
+        cookie = (b"set-cookie", f"{_cookie(scope)}={token}; {flags}".encode())
+        await _see(send, (*told, cookie), "/")
+
+    def _from(self, scope: Any, headers: dict[bytes, str]) -> str:
+        """The address of who asks: what the proxy says of it, if there is one."""
+        peer = _peer(scope)
+        if self._proxy and peer == self._proxy.address:
+            return headers.get(b"x-forwarded-for", peer).rpartition(",")[2].strip()[:64]
+        return peer
+
+    def _write(self) -> None:
+        partial = self._file.with_name(f"{self._file.name}.part")
+        with os.fdopen(os.open(partial, os.O_CREAT | os.O_WRONLY | os.O_TRUNC, 0o600), "w") as out:
+            json.dump(self._sessions, out)
+        partial.replace(self._file)
+
+    async def _form(self, send: Any, told: Any, status: int, said: str) -> None:
+        nonce = secrets.token_hex(16)
+        policy = f"default-src 'none'; style-src 'nonce-{nonce}'; form-action 'self'; frame-ancestors 'none'"
+        alert = f'<p role="alert">{html.escape(said)}</p>' if said else ""
+        page = _PAGE.format(nonce=nonce, said=alert, action=SIGN_IN).encode()
+        own = ((b"content-security-policy", policy.encode()), (b"cache-control", b"no-store"))
+        kept = [one for one in told if one[0] != b"content-security-policy"]
+        await say(send, status, (*kept, *own), page, b"text/html; charset=utf-8")
+
+
+def team(
+    auth: Path | None, proxy: str | None, user_header: str | None, audit: Path | None, folder: Path, *, loopback: bool
+) -> Door | None:
+    """The door of a team's page; None for a page that this machine alone can reach.
+
+    Raises:
+        InputError: others could come in unasked, or the options do not fit together.
+    """
+    if user_header is not None and proxy is None:
+        raise _unguarded(
+            f"--user-header {user_header} without --proxy", "the address of the proxy that sends the header"
+        )
+    if auth is None and user_header is None:
+        if not loopback or proxy is not None:
+            raise _unguarded("neither", "--auth FILE, or --proxy ADDRESS with --user-header NAME")
+        return None
+    known = Accounts(auth) if auth is not None else None
+    return Door(known, Proxy(proxy, user_header) if proxy else None, Audit(audit), folder / "sessions.json")
+
+
+def _unguarded(found: str, expected: str) -> InputError:
+    return InputError(
+        "Others could use this page without signing in.",
+        expected=expected,
+        found=found,
+        where="command line",
+        remedy="make accounts with vibrident serve --auth FILE --add NAME:ROLE, or leave --host out",
+    )
+
+
+def _peer(scope: Any) -> str:
+    return str((scope.get("client") or ("",))[0])
+
+
+def _cookie(scope: Any) -> str:
+    return f"vibrident-in-{(scope.get('server') or ('', 0))[1]}"
+
+
+def cookies(headers: dict[bytes, str]) -> dict[str, str]:
+    """The cookies of a request, by name."""
+    pairs = (part.strip().partition("=") for part in headers.get(b"cookie", "").split(";"))
+    return {name: value for name, _, value in pairs}
+
+
+def _key(headers: dict[bytes, str], scope: Any) -> str:
+    return hashlib.sha256(cookies(headers).get(_cookie(scope), "").encode()).hexdigest()
+
+
+async def _see(send: Any, told: Any, path: str) -> None:
+    await say(send, 303, (*told, (b"location", path.encode())), b"")
+
+
+async def say(send: Any, status: int, told: Any, text: bytes, kind: bytes = b"text/plain; charset=utf-8") -> None:
+    """A whole answer with further headers."""
+    headers = [(b"content-type", kind), (b"content-length", str(len(text)).encode()), *told]
+    await send({"type": "http.response.start", "status": status, "headers": headers})
+    await send({"type": "http.response.body", "body": text})

@@ -1,0 +1,128 @@
+"""What a user's page holds beside files: the form, the choices, the running identification, the results."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, ClassVar
+
+from vibrident.app.web.description import Description
+from vibrident.app.web.looks import Guess
+from vibrident.app.workflow.estimators import AUTO, estimators_with
+
+
+@dataclass(frozen=True)
+class Choices:
+    """Choices of one identification, also as a command for a shell.
+
+    Attributes:
+        calibration: name of the calibration file, in the folder of the data.
+        estimator: its name.
+        discretisation: of an estimator that has one; ignored for others.
+        uncertainty: what the uncertainties cover.
+    """
+
+    calibration: str
+    estimator: str = AUTO
+    discretisation: str = "bandlimited"
+    uncertainty: str = "auto"
+
+    @property
+    def options(self) -> dict[str, str]:
+        """Every applicable option, including those at their default."""
+        own = {"discretisation": self.discretisation} if self.estimator in estimators_with("discretisation") else {}
+        return {"estimator": self.estimator, **own, "uncertainty": self.uncertainty}
+
+    @property
+    def command(self) -> str:
+        """For a shell, in the folder of the data; file names are safe within double quotes."""
+        file = f'"{self.calibration}"' if " " in self.calibration else self.calibration
+        return " ".join(("vibrident identify", file, *(f"--{key} {value}" for key, value in self.options.items())))
+
+
+@dataclass
+class Named:
+    """A result and its name; if made here, with its choices."""
+
+    name: str
+    path: Path
+    choices: Choices | None = None
+
+    @property
+    def calibration(self) -> Path:
+        """The calibration file of a result that was made here."""
+        return self.path.with_suffix(".toml")
+
+
+@dataclass
+class Form:
+    """The form about the columns, and the user's input.
+
+    Attributes:
+        guess: the choices, and the possible meaning of the columns.
+        given: the form's values.
+        touched: fields set by the user; a guess does not change them.
+    """
+
+    guess: Guess
+    given: Description
+    touched: set[str] = field(default_factory=set)
+
+    def get(self, name: str) -> Any:
+        """Value of a field; those of the sensor are named ``sensor.NAME``."""
+        whole, _, part = name.partition(".")
+        return getattr(self.given, whole)[part] if part else getattr(self.given, whole)
+
+    def set(self, name: str, value: Any) -> None:
+        """Set a field to the user's value."""
+        self.touched.add(name)
+        whole, _, part = name.partition(".")
+        if part:
+            getattr(self.given, whole)[part] = value
+        else:
+            setattr(self.given, whole, value)
+
+
+@dataclass
+class Confirmed:
+    """The calibration file that identifications use: the uploaded one, or the form's."""
+
+    name: str
+    from_form: bool
+
+
+@dataclass
+class Job:
+    """A running identification: its status, the cost of each start, and how it ended."""
+
+    BEGINNING: ClassVar[str] = "Reading the data, loading the libraries …"
+    DONE: ClassVar[str] = "Identified."
+
+    words: str = BEGINNING
+    starts: list[list[float]] = field(default_factory=list)
+    over: bool = False
+    error: Exception | None = None
+    began: float = field(default_factory=time.monotonic)
+    share: float | None = None
+    most_left_s: float | None = None
+
+    @property
+    def status(self) -> str:
+        """The status, with the elapsed seconds, and those that this start can still take."""
+        if self.over:
+            return self.words
+        left = "" if self.most_left_s is None else f"; this start: at most {self.most_left_s:.0f} s more"
+        return f"{self.words} ({time.monotonic() - self.began:.0f} s{left})"
+
+    def add(self, iteration: int, most: int, cost: float) -> None:
+        """Record an iteration; if the count does not increase, another start has begun."""
+        if not self.starts or iteration <= len(self.starts[-1]):
+            self.starts.append([])
+            self._started = time.monotonic()
+        self.starts[-1].append(cost)
+        self.share = iteration / most if most else None
+        done = len(self.starts[-1]) - 1
+        self.most_left_s = (time.monotonic() - self._started) / done * (most - iteration) if done else None
+        which = f"Start {len(self.starts)}, iteration" if len(self.starts) > 1 else "Iteration"
+        self.words = f"{which} {iteration} of at most {most}, cost {cost:.4g}"

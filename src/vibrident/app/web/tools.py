@@ -1,0 +1,241 @@
+"""What else can be done with the data and the result: the commands of the shell, with fields for their options."""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import shutil
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from nicegui import ui
+
+from vibrident.app.web import frame
+from vibrident.app.web.description import calibration_text
+from vibrident.app.web.held import Named
+from vibrident.app.web.looks import facts
+from vibrident.app.web.users import User
+from vibrident.app.web.worker import ARCHIVE, OUT, Worker, command
+from vibrident.base.errors import InputError
+
+#: Places in a command: the chosen result, the calibration file of the page, and all that were uploaded.
+RESULT, DATA, ALL = "RESULT", "DATA", "ALL"
+_RESULT_NAME = "chosen-result.json"
+
+
+@dataclass(frozen=True)
+class Field:
+    """An option of a command: ``kind`` is text or a switch."""
+
+    flag: str
+    label: str
+    kind: type = str
+
+
+@dataclass(frozen=True)
+class Tool:
+    """A command and its options."""
+
+    title: str
+    hint: str
+    command: tuple[str, ...]
+    fields: tuple[Field, ...] = ()
+
+
+TOOLS = {
+    "compare": Tool(
+        "Compare models and estimators",
+        "Fits each to the data; of several models it recommends one, with the reason.",
+        ("compare", DATA),
+        (
+            Field("--models", "Models, joined by commas"),
+            Field("--estimators", "Estimators, joined by commas"),
+            Field("--cross-validate", "Cross-validate: predict each fifth of the records", bool),
+        ),
+    ),
+    "predict": Tool("Predict", "The response of these records, by the chosen result.", ("predict", RESULT, DATA)),
+    "correct": Tool(
+        "Correct",
+        "The acceleration from the response, with an uncertainty for every sample. Records without reference: decay.",
+        ("correct", RESULT, DATA),
+        (
+            Field("--band", "Band to restore in Hz, as LOW:HIGH"),
+            Field("--noise", "Noise of the response, rms"),
+            Field("--track", "Track the sensor through the records", bool),
+        ),
+    ),
+    "track": Tool(
+        "Track",
+        "The parameters over the records, and when the sensor changed.",
+        ("track", RESULT, DATA),
+        (Field("--every", "Seconds between rows"), Field("--false-alarms-per-day", "False alarms in a day")),
+    ),
+    "plan": Tool(
+        "Plan the next calibration",
+        "The uncertainty that other frequencies or longer records would give, for the sensor of the chosen result.",
+        ("plan", "--from", RESULT),
+        (
+            Field("--frequencies", "Frequencies in Hz: LOW:HIGH, or a list"),
+            Field("--best", "Choose the best N of them"),
+            Field("--times-as-long", "Records X times as long"),
+        ),
+    ),
+    "joint": Tool(
+        "Fit several calibrations together",
+        "Upload a calibration file (.toml) for each, with their data: one sensor, one fit.",
+        ("identify", ALL),
+        (Field("--share", "Shared parameters, joined by commas"), Field("--model", "Model, or one each, by commas")),
+    ),
+    "fleet": Tool(
+        "Identify many sensors",
+        "Upload a calibration file (.toml) for each, with their data: one table, a row each.",
+        ("fleet", ALL),
+        (Field("--model", "Model for all"),),
+    ),
+}
+
+
+class ToolsStep:
+    """A section that runs one of the commands and shows what it says."""
+
+    def __init__(self, user: User) -> None:
+        self.user = user
+        self.worker = Worker()
+
+    def build(self, on_result: Callable[..., Awaitable[Any]]) -> None:
+        """Build the section, hidden until there are data or results."""
+        self.on_result = on_result
+        self.section = frame.step("+", "More with these data", "more")
+        with self.section:
+            self.tool = ui.select({name: tool.title for name, tool in TOOLS.items()}, value="compare", label="Task")
+            self.tool.props("dense outlined stack-label").classes("w-full").on_value_change(self._renew)
+            self.hint = ui.label("").classes("hint")
+            self.fields = ui.element("div").classes("fields wide")
+            with ui.element("div").classes("actions"):
+                self.start = ui.button("Run", on_click=self._run).props("id=run")
+                self.stop = ui.button("Cancel", on_click=self.worker.cancel).props("outline color=negative")
+                self.spinner = ui.spinner(size="28px")
+            self.errors = ui.element("div").props("aria-live=assertive")
+            self.body = ui.element("div").props('aria-live=polite id="said"')
+        self.stop.visible = self.spinner.visible = False
+        self._renew()
+        self.show()
+
+    def show(self) -> None:
+        """Offer the results that there are."""
+        self.section.visible = not self.user.empty
+        if self.result is not None:
+            names = [named.name for named in self.user.results]
+            self.result.set_options(names, value=self.result.value or next(reversed(names), None))
+
+    def _renew(self) -> None:
+        tool = TOOLS[self.tool.value]
+        self.hint.text = tool.hint
+        self.given: dict[str, Any] = {}
+        self.result = None
+        self.fields.clear()
+        with self.fields:
+            if RESULT in tool.command:
+                names = [named.name for named in self.user.results]
+                self.result = ui.select(names, value=names[-1] if names else None, label="Result")
+                self.result.props("dense outlined stack-label")
+            for field in tool.fields:
+                made = ui.checkbox(field.label) if field.kind is bool else ui.input(field.label)
+                self.given[field.flag] = made.props("dense" if field.kind is bool else "dense outlined stack-label")
+
+    def _chosen(self) -> Named | None:
+        return next((one for one in self.user.results if self.result and one.name == self.result.value), None)
+
+    def arguments(self) -> list[str]:
+        """The command, its options as one word each: no value can pass for another option.
+
+        Raises:
+            InputError: it needs a result, or calibration files, that are not there.
+        """
+        words: list[str] = []
+        for word in TOOLS[self.tool.value].command:
+            if word == DATA:
+                confirmed = self.user.confirmed
+                words.append(_there(confirmed and confirmed.name, "confirmed columns", "confirm the columns first"))
+            elif word == ALL:
+                found = [f"./{name}" for name in self.user.session.names if name.lower().endswith(".toml")]
+                words += _there(found, "calibration files", "upload them, with their data")
+            elif word == RESULT:
+                _there(self._chosen(), "a result", "identify first, or upload an earlier one")
+                words.append(_RESULT_NAME)
+            else:
+                words.append(word)
+        for flag, made in self.given.items():
+            if isinstance(made.value, bool):
+                words += [flag] if made.value else []
+            elif made.value:
+                words.append(f"{flag}={made.value.strip()}")
+        return [*words, f"--out={OUT}"]
+
+    async def _run(self) -> None:
+        user, session = self.user, self.user.session
+        self.errors.clear()
+        self.body.clear()
+        folder = None
+        try:
+            user.require("identify", "do that")
+            arguments = self.arguments()
+            if user.confirmed and user.confirmed.from_form and user.form:
+                session.write_calibration(calibration_text(user.form.given, session.files))
+            folder = session.new_folder("tool")
+            await asyncio.to_thread(session.copy_to, folder)
+            if chosen := self._chosen():
+                await asyncio.to_thread(shutil.copyfile, chosen.path, folder / _RESULT_NAME)
+            self._busy(True)
+            async with user.users.identifying:
+                said = await self.worker.run(command, arguments, folder=folder)
+            await user.note("ran", None, command=" ".join(arguments))
+            if not self.body.is_deleted:
+                await self._tell(said, folder)
+        except asyncio.CancelledError:
+            return
+        except Exception as error:
+            frame.show_error(self.errors, error, session)
+        finally:
+            if not self.body.is_deleted:
+                self._busy(False)
+            if folder is not None:
+                await asyncio.to_thread(shutil.rmtree, folder, True)
+
+    def _busy(self, busy: bool) -> None:
+        self.start.set_enabled(not busy)
+        self.stop.visible = self.spinner.visible = busy
+
+    async def _tell(self, said: dict[str, Any], folder: Path) -> None:
+        archive = None
+        if said["code"] == 0 and (folder / ARCHIVE).exists():
+            archive = await asyncio.to_thread(self.user.session.take, folder / ARCHIVE)
+        with self.body:
+            if said["code"]:
+                with ui.element("div").classes("error").props("role=alert"):
+                    ui.label(frame.page_words(said["errors"])).classes("problem")
+                return
+            frame.Text("said-text", "\n".join(filter(None, (said["text"].strip(), said["errors"].strip()))))
+            for name, picture in said["pictures"]:
+                data = base64.b64encode(picture).decode()
+                ui.html(f'<img class="picture" alt="" src="data:image/png;base64,{data}">', sanitize=False)
+                ui.label(name).classes("hint")
+            if archive is not None:
+                name = f"{self.tool.value}.zip"
+                label = f"All {len(said['files'])} files (zip)" if len(said["files"]) > 1 else "The file (zip)"
+                ui.button(label, on_click=lambda: ui.download.file(archive, name)).props("outline id=get-all")
+        kept = 0
+        for path in sorted((folder / OUT).rglob("result.json"))[:10]:
+            model, estimator = await self.user.look(facts, path)
+            self.user.keep(f"{TOOLS[self.tool.value].title}: {path.parent.name}, {model}, {estimator}", path)
+            kept += 1
+        if kept:
+            await self.on_result(go=False)
+
+
+def _there(found: Any, what: str, remedy: str) -> Any:
+    if not found:
+        raise InputError("Something is missing for this task.", expected=what, found="none", remedy=remedy)
+    return found

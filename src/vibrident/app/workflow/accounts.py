@@ -1,0 +1,155 @@
+"""Accounts of a team's page: a file of names, roles and Argon2 hashes, and a limit on guesses of passwords."""
+
+from __future__ import annotations
+
+import os
+import re
+import threading
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from vibrident.base.errors import InputError
+
+#: What each may do, and all before it: look at results and histories, identify and issue, approve.
+ROLES = ("look", "identify", "approve")
+_NAME = re.compile(r"[\w.@+-]{1,64}")
+#: Failures of a name or an address before it has to wait, and the longest wait in seconds; it doubles from a second.
+_FREE_TRIES = 5
+_LONGEST_WAIT_S = 900.0
+#: Most names and addresses whose failures are remembered.
+_MOST_REMEMBERED = 10_000
+
+
+@dataclass(frozen=True)
+class Account:
+    """A name with its role; ``hash`` is empty for one that signs in at a proxy."""
+
+    name: str
+    role: str
+    hash: str
+
+    def may(self, role: str) -> bool:
+        """Whether its role includes another."""
+        return ROLES.index(self.role) >= ROLES.index(role)
+
+
+class Accounts:
+    """The accounts of a file, read again when it has changed: a line each, ``NAME:ROLE:HASH``.
+
+    Raises:
+        InputError: the file cannot be read, or a line is no account.
+    """
+
+    def __init__(self, file: Path) -> None:
+        self._file, self._seen = file, -1
+        self._known: dict[str, Account] = {}
+        self._failures: dict[str, tuple[int, float]] = {}
+        self._one_at_a_time = threading.Lock()  # a hash takes 64 MB and a processor
+        self._read()
+
+    def named(self, name: str) -> Account | None:
+        """The account of this name, as the file has it now."""
+        try:
+            if self._file.stat().st_mtime_ns != self._seen:
+                self._read()
+        except (OSError, InputError):  # half written, or removed: nobody comes in
+            return None
+        return self._known.get(name)
+
+    def wait_s(self, *keys: str) -> float:
+        """Seconds that a name or an address must wait before its next try."""
+        waits = [until - time.monotonic() for _, until in (self._failures.get(key, (0, 0.0)) for key in keys)]
+        return max(0.0, *waits)
+
+    def check(self, name: str, password: str, *keys: str) -> Account | None:
+        """The account, if the password is its own; else a failure of the keys is counted. It takes time."""
+        from argon2 import PasswordHasher
+        from argon2.exceptions import InvalidHashError, VerificationError
+
+        account = self.named(name)
+        hasher = PasswordHasher()
+        with self._one_at_a_time:
+            try:  # an unknown name takes as long as a known one
+                hasher.verify(account.hash if account and account.hash else _nobody(), password)
+                right = account is not None and bool(account.hash)
+            except (VerificationError, InvalidHashError):
+                right = False
+        for key in keys:
+            if right:
+                self._failures.pop(key, None)
+            else:
+                self._fail(key)
+        return account if right else None
+
+    def _fail(self, key: str) -> None:
+        count = self._failures.get(key, (0, 0.0))[0] + 1
+        wait = min(2.0 ** (count - _FREE_TRIES), _LONGEST_WAIT_S) if count >= _FREE_TRIES else 0.0
+        self._failures[key] = (count, time.monotonic() + wait)
+        if len(self._failures) > _MOST_REMEMBERED:
+            del self._failures[min(self._failures, key=lambda key: self._failures[key][1])]
+
+    def _read(self) -> None:
+        try:
+            stat, text = self._file.stat(), self._file.read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            raise _unusable(self._file, str(error)) from error
+        if stat.st_mode & 0o022:
+            raise _unusable(self._file, "a file that others may write", "chmod go-w it")
+        known = {}
+        for number, line in enumerate(text.splitlines(), 1):
+            if not line.strip() or line.startswith("#"):
+                continue
+            name, _, rest = line.strip().partition(":")
+            role, _, hashed = rest.partition(":")
+            if not _NAME.fullmatch(name) or role not in ROLES or (hashed and not hashed.startswith("$argon2id$")):
+                raise _unusable(self._file, f"line {number} is none")
+            known[name] = Account(name, role, hashed)
+        self._known, self._seen = known, stat.st_mtime_ns
+
+
+def add(file: Path, name: str, role: str, password: str) -> None:
+    """Write an account to the file; it replaces one of the same name.
+
+    Raises:
+        InputError: name or role cannot be used, the password is too short, or the file is of another kind.
+    """
+    from argon2 import PasswordHasher
+
+    if not _NAME.fullmatch(name) or role not in ROLES:
+        raise _unusable(file, f"{name}:{role}", f"give NAME:ROLE, with a role of {', '.join(ROLES)}")
+    if len(password) < 8:  # NIST SP 800-63B, 5.1.1.1
+        raise _unusable(file, "a password shorter than 8 characters", "choose a longer one")
+    if file.exists():
+        Accounts(file)
+    lines = file.read_text(encoding="utf-8").splitlines() if file.exists() else []
+    kept = [line for line in lines if line.partition(":")[0].strip() != name]
+    text = "\n".join([*kept, f"{name}:{role}:{PasswordHasher().hash(password)}"]) + "\n"
+    partial = file.with_name(f".{file.name}.part")
+    with os.fdopen(os.open(partial, os.O_CREAT | os.O_WRONLY | os.O_TRUNC, 0o600), "w", encoding="utf-8") as out:
+        out.write(text)
+    partial.replace(file)
+
+
+def _nobody() -> str:
+    """A hash that fits no password that is used, at the cost of any other."""
+    from argon2 import PasswordHasher
+
+    global _NOBODY
+    _NOBODY = _NOBODY or PasswordHasher().hash(os.urandom(32).hex())
+    return _NOBODY
+
+
+_NOBODY = ""
+
+
+def _unusable(
+    file: Path, found: str, remedy: str = "make it with vibrident serve --auth FILE --add NAME:ROLE"
+) -> InputError:
+    return InputError(
+        "The file of accounts cannot be used.",
+        expected="lines NAME:ROLE:HASH, in a file that its owner alone may write",
+        found=found,
+        where=f"--auth {file}",
+        remedy=remedy,
+    )

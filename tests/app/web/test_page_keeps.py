@@ -1,0 +1,119 @@
+"""Data, form and results are there again after a reload, a lost tab, a server that was killed, and one that stopped."""
+
+from __future__ import annotations
+
+import re
+import signal
+
+import pytest
+from tests.support.sample_results import table2
+from tests.support.serving import VIBRIDENT, field, serving, simulated, upload
+
+WAIT_MS = 120_000
+ROWS = "time,reference,response\n" + "".join(f"{i / 100},{i % 7},{i % 5}\n" for i in range(50))
+
+
+def filled(page, folder) -> None:
+    """Data, an answer in the form, and a result."""
+    (folder / "a.csv").write_text(ROWS)
+    upload(page, folder / "a.csv", table2().save(folder / "earlier.json"))
+    page.locator("#confirm").wait_for(timeout=WAIT_MS)
+    field(page, "Serial number").fill("4711")
+    page.locator("#result .js-plotly-plot").first.wait_for(timeout=WAIT_MS)
+    page.wait_for_timeout(1000)  # it is written within a second
+
+
+def is_there(page) -> None:
+    page.locator("#confirm").wait_for(timeout=WAIT_MS)
+    assert field(page, "Serial number").input_value() == "4711"
+    assert page.get_by_role("listitem").all_inner_texts() == ["a.csv\nclose"]
+    page.locator("#columns .js-plotly-plot").wait_for(timeout=WAIT_MS)
+    page.locator("#result .js-plotly-plot").first.wait_for(timeout=WAIT_MS)
+
+
+def test_a_reload_and_the_way_back_ask_nothing_and_lose_nothing(visit, tmp_path):
+    page, asked = visit(), []
+    page.on("dialog", lambda dialog: (asked.append(dialog.type), dialog.accept()))
+    filled(page, tmp_path)
+    page.reload()
+    is_there(page)
+    page.goto("about:blank")
+    page.go_back()
+    is_there(page)
+    assert not asked
+    assert page.locator("#gone").count() == 0
+
+
+@pytest.mark.parametrize("width", [1280, 390])
+@pytest.mark.quick("1280")
+def test_work_in_a_tab_that_was_closed_is_offered_in_the_next_of_that_browser(
+    browser, server, picture, tmp_path, width
+):
+    contexts = [browser.new_context(viewport={"width": width, "height": 844}) for _ in range(2)]
+    mine, other = contexts
+    page = mine.new_page()
+    page.goto(server.address)
+    filled(page, tmp_path)
+    page.close()
+    stranger = other.new_page()
+    stranger.goto(server.address)
+    stranger.get_by_text("No data yet.").wait_for()
+    assert stranger.locator("#left-work").count() == 0
+
+    page = mine.new_page()
+    page.goto(server.address)
+    page.get_by_role("button", name="1 file, 1 result").first.wait_for(timeout=WAIT_MS)
+    picture(page, f"left-work-{width}")
+    page.get_by_role("button", name="1 file, 1 result").first.focus()
+    page.keyboard.press("Enter")
+    is_there(page)
+    assert page.locator("#left-work").count() == 0
+    for context in contexts:
+        context.close()
+
+
+@pytest.mark.parametrize("ending", [signal.SIGKILL, signal.SIGTERM])
+def test_a_server_that_ended_in_the_middle_of_a_fit_is_followed_by_one_that_has_it_all(
+    browser, picture, tmp_path, ending
+):
+    context = browser.new_context()
+    page = context.new_page()
+    with serving(tmp_path, *VIBRIDENT, "serve", "--port", "0", ending=ending) as first:
+        port = first.address.rstrip("/").rpartition(":")[2]
+        page.goto(first.address)
+        page.get_by_role("heading", name="Data").wait_for()
+        upload(page, *simulated(tmp_path / "made"))
+        page.locator("#confirm").wait_for(timeout=WAIT_MS)
+        field(page, "Serial number").fill("4711")
+        page.locator("#confirm").click()
+        page.locator("#start").click()
+        page.get_by_text("Identified.").wait_for(timeout=WAIT_MS)
+        page.locator("#result .js-plotly-plot").first.wait_for(timeout=WAIT_MS)
+        page.locator("#start").click()
+        page.get_by_role("button", name="Cancel").wait_for()
+        page.wait_for_timeout(700)
+    with serving(tmp_path, *VIBRIDENT, "serve", "--port", port):
+        page.get_by_text("The server was stopped during the identification.").wait_for(timeout=WAIT_MS)
+        page.locator("#result .js-plotly-plot").first.wait_for(timeout=WAIT_MS)
+        picture(page, "restarted")
+        assert field(page, "Serial number").input_value() == "4711"
+        assert len(page.locator("#data").get_by_role("listitem").all()) == len(list((tmp_path / "made").glob("*.csv")))
+        page.locator("#repeat").click()
+        page.locator("#compare").wait_for(timeout=WAIT_MS)
+        assert re.search(r"^Identified\.$", page.locator("#status").inner_text())
+    context.close()
+
+
+def test_where_nothing_is_kept_the_page_says_what_is_lost(browser, picture, tmp_path):
+    context = browser.new_context()
+    page = context.new_page()
+    with serving(tmp_path, *VIBRIDENT, "serve", "--keep", "0", "--port", "0") as first:
+        port = first.address.rstrip("/").rpartition(":")[2]
+        page.goto(first.address)
+        page.get_by_role("heading", name="Data").wait_for()
+        filled(page, tmp_path)
+    with serving(tmp_path, *VIBRIDENT, "serve", "--keep", "0", "--port", port):
+        page.locator("#gone").wait_for(timeout=WAIT_MS)
+        page.get_by_text("No data yet.").wait_for(timeout=WAIT_MS)
+        picture(page, "gone")
+    context.close()

@@ -1,0 +1,146 @@
+"""The commands of the shell on the page: the same words and numbers, and refusals in the words of the page."""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+from pathlib import Path
+
+import pytest
+from tests.support.contrast import too_faint
+from tests.support.serving import choose, simulated, upload
+from tests.support.shell import printed
+
+WAIT_MS = 240_000
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory) -> list[Path]:
+    return simulated(tmp_path_factory.mktemp("made") / "data")
+
+
+@pytest.fixture
+def identified(visit, made):
+    """A page with data and a result."""
+
+    def fill(width: int = 1280):
+        page = visit(width)
+        upload(page, *made)
+        page.locator("#confirm").click(timeout=WAIT_MS)
+        page.locator("#start").click()
+        page.get_by_text("Identified.").wait_for(timeout=WAIT_MS)
+        page.locator("#result .js-plotly-plot").first.wait_for(timeout=WAIT_MS)
+        return page
+
+    return fill
+
+
+def ran(page, task: str) -> str:
+    """Run a task as it stands; what it says."""
+    choose(page, "Task", task)
+    page.locator("#run:not([disabled])").press("Enter", timeout=WAIT_MS)  # the one before is wholly done
+    page.locator("#get-all").wait_for(state="detached")
+    page.locator("#get-all").wait_for(timeout=WAIT_MS)
+    return page.locator("#said-text .plain").inner_text()
+
+
+def files(page) -> dict[str, bytes]:
+    with page.expect_download(timeout=WAIT_MS) as waiting:
+        page.locator("#get-all").click()
+    with zipfile.ZipFile(io.BytesIO(Path(waiting.value.path()).read_bytes())) as packed:
+        return {name: packed.read(name) for name in packed.namelist()}
+
+
+@pytest.mark.slow
+def test_predict_correct_track_and_plan(identified, picture, violations, made):
+    page = identified()
+    steps = ["Data", "Columns, units and model", "Identify", "Result", "More with these data"]
+    assert page.get_by_role("navigation", name="Contents").get_by_role("link").all_inner_texts() == steps
+    with page.expect_download(timeout=WAIT_MS) as waiting:
+        page.locator("#get-everything").click()
+    with zipfile.ZipFile(Path(waiting.value.path())) as packed:
+        names = set(packed.namelist())
+    assert {"result.json", "calibration.toml"} <= names
+    assert {name.rpartition(".")[2] for name in names} >= {"pdf", "html", "md", "csv"}
+    ran(page, "Predict")
+    packed = files(page)
+    assert len([name for name in packed if name.endswith(".csv")]) == len(made)
+    assert b'"rmse"' in packed["prediction.json"]
+    json.loads(packed["prediction.json"])
+    ran(page, "Correct")
+    assert "correction.json" in files(page)
+    picture(page, "corrected")
+    ran(page, "Plan the next calibration")
+    assert "plan.json" in files(page)
+    picture(page, "planned")
+    ran(page, "Track")
+    assert "track.csv" in files(page)
+    assert violations(page) == []
+
+
+@pytest.mark.parametrize("width", [1280, 390])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.quick("light-1280")
+def test_models_are_compared_by_keyboard_and_a_wrong_one_is_refused_in_words(
+    identified, picture, violations, width, scheme
+):
+    page = identified(width)
+    page.emulate_media(color_scheme=scheme)
+    models = page.get_by_label("Models, joined by commas")
+    models.fill("accelerometer+delay,accelerometer+dely")
+    page.locator("#run").press("Enter")
+    alert = page.locator("#more").get_by_role("alert")
+    alert.wait_for(timeout=WAIT_MS)
+    assert "dely" in alert.inner_text()
+    assert "Traceback" not in alert.inner_text()
+    models.fill("accelerometer+delay,accelerometer")
+    page.locator("#run").press("Enter")
+    page.locator("#get-all").wait_for(timeout=WAIT_MS)
+    said = page.locator("#said-text .plain").inner_text()
+    assert "accelerometer+delay" in said
+    page.get_by_text("How it was found").click()
+    page.locator("#how .js-plotly-plot").wait_for(timeout=WAIT_MS)
+    page.wait_for_timeout(600)
+    picture(page, f"more-{scheme}-{width}")
+    assert violations(page) == []
+    assert not too_faint(page)
+    assert page.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
+
+
+def test_a_value_is_never_another_option(visit, made, tmp_path):
+    page = visit()
+    upload(page, *made)
+    page.locator("#confirm").click(timeout=WAIT_MS)
+    page.get_by_label("Models, joined by commas").fill(f"--out={tmp_path / 'elsewhere'}")
+    page.locator("#run").click()
+    page.locator("#more").get_by_role("alert").wait_for(timeout=WAIT_MS)
+    assert not (tmp_path / "elsewhere").exists()
+    choose(page, "Task", "Predict")
+    page.locator("#run").click()
+    page.get_by_text("Something is missing for this task.").wait_for()
+
+
+@pytest.mark.slow
+def test_calibration_files_of_their_own_make_a_joint_fit_and_a_fleet(visit, picture, tmp_path):
+    for seed in ("1", "2"):
+        folder = tmp_path / seed
+        folder.mkdir()
+        words = ("--samples", "2000", "--rate", "12800", "--seed", seed, "--frequencies", "100,200,400,800")
+        printed("simulate", "--out", ".", *words, folder=folder)
+        for path in folder.glob("*.csv"):
+            path.rename(tmp_path / f"{seed}_{path.name}")
+        text = (folder / "calibration.toml").read_text().replace('file = "', f'file = "{seed}_')
+        (tmp_path / f"{seed}.toml").write_text(text)
+    page = visit()
+    upload(page, *tmp_path.glob("*.csv"), *tmp_path.glob("*.toml"))
+    page.get_by_text("use them all under").wait_for(timeout=WAIT_MS)
+    ran(page, "Fit several calibrations together")
+    assert {"result.json", "2/result.json"} <= set(files(page))
+    page.locator("#compare .js-plotly-plot").first.wait_for(timeout=WAIT_MS)
+    said = ran(page, "Identify many sensors")
+    assert "identified" in said
+    assert str(tmp_path) not in said
+    assert "/" not in said.partition("Written:")[2].replace("files/", "")
+    assert "fleet.parquet" in files(page)
+    picture(page, "fleet")

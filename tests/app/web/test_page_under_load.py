@@ -1,0 +1,49 @@
+"""Eight people identify at once: everybody else is still answered."""
+
+from __future__ import annotations
+
+import http.client
+import statistics
+import threading
+import time
+from urllib.parse import urlsplit
+
+import pytest
+from tests.support.serving import simulated, upload
+
+WAIT_MS = 300_000
+
+
+def asked_until(address: str, over: threading.Event, taken: list[float]) -> None:
+    """Ask for the page again and again; the seconds that each answer takes."""
+    host = urlsplit(address)
+    while not over.is_set():
+        begin = time.perf_counter()
+        connection = http.client.HTTPConnection(host.hostname or "", host.port, timeout=30)
+        connection.request("GET", "/")
+        assert connection.getresponse().read()
+        connection.close()
+        taken.append(time.perf_counter() - begin)
+        time.sleep(0.05)
+
+
+@pytest.mark.slow
+def test_eight_fits_at_once_leave_the_page_answering(visit, server, tmp_path):
+    made = simulated(tmp_path / "made")
+    pages = [visit(may_complain=True) for _ in range(8)]
+    for page in pages:
+        upload(page, *made)
+        page.locator("#confirm").click(timeout=WAIT_MS)
+        page.locator("#start").wait_for(timeout=WAIT_MS)
+    over, taken = threading.Event(), []
+    thread = threading.Thread(target=asked_until, args=(server.address, over, taken))
+    thread.start()
+    for page in pages:
+        page.locator("#start").click()
+    for page in pages:
+        page.get_by_text("Identified.").wait_for(timeout=WAIT_MS)
+    over.set()
+    thread.join()
+    print(f"{len(taken)} answers: median {statistics.median(taken):.4f} s, longest {max(taken):.3f} s")
+    assert statistics.median(taken) < 0.05
+    assert max(taken) < 0.5
