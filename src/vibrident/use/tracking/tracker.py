@@ -16,13 +16,15 @@ import numpy as np
 from vibrident.data.records import FloatArray, Quantity
 from vibrident.physics.models import SensorModel
 from vibrident.use.tracking import information
+from vibrident.use.tracking.detection import extend
 from vibrident.use.tracking.knowledge import Knowledge
 from vibrident.use.tracking.learner import Learner
 from vibrident.use.tracking.network import TAPS, Linearised, Network
 from vibrident.use.tracking.state import Alarm, Estimate, Settings
 
-#: Part of what a motion tells of a parameter that the others leave: one tone in a reference with noise of 1 % has less.
-ALONE = 1e-3
+#: Part of what a motion tells of a parameter that the others leave: condition indices above 30 are harmful collinearity
+#: (Belsley, Kuh & Welsch 1980, ch. 3).
+ALONE = 1.0 / 30.0**2
 #: Part of a block that sets the point of linearisation, where it is not settled.
 FIRST = 8
 #: Steps taken from the reference at once.
@@ -108,7 +110,7 @@ class Tracker:
         values = net.bounded(s.point[k:] + move) * net.scale
         covariance = information.covariance(self.knowledge.walked(), k) * np.outer(net.scale, net.scale)
         covariance[net.gain, net.gain] += (self.settings.reference_uncertainty * values[net.gain]) ** 2
-        gram, squares, rows = s.row[:-2].reshape(s.gram.shape), s.row[-2], s.row[-1]
+        gram, squares, rows = s.row[:-2].reshape(s.part.shape[1:]), s.row[-2], s.row[-1]
         seen = information.triangle(information.without_nuisances(gram, k))[k:-1, k:-1]
         excited: tuple[str, ...] = ()
         if (np.diag(seen) > 0.0).all():
@@ -126,6 +128,11 @@ class Tracker:
             float(np.sqrt(squares / rows)) if rows > 0.0 else float("nan"),
             excited,
         )
+
+    @property
+    def changing(self) -> tuple[float, float] | None:
+        """Time of a change that is certain but not named yet, and of its detection, s."""
+        return (float(self.state.pending[1]), float(self.state.pending[2])) if self.state.pending[0] else None
 
     @property
     def noise(self) -> float | None:
@@ -163,15 +170,14 @@ class Tracker:
             length = self.settings.block if s.clock[9] else self.settings.block // FIRST
             steps = min(length - int(s.own[0]), len(response) - done)
             part = slice(done, done + steps)
-            self._accumulate(inputs[part], response[part])
-            done += steps
+            done += self._accumulate(inputs[part], response[part])
             if s.own[0] >= length:
                 self._learner.end_block()
 
-    def _accumulate(self, inputs: FloatArray, response: FloatArray) -> None:
-        """Take steps into the block under way."""
+    def _accumulate(self, inputs: FloatArray, response: FloatArray) -> int:
+        """Take steps into the block under way, up to the first at which a change is certain; returns their number."""
         s, net = self.state, self.network
-        out, s.cell[:] = self._linearised.run(s.cell, inputs)
+        out, cell = self._linearised.run(s.cell, inputs)
         n, order, m = net.order, self.settings.order, net.columns
         rows = np.empty((order + len(response), m + 1))
         rows[:order] = s.rows
@@ -183,14 +189,23 @@ class Tracker:
             white += s.whitening[lag] * rows[order - 1 - lag : -1 - lag]
         skipped = min(len(new), max(0, order - int(s.clock[5])))
         white, e = white[skipped:], rows[:, m]
+        count = int(s.own[1])
+        seen = self._learner.changes.seen(count, white)
+        if seen and seen[0] - count < len(white):
+            self._accumulate(inputs[: skipped + seen[0] - count], response[: skipped + seen[0] - count])
+            return skipped + seen[0] - count
+        s.cell[:] = cell
         s.clock[5] = min(order, s.clock[5] + len(response))
-        s.gram += white.T @ white
+        extend(s.part, count, white)
         s.own[:3] += (len(response), len(white), np.sum(white[:, m] ** 4))
         late = e[order + skipped :]
         for lag in range(order + 1):
             s.own[3 + lag] += late @ e[order + skipped - lag : len(e) - lag]
         s.rows[:] = rows[len(response) :]
         s.clock[2] += len(response)
+        if seen:
+            self._learner.changes.begin(1 << seen[1])
+        return len(response)
 
     @property
     def _linearised(self) -> Linearised:
