@@ -163,7 +163,7 @@ def _numbers(sensor: ExportedSensor, made: Tracker, rate: float, name: str) -> d
         "LEFT": repr(LEFT),
         "WITHIN": repr(WITHIN),
         "ALONE": repr(tracker.ALONE),
-        "EDGE": repr(network.EDGE),
+        "FURTHEST": repr(network.FURTHEST),
     }
 
 

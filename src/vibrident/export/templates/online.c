@@ -36,7 +36,7 @@ static const double NOISE[PARTS + LEVELS] = {@NOISE@}, LOUDER[PARTS] = {@LOUDER@
 static const real FILTER[TAPS][Q] = {@FILTER@};
 static const real CORRECTOR[3][@GUARD@_CORRECTOR_TAPS] = {@CORRECTOR@};
 
-static const double EXCITED = @EXCITED@, NONE = @NONE@, LEFT = @LEFT@, WITHIN = @WITHIN@, ALONE = @ALONE@, EDGE = @EDGE@;
+static const double EXCITED = @EXCITED@, NONE = @NONE@, LEFT = @LEFT@, WITHIN = @WITHIN@, ALONE = @ALONE@, FURTHEST = @FURTHEST@;
 static const double NORMAL = 3.0, SEEN = 1.0, OPENED = 2.0, TINY = 1e-300, TURN = 6.283185307179586;
 
 /* ---- the cell ---- */
@@ -275,9 +275,8 @@ typedef struct {
 } change;
 static double likelihood_ratio(double statistic, double freedom) { return freedom * log1p(statistic / freedom); }
 static double deviate(double ratio, double above, double below, double spread) {
-    double root = cbrt(ratio), blocks = below / @GUARD@_BLOCK, a, b, normal;
+    double root = cbrt(ratio), blocks = below / @GUARD@_BLOCK, a = spread / (9.0 * above), b = spread / (9.0 * below), normal;
     if (below == 0.0 || 2.0 * fmin(above, below) < spread) return 0.0;
-    a = spread / (9.0 * above); b = spread / (9.0 * below);
     normal = ((1.0 - b) * root - (1.0 - a)) / sqrt(b * root * root + a);
     return copysign(sqrt(likelihood_ratio(normal * normal, blocks)), normal);
 }
@@ -369,10 +368,14 @@ static void shift_known(double known[M][M + 1], const double move[M]) {
     int i, j;
     EACH2(i, M, j, M) known[i][M] -= known[i][j] * move[j];
 }
+static double within(const tracker *t, int i, double move) {
+    if (POSITIVE[i]) move = fmin(fmax(move, (1.0 / FURTHEST - 1.0) * t->point[K + i]), (FURTHEST - 1.0) * t->point[K + i]);
+    return move;
+}
 static void move_point(tracker *t, double move[M]) {
     double (*row)[M + 1] = (double (*)[M + 1])(void *)t->row;
     int i, j, level;
-    EACH(i, P) if (POSITIVE[i]) move[K + i] = fmax(t->point[K + i] + move[K + i], EDGE) - t->point[K + i];
+    EACH(i, P) move[K + i] = within(t, i, move[K + i]);
     for (i = N; i < M; i++) t->point[i] += move[i];
     EACH(j, N) {
         double sum = 0.0;
@@ -708,9 +711,7 @@ double @N@_read(tracker *t, double value[P], double u[P], int excited[P]) {
     int i, j, all = 1;
     walked(t, known); solve(known, move); covariance(known, spread); without_nuisances(row); triangle(row, upper);
     EACH(i, P) {
-        double to = t->point[K + i] + move[K + i];
-        if (POSITIVE[i]) to = fmax(to, EDGE);
-        value[i] = to * SCALE[i]; u[i] = sqrt(spread[i][i]) * SCALE[i]; excited[i] = 0;
+        value[i] = (t->point[K + i] + within(t, i, move[K + i])) * SCALE[i]; u[i] = sqrt(spread[i][i]) * SCALE[i]; excited[i] = 0;
         all = all && upper[K + i][K + i] > 0.0; EACH(j, P) r[i][j] = upper[K + i][K + j];
     }
     u[0] = sqrt(u[0] * u[0] + REFERENCE_U * value[0] * REFERENCE_U * value[0]);

@@ -59,7 +59,7 @@ class Knowledge:
         """Move the point of linearisation, shape (m,); states and what is known move with it."""
         s, net = self.state, self.network
         n, p, k = net.order, net.parameters, net.nuisances
-        move[k:] = net.bounded(s.point[k:] + move[k:]) - s.point[k:]
+        move[k:] = net.moved(s.point[k:], move[k:]) - s.point[k:]
         s.point[n:] += move[n:]
         free, slopes = s.cell[n * (1 + p) :].reshape(n, n), s.cell[n : n * (1 + p)].reshape(p, n)
         s.cell[:n] += move[:n] @ free + move[k:] @ slopes

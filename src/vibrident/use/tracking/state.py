@@ -29,6 +29,7 @@ class Settings:
         false_alarms_per_day: expected of noise alone, in a day of motion.
         drift_per_year: random walk of each parameter, relative, in one year: its u grows by it where nothing is seen.
         reference_uncertainty: relative standard uncertainty of the reference, systematic; part of the gain's u.
+        model_error: relative error of the model at a tone beside the noise, as the certificate states it.
         block: steps in a block, a power of two.
         order: of the autoregression of the residual.
         levels: lengths of segments that are tested for a change, 1, 2, 4, … blocks.
@@ -37,6 +38,7 @@ class Settings:
     false_alarms_per_day: float = 0.01
     drift_per_year: float = 0.01
     reference_uncertainty: float = 0.0
+    model_error: float = 0.0
     block: int = 1024
     order: int = 8
     levels: int = 16
