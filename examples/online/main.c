@@ -22,10 +22,12 @@ static void say(long sample) {
 int main(void) {
     double reference, response;
     long sample = 0;
-    int said = 0;
+    int said = 0, changing = 0;
     sensor_init(&tracker);
     while (scanf("%lf %lf", &reference, &response) == 2) {
         int alarms = sensor_step(&tracker, (sensor_real)reference, (sensor_real)response);
+        if (sensor_changing(&tracker) && !changing) printf("changing: certain at sample %ld\n", sample);
+        changing = sensor_changing(&tracker);
         for (; said < alarms; said++) {
             const sensor_alarm *alarm = &tracker.alarm[said];
             printf("alarm: parameter %d at %.6f s: %.9g to %.9g, u %.3g\n", alarm->parameter, alarm->time_s, alarm->before,

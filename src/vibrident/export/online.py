@@ -17,8 +17,8 @@ from vibrident.data.records import FloatArray
 from vibrident.export.filters import checked_rate
 from vibrident.export.form import Options
 from vibrident.export.sensor import ExportedSensor, identity
-from vibrident.use.tracking import changes, learner, network, tracker
-from vibrident.use.tracking.information import WITHIN
+from vibrident.use.tracking import learner, network, tracker
+from vibrident.use.tracking.information import LEFT, NONE, WITHIN
 from vibrident.use.tracking.knowledge import SECONDS_A_YEAR
 from vibrident.use.tracking.state import Settings
 from vibrident.use.tracking.tracker import Tracker
@@ -130,6 +130,7 @@ def _numbers(sensor: ExportedSensor, made: Tracker, rate: float, name: str) -> d
         "Q": str(net.terms),
         "AR": str(settings.order),
         "BLOCK": str(settings.block),
+        "PARTS": str(settings.parts),
         "LEVELS": str(settings.levels),
         "TAPS": str(network.TAPS),
         "REFERENCES": str(network.TAPS + max(0, -lag)),
@@ -153,16 +154,16 @@ def _numbers(sensor: ExportedSensor, made: Tracker, rate: float, name: str) -> d
         "REFERENCE_U": repr(settings.reference_uncertainty),
         "CHANGE": _text(thresholds.change),
         "NOISE": _text(thresholds.noise),
+        "LOUDER": _text(thresholds.louder),
         "FURTHER": _text(thresholds.further),
         "FILTER": _text(net.filters.T),
         "CORRECTOR": _text(corrector(sensor.band_hz[1], rate, delay - late / rate)),
         "EXCITED": repr(learner.EXCITED),
-        "NONE": repr(learner.NONE),
-        "RELEARN": repr(changes.RELEARN),
+        "NONE": repr(NONE),
+        "LEFT": repr(LEFT),
         "WITHIN": repr(WITHIN),
         "ALONE": repr(tracker.ALONE),
-        "EDGE": repr(network.EDGE),
-        "BEHIND": f"{changes.BEHIND:.1f}",
+        "FURTHEST": repr(network.FURTHEST),
     }
 
 

@@ -175,12 +175,50 @@ def test_a_change_is_found_timed_and_named(which, rng):
     one = fed(tracker(None, u=1e-3), u, y)
     assert [(alarm.parameter, alarm.what) for alarm in one.alarms] == [(parameter, what)]
     (alarm,) = one.alarms
-    block = 1024 / RATE_HZ
-    assert alarm.time_s <= n / 2 / RATE_HZ <= alarm.time_s + block
-    assert alarm.detected_s - n / 2 / RATE_HZ < block
+    information = np.mean((answered(u, after) - answered(u)) ** 2) / 2.0 / 0.001**2  # of a sample
+    bound = max(1.0, np.log(86400.0 / 0.01 * RATE_HZ) / information)  # Lorden 1971
+    assert 0.0 < (alarm.detected_s - 1.0) * RATE_HZ < 4.0 * bound
+    assert abs(alarm.time_s - 1.0) * RATE_HZ < 4.0 * bound
     assert abs(alarm.after - after[parameter]) < 5.0 * alarm.u
     found = one.read()
     assert abs(found.values[parameter] - after[parameter]) < 5.0 * found.uncertainty[parameter]
+
+
+@pytest.mark.parametrize("size", [10.0, 1000.0])
+def test_a_spike_passes_and_takes_nothing_of_what_is_known(size, rng):
+    u, y = record("random", 60000, rng)
+    plain = fed(tracker(None, u=1e-3), u, y).read()
+    y[30000] += size * 0.01 * np.std(y)
+    one = fed(tracker(None, u=1e-3), u, y)
+    assert [alarm.what for alarm in one.alarms] == ["a disturbance that has passed"]
+    assert one.alarms[0].detected_s == pytest.approx(30001 / RATE_HZ, abs=1e-9)
+    found = one.read()
+    assert relative(found.uncertainty) == pytest.approx(relative(plain.uncertainty), rel=0.05)
+    assert np.all(np.abs(relative(found.values) - relative(plain.values)) < relative(plain.uncertainty))
+
+
+def test_a_change_is_said_to_be_under_way_until_it_has_a_name(rng):
+    u = motion("random", 40000, rng)
+    y = np.where(np.arange(40000) < 20000, answered(u), answered(u, {**TRUTH, "sensitivity": 0.11}))
+    y += 0.001 * rng.normal(size=40000)
+    one = tracker(None, u=1e-3)
+    one.feed(u[:20100], y[:20100])
+    seen = one.changing
+    assert seen is not None
+    assert not one.alarms
+    one.feed(u[20100:], y[20100:])
+    assert one.changing is None
+    assert (one.alarms[0].time_s, one.alarms[0].detected_s) == seen
+
+
+def test_a_small_change_waits_for_its_name(rng):
+    """Of 0.1 %: a block tells it to a third."""
+    n = 1_000_000
+    u = motion("random", n, rng)
+    y = np.where(np.arange(n) < n // 2, answered(u), answered(u, {**TRUTH, "sensitivity": 0.1001}))
+    one = fed(tracker(None, u=1e-3), u, y + 0.01 * np.std(y) * rng.normal(size=n))
+    assert [alarm.what for alarm in one.alarms] == ["gain"]
+    assert abs(one.alarms[0].after - 0.1001) < 4.0 * one.alarms[0].u
 
 
 def test_a_second_mode_is_told_by_the_innovation(rng):

@@ -20,6 +20,8 @@ class Chunk:
         start_s: time of the first sample, s, by the source's clock; None: it follows the chunk before.
         clock_s: standard uncertainty of that time, s: what is within 3 of them of the expected one follows.
         separate: a record of its own, which follows no other.
+        sine: the motion is one tone.
+        tone_hz: its frequency, where it is known exactly.
         position: where a resumable source goes on after this chunk; 0: it cannot be left here.
     """
 
@@ -28,6 +30,8 @@ class Chunk:
     start_s: float | None = None
     clock_s: float = 0.0
     separate: bool = False
+    sine: bool = False
+    tone_hz: float | None = None
     position: int = 0
 
 

@@ -20,6 +20,7 @@ typedef double @N@_real;
 #define @GUARD@_CELL (2 * (3 + @P@)) /* states and their sensitivities */
 #define @GUARD@_AR @AR@
 #define @GUARD@_BLOCK @BLOCK@
+#define @GUARD@_PARTS @PARTS@ /* a block is of 2 to this power samples */
 #define @GUARD@_LEVELS @LEVELS@
 #define @GUARD@_TAPS @TAPS@
 #define @GUARD@_REFERENCES @REFERENCES@ /* samples that wait, at most */
@@ -38,21 +39,22 @@ typedef struct {
 
 /* What is carried from sample to sample; the names are those of the Python tracker's state. */
 typedef struct {
-    double point[@GUARD@_M], known[@GUARD@_M][@GUARD@_M + 1];
-    @N@_real cell[@GUARD@_CELL], rows[@GUARD@_AR][@GUARD@_M + 1], gram[@GUARD@_M + 1][@GUARD@_M + 1];
-    double own[4 + @GUARD@_AR], whitening[@GUARD@_AR], noise[6], lags[3 + @GUARD@_AR], clock[10];
-    double row[(@GUARD@_M + 1) * (@GUARD@_M + 1) + 2];
-    double pending[6], before[@GUARD@_M][@GUARD@_M + 1];
-    double ladder_known[@GUARD@_LEVELS][@GUARD@_M][@GUARD@_M + 1];
-    double ladder_gram[@GUARD@_LEVELS][@GUARD@_M + 1][@GUARD@_M + 1];
-    double ladder_meta[@GUARD@_LEVELS][7];
+    double point[@GUARD@_M], known[@GUARD@_M][@GUARD@_M + 1], own[4 + @GUARD@_AR], whitening[@GUARD@_AR], noise[6];
+    double lags[3 + @GUARD@_AR], clock[10], row[(@GUARD@_M + 1) * (@GUARD@_M + 1) + 2], pending[7];
+    double before[@GUARD@_M][@GUARD@_M + 1], ladder_known[@GUARD@_LEVELS][@GUARD@_M][@GUARD@_M + 1];
+    double ladder_gram[@GUARD@_LEVELS][@GUARD@_M + 1][@GUARD@_M + 1], ladder_meta[@GUARD@_LEVELS][7];
+    @N@_real cell[@GUARD@_CELL], rows[@GUARD@_AR][@GUARD@_M + 1];
+    @N@_real part[@GUARD@_PARTS + 1][(@GUARD@_M + 1) * (@GUARD@_M + 2) / 2];
     /* the cell at the point of linearisation */
     @N@_real phi[2][2], gamma[2][@GUARD@_INPUTS], c[2], d[@GUARD@_INPUTS];
     @N@_real d_phi[@P@][2][2], d_gamma[@P@][2][@GUARD@_INPUTS], d_c[@P@][2], d_d[@P@][@GUARD@_INPUTS];
     @N@_real white[@GUARD@_AR];
+    /* of segments of 1, 2, 4, ... rows: squared score and squares from which one is tested, and the less of them */
+    @N@_real limit[@GUARD@_PARTS], louder[@GUARD@_PARTS], least[@GUARD@_PARTS];
     /* samples that wait, twice, so that a window is in one piece */
     @N@_real reference[2 * @GUARD@_REFERENCES], response[2 * @GUARD@_RESPONSES];
-    int whitens, references, reference_next, responses, response_next;
+    unsigned row_next;
+    int tests, whitens, references, reference_next, responses, response_next;
     /* the corrector's line and coefficients */
     @N@_real line[2 * @GUARD@_CORRECTOR_TAPS], coefficient[3];
     @N@_alarm alarm[@GUARD@_ALARMS];
@@ -68,6 +70,8 @@ void @N@_begin(@N@_tracker *t, double time_s);
 int @N@_step(@N@_tracker *t, @N@_real reference, @N@_real response);
 /* No sample follows: take the block under way. */
 void @N@_finish(@N@_tracker *t);
+/* Whether a change is certain that is not named yet. */
+int @N@_changing(const @N@_tracker *t);
 /* Values and standard uncertainties; whether the motion since the last reading told each by itself. Returns the rms
  * of the innovation since then, negative where nothing moved. */
 double @N@_read(@N@_tracker *t, double value[@P@], double u[@P@], int excited[@P@]);

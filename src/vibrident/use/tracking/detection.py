@@ -7,7 +7,8 @@ With I, b information and right-hand side before and within a segment, and Δ a 
 the score (Lagrange-multiplier) test of Δ = 0 (Rao 1948); the segments of all lengths together are a generalised
 likelihood ratio over the time of change (Willsky & Jones 1976). A segment's own noise is tested against the noise
 before it by the ratio of variances. Every length has the same share of the stated rate of false alarms, so a
-threshold follows from that rate and the length alone.
+threshold follows from that rate and the length alone. Within a block the segments of 1, 2, 4, … samples are the digits
+of a binary counter; one is tested where the score of a single parameter, or its power, is beyond the threshold.
 """
 
 from __future__ import annotations
@@ -23,8 +24,6 @@ from vibrident.use.tracking.information import WITHIN
 SECONDS_A_DAY = 86400.0
 #: Chance below which a further parameter has changed as well, once a change is certain.
 FURTHER = 0.01
-#: Largest chance of a false alarm in one test.
-LARGEST = 0.05
 #: Kurtosis of normal noise; a smaller one is taken for it.
 NORMAL = 3.0
 
@@ -34,38 +33,58 @@ class Thresholds:
     """From a rate of false alarms: of T by its degrees of freedom, and of the normal deviate of a ratio of variances.
 
     Attributes:
-        change: shape (levels, P), of 1 … P degrees of freedom.
-        noise: shape (levels,).
+        change: of segments of 1, 2, 4, … samples, then blocks; shape (parts + levels, P), of 1 … P degrees of freedom.
+        noise: shape (parts + levels,).
+        louder: sum of squares that a segment within a block has at least to be louder, in units of the variance; shape
+            (parts,).
         further: of T, with 1 … P degrees of freedom, of what is left beside the parameters already named; shape (P,).
     """
 
     change: FloatArray
     noise: FloatArray
+    louder: FloatArray
     further: FloatArray
 
     @classmethod
-    def of(cls, per_day: float, block_s: float, levels: int, parameters: int) -> Thresholds:
-        """``per_day``: false alarms a day that are expected; ``block_s``: duration of a block, s."""
+    def of(cls, per_day: float, sample_s: float, parts: int, levels: int, parameters: int) -> Thresholds:
+        """``per_day``: false alarms a day that are expected; ``sample_s``: time of a sample, s."""
         from scipy.stats import chi2, norm
 
-        share = per_day * block_s * 2.0 ** np.arange(levels) / SECONDS_A_DAY / (2 * levels)
-        chance = np.minimum(share, LARGEST)
+        length = 2.0 ** np.arange(parts + levels)
+        chance = -np.expm1(-per_day * sample_s * length / SECONDS_A_DAY / (2 * len(length)))  # of one or more
         freedom = np.arange(1, parameters + 1)
-        change = chi2.isf(chance[:, None], freedom[None, :])
-        return cls(change, np.asarray(norm.isf(chance)), np.asarray(chi2.isf(FURTHER, freedom)))
+        change, noise = chi2.isf(chance[:, None], freedom[None, :]), np.asarray(norm.isf(chance))
+        a = 2.0 / 9.0 / length
+        louder = (length * (1.0 - a + noise * np.sqrt(a)) ** 3)[:parts]  # by Wilson & Hilferty, of normal noise
+        return cls(change, noise, louder, np.asarray(chi2.isf(FURTHER, freedom)))
 
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """A tested change: T, its degrees of freedom, the coordinates before, shape (P,), and their change, shape (P,).
+    """A tested change.
 
-    Coordinates are relative to the point of linearisation; what the segment does not tell has no change.
+    Attributes:
+        order: parameters in the order in which they explain most.
+        increments: of T, what each explains.
+        table: information about the changes and their score, shape (P, P + 1).
+        before: coordinates before, relative to the point of linearisation, and what a change takes from them, shape
+            (P, P + 1).
     """
 
-    statistic: float
-    columns: int
+    order: list[int]
+    increments: list[float]
+    table: FloatArray
     before: FloatArray
-    amount: FloatArray
+
+    @property
+    def statistic(self) -> float:
+        """T, with a degree of freedom for each parameter of the order."""
+        return sum(self.increments)
+
+    def least(self, further: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Coordinates before, and the change of the fewest parameters that explain it, shape (P,) each."""
+        amount = amounts(self.table, fewest(self.order, self.increments, further))
+        return self.before[:, 0] - self.before[:, 1:] @ amount, amount
 
 
 def change(known: FloatArray, segment: FloatArray, nuisances: int) -> Change:
@@ -88,9 +107,7 @@ def change(known: FloatArray, segment: FloatArray, nuisances: int) -> Change:
     table = np.empty((p, p + 1))
     table[:, :p] = segment[nuisances:m, nuisances:m] - across[:, 1:]
     table[:, p] = segment[nuisances:m, m] - across[:, 0]
-    order, increments = swept(table, segment.diagonal()[nuisances:m])
-    amount = amounts(table, order)
-    return Change(sum(increments), len(order), (solved[:, 0] - solved[:, 1:] @ amount)[nuisances:], amount)
+    return Change(*swept(table, segment.diagonal()[nuisances:m]), table, solved[nuisances:])
 
 
 def swept(table: FloatArray, size: FloatArray) -> tuple[list[int], list[float]]:
@@ -116,6 +133,18 @@ def swept(table: FloatArray, size: FloatArray) -> tuple[list[int], list[float]]:
     return order, increments
 
 
+def fewest(order: list[int], increments: list[float], further: FloatArray) -> list[int]:
+    """The first of an order of parameters that explain a change.
+
+    ``further``: T from which one more has changed, by the degrees of freedom that are left, shape (P,).
+    """
+    left, count = sum(increments), 0
+    while count < len(order) and left > further[len(order) - count - 1]:
+        left -= increments[count]
+        count += 1
+    return order[:count]
+
+
 def amounts(table: FloatArray, order: list[int]) -> FloatArray:
     """Changes of these parameters, where they alone have changed; zero for the others, shape (P,)."""
     found = np.zeros(len(table))
@@ -132,18 +161,13 @@ def named(
         before: shape (P,).
         after: shape (P,).
         covariance: of their difference, shape (P, P).
-        further: T from which one more has changed, by the degrees of freedom that are left, shape (P,).
+        further: as of :func:`fewest`.
     """
     inverse: FloatArray = np.asarray(np.linalg.inv(covariance), dtype=float)
     table = np.column_stack([inverse, inverse @ (after - before)])
-    order, increments = swept(table, inverse.diagonal())
-    left, count = sum(increments), 0
-    while count < len(order) and left > further[len(order) - count - 1]:
-        left -= increments[count]
-        count += 1
-    if not count:
+    chosen = fewest(*swept(table, inverse.diagonal()), further)
+    if not chosen:
         return []
-    chosen = order[:count]
     u = np.sqrt(np.linalg.inv(inverse[np.ix_(chosen, chosen)]).diagonal())
     changed = amounts(table, chosen)
     return [(place, float(changed[place]), float(each)) for place, each in zip(chosen, u, strict=True)]
@@ -158,6 +182,63 @@ def variance_deviate(ratio: float, above: float, below: float) -> float:
     """Normal deviate of a ratio of variances with these degrees of freedom (Wilson & Hilferty 1931)."""
     root, a, b = float(np.cbrt(ratio)), 2.0 / (9.0 * above), 2.0 / (9.0 * below)
     return ((1.0 - b) * root - (1.0 - a)) / float(np.sqrt(b * root**2 + a))
+
+
+def stretch(part: FloatArray, count: int, rows: FloatArray, first: int, end: int) -> FloatArray:
+    """Products of rows ``first`` … ``end`` of a block.
+
+    ``part``: those of its segments that make its first ``count`` rows, at the binary digits of that number; ``rows``:
+    those that follow, shape (…, m + 1).
+    """
+    new = rows[max(0, first - count) : end - count]
+    found = new.T @ new
+    for level in range(count.bit_length()):
+        if count >> level & 1 and (count >> (level + 1)) << (level + 1) >= first:
+            found += part[level]
+    return found
+
+
+def extend(part: FloatArray, count: int, rows: FloatArray) -> None:
+    """The segments of a block of ``count`` rows with further ones."""
+    total = count + len(rows)
+    for level in range(len(part) - 1, -1, -1):
+        first = (total >> (level + 1)) << (level + 1)
+        if not total >> level & 1:
+            part[level] = 0.0
+        elif first + (1 << level) > count:
+            part[level] = stretch(part, count, rows, first, first + (1 << level))
+
+
+def suspects(
+    part: FloatArray, count: int, rows: FloatArray, nuisances: int, limit: FloatArray, louder: FloatArray
+) -> list[tuple[int, int]]:
+    """End and level of each segment that ends in these rows and is to be tested, in the order of time.
+
+    Args:
+        part: as of :func:`stretch`.
+        count: likewise.
+        rows: likewise.
+        nuisances: columns before the parameters.
+        limit: of the squared score of a parameter over its information, shape (parts,).
+        louder: of the sum of squares, shape (parts,).
+    """
+    e, slopes, p = rows[:, -1:], rows[:, nuisances:-1], rows.shape[1] - 1 - nuisances
+    sums = np.concatenate([slopes * e, slopes**2, e**2], axis=1).T
+    found: list[tuple[int, int]] = []
+    for level in range(len(limit)):
+        tested = sums[-1] > min(limit[level], louder[level])  # no score is larger
+        if tested.any():
+            tested &= (sums[-1] > louder[level]) | (sums[:p] ** 2 > limit[level] * sums[p:-1]).any(axis=0)
+            found += [(int(count + place + 1) << level, level) for place in np.flatnonzero(tested)]
+        if count & 1:  # the first of these segments has its other half in the block so far
+            gram = part[level, nuisances:, nuisances:]
+            head = np.concatenate([gram[:p, p], gram.diagonal()])
+            sums, count = np.concatenate([head[:, None], sums], axis=1), count - 1
+        whole = sums.shape[1] // 2 * 2
+        if not whole:
+            break
+        sums, count = sums[:, :whole:2] + sums[:, 1:whole:2], count >> 1
+    return sorted(found)
 
 
 @dataclass(eq=False)

@@ -12,6 +12,11 @@ from vibrident.data.records import FloatArray
 
 #: Part of a column that rounding leaves where others can make it: such a column tells nothing.
 WITHIN = 1e-9
+#: Information that stands for none about a nuisance, in units of its first block's: a limit of the arithmetic.
+NONE = 1e-8
+#: Information that is left of a changed parameter, in units of one over its change squared: rounding loses as many
+#: digits, and the old value moves the new one by less than a hundredth of the u that shows the change.
+LEFT = 1e-4
 
 
 def triangle(gram: FloatArray) -> FloatArray:

@@ -18,8 +18,8 @@ class Knowledge:
 
     def __init__(self, network: Network, settings: Settings) -> None:
         self.network, self.settings = network, settings
-        block_s = settings.block * network.interval_s
-        self.thresholds = Thresholds.of(settings.false_alarms_per_day, block_s, settings.levels, network.parameters)
+        lengths = settings.parts, settings.levels
+        self.thresholds = Thresholds.of(settings.false_alarms_per_day, network.interval_s, *lengths, network.parameters)
         self.state = State.empty(network, settings)
 
     @property
@@ -30,7 +30,7 @@ class Knowledge:
     @property
     def before(self) -> FloatArray:
         """What was known before a change that is not named yet, shape (m, m + 1)."""
-        return self.state.pending[6:].reshape(self.state.known.shape)
+        return self.state.pending[7:].reshape(self.state.known.shape)
 
     def free_run(self) -> None:
         """State and offset of what follows are unknown."""
@@ -38,12 +38,13 @@ class Knowledge:
         n, p = net.order, net.parameters
         s.cell[:] = 0.0
         s.cell[n * (1 + p) :] = np.eye(n).ravel()
-        s.rows[:], s.own[:], s.gram[:] = 0.0, 0.0, 0.0
+        s.rows[:] = 0.0
+        s.drop_block()
         s.point[: n + 1] = 0.0
         s.known[: n + 1] = 0.0
         s.ladder.drop(n + 1)
         self.before[: n + 1] = 0.0
-        s.clock[5:7] = 0.0, 1.0
+        s.clock[6] = 1.0
 
     def walked(self) -> FloatArray:
         """What is known now, the random walk since the last time included."""
@@ -58,7 +59,7 @@ class Knowledge:
         """Move the point of linearisation, shape (m,); states and what is known move with it."""
         s, net = self.state, self.network
         n, p, k = net.order, net.parameters, net.nuisances
-        move[k:] = net.bounded(s.point[k:] + move[k:]) - s.point[k:]
+        move[k:] = net.moved(s.point[k:], move[k:]) - s.point[k:]
         s.point[n:] += move[n:]
         free, slopes = s.cell[n * (1 + p) :].reshape(n, n), s.cell[n : n * (1 + p)].reshape(p, n)
         s.cell[:n] += move[:n] @ free + move[k:] @ slopes
@@ -66,5 +67,5 @@ class Knowledge:
             known[:, -1] -= known[:, :-1] @ move
         s.rows[:, -1] -= s.rows[:, :-1] @ move
         s.ladder.shift(move)
-        side = s.gram.shape[0]
+        side = s.part.shape[1]
         s.row[:-2] = information.shifted(s.row[:-2].reshape(side, side), move).ravel()

@@ -8,11 +8,10 @@ from vibrident.data.records import FloatArray
 from vibrident.use.tracking import information
 from vibrident.use.tracking.changes import Changes
 from vibrident.use.tracking.knowledge import Knowledge
+from vibrident.use.tracking.state import OPENED
 
 #: Power of the response to the motion, in units of the noise's, from which a block counts: as the bins of a fit.
 EXCITED = 10.0
-#: Information that stands for none about a nuisance, in units of its first block's: a limit of the arithmetic.
-NONE = 1e-8
 
 
 class Learner:
@@ -25,7 +24,8 @@ class Learner:
         """The block under way is whole: learn from it, test it, begin the next."""
         s, net = self.knowledge.state, self.knowledge.network
         m, k = net.columns, net.nuisances
-        upper = information.triangle(s.gram)
+        gram = s.gram
+        upper = information.triangle(gram)
         squares = float(upper[m, m] ** 2)
         freedom = float(s.own[1] - np.count_nonzero(np.diag(upper)[:m]))
         known_noise = s.noise[1] > 0.0
@@ -37,12 +37,12 @@ class Learner:
             return
         if s.point[gain] ** 2 <= least:  # a dead channel: motion without a response tells the gain alone
             others = np.delete(np.arange(k, m), net.gain)
-            s.gram[others], s.gram[:, others] = 0.0, 0.0
-            upper = information.triangle(s.gram)
+            gram[others], gram[:, others] = 0.0, 0.0
+            upper = information.triangle(gram)
         fresh = bool(s.clock[6])
         if fresh:
             diagonal = np.arange(k)
-            s.known[diagonal, diagonal] = np.sqrt(NONE * np.maximum(np.diag(s.gram)[:k], 1e-300) / variance)
+            s.known[diagonal, diagonal] = np.sqrt(information.NONE * np.maximum(np.diag(gram)[:k], 1e-300) / variance)
             s.clock[6] = 0.0
         s.known[:], s.clock[3] = self.knowledge.walked(), self.knowledge.time_s
         learned = information.absorb(s.known, upper[:m] / np.sqrt(variance))
@@ -52,21 +52,21 @@ class Learner:
                 s.clock[9] = 1.0
                 self._learn_whitening(*lags)
                 s.lags[:] = 0.0
-            s.own[:], s.gram[:] = 0.0, 0.0
+            s.own[:], s.part[:] = 0.0, 0.0
             self.knowledge.move(information.solve(learned))
             return
-        before = (variance, float(s.noise[1]), self.changes.spread()) if known_noise else (0.0, 0.0, 0.0)
+        before = self.changes.noise() if known_noise else (0.0, 0.0, 0.0)
         start = self.knowledge.time_s - s.own[0] * net.interval_s
-        gram = s.gram / variance
-        if not s.pending[0]:
+        gram = gram / variance
+        if s.pending[0] != OPENED:
             s.ladder.add(s.known, gram, (squares, freedom, *before), start, int(s.clock[4]))
         s.known[:] = learned
         s.row[:-2] += gram.ravel()
         s.row[-2:] += (squares, freedom)
         s.noise += (squares, freedom, s.own[2], s.own[1], squares**2 / freedom, 1.0)
         s.clock[4] += 1.0
-        s.own[:], s.gram[:] = 0.0, 0.0
-        tested = self.changes.name() if s.pending[0] else self.changes.alarmed()
+        s.own[:], s.part[:] = 0.0, 0.0
+        tested = self.changes.name() if s.pending[0] == OPENED else self.changes.alarmed()
         if not tested and not self._moved(fresh=fresh):
             self._learn_whitening(*lags)
 
@@ -77,12 +77,12 @@ class Learner:
         return bool(away @ away > 2.0 * self.knowledge.thresholds.further[-1])
 
     def _moved(self, *, fresh: bool) -> bool:
-        """Move the point of linearisation where the estimate is more than u off, or the initial states are new."""
+        """Move the point of linearisation where the estimate is about u off, or the initial states are new."""
         s, net = self.knowledge.state, self.knowledge.network
         k = net.nuisances
         move = information.solve(s.known)
-        u = np.sqrt(np.diag(information.covariance(s.known, k)))
-        if not fresh and s.clock[4] > 1.0 and not np.any(np.abs(move[k:]) > u):
+        away = s.known[k:, k:-1] @ move[k:]
+        if not fresh and s.clock[4] > 1.0 and away @ away <= len(away):  # its square expects one a parameter
             return False
         self.knowledge.move(move)
         return True

@@ -28,7 +28,8 @@ from vibrident.physics.models.state_space import realise
 TAPS = 2 * HALF_WIDTH  # samples of the reference that the inputs of a step need
 SPAN = 16  # steps run at once
 STEP = 1e-100  # imaginary step, in units of the coordinate
-EDGE = 1e-6  # least natural frequency, damping or other positive parameter, in units of its scale
+#: Factor by which a positive parameter moves at once, at most: beyond it the linearisation says nothing.
+FURTHEST = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,9 +120,11 @@ class Network:
         """Whether each parameter is above zero, shape (P,)."""
         return np.array([spec.kind in ("log", "duration", "positive") for spec in self.model.parameters])
 
-    def bounded(self, coordinates: FloatArray) -> FloatArray:
-        """Coordinates within the range of the model, shape (P,)."""
-        return np.where(self.positive, np.maximum(coordinates, EDGE), coordinates)
+    def moved(self, point: FloatArray, move: FloatArray) -> FloatArray:
+        """Coordinates after a move, within the range of the model, shape (P,)."""
+        return point + np.where(
+            self.positive, np.clip(move, (1.0 / FURTHEST - 1.0) * point, (FURTHEST - 1.0) * point), move
+        )
 
     def weights(self, coordinates: FloatArray) -> tuple[Weights, list[Weights]]:
         """Weights of a step, and their derivatives by each coordinate."""
@@ -143,8 +146,8 @@ class Network:
 
     def inputs(self, reference: FloatArray, steps: int) -> FloatArray:
         """Inputs of so many steps, shape (steps, q), from steps + TAPS − 1 samples of the reference."""
-        windows = np.lib.stride_tricks.sliding_window_view(reference[: steps + TAPS - 1], TAPS)
-        return windows @ self.filters.T
+        needed = reference[: steps + TAPS - 1]
+        return np.array([np.correlate(needed, each, "valid") for each in self.filters], dtype=float).T
 
 
 @dataclass(frozen=True, eq=False)

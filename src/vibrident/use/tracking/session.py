@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from vibrident.data.records import FloatArray, Quantity
+from vibrident.data.records import FloatArray, Quantity, Record
 from vibrident.data.sources.source import Chunk
+from vibrident.fit.measure.tones import tone_frequency
 from vibrident.result import Result
+from vibrident.use.tracking.reference_noise import reference_noise
 from vibrident.use.tracking.state import Alarm, Estimate, Settings
 from vibrident.use.tracking.tracker import Tracker
 
 #: Longest time by which a chunk may be off and still follows, in sampling intervals.
 FOLLOWS = 0.5
-#: Standard uncertainties of its clock by which it may be off beyond that.
-CLOCKS = 3.0
+#: Standard uncertainties from which something is certain: of a chunk's clock beyond that, of the reference's noise.
+CERTAIN = 3.0
 
 
 @dataclass(frozen=True)
@@ -67,6 +69,7 @@ class Session:
         """
         sensor = result.to_sensor("tracking")
         sensor.require_uncertainty()
+        settings = replace(settings, model_error=float(result.settings.get("model_error", 0.0)))
         tracker = Tracker(sensor.model, sensor.values, sensor.covariance, rate_hz, quantity, settings)
         units = {name: result.parameters[name].unit for name in sensor.model.parameter_names}
         every = max(1, round(every_s * rate_hz))
@@ -103,19 +106,29 @@ class Session:
         expected = self.tracker.next_sample_s
         start = expected if chunk.start_s is None else chunk.start_s
         off = (start - expected) / net.interval_s
-        slack = FOLLOWS + CLOCKS * chunk.clock_s / net.interval_s
+        slack = FOLLOWS + CERTAIN * chunk.clock_s / net.interval_s
         if not self.started or chunk.separate:
             begin = start if not self.started or off > 0.0 else expected
-            self.tracker.begin(begin)
+            self.tracker.begin(begin, self._tone_hz(chunk))
             self.started = True
         elif off > slack:
             self.troubles.append(Trouble("lost", expected, round(off)))
-            self.tracker.begin(start)
+            self.tracker.begin(start, self._tone_hz(chunk))
         elif off < -slack:
             known = min(round(-off), len(response))
             self.troubles.append(Trouble("late" if known == len(response) else "doubled", start, known))
             reference, response = reference[known:], response[known:]
         return np.asarray(reference, dtype=float), np.asarray(response, dtype=float)
+
+    def _tone_hz(self, chunk: Chunk) -> float | None:
+        """Frequency of a sine, from its samples where it is not stated."""
+        if not chunk.sine or chunk.tone_hz is not None:
+            return chunk.tone_hz
+        good = np.isfinite(chunk.reference) & np.isfinite(chunk.response)
+        rate = 1.0 / self.tracker.network.interval_s
+        return tone_frequency(
+            Record("tone", np.where(good, chunk.reference, 0.0), np.where(good, chunk.response, 0.0), rate, valid=good)
+        )
 
     def document(self) -> dict[str, Any]:
         """What ``track.json`` says: plain values."""
@@ -134,4 +147,14 @@ class Session:
             "false_alarms_per_day": self.tracker.settings.false_alarms_per_day,
             "drift_per_year": self.tracker.settings.drift_per_year,
             "noise": self.tracker.noise,
+            "reference_noise": self._reference_noise(read),
         }
+
+    def _reference_noise(self, read: Estimate) -> dict[str, Any] | None:
+        """Rms of the reference's noise, and the parameters that it moves by more than their u, if it is certain."""
+        found = reference_noise(self.tracker) if self.tracker.noise else None
+        if found is None or not found.variance > CERTAIN * found.u:
+            return None
+        by_name = zip(read.values, found.shift.tolist(), strict=True)
+        moves = {name: shift for name, shift in by_name if abs(shift) > read.uncertainty[name]}
+        return {"value": found.variance**0.5, "u": 0.5 * found.u / found.variance**0.5, "moves": moves}

@@ -11,11 +11,13 @@ import numpy as np
 
 from vibrident.base.errors import InputError
 from vibrident.data.records import FloatArray
-from vibrident.use.tracking.detection import Ladder
+from vibrident.use.tracking.detection import Ladder, stretch
 from vibrident.use.tracking.network import Network
 
-TAG = b"VTR1"
+TAG = b"VTR2"
 HEAD = 16  # bytes before the numbers
+#: A change that is not named yet: its rows are still to come, or it is being learned.
+SEEN, OPENED = 1.0, 2.0
 WAITING = ("reference", "response")  # samples that wait for others
 
 
@@ -27,7 +29,8 @@ class Settings:
         false_alarms_per_day: expected of noise alone, in a day of motion.
         drift_per_year: random walk of each parameter, relative, in one year: its u grows by it where nothing is seen.
         reference_uncertainty: relative standard uncertainty of the reference, systematic; part of the gain's u.
-        block: steps in a block.
+        model_error: relative error of the model at a tone beside the noise, as the certificate states it.
+        block: steps in a block, a power of two.
         order: of the autoregression of the residual.
         levels: lengths of segments that are tested for a change, 1, 2, 4, … blocks.
     """
@@ -35,9 +38,15 @@ class Settings:
     false_alarms_per_day: float = 0.01
     drift_per_year: float = 0.01
     reference_uncertainty: float = 0.0
+    model_error: float = 0.0
     block: int = 1024
     order: int = 8
     levels: int = 16
+
+    @property
+    def parts(self) -> int:
+        """Lengths of segments within a block, 1, 2, 4, … samples."""
+        return self.block.bit_length() - 1
 
 
 @dataclass(frozen=True)
@@ -81,10 +90,7 @@ class State:
 
     point: FloatArray  # unknowns at the point of linearisation, shape (m,); zero for the initial states
     known: FloatArray  # square-root information about the unknowns less the point, shape (m, m + 1)
-    cell: FloatArray  # states and their sensitivities, shape (S,)
-    rows: FloatArray  # the last rows before whitening, shape (order, m + 1)
-    gram: FloatArray  # products of the whitened rows of the block under way, shape (m + 1, m + 1)
-    own: FloatArray  # of that block: steps, rows, fourth powers; then its autocovariance, shape (3 + order + 1,)
+    own: FloatArray  # of the block under way: steps, rows, fourth powers; autocovariance; shape (3 + order + 1,)
     whitening: FloatArray  # autoregression of the residual, shape (order,)
     # of the whitened residual: squares, degrees of freedom, fourth powers, rows; squares² over degrees of freedom of
     # each block, blocks; shape (6,)
@@ -95,10 +101,16 @@ class State:
     # unknown; samples of reference and response still to be left out; whether the point is settled; shape (10,)
     clock: FloatArray
     row: FloatArray  # products since the last row that was read, shape (m + 1, m + 1); its squares and rows behind
-    # a change that is not named yet: whether there is one, its time and that of its detection, s; variance of the noise
-    # before it, its degrees of freedom and spread; then what was known before it, shape (6 + m (m + 1),)
+    # a change that is not named yet: SEEN or OPENED, its time and that of its detection, s; variance of the noise
+    # before it, its degrees of freedom and spread; blocks that its naming may take; then what was known before it,
+    # shape (7 + m (m + 1),)
     pending: FloatArray
     ladder: Ladder
+    cell: FloatArray  # states and their sensitivities, shape (S,)
+    rows: FloatArray  # the last rows before whitening, shape (order, m + 1)
+    # products of the whitened rows of the block under way, in its segments of 1, 2, 4, … rows at the binary digits of
+    # their number, shape (parts + 1, m + 1, m + 1)
+    part: FloatArray
     # samples that wait for others
     reference: FloatArray = field(default_factory=lambda: np.zeros(0))
     response: FloatArray = field(default_factory=lambda: np.zeros(0))
@@ -110,24 +122,35 @@ class State:
         return cls(
             np.zeros(m),
             np.zeros((m, m + 1)),
-            np.zeros(n * (1 + p + n)),
-            np.zeros((settings.order, m + 1)),
-            np.zeros((m + 1, m + 1)),
             np.zeros(4 + settings.order),
             np.zeros(settings.order),
             np.zeros(6),
             np.zeros(3 + settings.order),
             np.array([0.0, 0.0, 0.0, np.nan, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]),
             np.zeros((m + 1) ** 2 + 2),
-            np.zeros(6 + m * (m + 1)),
+            np.zeros(7 + m * (m + 1)),
             Ladder.empty(settings.levels, m),
+            np.zeros(n * (1 + p + n)),
+            np.zeros((settings.order, m + 1)),
+            np.zeros((settings.parts + 1, m + 1, m + 1)),
         )
+
+    @property
+    def gram(self) -> FloatArray:
+        """Products of the whitened rows of the block under way, shape (m + 1, m + 1)."""
+        count = int(self.own[1])
+        return stretch(self.part, count, np.zeros((0, len(self.part.T))), 0, count)
+
+    def drop_block(self) -> None:
+        """Leave the rows of the block under way out, and what whitening would look back to."""
+        self.own[:], self.part[:], self.clock[5] = 0.0, 0.0, 0.0
 
     @property
     def parts(self) -> list[FloatArray]:
         """All numbers but waiting samples, in the order in which they are saved; to be written in place."""
         own = [getattr(self, each.name) for each in fields(self) if each.name not in ("ladder", *WAITING)]
-        return [*own, self.ladder.known, self.ladder.gram, self.ladder.meta]
+        own[9:9] = self.ladder.known, self.ladder.gram, self.ladder.meta
+        return own
 
     def save(self) -> bytes:
         """Little-endian: a tag, the counts of numbers and of samples of either channel, they, and a CRC-32."""

@@ -16,13 +16,16 @@ import numpy as np
 from vibrident.data.records import FloatArray, Quantity
 from vibrident.physics.models import SensorModel
 from vibrident.use.tracking import information
+from vibrident.use.tracking.detection import NORMAL, extend
 from vibrident.use.tracking.knowledge import Knowledge
 from vibrident.use.tracking.learner import Learner
 from vibrident.use.tracking.network import TAPS, Linearised, Network
 from vibrident.use.tracking.state import Alarm, Estimate, Settings
+from vibrident.use.tracking.tones import Tone
 
-#: Part of what a motion tells of a parameter that the others leave: one tone in a reference with noise of 1 % has less.
-ALONE = 1e-3
+#: Part of what a motion tells of a parameter that the others leave: condition indices above 30 are harmful collinearity
+#: (Belsley, Kuh & Welsch 1980, ch. 3).
+ALONE = 1.0 / 30.0**2
 #: Part of a block that sets the point of linearisation, where it is not settled.
 FIRST = 8
 #: Steps taken from the reference at once.
@@ -69,10 +72,16 @@ class Tracker:
         """What changed so far, in the order in which it was certain."""
         return self._learner.changes.alarms
 
-    def begin(self, time_s: float) -> None:
-        """A run of samples begins: its first is of this time; what came before it does not tell its state."""
+    def begin(self, time_s: float, tone_hz: float | None = None) -> None:
+        """A run of samples begins: its first is of this time; what came before it does not tell its state.
+
+        ``tone_hz``: its motion is a tone of this frequency, which counts as a whole when the run ends.
+        """
         self.finish()
         s, first = self.state, self.network.first
+        if (self._tone is None) != (tone_hz is None):  # the residual's unit is another
+            s.noise[:], s.lags[:], s.whitening[:], s.ladder.meta[:], s.clock[4] = 0.0, 0.0, 0.0, 0.0, 0.0
+        self._tone = None if tone_hz is None else Tone.of(tone_hz, self.network.interval_s)
         if np.isnan(s.clock[3]) or (s.clock[1] == 0.0 and s.clock[3] == s.clock[0]):  # nothing came so far
             s.clock[3] = time_s
         s.reference, s.response = np.zeros(0), np.zeros(0)
@@ -83,6 +92,9 @@ class Tracker:
     def feed(self, reference: FloatArray, response: FloatArray) -> None:
         """Samples that follow those before; ones that are not numbers are a gap. Both of shape (samples,)."""
         good = np.isfinite(reference) & np.isfinite(response)
+        if self._tone is not None:
+            self._feed_tone(self._tone, reference, response)
+            return
         if good.all():
             self._feed(reference, response)
             return
@@ -97,7 +109,9 @@ class Tracker:
 
     def finish(self) -> None:
         """No sample follows: take the steps of the block under way."""
-        if self.state.own[1] > 0.0:
+        if self._tone is not None:
+            self._end_tone(self._tone)
+        elif self.state.own[1] > 0.0:
             self._learner.end_block()
 
     def read(self) -> Estimate:
@@ -105,10 +119,10 @@ class Tracker:
         s, net = self.state, self.network
         names, k = net.model.parameter_names, net.nuisances
         move = information.solve(self.knowledge.walked())[k:]
-        values = net.bounded(s.point[k:] + move) * net.scale
+        values = net.moved(s.point[k:], move) * net.scale
         covariance = information.covariance(self.knowledge.walked(), k) * np.outer(net.scale, net.scale)
         covariance[net.gain, net.gain] += (self.settings.reference_uncertainty * values[net.gain]) ** 2
-        gram, squares, rows = s.row[:-2].reshape(s.gram.shape), s.row[-2], s.row[-1]
+        gram, squares, rows = s.row[:-2].reshape(s.part.shape[1:]), s.row[-2], s.row[-1]
         seen = information.triangle(information.without_nuisances(gram, k))[k:-1, k:-1]
         excited: tuple[str, ...] = ()
         if (np.diag(seen) > 0.0).all():
@@ -128,10 +142,15 @@ class Tracker:
         )
 
     @property
+    def changing(self) -> tuple[float, float] | None:
+        """Time of a change that is certain but not named yet, and of its detection, s."""
+        return (float(self.state.pending[1]), float(self.state.pending[2])) if self.state.pending[0] else None
+
+    @property
     def noise(self) -> float | None:
-        """Standard deviation of the whitened residual, response unit; None where it is not known."""
+        """Standard deviation of the whitened residual, response unit; None where it is not known, or of tones."""
         squares, freedom = self.state.noise[:2].tolist()
-        return (squares / freedom) ** 0.5 if freedom > 0.0 else None
+        return (squares / freedom) ** 0.5 if freedom > 0.0 and self._tone is None else None
 
     @property
     def time_s(self) -> float:
@@ -156,6 +175,34 @@ class Tracker:
             self._take(net.inputs(s.reference, steps), s.response[:steps])
             s.reference, s.response = s.reference[steps:], s.response[steps:]
 
+    def _feed_tone(self, tone: Tone, reference: FloatArray, response: FloatArray) -> None:
+        """Whole stretches of a tone."""
+        s, interval = self.state, self.network.interval_s
+        s.clock[1:3] += len(response)
+        held = np.concatenate([s.reference, reference]), np.concatenate([s.response, response])
+        whole = len(held[0]) // tone.length * tone.length
+        for at in range(0, whole, tone.length):
+            tone.take(held[0][at : at + tone.length], held[1][at : at + tone.length], interval)
+        s.reference, s.response = held[0][whole:], held[1][whole:]
+
+    def _end_tone(self, tone: Tone) -> None:
+        """Learn from a tone: a block of two rows, and one that holds what is known of their variance."""
+        s, k = self.state, self.network.nuisances
+        rows, freedom = tone.rows(self.network, s.point[k:], self.settings.model_error)
+        tone.amplitudes.clear()
+        s.reference, s.response = np.zeros(0), np.zeros(0)
+        if not freedom:
+            return
+        count = int(freedom) + k + len(rows)
+        table = np.eye(k + 3, s.part.shape[1])  # the nuisances are zero
+        table[k : k + 2, k:], table[-1] = rows, 0.0
+        table[-1, -1] = np.sqrt(freedom)
+        s.part[(count & -count).bit_length() - 1] = table.T @ table
+        s.own[:4] = s.clock[2], count, NORMAL * count, count
+        s.clock[9] = 1.0
+        self._learner.end_block()
+        s.row[-2:] = 0.0
+
     def _take(self, inputs: FloatArray, response: FloatArray) -> None:
         """Steps with their inputs, shape (steps, q), and responses, shape (steps,)."""
         s, done = self.state, 0
@@ -163,15 +210,14 @@ class Tracker:
             length = self.settings.block if s.clock[9] else self.settings.block // FIRST
             steps = min(length - int(s.own[0]), len(response) - done)
             part = slice(done, done + steps)
-            self._accumulate(inputs[part], response[part])
-            done += steps
+            done += self._accumulate(inputs[part], response[part])
             if s.own[0] >= length:
                 self._learner.end_block()
 
-    def _accumulate(self, inputs: FloatArray, response: FloatArray) -> None:
-        """Take steps into the block under way."""
+    def _accumulate(self, inputs: FloatArray, response: FloatArray) -> int:
+        """Take steps into the block under way, up to the first at which a change is certain; returns their number."""
         s, net = self.state, self.network
-        out, s.cell[:] = self._linearised.run(s.cell, inputs)
+        out, cell = self._linearised.run(s.cell, inputs)
         n, order, m = net.order, self.settings.order, net.columns
         rows = np.empty((order + len(response), m + 1))
         rows[:order] = s.rows
@@ -183,14 +229,23 @@ class Tracker:
             white += s.whitening[lag] * rows[order - 1 - lag : -1 - lag]
         skipped = min(len(new), max(0, order - int(s.clock[5])))
         white, e = white[skipped:], rows[:, m]
+        count = int(s.own[1])
+        seen = self._learner.changes.seen(count, white)
+        if seen and seen[0] - count < len(white):
+            self._accumulate(inputs[: skipped + seen[0] - count], response[: skipped + seen[0] - count])
+            return skipped + seen[0] - count
+        s.cell[:] = cell
         s.clock[5] = min(order, s.clock[5] + len(response))
-        s.gram += white.T @ white
+        extend(s.part, count, white)
         s.own[:3] += (len(response), len(white), np.sum(white[:, m] ** 4))
         late = e[order + skipped :]
         for lag in range(order + 1):
             s.own[3 + lag] += late @ e[order + skipped - lag : len(e) - lag]
         s.rows[:] = rows[len(response) :]
         s.clock[2] += len(response)
+        if seen:
+            self._learner.changes.begin(1 << seen[1])
+        return len(response)
 
     @property
     def _linearised(self) -> Linearised:
@@ -199,6 +254,7 @@ class Tracker:
             self._cached = at.copy(), Linearised.at(self.network, at)
         return self._cached[1]
 
+    _tone: Tone | None = None
     _cached: tuple[FloatArray, Linearised] | None = None
 
 

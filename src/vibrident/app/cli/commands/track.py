@@ -127,10 +127,13 @@ def _of_records(calibration: Path, known: Any) -> tuple[float | None, float]:
 
 
 def _run(chunks: Iterator[Chunk], session: Session, files: Files, show: Any, *, resumable: bool) -> None:
-    said = len(session.alarms), len(session.troubles)
+    said, changing = (len(session.alarms), len(session.troubles)), session.tracker.changing
     for chunk in chunks:
         rows = session.take(chunk)
         files.write(rows)
+        if session.tracker.changing not in (changing, None):
+            changing = session.tracker.changing
+            note(f"Something changed at {changing[0]:.12g} s; what it was is said when it is learned.")
         for alarm in session.alarms[said[0] :]:
             change = f"{alarm.parameter} {alarm.before:.6g} → {alarm.after:.6g}"
             note(f"Alarm at {alarm.time_s:.12g} s: {change}: {alarm.what}")
