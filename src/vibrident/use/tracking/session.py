@@ -10,7 +10,7 @@ import numpy as np
 
 from vibrident.data.records import FloatArray, Quantity, Record
 from vibrident.data.sources.source import Chunk
-from vibrident.fit.measure.tones import tone_frequency
+from vibrident.fit.response.tones import tone_frequency
 from vibrident.result import Result
 from vibrident.use.tracking.reference_noise import reference_noise
 from vibrident.use.tracking.state import Alarm, Estimate, Settings

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from vibrident.data.records import FloatArray
-from vibrident.fit.measure.response import ComplexArray
-from vibrident.fit.measure.tones import HARMONICS
+from vibrident.fit.response.response import ComplexArray
+from vibrident.fit.response.tones import HARMONICS
 from vibrident.physics.models.slopes import response_and_slopes
 from vibrident.use.tracking.network import Network
 
