@@ -90,6 +90,7 @@ def certificate(result: Result, issue: Issue = NOTHING_MORE) -> Document:
         letterhead=letterhead(result, say, issue.logo),
         draft=say("title", "draft") if missing(result) else "",
         language=say.codes[0],
+        second_language="".join(say.codes[1:]),
     )
 
 

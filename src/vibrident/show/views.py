@@ -296,6 +296,7 @@ class Document:
     letterhead: Letterhead | None = None
     draft: str = ""  # across each page
     language: str = "en"
+    second_language: str = ""
 
 
 def section(name: str, title: str, *blocks: Block | None) -> Section:

@@ -217,11 +217,14 @@ def test_a_certificate_in_other_languages(tmp_path, codes, title, last):
 
 
 def test_chinese_needs_a_font_and_says_so(tmp_path, monkeypatch):
+    """As the second language too: without, each of its letters was an empty box."""
+    second, _ = issued(full(table2()), [file(tmp_path, WHOLE + 'language = "de"\nsecond_language = "zh"\n')])
     result, _ = issued(full(table2()), [file(tmp_path, WHOLE + 'language = "zh"\n')])
     assert certificate.title(result, Say.of(result)) == "校准证书"
     monkeypatch.setattr(pdf, "_CHINESE", ("no such font",))
-    with pytest.raises(InputError, match="fonts"):
-        report.content(result, "pdf")
+    for one in (result, second):
+        with pytest.raises(InputError, match="fonts"):
+            report.content(one, "pdf")
     families = typst.Fonts(include_system_fonts=True).families()
     monkeypatch.undo()
     if set(families) & set(pdf._CHINESE):

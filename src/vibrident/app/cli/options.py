@@ -106,7 +106,7 @@ RESULT_FILE = argument("RESULT", "result.json of an identification.")
 CERTIFICATE_FILES = option(
     "--certificate",
     "FILE.toml",
-    "What a certificate states, [certificate] and [sensor], given after the fit; of several files the last one counts.",
+    "What a certificate states, given after the fit; of several files the last one counts.",
     default="as in the calibration file",
 )
 RESULT_FILES = argument("RESULT...", "result.json, one or more.")

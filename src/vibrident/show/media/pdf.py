@@ -59,7 +59,7 @@ def render(document: Document, template: Path | None = None, fonts: Iterable[Pat
     places = [str(folder) for folder in fonts]
     known = typst.Fonts(include_system_fonts=foreign, font_paths=places).families() if foreign or places else []
     data["fonts"] = [name for name in _CHINESE if name in known][:1] if foreign else []
-    if document.language == "zh" and not data["fonts"]:
+    if "zh" in (document.language, document.second_language) and not data["fonts"]:
         raise _no_font()
     # No clock, and no fonts of this machine where typst's own has all the letters.
     noon = datetime.datetime.combine(day or datetime.date(2000, 1, 1), datetime.time(12), datetime.UTC)
@@ -98,7 +98,7 @@ def _no_font() -> InputError:
         "No font with Chinese letters was found.",
         expected="one of " + ", ".join(_CHINESE),
         found="none of them on this machine",
-        where="[certificate] language",
+        where="[certificate] language, second_language",
         remedy="install one, such as Noto Serif CJK, or name the folder that holds it: [certificate] fonts",
     )
 
