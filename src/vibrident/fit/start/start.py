@@ -223,7 +223,12 @@ def extended(problem: FrequencyProblem, model: SensorModel, values: Mapping[str,
     near = LogCoordinates(model, problem.quantity, some.frequency_hz, 1.0 / (2.0 * np.pi * problem.band_hz[1]))
     known = {name: values.get(name, 0.0) for name in model.parameter_names}
     # From zero a logarithm does not return: what ended there begins at each place of its grid.
-    ended = [{s.name: g} for s in model.parameters if s.kind == "positive" and known[s.name] < LEAST for g in s.grid]
+    ended = [
+        {spec.name: value}
+        for spec in model.parameters
+        if spec.kind == "positive" and known[spec.name] < LEAST and isinstance(spec.grid, tuple)
+        for value in spec.grid
+    ]
     here = np.array([near.place(known | other)[0] for other in ended or [{}]])
     lacking = [name for name in model.parameter_names if name not in values]
     kept = _likely(_with_guesses(here, model, problem.band_hz, lacking), len(here), some, near)

@@ -41,7 +41,7 @@ def reference_noise(tracker: Tracker) -> ReferenceNoise | None:
     if not (rows > 0.0 and s.noise[1] > 0.0):
         return None
     r = s.lags[2:] / rows
-    turns: FloatArray = (np.arange(POINTS) + 0.5) / (2.0 * POINTS)
+    turns = np.asarray((np.arange(POINTS) + 0.5) / (2.0 * POINTS), dtype=float)
     values = dict(zip(net.model.parameter_names, s.point[k:] * net.scale, strict=True))
     h, slopes = response_and_slopes(net.model, values, turns / net.interval_s, net.quantity)
     waves = np.cos(2.0 * np.pi * np.outer(np.arange(len(r)), turns))
