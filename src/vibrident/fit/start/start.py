@@ -33,14 +33,10 @@ from vibrident.fit.start.search import (
 )
 from vibrident.physics.models import SensorModel
 
-FREQUENCIES_PER_DECADE = 24
-DECADES_OUTSIDE = 1.5
-#: Most points of the search.
-MOST_POINTS = 200
-#: Most points by which the grid of add-ons is compared.
-MOST_SCORED_POINTS = 80
-#: Most points of the last step.
-MOST_FINAL_POINTS = 800
+#: Natural frequencies of the grid: so many a decade, and so many decades outside the band.
+FREQUENCIES_PER_DECADE, DECADES_OUTSIDE = 24, 1.5
+#: Most points of the search, by which the grid of add-ons is compared, and of the last step.
+MOST_POINTS, MOST_SCORED_POINTS, MOST_FINAL_POINTS = 200, 80, 800
 #: Cores that are taken from the grid.
 CORES = 6
 #: Combinations of cores with add-ons that go down some steps.
