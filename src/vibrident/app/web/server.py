@@ -7,9 +7,8 @@ import ipaddress
 import os
 import socket
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 from vibrident.app.web.confinement import possible
 from vibrident.app.web.door import Door, team
@@ -43,7 +42,8 @@ def serve(
     proxy: str | None = None,
     user_header: str | None = None,
     audit: Path | None = None,
-    say: Any = print,
+    say: Callable[[str], None] = print,
+    note: Callable[[str], None] = print,
 ) -> None:
     """Serve the page until interrupted.
 
@@ -60,6 +60,7 @@ def serve(
         user_header: header in which the proxy says who has signed in.
         audit: file of what was done by whom; None for one in the user's data folder where people sign in.
         say: called with the address.
+        note: called with what to know before.
 
     Raises:
         InputError: the address or the port cannot be used, or others could use the page without signing in.
@@ -76,7 +77,7 @@ def serve(
     try:
         build(limit_mb, home, names=own_names(host) | frozenset(names), store=store, keep_s=keep_s, door=door)
         if door is not None and not possible():
-            say("Readers of files are not confined: bubblewrap is missing here or not allowed (docs/security.md).")
+            note("Readers of files are not confined: bubblewrap is missing here or not allowed (docs/security.md).")
         say(f"http://{_bracketed(reachable(host))}:{chosen}/")
         ui.run(
             host=host,

@@ -63,7 +63,7 @@ def serve(
     own = chosen(store) if store is not None or host in LOOPBACK else None  # others have no business in one's own
     team = {"auth": auth, "proxy": proxy, "user_header": user_header, "audit": audit}
     files = {"limit_mb": limit_mb, "store": own, "keep_h": keep}
-    context.obj(host=host, port=port, show=not no_browser, names=name or (), say=say, **files, **team)
+    context.obj(host=host, port=port, show=not no_browser, names=name or (), say=say, note=note, **files, **team)
 
 
 def _add(auth: Path | None, account: str) -> None:
