@@ -62,7 +62,7 @@ def identify_temperatures(groups: Mapping[float, Calibration], identify: Callabl
     reference = min(max(reference, min(results)), max(results))
     nearest = min(results, key=lambda t: abs(t - reference))
     base = results[nearest]
-    names = [name for name, p in base.parameters.items() if not p.derived or name == "resonance_frequency"]
+    names = [name for name, p in base.parameters.items() if not p.derived or p.unit == "Hz"]
     lines = {name: found for name in names if (found := _line(results, name, reference)) is not None}
     settings = {
         **base.settings,
@@ -107,11 +107,12 @@ def _line(results: Mapping[float, Result], name: str, reference: float) -> dict[
 
 
 def _scatter(result: Result, name: str) -> float | None:
-    """Type A standard uncertainty of a parameter; of a derived frequency in proportion to the natural frequency's."""
+    """Type A standard uncertainty of a parameter; of a derived frequency in proportion to the first it follows from."""
     parameter = result.parameters.get(name)
     if parameter is None or parameter.standard_uncertainty is None:
         return None
-    source = "natural_frequency" if parameter.derived else name
+    frequencies = (other for other, p in result.parameters.items() if not p.derived and p.unit == "Hz")
+    source = next(frequencies, name) if parameter.derived else name
     rows = [row for row in result.settings.get("uncertainty_budget") or () if row.get("type") == "A"]
     own = math.sqrt(sum(float(row["contributions"].get(source) or 0.0) ** 2 for row in rows))
     whole = result.parameters[source].standard_uncertainty

@@ -67,7 +67,7 @@ def test_what_is_no_data_what_is_there_and_what_has_no_room_is_refused(session):
     with pytest.raises(InputError, match="format is not known"):
         session.place_for("data.npy", 1)
     with pytest.raises(InputError, match="A spreadsheet is not read"):
-        session.place_for("data.xlsx", 1)
+        session.place_for("data.ods", 1)
     place = session.place_for("../a.csv", 600_000)
     assert place == session.data / "a.csv"
     place.write_bytes(b"x" * 600_000)

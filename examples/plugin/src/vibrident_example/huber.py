@@ -11,13 +11,13 @@ from typing import ClassVar
 import numpy as np
 
 from vibrident.base.errors import ModelError
+from vibrident.fit.descent.optimise import levenberg_marquardt, silent
 from vibrident.fit.estimators import Estimate, Estimator
 from vibrident.fit.estimators.base import Setting
-from vibrident.fit.estimators.optimise import levenberg_marquardt, silent
-from vibrident.fit.estimators.start import find_start
 from vibrident.fit.information import inverse_normal
 from vibrident.fit.problem import Coordinates, Local
 from vibrident.fit.problem.frequency_domain import response_jacobian, response_residual
+from vibrident.fit.start.start import find_start
 
 ROUNDS = 10
 

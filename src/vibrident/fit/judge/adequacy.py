@@ -60,7 +60,8 @@ class Judgement:
         points: what the adequacy is made of, those of the tones first.
         found: systematic effects that were found in the data.
         effects: stated and found ones, and how much of each the data show, in its standard uncertainties.
-        remedied: whether another model explains the data, so that all else in the residual is misfit.
+        remedied: χ²/ν of another model that explains the data, so that all else in the residual is misfit; None
+            where none does.
     """
 
     adequacy: Adequacy
@@ -74,7 +75,7 @@ class Judgement:
     points: tuple[Points, ...] = ()
     found: tuple[SystematicEffect, ...] = ()
     effects: tuple[tuple[SystematicEffect, float], ...] = ()
-    remedied: bool = False
+    remedied: float | None = None
 
 
 def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:

@@ -50,11 +50,11 @@ def second_thoughts(
     """
     warnings = list[ResultWarning]()
     # Without stated uncertainties a table that is misread is one that scatters.
-    doubted = not (judgement.adequacy.adequate or judgement.remedied) or judgement.scatter is not None
+    doubted = not judgement.adequacy.adequate or judgement.scatter is not None
     angular = _angular_frequencies(evidence)
     misread = [] if angular is None else [ResultWarning("units_suspect", angular)]
     if doubted and not misread and judgement.adequacy.degrees_of_freedom > 0:
-        misread = _misread(evidence, estimate)
+        misread = _misread(evidence, estimate, judgement.remedied)
     warnings += _reference_noise(estimate)
     warnings += _others(evidence, estimate, judgement, covariance)
     return warnings + misread
@@ -92,8 +92,8 @@ def _reference_noise(estimate: Estimate) -> list[ResultWarning]:
     return [ResultWarning("reference_noise", text)]
 
 
-def _misread(evidence: Evidence, estimate: Estimate) -> list[ResultWarning]:
-    """A reading of the same data in other units, if it fits far better than by chance."""
+def _misread(evidence: Evidence, estimate: Estimate, remedied: float | None) -> list[ResultWarning]:
+    """A reading of the same data in other units, if it fits far better than by chance, and no worse than a remedy."""
     problem = evidence.first_look
     if problem is None:
         return []
@@ -101,7 +101,8 @@ def _misread(evidence: Evidence, estimate: Estimate) -> list[ResultWarning]:
     for text, other in _readings(problem, evidence.calibration.table):
         cost, _ = _cost(other, evidence.model)
         ratio = declared / max(cost, np.finfo(float).tiny)
-        if ratio > BETTER and cost < WELL and f_tail(freedom, freedom, ratio) < CHANCE:
+        worse = remedied is not None and f_tail(1, freedom, (cost - remedied) * freedom / max(remedied, 1.0)) < CHANCE
+        if ratio > BETTER and cost < WELL and f_tail(freedom, freedom, ratio) < CHANCE and not worse:
             return [ResultWarning("units_suspect", f"{text} (χ²/dof {cost:.3g} in place of {declared:.3g}).")]
     return []
 

@@ -54,7 +54,7 @@ def examined(
         for number, group in enumerate(groups)
         if group.impact >= MATTERS or (unexplained and number == 0) or _always(evidence, group.found[0].code)
     ]
-    if judgement.remedied:  # what another model explains is no defect of the data
+    if judgement.remedied is not None:  # what another model explains is no defect of the data
         matter = []
     return findings, [words.warning(group) for group in matter]
 

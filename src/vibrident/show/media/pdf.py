@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import datetime
 import json
-import tempfile
 from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path
@@ -63,24 +62,20 @@ def render(document: Document, template: Path | None = None, fonts: Iterable[Pat
         raise _no_font()
     # No clock, and no fonts of this machine where typst's own has all the letters.
     noon = datetime.datetime.combine(day or datetime.date(2000, 1, 1), datetime.time(12), datetime.UTC)
-    with tempfile.TemporaryDirectory() as folder:  # typst reads nothing outside it
-        root = Path(folder)
-        (root / "document.typ").write_bytes((template or _TEMPLATE).read_bytes())
-        (root / "logo").write_bytes(logo)
-        try:
-            return typst.compile(
-                str(root / "document.typ"),
-                root=folder,
-                format="pdf",
-                font_paths=places,
-                sys_inputs={"document": json.dumps(data, ensure_ascii=False, default=str)},
-                ignore_system_fonts=not foreign,
-                timestamp=int(noon.timestamp()),
-            )
-        except RuntimeError as error:
-            if template is None and not logo:
-                raise
-            raise _not_set(template, error) from error
+    try:
+        return typst.compile(
+            {"main": (template or _TEMPLATE).read_bytes(), "logo": logo},
+            root=str(_TEMPLATE.parent),  # typst reads nothing outside it
+            format="pdf",
+            font_paths=places,
+            sys_inputs={"document": json.dumps(data, ensure_ascii=False, default=str)},
+            ignore_system_fonts=not foreign,
+            timestamp=int(noon.timestamp()),
+        )
+    except RuntimeError as error:
+        if template is None and not logo:
+            raise
+        raise _not_set(template, error) from error
 
 
 def _not_set(template: Path | None, error: Exception) -> InputError:
