@@ -41,6 +41,12 @@ def python(result: Result):
     return tracker_of(sensor_of(result, None), RATE_HZ, Settings())
 
 
+def lost_by_inversion(tracker) -> float:
+    """Part of u that rounding takes where R is inverted: m ε cond(R), which an alarm that opens a parameter enlarges."""
+    root = tracker.knowledge.walked()[tracker.network.nuisances :, tracker.network.nuisances : -1]
+    return len(root) * np.finfo(float).eps * float(np.linalg.cond(root))
+
+
 def numbers(state: bytes):
     return np.frombuffer(state[16:-4])
 
@@ -86,7 +92,7 @@ def test_both_say_the_same(case, which):
         at = cut
         found, (value, uncertainty, excited, rms) = one.read(), other.read()
         assert value == pytest.approx(list(found.values.values()), rel=1e-9)
-        assert uncertainty == pytest.approx(list(found.uncertainty.values()), rel=1e-9)
+        assert uncertainty == pytest.approx(list(found.uncertainty.values()), rel=max(1e-9, lost_by_inversion(one)))
         assert tuple(name for name, e in zip(names, excited, strict=True) if e) == found.excited
         assert (rms if rms >= 0.0 else np.nan) == pytest.approx(found.innovation, rel=1e-9, nan_ok=True)
     ours, theirs = numbers(one.state.save()), numbers(other.save())

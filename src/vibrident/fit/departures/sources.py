@@ -28,6 +28,7 @@ from vibrident.fit.uncertainty.adequacy import Points
 from vibrident.fit.uncertainty.budget import Place, effects_of, patterns
 from vibrident.fit.uncertainty.linearised import Linearised
 from vibrident.physics.discretisation.inputs import USABLE_BAND
+from vibrident.physics.models import SensorModel
 from vibrident.physics.models.slopes import response_and_slopes
 
 #: Largest part of a record that is left out for a length that transforms fast.
@@ -218,14 +219,24 @@ def _in_time(
     nuisance = np.asarray(fft.rfft(np.stack([used * 1.0, used * np.linspace(-1.0, 1.0, n)])))
     one_sided = np.where((np.arange(bins.size) > 0) & (np.arange(bins.size) <= USABLE_BAND * n), 2.0, 0.0)
     if pull is not None:
-        nuisance = np.concatenate([nuisance, _beside_tone(evidence, estimate, over, transfer, hz, turns)])
+        free = np.asarray(fft.rfft(_free_motion(model, values, record.sampling_rate_hz, used)))
+        nuisance = np.concatenate([nuisance, free, _beside_tone(evidence, estimate, over, transfer, hz, turns)])
     floor = (np.finfo(float).eps * float(np.max(np.abs(record.response[span]))) / unit) ** 2
-    freed = projected(own, nuisance, np.sqrt(one_sided))
+    beside = nuisance if pull is None else np.concatenate([nuisance, columns])  # a misfit of the tone is no noise
+    freed = projected(own, beside, np.sqrt(one_sided))
     spectrum = noise_spectrum(freed, _beside_harmonics(seen, n, turns), floor)
     if spectrum.tones:
         nuisance = np.concatenate([nuisance, np.asarray(fft.rfft(waves(spectrum.tones, n) * used, axis=1))])
     signals = left, bins, motion, columns, transfer, nuisance
     return Signals(record, span, used, *signals, spectrum, unit, one_sided, pull, turns)
+
+
+def _free_motion(model: SensorModel, values: dict[str, float], rate_hz: float, used: BoolArray) -> FloatArray:
+    """Free motion of the poles that last longer than a sample, zero where not used, shape (q, n)."""
+    poles = np.roots(np.array(model.rational(values).denominator[::-1], dtype=float)).astype(complex) / rate_hz
+    lasting = poles[(poles.imag >= 0.0) & (poles.real < 0.0) & (poles.real >= -1.0)]
+    waves_of = np.exp(lasting[:, None] * np.arange(used.size)) * used
+    return np.concatenate([waves_of.real, waves_of.imag[lasting.imag > 0.0]])
 
 
 def _beside_harmonics(motion: Motion, samples: int, turns: float | None) -> Motion:

@@ -11,7 +11,7 @@ import numpy as np
 from vibrident.base.amounts import plain
 from vibrident.base.errors import VibridentError
 from vibrident.fit.judge.attempts import MOST_LEFT, Attempt
-from vibrident.fit.problem import Evidence, FrequencyProblem
+from vibrident.fit.problem import Coordinates, Evidence, FrequencyProblem
 from vibrident.fit.response.explained import part_left
 from vibrident.fit.start.start import Start, extended, find_start
 from vibrident.physics.models import ADD_ONS, CORES, SensorModel, installed
@@ -91,7 +91,7 @@ def _likely(
     for other in others:
         free = problem.equations - len(other.parameter_names)
         start = _start(problem, other, model, values) if free >= LEAST_FREE else None
-        if start is not None:
+        if start is not None and _inside(problem, other, start.values):
             found.append((other, start.costs[-1] / free, start.values))
     least = min([own / BETTER, *(cost * ALIKE for _, cost, _ in found)])
     for other, cost, there in found:
@@ -108,6 +108,13 @@ def _start(problem: FrequencyProblem, other: SensorModel, model: SensorModel, va
         return find_start(asked, other)
     except VibridentError:
         return None
+
+
+def _inside(problem: FrequencyProblem, other: SensorModel, values: dict[str, float]) -> bool:
+    """Whether no frequency is at the end of the range searched: out there it explains nothing."""
+    coordinates = Coordinates.at(other, values, problem.band_hz)
+    z, (low, high) = coordinates.first, coordinates.edges
+    return all(low[k] < z[k] < high[k] for k, spec in enumerate(other.parameters) if spec.kind == "log")
 
 
 def _others(evidence: Evidence) -> Iterator[list[SensorModel]]:
