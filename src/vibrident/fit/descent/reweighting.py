@@ -60,7 +60,7 @@ MOST_DAMPED = 1e12
 CLOSER, MOST_SLOW = 0.97, 3
 #: No descent begins where the sum of squares with equal weights is larger than its least by this factor, nor where that
 #: in the noise is so many times the number of samples: what is left is then no noise to weigh by.
-FARTHEST_START = 10.0
+FARTHEST_START = 100.0
 #: The steps are halved where one leaves more than this part of the way.
 BACK = 0.7
 #: Weights by noise are not used if the model does not explain the data: the sum of squares grows by this factor …
