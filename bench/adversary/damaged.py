@@ -70,10 +70,11 @@ MISTAKEN = (
 )
 
 
-def _trial(made: list[Raw], given: Setting, defect: Defect | str) -> Trial:
+def _trial(made: list[Raw], given: Setting, defect: Defect | str, sound: list[Raw] | None = None) -> Trial:
     model = given.sensor.model
     cause = defect.split(":")[0] if isinstance(defect, str) else defect.cause
-    return Trial(calibration(made, model, given.quantity), model, truth(given.sensor), cause=cause)
+    without = None if sound is None else calibration(sound, model, given.quantity)
+    return Trial(calibration(made, model, given.quantity), model, truth(given.sensor), cause=cause, sound=without)
 
 
 def _maker(sensor: str, motion: str, noise: Noise, defect: Defect, rng: np.random.Generator) -> Trial:
@@ -81,7 +82,7 @@ def _maker(sensor: str, motion: str, noise: Noise, defect: Defect, rng: np.rando
     if noise.bits:
         given = readable(given)
     made = records(motion, given, noise, rng, stated="stated" in defect.name)
-    return _trial(defect.change(made, rng), given, defect)
+    return _trial(defect.change(made, rng), given, defect, made)
 
 
 def _becoming(
@@ -106,8 +107,7 @@ def _another(name: str, factors: dict[str, float], motion: str, noise: Noise, rn
     seed = int(rng.integers(2**31))
     own, strange = (records(motion, g, noise, np.random.default_rng(seed)) for g in (given, other))
     at = int(rng.integers(len(own)))
-    own[at] = strange[at]
-    return _trial(own, given, name)
+    return _trial([*own[:at], strange[at], *own[at + 1 :]], given, name, own)
 
 
 def _other(sensor: Sensor, factors: dict[str, float], rate: float) -> Sensor:

@@ -7,6 +7,7 @@ import time
 import traceback
 import warnings
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -84,24 +85,33 @@ def of_result(trial: Trial, result: Result) -> dict[str, Any]:
 
 
 def told_impact(trial: Trial, result: Result) -> dict[str, Any] | None:
-    """The parameter that the first said departure moves most: how far it is off, and how far that is said to move it.
+    """The parameter that the first said departure moves most: how far it moved, and how far that is said to move it.
 
-    Both in stated standard uncertainties; None where no departure is said, or the model does not explain the data.
+    Both in stated standard uncertainties. It moved from where the same recordings without what is wrong lead to; where
+    there are none, from the truth. None where no departure is said, or the model does not explain the data.
     """
     for warning in result.warnings if result.fit.adequate else ():
-        own = [finding for finding in result.findings if finding.code == warning.code]
-        known = {n: p for n in trial.truth if (p := result.parameters.get(n)) and p.standard_uncertainty}
+        own = [one for one in result.findings if one.code == warning.code and "Without " in warning.message]
         told = {
-            name: sum(finding.impact[name] for finding in own) / float(parameter.standard_uncertainty or 1.0)
-            for name, parameter in known.items()
-            if own and name in own[0].impact
+            name: sum(finding.impact.get(name, 0.0) for finding in own) / float(parameter.standard_uncertainty or 1.0)
+            for name in trial.truth
+            if own and (parameter := result.parameters.get(name)) and parameter.standard_uncertainty
         }
         if told:
             worst = max(told, key=lambda name: abs(told[name]))
-            off = (known[worst].value - trial.truth[worst]) / float(known[worst].standard_uncertainty or 1.0)
+            stated = result.parameters[worst]
+            off = (stated.value - _without(trial, worst)) / float(stated.standard_uncertainty or 1.0)
             true = abs(off - told[worst]) <= max(IMPACT_WITHIN * abs(off), 1.0)
             return {"code": warning.code, "parameter": worst, "off": off, "told": told[worst], "true": true}
     return None
+
+
+def _without(trial: Trial, name: str) -> float:
+    """What a parameter is without what is wrong."""
+    if trial.sound is not None:
+        with suppress(VibridentError):
+            return identify(trial.sound(), model=trial.model).parameters[name].value
+    return trial.truth[name]
 
 
 def distances(result: Result, truth: Mapping[str, float]) -> dict[str, float]:

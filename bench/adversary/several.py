@@ -35,10 +35,9 @@ def _maker(sensor: str, motion: str, noise: Noise, defects: list[Defect], rng: n
     given = setting(sensor, rng)
     if noise.bits:
         given = readable(given)
-    made = records(motion, given, noise, rng)
+    made = sound = records(motion, given, noise, rng)
     for defect in defects:
         made = defect.change(made, rng)
     model = given.sensor.model
-    return Trial(
-        calibration(made, model, given.quantity), model, truth(given.sensor), cause=f"{len(defects)} defects at once"
-    )
+    cause, without = f"{len(defects)} defects at once", calibration(sound, model, given.quantity)
+    return Trial(calibration(made, model, given.quantity), model, truth(given.sensor), cause=cause, sound=without)

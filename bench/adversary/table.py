@@ -133,7 +133,8 @@ def _impacts(found: list[dict[str, Any]]) -> list[str]:
         "## Whether the impact is true",
         "",
         "Defects that a departure names, where the model explains the data: is the parameter that it moves most as far",
-        f"off as the warning says, within {100 * IMPACT_WITHIN:.0f} % or one standard uncertainty? Target: 80 %.",
+        "from where the same recordings without the defect lead to as the warning says, within "
+        f"{100 * IMPACT_WITHIN:.0f} % or one standard uncertainty? Target: 80 %.",
         "",
         markdown.table(("warning", "cases", "true"), rows, right=(1, 2)),
         "",

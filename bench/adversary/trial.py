@@ -25,6 +25,7 @@ class Trial:
     cause: str = ""  # what is wrong, for the summary; "" where nothing is
     allowed: frozenset[str] = frozenset()  # warnings that are true of these data though nothing is wrong with them
     strange: bool = False  # not a defect, but what a refusal is a right answer to
+    sound: Callable[[], Calibration] | None = None  # the same recordings, noise and all, without what is wrong
 
 
 def calibration(records: Sequence[Raw], model: str, quantity: str, **more: object) -> Callable[[], Calibration]:

@@ -42,7 +42,7 @@ def python(result: Result):
 
 
 def lost_by_inversion(tracker) -> float:
-    """Part of u that rounding takes where R is inverted: m ε cond(R), which an alarm that opens a parameter enlarges."""
+    """Part of u that rounding takes where R is inverted, m ε cond(R): an alarm that opens a parameter enlarges it."""
     root = tracker.knowledge.walked()[tracker.network.nuisances :, tracker.network.nuisances : -1]
     return len(root) * np.finfo(float).eps * float(np.linalg.cond(root))
 

@@ -8,7 +8,8 @@ from tests.support.serving import upload
 WAIT_MS = 120_000
 ROWS = "time,reference,response\n" + "".join(f"{i / 100},{i % 7},{i % 5}\n" for i in range(50))
 #: What can be pressed or filled in and has no name; tags and classes, for the message.
-UNNAMED = """() => [...document.querySelectorAll('button, a[href], [role=button], [role=checkbox], input, select')].filter(e => {
+UNNAMED = """() => [...document.querySelectorAll(
+  'button, a[href], [role=button], [role=checkbox], input, select')].filter(e => {
   if (getComputedStyle(e).display === 'none') return false;
   const by = (e.getAttribute('aria-labelledby') || '').split(' ').map(id => document.getElementById(id)?.innerText);
   const words = [...e.childNodes].map(n => n.textContent).join('').trim();
