@@ -19,6 +19,7 @@ from vibrident.fit.departures.signals import Signals, projected
 from vibrident.fit.descent.iterate import beside_hum, likelier, with_edges
 from vibrident.fit.estimators import Estimate
 from vibrident.fit.information import inverse_normal
+from vibrident.fit.noise.incoherent import HEARD
 from vibrident.fit.noise.motion import SHORTEST, Motion, motion_of
 from vibrident.fit.noise.spectrum import noise_spectrum
 from vibrident.fit.problem import BinProblem, Evidence
@@ -220,13 +221,16 @@ def _in_time(
     one_sided = np.where((np.arange(bins.size) > 0) & (np.arange(bins.size) <= USABLE_BAND * n), 2.0, 0.0)
     if pull is not None:
         free = np.asarray(fft.rfft(_free_motion(model, values, record.sampling_rate_hz, used)))
-        nuisance = np.concatenate([nuisance, free, _beside_tone(evidence, estimate, over, transfer, hz, turns)])
+        nuisance = np.concatenate([nuisance, free])
     floor = (np.finfo(float).eps * float(np.max(np.abs(record.response[span]))) / unit) ** 2
     beside = nuisance if pull is None else np.concatenate([nuisance, columns])  # a misfit of the tone is no noise
     freed = projected(own, beside, np.sqrt(one_sided))
     spectrum = noise_spectrum(freed, _beside_harmonics(seen, n, turns), floor)
     if spectrum.tones:
         nuisance = np.concatenate([nuisance, np.asarray(fft.rfft(waves(spectrum.tones, n) * used, axis=1))])
+    if pull is not None:
+        heard = power_of(over) > HEARD * np.asarray(spectrum.psd) * float(used.sum())
+        nuisance = np.concatenate([nuisance, _beside_tone(evidence, estimate, over * heard, transfer, hz, turns)])
     signals = left, bins, motion, columns, transfer, nuisance
     return Signals(record, span, used, *signals, spectrum, unit, one_sided, pull, turns)
 
@@ -259,7 +263,8 @@ def _beside_tone(
 ) -> ComplexArray:
     """Bins of the response's slopes with the coordinates beside the tone of a sine, shape (P, bins).
 
-    Motion beside the tone tells of the parameters too; the points do not use it.
+    Motion beside the tone tells of the parameters too; the points do not use it. ``bins`` are zero where the reference
+    may be noise: the residual is coherent with that noise, and columns of it would take it for motion.
     """
     values, model = estimate.coordinates.values(estimate.z), evidence.model
     _, jacobian = response_and_slopes(model, values, hz, evidence.quantity)
