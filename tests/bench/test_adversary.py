@@ -138,7 +138,7 @@ TRUE = {"natural_frequency": 100.0}
 @pytest.mark.parametrize(("said", "true"), [(5.0, True), (7.0, False), (-5.0, False)])
 def test_a_stated_impact_is_true_where_the_parameter_is_as_far_off(said: float, true: bool):
     """The value lies 4 u off: what is said is within 30 % of that, or one u."""
-    result = made_up(104.0, 1.0, ("regimes", ""))
+    result = made_up(104.0, 1.0, ("regimes", "Without it the natural frequency would be 100 Hz."))
     result.findings = tuple(
         SimpleNamespace(code="regimes", impact={"natural_frequency": part * said}) for part in (0.4, 0.6)
     )
