@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 import vibrident
 from vibrident.base.amounts import amount
-from vibrident.data.records import Calibration, Record, ResponseTable
-from vibrident.fit.screening.drift import without_drift
+from vibrident.data.records import Calibration, ResponseTable
 from vibrident.physics.models import ADD_ONS, parse
 from vibrident.physics.naming import in_words
 
@@ -53,14 +50,3 @@ def test_no_message_of_a_fit_holds_a_parameters_name_as_the_program_writes_it():
     messages, codes = [one.message for one in said], {one.code for one in said}
     assert {"weakly_determined", "polarity", "lack_of_fit"} <= codes
     assert not [text for text in messages if any(f"{name}" in text for name in NAMES if "_" in name)]
-
-
-def test_a_drift_is_stated_in_the_unit_of_the_response():
-    time = np.arange(4000) / 1000.0
-    tone = np.sin(2 * np.pi * 50.0 * time)
-    noise = 1e-3 * np.random.default_rng(1).normal(size=time.size)
-    record = Record("run", tone, 1e-6 * (tone + noise + 0.2 * time), 1000.0, "random")
-    _, (finding,) = without_drift([record], [1e-6 * tone], "V")
-    assert "drifts by 800 nV over" in finding.message
-    bare = without_drift([replace(record, name="bare")], [1e-6 * tone])[1][0].message
-    assert "8e-7 over" in bare

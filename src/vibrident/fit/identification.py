@@ -19,14 +19,13 @@ from vibrident.fit.judge import (
     Attempt,
     Fitted,
     Uncertainty,
+    beside_departures,
     document,
     linearised,
     own_rows,
     with_phase_scatter,
     with_remedy,
     without_dead_records,
-    without_drifts,
-    without_hum,
 )
 from vibrident.fit.problem import Evidence
 from vibrident.fit.registry import ESTIMATORS
@@ -134,10 +133,11 @@ def fit(
     evidence = Evidence.gather(calibration, sensor_model)
     chosen, reason = _estimator(evidence, estimator, uncertainty)
     found = Attempt.at(evidence, chosen, progress)
-    for step in (without_dead_records, with_phase_scatter, without_drifts, without_hum, with_remedy):
+    for step in (without_dead_records, with_phase_scatter, beside_departures, with_remedy):
         found = step(found)
     data = found.evidence, found.estimate, found.judgement
-    return Fitted(*data, linearised(*data), chosen, reason, found.drifts, found.phase_by_scatter)
+    how = chosen, reason, found.told, found.phase_by_scatter, found.examined
+    return Fitted(*data, linearised(*data), *how)
 
 
 def _data_scale(estimate: Estimate, data: BudgetRow) -> float:

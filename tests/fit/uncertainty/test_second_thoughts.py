@@ -119,13 +119,13 @@ def test_what_is_linear_is_never_taken_for_a_bent_spring(excitation, draws):
 
 
 @pytest.mark.parametrize("motion", [sines, random])
-def test_a_drift_is_named_and_does_no_harm(motion):
+def test_a_drift_that_moves_nothing_is_no_warning(motion):
+    """A line is in the fit of every tone, and slow noise to a fit of all bins."""
     noise = {"response_noise": ChannelNoise(white=0.005), "seed": 5}
     drifting = {"response_noise": ChannelNoise(white=0.005, drift=0.1), "seed": 5}
     steady = vibrident.identify(with_noise(motion(), **noise))
     result = vibrident.identify(with_noise(motion(), **drifting))
-    assert set(result.warning_codes) == {"drift"}
-    assert steady.warning_codes == ()
+    assert result.warning_codes == steady.warning_codes == ()
     for name in ("sensitivity", "natural_frequency", "damping_ratio"):
         one, other = result.parameters[name], steady.parameters[name]
         assert abs(one.value - other.value) < 0.2 * other.standard_uncertainty
@@ -141,7 +141,7 @@ def test_a_zero_that_settles_is_no_lack_of_fit(model: str) -> None:
     shift = [0.03 * np.std(r.response) * (1.0 - np.exp(-r.time_s / (0.6 * r.duration_s))) for r in clean.records]
     records = [replace(r, response=r.response + own) for r, own in zip(clean.records, shift, strict=True)]
     result = vibrident.identify(replace(clean, records=tuple(records)), model)
-    assert set(result.warning_codes) <= {"drift"}
+    assert set(result.warning_codes) == ({"drift"} if "highpass" in model else set())
     for name, true in parameters.items():
         found = result.parameters[name]
         assert abs(found.value - true) < 4.0 * found.standard_uncertainty

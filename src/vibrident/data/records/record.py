@@ -106,7 +106,6 @@ class Record:
             acceleration that was made of a displacement with white noise; 0 for white noise.
         optical: what the signals of an interferometer said, from which the reference was made; None for others.
         hum_hz: tones of the response that no motion causes; unknowns of every fit to the record.
-        response_step: of the converter, where the response is no longer as it came from there; 0: its values tell.
         circumstances: run, mounting, axis and temperature, as far as stated.
 
     Raises:
@@ -130,7 +129,6 @@ class Record:
     reference_noise_order: int = 0
     optical: OpticalSummary | None = field(default=None, repr=False)
     hum_hz: tuple[float, ...] = ()
-    response_step: float = 0.0
     circumstances: Circumstances = field(default_factory=Circumstances)
 
     __repr__ = brief

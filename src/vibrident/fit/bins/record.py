@@ -13,8 +13,9 @@ from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.bins.normal import horner
 from vibrident.fit.bins.segments import MOST_KEPT, shifted_lines
 from vibrident.fit.bins.series import SegmentSeries
+from vibrident.fit.information import inverse_where_shown
 from vibrident.fit.response.response import ComplexArray
-from vibrident.fit.response.transform import line_counts, power_of, waves
+from vibrident.fit.response.transform import in_blocks, line_counts, power_of, waves
 
 #: Free responses of a record in pieces are not looked at beyond so many columns, or so many numbers: its samples keep
 #: equal weights.
@@ -148,6 +149,22 @@ class RecordBins:
         columns, root = self.nuisances(edges=True, tones=self.hum)(slice(None)), np.sqrt(self.one_sided)
         share, *_ = np.linalg.lstsq(*(((rows * root).view(float)).T for rows in (columns, self.jacobian)), rcond=1e-9)
         return replace(self, jacobian=self.jacobian - share.T @ columns)
+
+    def beside_drift(self) -> RecordBins:
+        """The record with its residual, changed in place, less a straight drift: that leaks into all bins as noise."""
+        if self.free is None:
+            return self
+        columns, root = self.nuisances(edges=False, tones=self.hum), np.sqrt(self.one_sided)
+        blocks, sums = in_blocks(self.residual.size), 0.0
+        for part in blocks:
+            rows = (np.concatenate([columns(part), self.residual[None, part]]) * root[part]).view(float)
+            sums = sums + rows @ rows.T
+        gram = np.asarray(sums)
+        amounts = inverse_where_shown(gram[:-1, :-1]) @ gram[:-1, -1]
+        for part in blocks:
+            self.residual[part] -= amounts @ columns(part)
+        self.residual[:1] = np.abs(self.residual[1:2])  # an offset is no noise: its bin is as the next one
+        return self
 
     def where_used(self, lines: ComplexArray) -> ComplexArray:
         """Lines of the signal of these lines, set to zero where the record is not used."""

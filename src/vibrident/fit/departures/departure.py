@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibrident.base.warning_kinds import WarningCode
-from vibrident.data.records import FloatArray
+from vibrident.data.records import FloatArray, Record
 from vibrident.fit.departures.candidate import Candidate, Places
 from vibrident.fit.departures.part import Part
 from vibrident.fit.departures.points import PointsPart
@@ -59,6 +59,7 @@ class Departure(ABC):
         of_light: whether it is looked for in a sine by an interferometer's raw light, whose noise is filtered around
             the tone as no spectrum of a record shows.
         joint: whether what several move is what the fit beside all of them moves; else it is the sum.
+        nuisance: whether the fit of a record can have it as nuisance parameters (:meth:`beside`).
     """
 
     name: ClassVar[str]
@@ -67,6 +68,7 @@ class Departure(ABC):
     own_columns: ClassVar[bool] = False
     of_light: ClassVar[bool] = False
     joint: ClassVar[bool] = True
+    nuisance: ClassVar[bool] = False
 
     @abstractmethod
     def columns(self, part: Part, scale: Scale) -> Iterable[tuple[str, FloatArray | ComplexArray]]:
@@ -95,6 +97,10 @@ class Departure(ABC):
     def at_points(self, points: PointsPart) -> list[tuple[Candidate, Sums]]:
         """All places of a response at points, with their sums; none where the departure shows in records only."""
         return []
+
+    def beside(self, record: Record) -> Record:
+        """The record with the departure as nuisance parameters of its fit; itself where it has these."""
+        return record
 
     def code_of(self, candidate: Candidate, score: Score) -> WarningCode:
         """Code of the warning where it matters."""

@@ -217,7 +217,9 @@ def _in_time(
     colour = reference_colour(record, n)
     own, over = (np.asarray(signal / unit, dtype=complex) for signal in (left, bins))  # noise levels near one
     seen = Motion.of(over.__getitem__, float(used.sum()), np.square(np.abs(transfer)) * colour, colour)
-    nuisance = np.asarray(fft.rfft(np.stack([used * 1.0, used * np.linspace(-1.0, 1.0, n)])))
+    known = [hz * n / record.sampling_rate_hz for hz in record.hum_hz]
+    straight = np.stack([used * 1.0, used * np.linspace(-1.0, 1.0, n)])
+    nuisance = np.asarray(fft.rfft(np.concatenate([straight, waves(known, n) * used]), axis=1))
     one_sided = np.where((np.arange(bins.size) > 0) & (np.arange(bins.size) <= USABLE_BAND * n), 2.0, 0.0)
     if pull is not None:
         free = np.asarray(fft.rfft(_free_motion(model, values, record.sampling_rate_hz, used)))
@@ -228,6 +230,7 @@ def _in_time(
     spectrum = noise_spectrum(freed, _beside_harmonics(seen, n, turns), floor)
     if spectrum.tones:
         nuisance = np.concatenate([nuisance, np.asarray(fft.rfft(waves(spectrum.tones, n) * used, axis=1))])
+    spectrum = replace(spectrum, tones=(*known, *spectrum.tones))
     if pull is not None:
         heard = power_of(over) > HEARD * np.asarray(spectrum.psd) * float(used.sum())
         nuisance = np.concatenate([nuisance, _beside_tone(evidence, estimate, over * heard, transfer, hz, turns)])
@@ -239,7 +242,7 @@ def _free_motion(model: SensorModel, values: dict[str, float], rate_hz: float, u
     """Free motion of the poles that last longer than a sample, zero where not used, shape (q, n)."""
     poles = np.roots(np.array(model.rational(values).denominator[::-1], dtype=float)).astype(complex) / rate_hz
     lasting = poles[(poles.imag >= 0.0) & (poles.real < 0.0) & (poles.real >= -1.0)]
-    waves_of = np.exp(lasting[:, None] * np.arange(used.size)) * used
+    waves_of: ComplexArray = np.exp(lasting[:, None] * np.arange(used.size)) * used
     return np.concatenate([waves_of.real, waves_of.imag[lasting.imag > 0.0]])
 
 

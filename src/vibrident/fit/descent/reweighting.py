@@ -34,6 +34,7 @@ from vibrident.fit.descent.iterate import (
     beside_hum,
     equal,
     equal_cost,
+    hum_hz,
     iterate_at,
     products,
     width,
@@ -146,10 +147,7 @@ def reweighted(
         SpectralNoise(
             np.sqrt([spectrum.input_noise for spectrum in spectra]) * noise,
             doubtful(untold, covariance),
-            tuple(
-                tuple(place * given.sampling_rate_hz / max(record.samples, 1) for place in spectrum.tones)
-                for given, record, spectrum in zip(problem.records, lines, spectra, strict=True)
-            ),
+            hum_hz(problem.records, lines, spectra),
             untold,
         ),
     )

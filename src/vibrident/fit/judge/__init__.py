@@ -10,19 +10,18 @@ from __future__ import annotations
 from vibrident.fit.judge.attempts import Attempt, Fitted
 from vibrident.fit.judge.document import Uncertainty, document, own_rows
 from vibrident.fit.judge.points import linearised
-from vibrident.fit.judge.refits import with_phase_scatter, without_dead_records, without_drifts, without_hum
+from vibrident.fit.judge.refits import beside_departures, with_phase_scatter, without_dead_records
 from vibrident.fit.judge.remedy import with_remedy
 
 __all__ = [
     "Attempt",
     "Fitted",
     "Uncertainty",
+    "beside_departures",
     "document",
     "linearised",
     "own_rows",
     "with_phase_scatter",
     "with_remedy",
     "without_dead_records",
-    "without_drifts",
-    "without_hum",
 ]

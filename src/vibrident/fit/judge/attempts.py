@@ -15,12 +15,12 @@ from vibrident.fit.estimators import Estimate, Estimator
 from vibrident.fit.estimators.canonical import canonically_labelled
 from vibrident.fit.judge.adequacy import Judgement, judge_records, judge_table
 from vibrident.fit.judge.effects import allowing_for_effects
+from vibrident.fit.judge.examined import Examined, Told
 from vibrident.fit.judge.points import linearised
 from vibrident.fit.problem import Evidence, FrequencyProblem
 from vibrident.fit.problem.frequency_domain import response_residual
 from vibrident.fit.response.explained import part_left
 from vibrident.fit.response.response import ComplexArray
-from vibrident.fit.screening import Finding
 from vibrident.fit.start.start import find_start
 from vibrident.fit.uncertainty.linearised import Linearised
 from vibrident.fit.uncertainty.parameters import weakly_determined
@@ -53,8 +53,9 @@ class Attempt:
     judgement: Judgement
     estimator: Estimator
     progress: Progress
-    drifts: tuple[Finding, ...] = ()
+    told: tuple[Told, ...] = ()
     phase_by_scatter: bool = False
+    examined: Examined | None = None
 
     @classmethod
     def at(cls, evidence: Evidence, estimator: Estimator, progress: Progress) -> Attempt:
@@ -89,7 +90,7 @@ class Attempt:
         start = self.estimate.coordinates.values(self.estimate.z)
         found = Attempt.at(replace(evidence, start=start), self.estimator, self.progress)
         found = replace(found, evidence=evidence)
-        return replace(found, drifts=self.drifts, phase_by_scatter=self.phase_by_scatter)
+        return replace(found, told=self.told, phase_by_scatter=self.phase_by_scatter)
 
     def afresh(self, evidence: Evidence) -> Attempt:
         """The same estimator's of other data, from start values of their own."""
@@ -98,7 +99,7 @@ class Attempt:
     def once(self, evidence: Evidence) -> Attempt:
         """The same estimator's of other data, by a single fit from their start values."""
         estimate, judgement = _once(evidence, self.estimator, self.progress)
-        return replace(self, evidence=evidence, estimate=estimate, judgement=judgement)
+        return replace(self, evidence=evidence, estimate=estimate, judgement=judgement, examined=None)
 
     def begun_at(self, start: Mapping[str, float]) -> Attempt:
         """The same data fitted once, from other start values."""
@@ -115,14 +116,15 @@ class Fitted:
     """A calibration with its estimate, before anything is stated of it.
 
     Attributes:
-        evidence: the data, without drift where there was one.
+        evidence: the data.
         estimate: the fit.
         judgement: what the estimate says of the data.
         linear: the fit at all excited frequencies, linearised at the estimate.
         estimator: that made it.
         reason: why that one.
-        drifts: what was taken out.
+        told: departures that the fit has as nuisance parameters.
         phase_by_scatter: whether the uncertainty of a table's phase was read from its deviations.
+        examined: what departs from the estimate; None where that was not asked yet.
     """
 
     evidence: Evidence
@@ -131,14 +133,15 @@ class Fitted:
     linear: Linearised
     estimator: Estimator
     reason: str
-    drifts: tuple[Finding, ...] = ()
+    told: tuple[Told, ...] = ()
     phase_by_scatter: bool = False
+    examined: Examined | None = None
 
     def at(self, estimate: Estimate) -> Fitted:
         """The same data judged at another estimate."""
         judgement = judged(self.evidence, estimate)
         linear = linearised(self.evidence, estimate, judgement)
-        return replace(self, estimate=estimate, judgement=judgement, linear=linear)
+        return replace(self, estimate=estimate, judgement=judgement, linear=linear, examined=None)
 
     def again(self, values: Mapping[str, float], progress: Progress = silent) -> Fitted:
         """The same data fitted once more, from these values of the parameters."""

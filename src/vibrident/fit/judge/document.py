@@ -21,7 +21,7 @@ from vibrident.fit.judge.adequacy import Judgement, fit_of_signals, fit_of_table
 from vibrident.fit.judge.attempts import Fitted
 from vibrident.fit.judge.doubts import second_thoughts
 from vibrident.fit.judge.effects import all_effects, covered, measured, seen, what_is_covered
-from vibrident.fit.judge.examined import examined
+from vibrident.fit.judge.examined import Examined
 from vibrident.fit.judge.refits import PHASE_BY_SCATTER
 from vibrident.fit.problem import Evidence
 from vibrident.fit.uncertainty import correlation, curve, parameter_table, weakly_determined
@@ -49,8 +49,9 @@ def own_rows(fitted: Fitted, uncertainty: Uncertainty) -> list[BudgetRow]:
 def document(fitted: Fitted, rows: Sequence[BudgetRow], more: Sequence[ResultWarning] = ()) -> Result:
     """The result of a calibration whose uncertainty consists of these rows; ``more`` warnings follow its own."""
     stated = _stated(fitted, rows)
-    drifts = [ResultWarning(finding.code, finding.message) for finding in fitted.drifts]
-    stated = replace(stated, warnings=[*drifts, *stated.warnings, *more])
+    warnings = [warning for told in fitted.told for warning in told.warnings]
+    findings = [finding for told in fitted.told for finding in told.findings]
+    stated = replace(stated, warnings=[*warnings, *stated.warnings, *more], findings=[*findings, *stated.findings])
     result = _result(fitted.evidence, fitted.estimate, fitted.judgement, stated)
     effects = all_effects(fitted.evidence, fitted.judgement)
     points = point_budget(result.measured, effects, fitted.linear)
@@ -78,12 +79,13 @@ def _stated(fitted: Fitted, rows: Sequence[BudgetRow]) -> _Stated:
     total = np.sum([row.covariance for row in rows], axis=0)
     weak, warnings = weakly_determined(estimate.coordinates, estimate.z, covariance)
     warnings += second_thoughts(evidence, estimate, judgement, covariance)
-    findings, matter = examined(evidence, estimate, judgement, total)
-    warnings += matter
+    examined = fitted.examined or Examined.of(evidence, estimate, judgement)
+    told = examined.told(judgement, total)
+    warnings += told.warnings
     warnings += _learned(estimate)
     freedom = float(np.min(effective_degrees_of_freedom(rows)))
     scope = "; ".join(dict.fromkeys(row.source for row in data))
-    return _Stated(total, freedom, scope, list(rows), weak, warnings, findings)
+    return _Stated(total, freedom, scope, list(rows), weak, warnings, list(told.findings))
 
 
 def _result(evidence: Evidence, estimate: Estimate, judgement: Judgement, stated: _Stated) -> Result:

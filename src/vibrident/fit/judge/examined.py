@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from vibrident.base.amounts import amount, plain
-from vibrident.data.records import FloatArray
+from vibrident.data.records import FloatArray, Record
 from vibrident.fit.departures.examination import Found, Together, examine
 from vibrident.fit.departures.points import PointsPart
 from vibrident.fit.departures.sources import parts_of
@@ -15,6 +16,7 @@ from vibrident.fit.estimators import Estimate
 from vibrident.fit.judge.adequacy import Judgement
 from vibrident.fit.judge.effects import all_effects
 from vibrident.fit.judge.points import linearised
+from vibrident.fit.noise.hum import Tones, hum_of, lacking
 from vibrident.fit.problem import Evidence
 from vibrident.fit.uncertainty.budget import patterns
 from vibrident.fit.uncertainty.parameters import parameter_units
@@ -30,33 +32,107 @@ BESIDE_ITS_MIDDLE = (
 MATTERS = 1.0
 
 
-def examined(
-    evidence: Evidence, estimate: Estimate, judgement: Judgement, total: FloatArray
-) -> tuple[list[Finding], list[ResultWarning]]:
-    """All findings, and warnings of those that matter.
+@dataclass(frozen=True)
+class Told:
+    """What is said of departures."""
 
-    Args:
+    findings: tuple[Finding, ...] = ()
+    warnings: tuple[ResultWarning, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Examined:
+    """What departs from a fit.
+
+    Attributes:
         evidence: the data.
         estimate: the fit.
-        judgement: what the estimate says of them.
-        total: covariance of the coordinates as stated, systematic effects included, shape (p, p).
+        groups: departures of one kind each, the most significant first.
+        hum_hz: tones of each record's response that no motion explains.
     """
-    uncertainty = np.sqrt(np.maximum(np.diag(total), 0.0))
-    tones = judgement.points[0] if judgement.tones is not None else None
-    parts = parts_of(evidence, estimate, judgement.predicted, tones)
-    misfit = not judgement.adequacy.adequate
-    groups = examine(parts, _points(evidence, estimate, judgement), uncertainty, misfit=misfit)
-    words = _Words(evidence, estimate, uncertainty)
-    findings = [words.finding(one) for group in groups for one in group.found]
-    unexplained = misfit and judgement.adequacy.degrees_of_freedom > 0
-    matter = [
-        group
-        for number, group in enumerate(groups)
-        if group.impact >= MATTERS or (unexplained and number == 0) or _always(evidence, group.found[0].code)
-    ]
-    if judgement.remedied is not None:  # what another model explains is no defect of the data
-        matter = []
-    return findings, [words.warning(group) for group in matter]
+
+    evidence: Evidence
+    estimate: Estimate
+    groups: tuple[Together, ...]
+    hum_hz: Tones
+
+    @classmethod
+    def of(cls, evidence: Evidence, estimate: Estimate, judgement: Judgement) -> Examined:
+        """Test all departures.
+
+        Args:
+            evidence: the data.
+            estimate: the fit.
+            judgement: what the estimate says of them.
+        """
+        tones = judgement.points[0] if judgement.tones is not None else None
+        parts = parts_of(evidence, estimate, judgement.predicted, tones)
+        misfit = not judgement.adequacy.adequate
+        uncertainty = _deviation(estimate.covariance)
+        groups = examine(parts, _points(evidence, estimate, judgement), uncertainty, misfit=misfit)
+        heard = {part.name: part.hum_hz for part in parts}
+        hum_hz = tuple(heard.get(record.name, record.hum_hz) for record in evidence.records)
+        return cls(evidence, estimate, tuple(groups), hum_hz)
+
+    def beside(self, judgement: Judgement) -> tuple[Record, ...]:
+        """The records with hum, and departures that matter and can be so, as nuisance parameters.
+
+        Themselves where they have all.
+        """
+        records = self.evidence.records
+        wanted = hum_of(self.hum_hz, records)
+        if lacking(wanted, self.estimate.findings.hum_hz or [record.hum_hz for record in records], records):
+            records = tuple(replace(one, hum_hz=tones) for one, tones in zip(records, wanted, strict=True))
+        matter, admitted = self._nuisances(judgement), list[Record]()
+        for record in records:
+            own = record
+            for one in (one for group in matter for one in group.found if one.record == record.name):
+                own = one.departure.beside(own)
+            admitted.append(own)
+        return tuple(admitted)
+
+    def lacks(self, judgement: Judgement) -> bool:
+        """Whether the model does not explain the data, or lacks something that matters."""
+        matter = self._matter(judgement, self._words)
+        return not judgement.adequacy.adequate or any(one.found[0].code == "lack_of_fit" for one in matter)
+
+    def told(self, judgement: Judgement, total: FloatArray) -> Told:
+        """Findings of all, and warnings of those that matter.
+
+        Args:
+            judgement: of the fit.
+            total: covariance of the coordinates as stated, systematic effects included, shape (p, p).
+        """
+        words = _Words(self.evidence, self.estimate, _deviation(total))
+        # what another model explains is no defect of the data
+        matter = [] if judgement.remedied is not None else self._matter(judgement, words)
+        return words.told(self.groups, matter)
+
+    def told_as_nuisance(self, judgement: Judgement) -> Told:
+        """The same of those that :meth:`beside` makes nuisance parameters: the values stated are then without them."""
+        words, own = replace(self._words, admitted=True), self._nuisances(judgement)
+        return words.told(own, own)
+
+    @property
+    def _words(self) -> _Words:
+        return _Words(self.evidence, self.estimate, _deviation(self.estimate.covariance))
+
+    def _nuisances(self, judgement: Judgement) -> list[Together]:
+        return [one for one in self._matter(judgement, self._words) if one.found[0].departure.nuisance]
+
+    def _matter(self, judgement: Judgement, words: _Words) -> list[Together]:
+        unexplained = not judgement.adequacy.adequate and judgement.adequacy.degrees_of_freedom > 0
+        return [
+            group
+            for number, group in enumerate(self.groups)
+            if words.impact(group) >= MATTERS
+            or (unexplained and number == 0)
+            or _always(self.evidence, group.found[0].code)
+        ]
+
+
+def _deviation(covariance: FloatArray) -> FloatArray:
+    return np.sqrt(np.maximum(np.diag(covariance), 0.0))
 
 
 def _always(evidence: Evidence, code: str) -> bool:
@@ -98,17 +174,31 @@ def _points(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> Poi
 
 @dataclass(frozen=True, eq=False)
 class _Words:
-    """Findings and warnings in words; ``uncertainty``: of the coordinates as stated, shape (p,)."""
+    """Findings and warnings in words.
+
+    ``uncertainty``: of the coordinates as stated, shape (p,); ``admitted``: whether the fit that states the result has
+    the departures as nuisance parameters, and is not this one.
+    """
 
     evidence: Evidence
     estimate: Estimate
     uncertainty: FloatArray
+    admitted: bool = False
+
+    def told(self, groups: Sequence[Together], matter: Sequence[Together]) -> Told:
+        """All findings, and the warnings."""
+        findings = tuple(self.finding(one) for group in groups for one in group.found)
+        return Told(findings, tuple(self.warning(group) for group in matter))
+
+    def impact(self, group: Together) -> float:
+        """Largest shift of a coordinate, in its stated standard uncertainty."""
+        return float(np.max(self._sizes(group.shift), initial=0.0))
 
     def finding(self, one: Found) -> Finding:
         """A finding by itself."""
         coordinates, z = self.estimate.coordinates, self.estimate.z
         stated, without = coordinates.values(z), coordinates.values(z - one.score.shift)
-        impact = {name: float(value - without[name]) for name, value in stated.items()}
+        impact = {name: 0.0 if self.admitted else float(value - without[name]) for name, value in stated.items()}
         message = f"{_said(one)} {self._without(one.score.shift, 'it')}"
         return Finding(one.code, one.record, one.candidate.time_s, one.chance, impact, message)
 
@@ -124,13 +214,21 @@ class _Words:
             text += f" {BESIDE_ITS_MIDDLE}"
         return ResultWarning(first.code, text)
 
+    def _sizes(self, shift: FloatArray) -> FloatArray:
+        return np.asarray(np.abs(shift) / np.maximum(self.uncertainty, np.finfo(float).tiny))
+
     def _without(self, shift: FloatArray, it: str) -> str:
         """What the parameter that moves most would be."""
         coordinates, z = self.estimate.coordinates, self.estimate.z
-        size = np.abs(shift) / np.maximum(self.uncertainty, np.finfo(float).tiny)
+        size = self._sizes(shift)
         name = coordinates.model.parameter_names[int(np.argmax(size))]
         unit = parameter_units(self.evidence.model, self.evidence.calibration)[name]
         stated, without = coordinates.values(z)[name], coordinates.values(z - shift)[name]
+        if self.admitted:
+            return (
+                f"The fit has {it} as nuisance parameters; without these the {in_words(name)} would be "
+                f"{amount(stated, unit, 6)} in place of {amount(without, unit, 6)} ({plain(float(np.max(size)), 2)} u)."
+            )
         return (
             f"Without {it} the {in_words(name)} would be {amount(without, unit, 6)} in place of "
             f"{amount(stated, unit, 6)} ({plain(float(np.max(size)), 2)} u)."

@@ -316,7 +316,8 @@ class BinProblem:
                 rings_unseen=unseen,
                 colour=reference_colour(record, samples),
             )
-            found.append(made.without_ringing() if unseen and made.free is not None else made)
+            made = made.without_ringing() if unseen and made.free is not None else made
+            found.append(made.beside_drift())
         return found
 
     def _lowest_ringing_hz(self, values: dict[str, float]) -> float:
@@ -338,7 +339,6 @@ class BinProblem:
         found = residual_and_jacobian(batch, _step(kept, batch, step, one_sided))
         segment.transforms.forget_inputs()
         left, own = found.residual[0], found.jacobian[0]
-        left[0] = np.abs(left[1])  # an offset is no noise: the line is as the next one
         left /= noise
 
         def predicted(part: slice) -> ComplexArray:

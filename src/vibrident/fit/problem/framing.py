@@ -9,7 +9,7 @@ import numpy as np
 
 from vibrident.base.errors import InputError, ModelError
 from vibrident.data.records import FloatArray, Quantity, Record
-from vibrident.fit.response.rounding import step_of_response
+from vibrident.fit.response.rounding import converter_step
 from vibrident.physics.discretisation import Method
 from vibrident.physics.models import SensorModel
 
@@ -99,7 +99,7 @@ class Frame:
 def noise_floor(records: Sequence[Record]) -> FloatArray:
     """Lower limit of the standard deviation of each record's residual, response unit, shape (records,)."""
     floor = [LEAST_NOISE * float(np.std(record.response[record.mask])) for record in records]
-    steps = [step_of_response(record) / np.sqrt(12.0) for record in records]
+    steps = [converter_step(record.response, record.mask) / np.sqrt(12.0) for record in records]
     return np.maximum(np.maximum(floor, steps), np.finfo(float).tiny)
 
 

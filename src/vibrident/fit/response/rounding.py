@@ -195,11 +195,6 @@ def returning_error(values: FloatArray, used: BoolArray, turns: float, residual:
     return step**2 / (6.0 * number) * undithered(step, float(residual.var())) if number else 0.0
 
 
-def step_of_response(record: Record) -> float:
-    """The step in which the response was recorded, also where hum or drift was taken out of it since; else zero."""
-    return record.response_step or converter_step(record.response, record.mask)
-
-
 def rounding_variance(record: Record, gain_squares: Callable[[], FloatArray]) -> FloatArray | None:
     """Variance a sample that rounding makes in measured less predicted response; None if the channel has no steps.
 
@@ -210,7 +205,7 @@ def rounding_variance(record: Record, gain_squares: Callable[[], FloatArray]) ->
     Returns:
         Shape (lines,), squares of the response unit.
     """
-    own = step_of_response(record)
+    own = converter_step(record.response, record.mask)
     other = 0.0 if record.reference is None else converter_step(record.reference, record.reference_mask)
     return None if own == other == 0.0 else (own**2 + other**2 * gain_squares()) / 12.0
 

@@ -27,7 +27,6 @@ from vibrident.fit.response.rounding import (
     converter_step,
     repeated_errors,
     rounding_errors,
-    step_of_response,
     undithered,
 )
 from vibrident.fit.response.transform import MEDIAN_OF_POWER, hann, line_frequencies, median
@@ -174,7 +173,7 @@ def rounding_in_residual(
     """
     if record.reference is None:
         return None
-    steps = step_of_response(record), converter_step(record.reference, record.reference_mask)
+    steps = converter_step(record.response, record.mask), converter_step(record.reference, record.reference_mask)
     if not any(steps):
         return None
     found = np.zeros((2 * TRIALS, used.size))

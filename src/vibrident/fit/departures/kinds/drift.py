@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
 
 from vibrident.base.amounts import plain
 from vibrident.base.warning_kinds import WarningCode
-from vibrident.data.records import FloatArray
+from vibrident.data.records import FloatArray, Record
 from vibrident.fit.departures.departure import Candidate, Scale, WithoutMotion
 from vibrident.fit.departures.part import Part
 from vibrident.fit.departures.score import Score
 
 #: Highest degree.
 DEGREE = 5
+#: Turns over the record of the nuisance tone.
+TURNS = 0.5
 
 
 class Drift(WithoutMotion):
@@ -24,11 +27,20 @@ class Drift(WithoutMotion):
     name: ClassVar[str] = "drift"
     code: ClassVar[WarningCode] = "drift"
     pooled: ClassVar[bool] = False
+    nuisance: ClassVar[bool] = True
 
     def columns(self, part: Part, scale: Scale) -> Iterable[tuple[str, FloatArray]]:
         """The polynomials, as large as the largest motion."""
         time = np.linspace(-1.0, 1.0, part.samples)
         yield "", scale.motion * np.asarray(np.polynomial.legendre.legvander(time, DEGREE).T[1:], dtype=float)
+
+    def beside(self, record: Record) -> Record:
+        """With a tone of half a turn over the record, the size of which changes with time, as a nuisance parameter.
+
+        With offset and leakage it stands for all smooth curves.
+        """
+        slow = TURNS / record.duration_s
+        return record if slow in record.hum_hz else replace(record, hum_hz=(slow, *record.hum_hz))
 
     def sentence(self, candidate: Candidate, score: Score) -> str:
         """How far."""
