@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vibrident.data.records import FloatArray, Record
+from vibrident.data.records import FloatArray
 from vibrident.fit.bins import BinsAt, RecordBins
 from vibrident.fit.descent.optimise import Bent
 from vibrident.fit.information import SMALLEST, inverse_where_shown, sandwich_covariance
@@ -321,16 +321,6 @@ def beside_hum(lines: Sequence[RecordBins], motions: Sequence[MotionOf]) -> list
     for some in together(lines):
         found += spectra_of(lines[some], motions[some], [record.residual for record in lines[some]])
     return [replace(own, tones=(record.hum + own.tones)[:TONES]) for record, own in zip(lines, found, strict=True)]
-
-
-def hum_hz(
-    given: Sequence[Record], lines: Sequence[RecordBins], spectra: Sequence[NoiseSpectrum]
-) -> tuple[tuple[float, ...], ...]:
-    """Frequencies of the tones of each record's residual, Hz."""
-    return tuple(
-        tuple(place * own.sampling_rate_hz / max(record.samples, 1) for place in spectrum.tones)
-        for own, record, spectrum in zip(given, lines, spectra, strict=True)
-    )
 
 
 def spectra_of(

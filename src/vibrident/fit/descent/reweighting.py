@@ -34,7 +34,6 @@ from vibrident.fit.descent.iterate import (
     beside_hum,
     equal,
     equal_cost,
-    hum_hz,
     iterate_at,
     products,
     width,
@@ -42,6 +41,7 @@ from vibrident.fit.descent.iterate import (
 from vibrident.fit.descent.optimise import Bent
 from vibrident.fit.descent.sandwich import sandwich
 from vibrident.fit.noise.found import SpectralNoise, doubtful
+from vibrident.fit.noise.hum import tones_of
 from vibrident.fit.noise.motion import NEAREST, motion_of
 from vibrident.fit.noise.spectrum import DOUBT, NoiseSpectrum
 from vibrident.fit.problem import Coordinates, NetworkProblem
@@ -147,7 +147,7 @@ def reweighted(
         SpectralNoise(
             np.sqrt([spectrum.input_noise for spectrum in spectra]) * noise,
             doubtful(untold, covariance),
-            hum_hz(problem.records, lines, spectra),
+            tones_of(problem.records, lines, spectra),
             untold,
         ),
     )

@@ -17,14 +17,14 @@ from vibrident.base.errors import ModelError
 from vibrident.data.records import FloatArray
 from vibrident.fit.bins import RecordBins
 from vibrident.fit.descent.geodesic import GeodesicSteps
-from vibrident.fit.descent.iterate import beside_hum, hum_hz
+from vibrident.fit.descent.iterate import beside_hum
 from vibrident.fit.descent.optimise import Bent, Progress, Trace, levenberg_marquardt
 from vibrident.fit.descent.reweighting import reweighted
 from vibrident.fit.descent.sandwich import hac_covariance
 from vibrident.fit.estimators.base import Estimate
 from vibrident.fit.estimators.findings import Findings, TrainedNetwork
 from vibrident.fit.estimators.network_settings import NetworkSettings
-from vibrident.fit.noise.hum import hum_of, lacking
+from vibrident.fit.noise.hum import hum_of, lacking, tones_of
 from vibrident.fit.noise.motion import motion_of
 from vibrident.fit.problem import BinProblem, Coordinates, Evidence, NetworkProblem, network_objective
 from vibrident.fit.problem.framing import response_size
@@ -139,7 +139,7 @@ def _beside_hum(problem: BinProblem, coordinates: Coordinates) -> BinProblem:
     """
     lines = problem.lines(coordinates.first, coordinates, np.ones(len(problem.records)))
     spectra = beside_hum(lines, [motion_of(record) for record in lines])
-    tones = hum_of(hum_hz(problem.records, lines, spectra), problem.records)
+    tones = hum_of(tones_of(problem.records, lines, spectra), problem.records)
     return (
         problem.with_hum(tones)
         if lacking(tones, [record.hum_hz for record in problem.records], problem.records)

@@ -13,6 +13,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from vibrident.data.records import Record
+from vibrident.fit.bins import RecordBins
+from vibrident.fit.noise.spectrum import NoiseSpectrum
 
 #: Tones of two records are one where they differ by less than so many bins: a bin is what a record resolves, and within
 #: a resonance a tone is found beside its place.
@@ -43,6 +45,14 @@ def hum_of(seen: Sequence[Sequence[float]], records: Sequence[Record]) -> Tones:
         heard = [hz for hz in common if record.reference is not None and hz < 0.5 * record.sampling_rate_hz]
         found.append(tuple(sorted([*heard, *(hz for hz in own if not any(_same(hz, one, record) for one in heard))])))
     return tuple(found)
+
+
+def tones_of(records: Sequence[Record], lines: Sequence[RecordBins], spectra: Sequence[NoiseSpectrum]) -> Tones:
+    """Tones that stand out of each record's residual, or are known, Hz."""
+    return tuple(
+        tuple(place * record.sampling_rate_hz / max(own.samples, 1) for place in spectrum.tones)
+        for record, own, spectrum in zip(records, lines, spectra, strict=True)
+    )
 
 
 def lacking(wanted: Tones, known: Sequence[Sequence[float]], records: Sequence[Record]) -> bool:
