@@ -79,19 +79,12 @@ class Died(Exception):
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of a call; None where there is none.
+    """Limits of a call; None where there is none."""
 
-    Attributes:
-        seconds: most time of the clock.
-        memory_bytes: most memory beside the process's code, where the system can limit it (Linux).
-        file_bytes: most bytes of a file that it writes.
-        answer_bytes: longest message that is taken from it.
-    """
-
-    seconds: float | None = None
-    memory_bytes: int | None = None
-    file_bytes: int | None = None
-    answer_bytes: int = _LONGEST_ANSWER
+    seconds: float | None = None  # most time of the clock
+    memory_bytes: int | None = None  # most memory beside the process's code, where the system can limit it (Linux)
+    file_bytes: int | None = None  # most bytes of a file that it writes
+    answer_bytes: int = _LONGEST_ANSWER  # longest message that is taken from it
 
 
 NO_LIMITS = Limits()

@@ -19,19 +19,12 @@ TAPS = (1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 14, 16, 20, 24, 32, 48, 64, 96)
 
 @dataclass(frozen=True, eq=False)
 class Taps:
-    """y_k = Σ_m h_m x_{k − lead − m}.
+    """y_k = Σ_m h_m x_{k − lead − m}."""
 
-    Attributes:
-        taps: h.
-        lead: whole samples of delay before the first tap.
-        latency: delay of the target response, samples.
-        error: largest relative error over the band.
-    """
-
-    taps: np.ndarray
-    lead: int
-    latency: int
-    error: float
+    taps: np.ndarray  # h
+    lead: int  # whole samples of delay before the first tap
+    latency: int  # delay of the target response, samples
+    error: float  # largest relative error over the band
 
     def response(self, frequency_hz: FloatArray, interval_s: float) -> np.ndarray:
         """Response to e^{jωt} sampled."""

@@ -42,16 +42,11 @@ def load_result(path: Path) -> Result:
 
 @dataclass
 class Folder:
-    """A folder being written.
+    """A folder being written."""
 
-    Attributes:
-        path: the temporary folder to write to.
-        target: the final folder.
-        files: final paths, once all are written; in the order of the names, the result first.
-    """
-
-    path: Path
-    target: Path
+    path: Path  # the temporary folder to write to
+    target: Path  # the final folder
+    # final paths, once all are written; in the order of the names, the result first
     files: list[Path] = field(default_factory=list)
 
 

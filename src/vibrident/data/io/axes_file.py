@@ -23,17 +23,13 @@ AXES = ("x", "y", "z")
 
 @dataclass(frozen=True)
 class AxesCalibration:
-    """A sensor with several outputs.
+    """A sensor with several outputs."""
 
-    Attributes:
-        outputs: axis of an output to its calibration by the first reference.
-        motions: axis of a reference to its signals: a calibration whose records have that reference; empty where the
-            exciter has one reference, and the records say along which axis it moved.
-        transverse_motion: relative standard uncertainty of motion across the axis, with one reference (ISO 16063-31).
-    """
-
-    outputs: Mapping[str, Calibration]
+    outputs: Mapping[str, Calibration]  # axis of an output to its calibration by the first reference
+    # axis of a reference to its signals: a calibration whose records have that reference; empty where the exciter has
+    # one reference, and the records say along which axis it moved
     motions: Mapping[str, Calibration]
+    # relative standard uncertainty of motion across the axis, with one reference (ISO 16063-31)
     transverse_motion: float = 0.0
 
 

@@ -25,36 +25,23 @@ _LONGEST_NAME = 100
 
 @dataclass(frozen=True)
 class Clock:
-    """A file's statement of a column's sampling.
+    """A file's statement of a column's sampling."""
 
-    Attributes:
-        rate_hz: samples per second.
-        rate_rounding: relative; largest deviation of the true rate by the rounding in the file.
-        start_ns: time of the first sample on the format's clock, in nanoseconds; None if the file states none.
-    """
-
-    rate_hz: float
-    rate_rounding: float = 1e-9
+    rate_hz: float  # samples per second
+    rate_rounding: float = 1e-9  # relative; largest deviation of the true rate by the rounding in the file
+    # time of the first sample on the format's clock, in nanoseconds; None if the file states none
     start_ns: int | None = None
 
 
 @dataclass(frozen=True)
 class Channel:
-    """One column of real numbers.
+    """One column of real numbers."""
 
-    Attributes:
-        name: as the calibration file uses it; "" for a column without a name.
-        handle: by which the format's library finds it.
-        clock: the file's statement of its sampling; None if absent.
-        in_seconds: True for a time type, loaded in seconds whatever its name.
-        unit: that the file states beside the name; "" if none.
-    """
-
-    name: str
-    handle: Any = None
-    clock: Clock | None = None
-    in_seconds: bool = False
-    unit: str = ""
+    name: str  # as the calibration file uses it; "" for a column without a name
+    handle: Any = None  # by which the format's library finds it
+    clock: Clock | None = None  # the file's statement of its sampling; None if absent
+    in_seconds: bool = False  # True for a time type, loaded in seconds whatever its name
+    unit: str = ""  # that the file states beside the name; "" if none
 
 
 class ColumnFile(ABC):

@@ -41,33 +41,22 @@ class Histogram:
 
 @dataclass(frozen=True, eq=False)
 class Distribution:
-    """One parameter of one group.
+    """One parameter of one group."""
 
-    Attributes:
-        parameter: its name.
-        unit: of all that follows.
-        count: values.
-        median, sd, least, greatest: of the values.
-        median_u: of the standard uncertainties; None if no uncertainty is stated.
-        histogram: of the values.
-        limit: for these values; None if there is no limit, or it is in another unit.
-        conforming: values within the limit.
-        certain: verdicts that hold for all values within U.
-        capability: Cpk, the distance of the mean from the nearer limit in units of 3 sd; None without a limit.
-    """
-
-    parameter: str
-    unit: str
-    count: int
+    parameter: str  # its name
+    unit: str  # of all that follows
+    count: int  # values
+    # median, sd, least, greatest: of the values
     median: float
     sd: float
     least: float
     greatest: float
-    median_u: float | None
-    histogram: Histogram
-    limit: Limit | None
-    conforming: int
-    certain: int
+    median_u: float | None  # of the standard uncertainties; None if no uncertainty is stated
+    histogram: Histogram  # of the values
+    limit: Limit | None  # for these values; None if there is no limit, or it is in another unit
+    conforming: int  # values within the limit
+    certain: int  # verdicts that hold for all values within U
+    # Cpk, the distance of the mean from the nearer limit in units of 3 sd; None without a limit
     capability: float | None
 
 

@@ -27,17 +27,11 @@ _FILTERS = frozenset({1, 2, 3, 4, 5, 6, 32000})
 
 @dataclass(frozen=True)
 class ArrayColumn:
-    """One column of an array in a file.
+    """One column of an array in a file."""
 
-    Attributes:
-        array: path of the dataset, or name of the variable.
-        column: column of a two-dimensional array, from 0; None for a one-dimensional one.
-        transposed: True where the samples run along the second axis.
-    """
-
-    array: str
-    column: int | None = None
-    transposed: bool = False
+    array: str  # path of the dataset, or name of the variable
+    column: int | None = None  # column of a two-dimensional array, from 0; None for a one-dimensional one
+    transposed: bool = False  # True where the samples run along the second axis
 
     @property
     def name(self) -> str:
