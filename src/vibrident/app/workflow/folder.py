@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from vibrident.app.workflow.interruption import tidied_up
 from vibrident.base.errors import InputError
+from vibrident.base.files import unwritable
 
 if TYPE_CHECKING:
     from vibrident.result import Result
@@ -86,13 +87,7 @@ def written_whole(target: Path) -> Iterator[Folder]:
     except BrokenPipeError:
         raise
     except OSError as error:
-        raise InputError(
-            "The output cannot be written.",
-            expected="a folder that can be written, with room for the files",
-            found=f"{type(error).__name__}: {error.strerror or error}",
-            where=str(target),
-            remedy="give another --out, or make room",
-        ) from error
+        raise unwritable(error, target) from error
     finally:
         discard()
     folder.files.sort(key=lambda file: (file.name != _LAST, file))

@@ -33,15 +33,6 @@ class AxesCalibration:
     transverse_motion: float = 0.0
 
 
-def has_axes(path: str | os.PathLike[str]) -> bool:
-    """Whether a calibration file is one of several axes.
-
-    Raises:
-        InputError: the file cannot be read.
-    """
-    return isinstance(read_toml(Path(path)).get("response"), list)
-
-
 def read_axes(path: str | os.PathLike[str]) -> AxesCalibration:
     """Read a calibration file of several axes and its data files.
 

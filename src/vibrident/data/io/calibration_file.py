@@ -14,6 +14,7 @@ from vibrident.data.effects import Circumstances
 from vibrident.data.io.certificate import CertificateSection
 from vibrident.data.io.schema_errors import schema_error
 from vibrident.data.io.sections import (
+    CapabilityEntry,
     Column,
     FileSection,
     InterferometerSection,
@@ -21,10 +22,11 @@ from vibrident.data.io.sections import (
     Number,
     Positive,
     Text,
+    UncertaintyEntry,
     check_interferometer,
+    check_uncertainties,
 )
 from vibrident.data.io.toml_text import read_toml
-from vibrident.data.io.uncertainty_entries import CapabilityEntry, UncertaintyEntry, check_uncertainties
 from vibrident.data.records import USUAL_MODEL, Excitation, Quantity
 
 

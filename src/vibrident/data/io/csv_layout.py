@@ -10,8 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from vibrident.base.errors import InputError
-from vibrident.data.io.allowance import LONGEST_LINE
-from vibrident.data.io.columns import unreadable
+from vibrident.data.io.columns import LONGEST_LINE, unreadable
 
 #: Stands for one or more blanks or tabs.
 BLANKS = " "

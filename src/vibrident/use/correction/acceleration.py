@@ -29,7 +29,6 @@ from vibrident.data.records import BoolArray, Calibration, FloatArray, Quantity,
 from vibrident.fit.screening.quality import Finding
 from vibrident.result import Result
 from vibrident.result.sensor import IdentifiedSensor
-from vibrident.use.correction.agreement import Agreement, agreement_with, reference_in_band
 from vibrident.use.correction.background import at_the_ends, background, begins_at_once, preceded
 from vibrident.use.correction.band import (
     BINS,
@@ -45,7 +44,7 @@ from vibrident.use.correction.band import (
     top_octave,
 )
 from vibrident.use.correction.compensation import Compensation
-from vibrident.use.correction.peak import Peak, find_peak
+from vibrident.use.correction.peak import Agreement, Peak, agreement_with, find_peak, reference_in_band
 from vibrident.use.correction.quiet import Surroundings, filled, rest_to_borrow, screened, step_behind, surroundings
 
 LOOKS = 2  # rounds of the choice of the band; the first improves the part of the record that holds the motion

@@ -15,8 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from vibrident.data.io.allowance import MOST_COLUMNS, require_few, require_room
-from vibrident.data.io.columns import Channel, ColumnFile, reading
+from vibrident.data.io.columns import MOST_COLUMNS, Channel, ColumnFile, reading, require_few, require_room
 from vibrident.data.io.reader import Reader
 from vibrident.data.records import FloatArray
 
