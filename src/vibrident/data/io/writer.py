@@ -6,7 +6,7 @@ import contextlib
 import math
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -42,15 +42,18 @@ def write_calibration(folder: str | os.PathLike[str], calibration: Calibration) 
     """
     target = Path(folder)
     _refuse_unwritable(calibration)
-    data = _data(calibration)
+    (files, tables), new = _data(calibration), not target.exists()
     try:
         target.mkdir(parents=True, exist_ok=True)
         with contextlib.ExitStack() as written:  # which renames the first one last
             main = written.enter_context(whole(target / CALIBRATION_FILE))
-            for file, columns in data.items():
+            for file, columns in zip(files, tables, strict=True):
                 _write_columns(written.enter_context(whole(target / file)), columns)
-            main.write_text(_toml(calibration, list(data)), encoding="utf-8")
+            main.write_text(_toml(calibration, files), encoding="utf-8")
     except OSError as error:
+        if new:
+            with contextlib.suppress(OSError):
+                target.rmdir()
         raise unwritable(error, target, "name another folder, or make room; nothing was left half-written") from error
     return target / CALIBRATION_FILE
 
@@ -76,13 +79,12 @@ def _refuse_unwritable(calibration: Calibration) -> None:
             )
 
 
-def _data(calibration: Calibration) -> dict[str, dict[str, FloatArray]]:
-    """The columns of each data file."""
+def _data(calibration: Calibration) -> tuple[list[str], Iterator[dict[str, FloatArray]]]:
+    """Names of the data files, and the columns of each."""
     if calibration.table is not None:
-        return {"table.csv": _table_columns(calibration.table)}
+        return ["table.csv"], iter([_table_columns(calibration.table)])
     files = record_files([record.name for record in calibration.records])
-    columns = (_record_columns(record, calibration.quantity) for record in calibration.records)
-    return dict(zip(files, columns, strict=True))
+    return files, (_record_columns(record, calibration.quantity) for record in calibration.records)
 
 
 def record_files(records: list[str]) -> list[str]:
