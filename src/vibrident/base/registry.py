@@ -11,6 +11,7 @@ from __future__ import annotations
 import functools
 import importlib
 import logging
+import pkgutil
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -163,7 +164,7 @@ class Registry(Generic[T]):
             _log.warning(PlugIn(self.group, point.name, _package(point), self._problems[point.name]).line)
 
     def _checked(self, name: str, found: Any) -> T:
-        classes = tuple(_imported(path) for path in self._classes)
+        classes = tuple(map(pkgutil.resolve_name, self._classes))
         if not isinstance(found, classes):
             wanted = " or ".join(path.replace(":", ".") for path in self._classes)
             raise _Unusable(f"expected an object of {wanted}, found one of {type(found).__qualname__}")
@@ -184,11 +185,6 @@ class Registry(Generic[T]):
 
 class _Unusable(Exception):
     """What an entry point gives is not what its group is for; the message says why."""
-
-
-def _imported(path: str) -> Any:
-    module, _, name = path.partition(":")
-    return getattr(importlib.import_module(module), name)
 
 
 @functools.cache

@@ -7,12 +7,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, ConfigDict, Field
 
 from vibrident.base.errors import InputError
 from vibrident.data.effects import Circumstances
 from vibrident.data.io.certificate import CertificateSection
-from vibrident.data.io.schema_errors import schema_error
+from vibrident.data.io.schema_errors import validated
 from vibrident.data.io.sections import (
     CapabilityEntry,
     Column,
@@ -155,10 +155,7 @@ def checked_calibration(document: Mapping[str, Any], where: str) -> CalibrationF
                 where=where,
                 remedy="use `vibrident axes`, or write the section in single brackets",
             )
-    try:
-        calibration = CalibrationFile.model_validate(document)
-    except ValidationError as error:
-        raise schema_error(error, CalibrationFile, where) from None
+    calibration = validated(CalibrationFile, document, where)
     _check_sensor(calibration, where)
     check_uncertainties(calibration.uncertainty, where)
     _check_content(calibration, where)
