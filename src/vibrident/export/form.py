@@ -71,6 +71,11 @@ def library(name: str, extra: str) -> Any:
     return extras.library(name, extra, "This format needs a library that is not installed.", "--format")
 
 
+def template(name: str) -> str:
+    """The text around the numbers of a written file, from the folder of templates."""
+    return (Path(__file__).parent / "templates" / name).read_text(encoding="utf-8")
+
+
 @dataclass(frozen=True)
 class Format:
     """A format in which a sensor is written."""
