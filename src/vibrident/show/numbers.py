@@ -14,7 +14,7 @@ from typing import Any, TypeGuard
 
 from vibrident.base import amounts
 from vibrident.base.amounts import NONE, PLAIN_DIGITS, SUPERSCRIPTS, Scale, pretty, scaled
-from vibrident.base.nominal import nominal_value
+from vibrident.base.nominal import nominal_name
 from vibrident.data.records import REFERENCE_UNITS, FloatArray
 from vibrident.result import Parameter, Result
 
@@ -236,12 +236,7 @@ def sensor_name(sensor: Mapping[str, object]) -> str:
 
 def nominal_frequency(frequency_hz: float) -> str | None:
     """Nominal ISO 266 name (Hz) of an exact base-10 one-third-octave frequency; None for any other frequency."""
-    if not (math.isfinite(frequency_hz) and frequency_hz > 0):
-        return None
-    index = round(10 * math.log10(frequency_hz))
-    if abs(frequency_hz / 10 ** (index / 10) - 1) > 5e-4:
-        return None
-    return f"{nominal_value(index):.6g}"
+    return nominal_name(frequency_hz, 5e-4)
 
 
 def frequency_text(frequency_hz: float) -> str:
