@@ -46,7 +46,6 @@ class Folder:
     """A folder being written."""
 
     path: Path  # the temporary folder to write to
-    target: Path  # the final folder
     # final paths, once all are written; in the order of the names, the result first
     files: list[Path] = field(default_factory=list)
 
@@ -71,7 +70,7 @@ def written_whole(target: Path) -> Iterator[Folder]:
     missing = [folder for folder in (target, *target.parents) if not folder.exists()]
     # Inside an existing folder: the one above may belong to another user or file system.
     partial = (target if target.is_dir() else target.parent) / f".vibrident.{os.getpid()}.part"
-    folder = Folder(partial, target)
+    folder = Folder(partial)
 
     def discard() -> None:
         shutil.rmtree(partial, ignore_errors=True)
