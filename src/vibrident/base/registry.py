@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from vibrident.base.errors import InputError, did_you_mean
+from vibrident.base.errors import InputError, unknown
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
@@ -123,16 +123,15 @@ class Registry(Generic[T]):
         found = self._object(name)
         if found is None:
             problem = self._problems.get(name)
+            if problem is None:
+                said = f"The {self.kind} {name!r} is not known."
+                raise unknown(said, name, self.names(), self.where, kind=self._error)
             raise self._error(
-                f"The {self.kind} {name!r} is not known."
-                if problem is None
-                else f"The {self.kind} {name!r} cannot be used.",
+                f"The {self.kind} {name!r} cannot be used.",
                 expected=" | ".join(self.names()),
-                found=repr(name) if problem is None else f"a plug-in of {_package(self._added[name])}: {problem}",
+                found=f"a plug-in of {_package(self._added[name])}: {problem}",
                 where=self.where,
-                remedy=did_you_mean(name, self.names())
-                if problem is None
-                else "correct, update or uninstall that package",
+                remedy="correct, update or uninstall that package",
             )
         return found
 

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from vibrident.base.errors import InputError
+from vibrident.base.errors import unknown
 from vibrident.result import Result
 
 Rule = Literal["simple", "guarded"]
@@ -75,12 +75,12 @@ def judged(result: Result, reference_hz: float | None, reference: tuple[float, f
             found.append(min(rows, key=_order))
             continue
         if entry["quantity"] not in result.parameters:
-            raise InputError(
+            raise unknown(
                 "A requirement is of a quantity that the result does not have.",
-                expected="one of " + ", ".join([*result.parameters, DEVIATION]),
-                found=repr(entry["quantity"]),
-                where="[[certificate.requirements]] quantity",
-                remedy="name one of these, or remove the requirement",
+                entry["quantity"],
+                [*result.parameters, DEVIATION],
+                "[[certificate.requirements]] quantity",
+                "name one of these, or remove the requirement",
             )
         parameter = result.parameters[entry["quantity"]]
         u = parameter.standard_uncertainty

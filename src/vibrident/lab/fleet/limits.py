@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from vibrident.base.errors import InputError, did_you_mean
+from vibrident.base.errors import InputError, unknown
 from vibrident.data.io.schema_errors import validated
 from vibrident.data.io.sections import FileSection, Number, Positive
 from vibrident.data.io.toml_text import read_toml
@@ -91,13 +91,7 @@ def _check(found: Specification, where: str) -> None:
     for number, one in enumerate(found.limits, start=1):
         here = f"{where}, [[limits]] entry {number}"
         if one.parameter not in parameter_names():
-            raise InputError(
-                "There is no such parameter.",
-                expected="one of " + ", ".join(parameter_names()),
-                found=repr(one.parameter),
-                where=here,
-                remedy=did_you_mean(one.parameter, parameter_names()),
-            )
+            raise unknown("There is no such parameter.", one.parameter, parameter_names(), here)
         if (one.tolerance is None) == (one.tolerance_percent is None):
             raise InputError(
                 "A limit has one tolerance.",
