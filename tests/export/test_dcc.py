@@ -15,7 +15,7 @@ from tests.support.exported import CASES, PAPER, case, paper, result
 
 from vibrident.base.errors import InputError
 from vibrident.export import export
-from vibrident.export.dcc_units import d_si
+from vibrident.export.dcc_results import d_si
 from vibrident.result import Result, ResultWarning
 
 pytestmark = [

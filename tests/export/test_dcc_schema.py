@@ -18,8 +18,7 @@ from tests.support.exported import CASES, case, paper
 from tests.support.shell import run
 
 from vibrident.base.errors import InputError
-from vibrident.export.dcc_schema import validate
-from vibrident.export.formats.dcc import VERSION
+from vibrident.export.formats.dcc import VERSION, validate
 from vibrident.result import ResultWarning
 
 pytestmark = [

@@ -14,12 +14,11 @@ from vibrident.base.backend import jax
 from vibrident.base.errors import InputError, NotConverged
 from vibrident.paper import published
 from vibrident.paper.black_box import Recurrent
-from vibrident.paper.bound import cramer_rao
 from vibrident.paper.dataset import RUN_IN, RUN_OUT, SCORED, SENSOR, Dataset, cut, outliers, prepared, section_4
 from vibrident.paper.experiment import MSV_3000, VIBROMETER, interferometer, seismometer
 from vibrident.paper.least_squares import from_sine_fits
 from vibrident.paper.metrics import Metrics, curve_deviation
-from vibrident.paper.studies import optimum
+from vibrident.paper.studies import cramer_rao, optimum
 from vibrident.paper.training import Schedule, train
 from vibrident.paper.unrolled import START, unrolled
 from vibrident.physics.discretisation import method

@@ -39,7 +39,7 @@ _NATURAL = {
     "F": (-15, 0),
     "Ω": (-3, 9),
 }
-_SUPERSCRIPTS = str.maketrans("0123456789-+", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁺")
+SUPERSCRIPTS = str.maketrans("0123456789-+", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁺")
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class Scale:
 def pretty(unit: str) -> str:
     """Write a unit with superscripts: ``m/s^2`` becomes ``m/s²``; no unit becomes ``1``."""
     power = r"\^(?:\(([+-]?\d+)\)|([+-]?\d+))"
-    text = re.sub(power, lambda found: (found[1] or found[2]).translate(_SUPERSCRIPTS), unit.strip())
+    text = re.sub(power, lambda found: (found[1] or found[2]).translate(SUPERSCRIPTS), unit.strip())
     return text.replace("*", "·") or "1"
 
 

@@ -5,7 +5,7 @@ The package's ``__init__`` binds them, as it binds the public names, so that a r
 
 from __future__ import annotations
 
-import importlib
+import pkgutil
 from collections.abc import Callable
 from typing import Any
 
@@ -19,5 +19,4 @@ def bind(**places: str) -> None:
 
 def bound(name: str) -> Callable[..., Any]:
     """The function that is bound to a name."""
-    module, _, function = _PLACES[name].partition(":")
-    return getattr(importlib.import_module(module), function)
+    return pkgutil.resolve_name(_PLACES[name])

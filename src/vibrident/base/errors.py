@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import functools
 from collections.abc import Iterable
 
 
@@ -51,11 +52,7 @@ class InputError(VibridentError):
         return type(self)(**{**vars(self), "where": where})
 
     def __reduce__(self) -> tuple[object, ...]:  # pickling keeps keyword-only arguments
-        return (_rebuild_input_error, (type(self), self.__dict__.copy()))
-
-
-def _rebuild_input_error(kind: type[InputError], fields: dict[str, str]) -> InputError:
-    return kind(**fields)
+        return functools.partial(type(self), **vars(self)), ()
 
 
 def did_you_mean(

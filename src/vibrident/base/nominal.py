@@ -34,6 +34,14 @@ def nominal_value(n: int) -> float:
     return float(f"{NOMINAL[step]}e{decade}")  # as a decimal, so that 0.63 is the float 0.63
 
 
+def nominal_name(frequency_hz: float, within: float = SAME) -> str | None:
+    """Nominal name (Hz) of an exact one-third-octave frequency (158.49 → "160"); None for any other frequency."""
+    if not (math.isfinite(frequency_hz) and frequency_hz > 0):
+        return None
+    n = round(10 * math.log10(frequency_hz))
+    return f"{nominal_value(n):.6g}" if abs(frequency_hz / 10 ** (n / 10) - 1) <= within else None
+
+
 def same(one_hz: float, other_hz: float) -> bool:
     """Whether two frequencies are the same within a tone's uncertainty."""
     return abs(one_hz / other_hz - 1.0) <= SAME

@@ -8,9 +8,9 @@ whoever started it is gone.
 from __future__ import annotations
 
 import contextlib
-import importlib
 import math
 import os
+import pkgutil
 import queue
 import signal
 import subprocess
@@ -79,19 +79,12 @@ class Died(Exception):
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of a call; None where there is none.
+    """Limits of a call; None where there is none."""
 
-    Attributes:
-        seconds: most time of the clock.
-        memory_bytes: most memory beside the process's code, where the system can limit it (Linux).
-        file_bytes: most bytes of a file that it writes.
-        answer_bytes: longest message that is taken from it.
-    """
-
-    seconds: float | None = None
-    memory_bytes: int | None = None
-    file_bytes: int | None = None
-    answer_bytes: int = _LONGEST_ANSWER
+    seconds: float | None = None  # most time of the clock
+    memory_bytes: int | None = None  # most memory beside the process's code, where the system can limit it (Linux)
+    file_bytes: int | None = None  # most bytes of a file that it writes
+    answer_bytes: int = _LONGEST_ANSWER  # longest message that is taken from it
 
 
 NO_LIMITS = Limits()
@@ -307,14 +300,6 @@ def _name(function: Callable[..., Any]) -> str:
     return f"{function.__module__}:{function.__qualname__}"
 
 
-def _named(name: str) -> Callable[..., Any]:
-    module, _, path = name.partition(":")
-    found: Any = importlib.import_module(module)
-    for part in path.split("."):
-        found = getattr(found, part)
-    return found
-
-
 def work() -> None:
     """Main of the process: call what the owner asks for, until its stdin ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -325,7 +310,7 @@ def work() -> None:
     threading.Thread(target=_take_calls, args=(calls,), daemon=True).start()
     prepare, idle_s = sys.argv[1:]
     if prepare:
-        _named(prepare)()
+        pkgutil.resolve_name(prepare)()
     while True:
         try:
             call = calls.get(timeout=float(idle_s) if idle_s else None)
@@ -349,7 +334,7 @@ def _answer(call: Mapping[str, Any], answers: IO[bytes]) -> None:
 
     try:
         more = {"progress": progress} if call["progress"] else {}
-        parcel.send(answers, {"done": _named(call["name"])(*call["args"], **more)})
+        parcel.send(answers, {"done": pkgutil.resolve_name(call["name"])(*call["args"], **more)})
         return
     except MemoryError:
         said: dict[str, Any] = {"memory": True}

@@ -11,12 +11,13 @@ from __future__ import annotations
 import functools
 import importlib
 import logging
+import pkgutil
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from vibrident.base.errors import InputError, did_you_mean
+from vibrident.base.errors import InputError, unknown
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
@@ -122,16 +123,15 @@ class Registry(Generic[T]):
         found = self._object(name)
         if found is None:
             problem = self._problems.get(name)
+            if problem is None:
+                said = f"The {self.kind} {name!r} is not known."
+                raise unknown(said, name, self.names(), self.where, kind=self._error)
             raise self._error(
-                f"The {self.kind} {name!r} is not known."
-                if problem is None
-                else f"The {self.kind} {name!r} cannot be used.",
+                f"The {self.kind} {name!r} cannot be used.",
                 expected=" | ".join(self.names()),
-                found=repr(name) if problem is None else f"a plug-in of {_package(self._added[name])}: {problem}",
+                found=f"a plug-in of {_package(self._added[name])}: {problem}",
                 where=self.where,
-                remedy=did_you_mean(name, self.names())
-                if problem is None
-                else "correct, update or uninstall that package",
+                remedy="correct, update or uninstall that package",
             )
         return found
 
@@ -163,7 +163,7 @@ class Registry(Generic[T]):
             _log.warning(PlugIn(self.group, point.name, _package(point), self._problems[point.name]).line)
 
     def _checked(self, name: str, found: Any) -> T:
-        classes = tuple(_imported(path) for path in self._classes)
+        classes = tuple(map(pkgutil.resolve_name, self._classes))
         if not isinstance(found, classes):
             wanted = " or ".join(path.replace(":", ".") for path in self._classes)
             raise _Unusable(f"expected an object of {wanted}, found one of {type(found).__qualname__}")
@@ -184,11 +184,6 @@ class Registry(Generic[T]):
 
 class _Unusable(Exception):
     """What an entry point gives is not what its group is for; the message says why."""
-
-
-def _imported(path: str) -> Any:
-    module, _, name = path.partition(":")
-    return getattr(importlib.import_module(module), name)
 
 
 @functools.cache

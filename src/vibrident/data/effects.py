@@ -13,26 +13,18 @@ _UNITS: dict[EffectKind, str] = {"timing": "s", "phase": "rad"}  # the others ar
 
 @dataclass(frozen=True)
 class SystematicEffect:
-    """One systematic contribution to the uncertainty, common to all points (GUM 4.3, type B).
+    """One systematic contribution to the uncertainty, common to all points (GUM 4.3, type B)."""
 
-    Attributes:
-        source: what it comes from, in words.
-        kind: how it acts: ``gain`` (relative), ``timing`` (skew between the channels, s), ``phase`` (rad), ``mounting``
-            (relative at ``frequency_hz``, growing with its square) or ``clock`` (sampling rate, relative). Found in an
-            interferometer's signals: ``ellipse`` and ``cyclic``; found in the records: ``rounding`` (relative, with a
-            ``pattern``).
-        standard_uncertainty: in ``unit``.
-        frequency_hz: of a mounting effect; None otherwise.
-        degrees_of_freedom: behind the standard uncertainty; infinite where it is taken as known.
-        pattern: frequency in Hz and change of log H for one unit of the effect, real and imaginary part, where that
-            has no formula.
-    """
-
-    source: str
+    source: str  # what it comes from, in words
+    # how it acts: ``gain`` (relative), ``timing`` (skew between the channels, s), ``phase`` (rad), ``mounting``
+    # (relative at ``frequency_hz``, growing with its square) or ``clock`` (sampling rate, relative). Found in an
+    # interferometer's signals: ``ellipse`` and ``cyclic``; found in the records: ``rounding`` (relative, with a
+    # ``pattern``)
     kind: EffectKind
-    standard_uncertainty: float
-    frequency_hz: float | None = None
-    degrees_of_freedom: float = math.inf
+    standard_uncertainty: float  # in ``unit``
+    frequency_hz: float | None = None  # of a mounting effect; None otherwise
+    degrees_of_freedom: float = math.inf  # behind the standard uncertainty; infinite where it is taken as known
+    # frequency in Hz and change of log H for one unit of the effect, real and imaginary part, where that has no formula
     pattern: tuple[tuple[float, float, float], ...] = field(default=(), repr=False)
 
     @property
@@ -43,32 +35,20 @@ class SystematicEffect:
 
 @dataclass(frozen=True)
 class Capability:
-    """The least expanded uncertainty (k = 2) that a laboratory may state over a band (CMC; ILAC-P14).
+    """The least expanded uncertainty (k = 2) that a laboratory may state over a band (CMC; ILAC-P14)."""
 
-    Attributes:
-        quantity: of the sensitivity: ``magnitude`` (relative) or ``phase`` (rad).
-        expanded_uncertainty: relative, or in rad.
-        from_hz, to_hz: the band, both ends included.
-    """
-
-    quantity: Literal["magnitude", "phase"]
-    expanded_uncertainty: float
+    quantity: Literal["magnitude", "phase"]  # of the sensitivity: ``magnitude`` (relative) or ``phase`` (rad)
+    expanded_uncertainty: float  # relative, or in rad
+    # from_hz, to_hz: the band, both ends included
     from_hz: float = 0.0
     to_hz: float = math.inf
 
 
 @dataclass(frozen=True)
 class Circumstances:
-    """Under which a record was made, as far as they are stated.
+    """Under which a record was made, as far as they are stated."""
 
-    Attributes:
-        run: which of several runs it belongs to; empty where there is one.
-        mounting: during which mounting of the sensor; empty where it was mounted once.
-        axis: axis of the sensor along which it was moved: ``x``, ``y`` or ``z``; empty for a sensor of one axis.
-        temperature_c: of the sensor, in °C.
-    """
-
-    run: str = ""
-    mounting: str = ""
-    axis: str = ""
-    temperature_c: float | None = None
+    run: str = ""  # which of several runs it belongs to; empty where there is one
+    mounting: str = ""  # during which mounting of the sensor; empty where it was mounted once
+    axis: str = ""  # axis of the sensor along which it was moved: ``x``, ``y`` or ``z``; empty for a sensor of one axis
+    temperature_c: float | None = None  # of the sensor, in °C

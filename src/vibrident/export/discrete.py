@@ -25,23 +25,14 @@ from vibrident.physics.models.state_space import realise
 
 @dataclass(frozen=True, eq=False)
 class HoldCell:
-    """One step of the network by first-order hold.
+    """One step of the network by first-order hold."""
 
-    Attributes:
-        growth: Φ − 1, shape (n, n).
-        before: Γ0, shape (n,), for the previous sample.
-        now: Γ1, shape (n,), for the present sample.
-        output: C, shape (n,), read from the new state.
-        feedthrough: D.
-        interval_s: sampling interval.
-    """
-
-    growth: np.ndarray
-    before: np.ndarray
-    now: np.ndarray
-    output: np.ndarray
-    feedthrough: float
-    interval_s: float
+    growth: np.ndarray  # Φ − 1, shape (n, n)
+    before: np.ndarray  # Γ0, shape (n,), for the previous sample
+    now: np.ndarray  # Γ1, shape (n,), for the present sample
+    output: np.ndarray  # C, shape (n,), read from the new state
+    feedthrough: float  # D
+    interval_s: float  # sampling interval
 
     def response(self, frequency_hz: FloatArray) -> np.ndarray:
         """Response to e^{jωt} sampled, at its samples."""

@@ -18,17 +18,11 @@ _NAME = re.compile(r"(?!(?:con|prn|aux|nul|com\d|lpt\d)\Z)[a-z][a-z0-9_]{0,40}",
 
 @dataclass(frozen=True)
 class Option:
-    """An option of some formats: its flag on the command line, and its label on the page.
+    """An option of some formats: its flag on the command line, and its label on the page."""
 
-    Attributes:
-        flag: on the command line.
-        label: on the page; empty for the command line only.
-        number: True for a number, False for text.
-    """
-
-    flag: str
-    label: str = ""
-    number: bool = False
+    flag: str  # on the command line
+    label: str = ""  # on the page; empty for the command line only
+    number: bool = False  # True for a number, False for text
 
 
 #: Field of ``Options`` → option, for those of some formats only.
@@ -45,27 +39,17 @@ OPTIONS: Mapping[str, Option] = MappingProxyType(
 
 @dataclass(frozen=True)
 class Options:
-    """Choices.
+    """Choices."""
 
-    Attributes:
-        rate_hz: sampling rate of discrete formats; None takes the network's, if there is one.
-        band_hz: band for errors and for the correction filter; None takes that of the data.
-        without: add-ons to leave out.
-        name: of files, and of what is defined in them.
-        schema: XSD to validate a certificate against.
-        country: ISO 3166-1 code of the calibration laboratory, for a certificate.
-        channel: NET.STA.LOC.CHA for seismological formats; None takes codes for tests (network XX).
-        online: of C: the tracker in place of the fixed filters.
-    """
-
-    rate_hz: float | None = None
+    rate_hz: float | None = None  # sampling rate of discrete formats; None takes the network's, if there is one
+    # band for errors and for the correction filter; None takes that of the data
     band_hz: tuple[float, float] | None = None
-    without: Sequence[str] = ()
-    name: str = "sensor"
-    schema: Path | None = None
-    country: str | None = None
-    channel: str | None = None
-    online: bool = False
+    without: Sequence[str] = ()  # add-ons to leave out
+    name: str = "sensor"  # of files, and of what is defined in them
+    schema: Path | None = None  # XSD to validate a certificate against
+    country: str | None = None  # ISO 3166-1 code of the calibration laboratory, for a certificate
+    channel: str | None = None  # NET.STA.LOC.CHA for seismological formats; None takes codes for tests (network XX)
+    online: bool = False  # of C: the tracker in place of the fixed filters
 
     def __post_init__(self) -> None:
         if not _NAME.fullmatch(self.name):
@@ -87,27 +71,23 @@ def library(name: str, extra: str) -> Any:
     return extras.library(name, extra, "This format needs a library that is not installed.", "--format")
 
 
+def template(name: str) -> str:
+    """The text around the numbers of a written file, from the folder of templates."""
+    return (Path(__file__).parent / "templates" / name).read_text(encoding="utf-8")
+
+
 @dataclass(frozen=True)
 class Format:
-    """A format in which a sensor is written.
+    """A format in which a sensor is written."""
 
-    Attributes:
-        name: as ``--format`` names it.
-        title: in a few words.
-        write: (sensor, folder, options) → files. Raises InputError if the format cannot hold the sensor.
-        holds: parts of a result in it.
-        cannot_hold: parts of a result not in it.
-        options: fields of ``Options`` specific to this or few formats; each a key of ``OPTIONS``.
-        extra: extra of vibrident, or package, with its library; empty: none.
-    """
-
-    name: str
-    title: str
+    name: str  # as ``--format`` names it
+    title: str  # in a few words
+    # (sensor, folder, options) → files. Raises InputError if the format cannot hold the sensor
     write: Callable[[ExportedSensor, Path, Options], list[Path]]
-    holds: str
-    cannot_hold: str
-    options: tuple[str, ...] = ()
-    extra: str = ""
+    holds: str  # parts of a result in it
+    cannot_hold: str  # parts of a result not in it
+    options: tuple[str, ...] = ()  # fields of ``Options`` specific to this or few formats; each a key of ``OPTIONS``
+    extra: str = ""  # extra of vibrident, or package, with its library; empty: none
 
     def __post_init__(self) -> None:
         for option in self.options:

@@ -17,17 +17,11 @@ from vibrident.physics.models import Rational
 
 @dataclass(frozen=True, eq=False)
 class PolesZeros:
-    """k ∏(s − z)/∏(s − p).
+    """k ∏(s − z)/∏(s − p)."""
 
-    Attributes:
-        zeros: rad/s, complex, conjugates side by side.
-        poles: rad/s, complex, conjugates side by side.
-        gain: k.
-    """
-
-    zeros: np.ndarray
-    poles: np.ndarray
-    gain: float
+    zeros: np.ndarray  # rad/s, complex, conjugates side by side
+    poles: np.ndarray  # rad/s, complex, conjugates side by side
+    gain: float  # k
 
     def response(self, frequency_hz: FloatArray) -> np.ndarray:
         """Value at s = j 2π f; zeros and poles alternate, so that no product overflows."""

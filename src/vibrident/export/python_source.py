@@ -9,34 +9,10 @@ import numpy as np
 
 from vibrident.base.escaping import python_docstring
 from vibrident.export.approximation import held
-from vibrident.export.form import Options
+from vibrident.export.form import Options, template
 from vibrident.export.poles_zeros import PolesZeros
 from vibrident.export.sensor import Exported, ExportedSensor, identity
 from vibrident.result.sensor import IdentifiedSensor
-
-_MODULE = '''"""{title}
-
-{identity}
-"""
-
-import numpy as np
-{imports}
-
-#: name → (value, unit, standard uncertainty or None), as in result.json.
-PARAMETERS = {{
-{parameters}}}
-#: Covariance of {names}; None if it is not stated.
-COVARIANCE = {covariance}
-
-ZEROS = np.array([{zeros}], dtype=complex)  # rad/s
-POLES = np.array([{poles}], dtype=complex)  # rad/s
-GAIN = {gain!r}
-
-
-def sensor():
-    """{input_unit} to {output_unit}: {kind}."""
-    return {make}
-'''
 
 
 def system(known: IdentifiedSensor) -> PolesZeros:
@@ -69,7 +45,7 @@ def write_module(
     )
     note = "the transfer function holds no uncertainties: PARAMETERS and COVARIANCE beside it do"
     lines = [python_docstring(line) for line in (*identity(sensor), *words, note)]
-    text = _MODULE.format(
+    text = template("module.py.txt").format(
         title=f"Sensitivity of a vibration sensor as a {kind}.",
         identity="\n".join(lines),
         imports=imports,

@@ -23,19 +23,12 @@ POINTS = 400
 
 @dataclass(frozen=True, eq=False)
 class Exported:
-    """An identified sensor over a band, whole or without add-ons.
+    """An identified sensor over a band, whole or without add-ons."""
 
-    Attributes:
-        known: the identified sensor.
-        model: the exported model: the result's without what is left out.
-        band_hz: lowest and highest frequency of the data, or the user's choice.
-        left_out: add-ons of the result that the export does not hold.
-    """
-
-    known: IdentifiedSensor
-    model: SensorModel
-    band_hz: tuple[float, float]
-    left_out: tuple[str, ...] = field(default=(), kw_only=True)
+    known: IdentifiedSensor  # the identified sensor
+    model: SensorModel  # the exported model: the result's without what is left out
+    band_hz: tuple[float, float]  # lowest and highest frequency of the data, or the user's choice
+    left_out: tuple[str, ...] = field(default=(), kw_only=True)  # add-ons of the result that the export does not hold
 
     @property
     def values(self) -> Mapping[str, float]:

@@ -26,17 +26,11 @@ HIDDEN = 16
 
 
 class Recurrent(eqx.Module):
-    """One recurrent layer and a linear read-out, neither with a bias.
+    """One recurrent layer and a linear read-out, neither with a bias."""
 
-    Attributes:
-        cell: equinox's cell for one step.
-        readout: hidden state → output, shape (hidden,).
-        kind: ``gru`` or ``lstm``.
-    """
-
-    cell: Any
-    readout: Any
-    kind: Kind = eqx.field(static=True)
+    cell: Any  # equinox's cell for one step
+    readout: Any  # hidden state → output, shape (hidden,)
+    kind: Kind = eqx.field(static=True)  # ``gru`` or ``lstm``
 
     def __init__(self, kind: Kind, *, seed: int) -> None:
         for_cell, for_readout = jax.random.split(jax.random.key(seed))

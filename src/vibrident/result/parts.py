@@ -63,44 +63,28 @@ class ResultWarning:
 
 @dataclass(frozen=True)
 class Finding:
-    """What departs from the fit significantly, whether it matters or not.
+    """What departs from the fit significantly, whether it matters or not."""
 
-    Attributes:
-        code: the warning that it is, where it matters.
-        record: name of the record; None where it concerns all.
-        time_s: where in the record; None where that has no place.
-        probability: that noise alone shows it.
-        impact: parameter → how far it moves the stated value, in the parameter's unit: stated less without.
-        message: a sentence for the user.
-    """
-
-    code: WarningCode
-    record: str | None
-    time_s: float | None
-    probability: float
+    code: WarningCode  # the warning that it is, where it matters
+    record: str | None  # name of the record; None where it concerns all
+    time_s: float | None  # where in the record; None where that has no place
+    probability: float  # that noise alone shows it
+    # parameter → how far it moves the stated value, in the parameter's unit: stated less without
     impact: Mapping[str, float]
-    message: str
+    message: str  # a sentence for the user
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """An identified or derived parameter.
+    """An identified or derived parameter."""
 
-    Attributes:
-        value: best estimate, in ``unit``.
-        unit: unit of value, standard uncertainty and interval.
-        standard_uncertainty: u (GUM), same unit; None where it cannot be stated.
-        interval_95: limits of the 95 % coverage interval; None at an end that the data do not bound.
-        identifiable: False where the data do not determine the parameter.
-        derived: True for a function of the estimated parameters.
-    """
-
-    value: float
-    unit: str
-    standard_uncertainty: float | None
+    value: float  # best estimate, in ``unit``
+    unit: str  # unit of value, standard uncertainty and interval
+    standard_uncertainty: float | None  # u (GUM), same unit; None where it cannot be stated
+    # limits of the 95 % coverage interval; None at an end that the data do not bound
     interval_95: tuple[float | None, float | None]
-    identifiable: bool = True
-    derived: bool = False
+    identifiable: bool = True  # False where the data do not determine the parameter
+    derived: bool = False  # True for a function of the estimated parameters
 
 
 @dataclass(frozen=True)
@@ -157,29 +141,21 @@ class Curve(_OfNumbers):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MeasuredCurve(Curve):
-    """What the data say at each excited frequency, and how far the model is from it.
+    """What the data say at each excited frequency, and how far the model is from it."""
 
-    Attributes:
-        deviation_percent: 100 (model − measured)/measured, of the magnitude.
-        deviation_phase_deg: model − measured phase; NaN where there is no measured phase.
-        record: name of the record of each point.
-        magnitude_noise: the part of ``magnitude_uncertainty`` that is noise of this point alone; the rest are the
-            stated systematic effects, common to all points.
-        phase_deg_noise: the same of the phase.
-        deviation_uncertainty_percent: standard uncertainty of ``deviation_percent``. The model was fitted to the same
-            points and follows what is common to them, so it is not made of the uncertainties of both: it is the noise
-            less its leverage, and of the effects what the parameters cannot follow. NaN where the model meets the
-            point whatever it is.
-        deviation_phase_uncertainty_deg: the same of the phase.
-    """
-
-    deviation_percent: Numbers = field(default_factory=no_numbers)
+    deviation_percent: Numbers = field(default_factory=no_numbers)  # 100 (model − measured)/measured, of the magnitude
+    # model − measured phase; NaN where there is no measured phase
     deviation_phase_deg: Numbers = field(default_factory=no_numbers)
-    record: tuple[str, ...] = ()
+    record: tuple[str, ...] = ()  # name of the record of each point
+    # the part of ``magnitude_uncertainty`` that is noise of this point alone; the rest are the stated systematic
+    # effects, common to all points
     magnitude_noise: Numbers = field(default_factory=no_numbers)
-    phase_deg_noise: Numbers = field(default_factory=no_numbers)
+    phase_deg_noise: Numbers = field(default_factory=no_numbers)  # the same of the phase
+    # standard uncertainty of ``deviation_percent``. The model was fitted to the same points and follows what is common
+    # to them, so it is not made of the uncertainties of both: it is the noise less its leverage, and of the effects
+    # what the parameters cannot follow. NaN where the model meets the point whatever it is
     deviation_uncertainty_percent: Numbers = field(default_factory=no_numbers)
-    deviation_phase_uncertainty_deg: Numbers = field(default_factory=no_numbers)
+    deviation_phase_uncertainty_deg: Numbers = field(default_factory=no_numbers)  # the same of the phase
 
 
 @dataclass(frozen=True, eq=False, repr=False)

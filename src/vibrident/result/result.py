@@ -13,6 +13,7 @@ import numpy as np
 
 from vibrident.base.binding import bound
 from vibrident.base.errors import InputError
+from vibrident.base.files import whole
 from vibrident.data.records import FloatArray
 from vibrident.result.document import SCHEMA, damaged, json_text, measured_part, plain, refuse_constant, with_numbers
 from vibrident.result.parts import (
@@ -216,12 +217,8 @@ class Result:
         """Write ``result.json`` at ``path``, whole or not at all; return the path."""
         target = Path(path)
         target.parent.mkdir(parents=True, exist_ok=True)
-        partial = target.with_name(f".{target.name}.{os.getpid()}.part")
-        try:
+        with whole(target) as partial:
             partial.write_text(self.to_json(), encoding="utf-8")
-            partial.replace(target)
-        finally:
-            partial.unlink(missing_ok=True)
         return target
 
     @classmethod

@@ -8,10 +8,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from vibrident.base.amounts import SUPERSCRIPTS
 from vibrident.show.numbers import plain, printed
 from vibrident.show.views import Axis, FloatArray
 
-_SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 _STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)  # steps of a linear axis
 _ANGLES = (1.0, 1.5, 3.0, 4.5, 6.0, 9.0, 10.0)  # steps of an axis of angles in degrees
 
@@ -178,4 +178,4 @@ def _plain(value: float, thousands: bool) -> str:
 
 
 def _power(value: float) -> str:
-    return f"10{str(round(math.log10(value))).translate(_SUPERSCRIPTS)}"
+    return f"10{str(round(math.log10(value))).translate(SUPERSCRIPTS)}"

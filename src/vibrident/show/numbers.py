@@ -13,8 +13,8 @@ from decimal import ROUND_HALF_EVEN, Decimal
 from typing import Any, TypeGuard
 
 from vibrident.base import amounts
-from vibrident.base.amounts import NONE, PLAIN_DIGITS, Scale, pretty, scaled
-from vibrident.base.nominal import nominal_value
+from vibrident.base.amounts import NONE, PLAIN_DIGITS, SUPERSCRIPTS, Scale, pretty, scaled
+from vibrident.base.nominal import nominal_name
 from vibrident.data.records import REFERENCE_UNITS, FloatArray
 from vibrident.result import Parameter, Result
 
@@ -48,15 +48,12 @@ def _rounded(value: Decimal, last: int) -> Decimal:
     return (value / unit).quantize(Decimal(1), rounding=ROUND_HALF_EVEN) * unit
 
 
-_SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
-
-
 def printed(number: str) -> str:
     """A number as it is set: ``-1.5e-7`` becomes ``−1.5·10⁻⁷``; zero has neither sign nor power."""
     head, _, power = number.partition("e")
     if not head.strip("+-0."):
         return head.lstrip("+-") if "." in head and not power else "0"
-    return head.replace("-", "−") + (f"·10{power.translate(_SUPERSCRIPTS)}" if power else "")
+    return head.replace("-", "−") + (f"·10{power.translate(SUPERSCRIPTS)}" if power else "")
 
 
 def plain(value: float | None, digits: int = PLAIN_DIGITS) -> str:
@@ -239,12 +236,7 @@ def sensor_name(sensor: Mapping[str, object]) -> str:
 
 def nominal_frequency(frequency_hz: float) -> str | None:
     """Nominal ISO 266 name (Hz) of an exact base-10 one-third-octave frequency; None for any other frequency."""
-    if not (math.isfinite(frequency_hz) and frequency_hz > 0):
-        return None
-    index = round(10 * math.log10(frequency_hz))
-    if abs(frequency_hz / 10 ** (index / 10) - 1) > 5e-4:
-        return None
-    return f"{nominal_value(index):.6g}"
+    return nominal_name(frequency_hz, 5e-4)
 
 
 def frequency_text(frequency_hz: float) -> str:

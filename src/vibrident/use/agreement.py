@@ -18,37 +18,23 @@ from vibrident.use.comparison import COVERAGE_FACTOR
 
 @dataclass(frozen=True)
 class Equivalence:
-    """A laboratory's value beside the weighted mean of all.
+    """A laboratory's value beside the weighted mean of all."""
 
-    Attributes:
-        difference: the value less the mean.
-        expanded: U of the difference, k = 2: U² = 4 (u² − u_mean²), as the value is part of the mean.
-        e_n: difference over ``expanded``; None where the value is all of the mean.
-    """
-
-    difference: float
-    expanded: float
-    e_n: float | None
+    difference: float  # the value less the mean
+    expanded: float  # U of the difference, k = 2: U² = 4 (u² − u_mean²), as the value is part of the mean
+    e_n: float | None  # difference over ``expanded``; None where the value is all of the mean
 
 
 @dataclass(frozen=True)
 class Agreement:
-    """What values of one quantity say together.
+    """What values of one quantity say together."""
 
-    Attributes:
-        mean: weighted by 1/u².
-        u: its standard uncertainty.
-        chi2: observed χ² of the differences; of ``degrees_of_freedom``.
-        probability: of a larger χ² for consistent values; they are taken for consistent from 0.05 on.
-        laboratories: in the order given.
-    """
-
-    mean: float
-    u: float
-    chi2: float
+    mean: float  # weighted by 1/u²
+    u: float  # its standard uncertainty
+    chi2: float  # observed χ² of the differences; of ``degrees_of_freedom``
     degrees_of_freedom: int
-    probability: float
-    laboratories: tuple[Equivalence, ...]
+    probability: float  # of a larger χ² for consistent values; they are taken for consistent from 0.05 on
+    laboratories: tuple[Equivalence, ...]  # in the order given
 
 
 def agreement(values: Sequence[float], uncertainties: Sequence[float]) -> Agreement:

@@ -201,7 +201,7 @@ def recommendation(results: Mapping[str, Result]) -> Recommendation:
         best = min(sound, key=lambda name: (sound[name].bic or 0.0, sound[name].parameters))
         others = [name for name, result in results.items() if result.model != results[best].model]
         words = f"Take {best}: it explains the data and they determine all its parameters"
-        reasons = [_against(name, results[name], judged[name], sound[best]) for name in others]
+        reasons = [_against(results[name], judged[name], sound[best]) for name in others]
         return Recommendation(best, "; ".join([words, *dict.fromkeys(reasons)]) + ".")
     adequate = [name for name, result in results.items() if result.fit.adequate]
     if adequate:
@@ -218,7 +218,7 @@ def recommendation(results: Mapping[str, Result]) -> Recommendation:
     return Recommendation(None, words)
 
 
-def _against(name: str, result: Result, found: Criteria, best: Criteria) -> str:
+def _against(result: Result, found: Criteria, best: Criteria) -> str:
     """Why another model is not taken."""
     if not result.fit.adequate:
         return f"{result.model} does not explain them"

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from vibrident.base.errors import InputError
+from vibrident.base.errors import unknown
 from vibrident.result import Result
 
 Rule = Literal["simple", "guarded"]
@@ -19,30 +19,19 @@ GUARD = 2.0  # guard band in u: w = U with k = 2 (ILAC-G8:09/2019, 5.1)
 
 @dataclass(frozen=True)
 class Judged:
-    """A requirement and what is said of it.
+    """A requirement and what is said of it."""
 
-    Attributes:
-        quantity: name of a parameter, or ``sensitivity_deviation``.
-        unit: of value and limits.
-        low, high: tolerance limits; infinite where there is none.
-        source: where the requirement is stated, as given.
-        value: of the result; of a deviation at the frequency where conformance is least probable.
-        u: its standard uncertainty; None where it is not known.
-        frequency_hz: of a deviation; None otherwise.
-        probability: of conformance; None without u.
-        met: by the decision rule; None where it cannot be judged.
-    """
-
-    quantity: str
-    unit: str
+    quantity: str  # name of a parameter, or ``sensitivity_deviation``
+    unit: str  # of value and limits
+    # low, high: tolerance limits; infinite where there is none
     low: float
     high: float
-    source: str
-    value: float
-    u: float | None
-    frequency_hz: float | None
-    probability: float | None
-    met: bool | None
+    source: str  # where the requirement is stated, as given
+    value: float  # of the result; of a deviation at the frequency where conformance is least probable
+    u: float | None  # its standard uncertainty; None where it is not known
+    frequency_hz: float | None  # of a deviation; None otherwise
+    probability: float | None  # of conformance; None without u
+    met: bool | None  # by the decision rule; None where it cannot be judged
 
 
 def probability_of_conformance(value: float, u: float, low: float, high: float) -> float:
@@ -86,12 +75,12 @@ def judged(result: Result, reference_hz: float | None, reference: tuple[float, f
             found.append(min(rows, key=_order))
             continue
         if entry["quantity"] not in result.parameters:
-            raise InputError(
+            raise unknown(
                 "A requirement is of a quantity that the result does not have.",
-                expected="one of " + ", ".join([*result.parameters, DEVIATION]),
-                found=repr(entry["quantity"]),
-                where="[[certificate.requirements]] quantity",
-                remedy="name one of these, or remove the requirement",
+                entry["quantity"],
+                [*result.parameters, DEVIATION],
+                "[[certificate.requirements]] quantity",
+                "name one of these, or remove the requirement",
             )
         parameter = result.parameters[entry["quantity"]]
         u = parameter.standard_uncertainty

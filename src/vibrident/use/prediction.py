@@ -27,15 +27,11 @@ UNBOUNDED_HZ = (1e-9, 1e12)  # coordinates need a band to bound a search; nothin
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """One record and its predicted response.
+    """One record and its predicted response."""
 
-    Attributes:
-        record: as screened: clipped samples are marked invalid.
-        predicted: shape (samples,), response unit; NaN where it cannot be made (at the ends, the band-limited
-            interpolation of the reference lacks neighbours).
-    """
-
-    record: Record
+    record: Record  # as screened: clipped samples are marked invalid
+    # shape (samples,), response unit; NaN where it cannot be made (at the ends, the band-limited interpolation of the
+    # reference lacks neighbours)
     predicted: FloatArray
 
     __repr__ = brief
@@ -64,17 +60,11 @@ class Prediction:
 
 @dataclass(frozen=True, eq=False)
 class Predictions:
-    """Predictions for a calibration's records.
+    """Predictions for a calibration's records."""
 
-    Attributes:
-        predictions: one a record, in order, without those left out.
-        findings: doubts about the data; a record without signal is left out and named here.
-        discretisation: of the network.
-    """
-
-    predictions: tuple[Prediction, ...]
-    findings: tuple[Finding, ...]
-    discretisation: str
+    predictions: tuple[Prediction, ...]  # one a record, in order, without those left out
+    findings: tuple[Finding, ...]  # doubts about the data; a record without signal is left out and named here
+    discretisation: str  # of the network
 
     __repr__ = brief
 

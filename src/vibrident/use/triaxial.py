@@ -43,27 +43,16 @@ ComplexArray = NDArray[np.complex128]
 
 @dataclass(frozen=True, eq=False)
 class Matrix:
-    """The complex sensitivity matrix over frequency, per m/s² (or the reference's unit).
+    """The complex sensitivity matrix over frequency, per m/s² (or the reference's unit)."""
 
-    Attributes:
-        outputs: axis of each output.
-        axes: axes of motion.
-        frequency_hz: shape (n,).
-        values: complex, shape (n, outputs, axes); NaN where no record moved along that axis.
-        u: standard uncertainty of the real and of the imaginary part each, shape (n, outputs, axes, 2).
-        degrees_of_freedom: behind ``u``, shape (n, outputs, axes).
-        unit: of the sensitivities.
-        settings: what else is stated: effects, transverse motion, sensor.
-    """
-
-    outputs: tuple[str, ...]
-    axes: tuple[str, ...]
-    frequency_hz: FloatArray
-    values: ComplexArray
-    u: FloatArray
-    degrees_of_freedom: FloatArray
-    unit: str
-    settings: Mapping[str, Any]
+    outputs: tuple[str, ...]  # axis of each output
+    axes: tuple[str, ...]  # axes of motion
+    frequency_hz: FloatArray  # shape (n,)
+    values: ComplexArray  # complex, shape (n, outputs, axes); NaN where no record moved along that axis
+    u: FloatArray  # standard uncertainty of the real and of the imaginary part each, shape (n, outputs, axes, 2)
+    degrees_of_freedom: FloatArray  # behind ``u``, shape (n, outputs, axes)
+    unit: str  # of the sensitivities
+    settings: Mapping[str, Any]  # what else is stated: effects, transverse motion, sensor
 
     def interval_95(self) -> tuple[FloatArray, FloatArray]:
         """Limits of the 95 % intervals of real and imaginary part, each of the shape of ``u``."""

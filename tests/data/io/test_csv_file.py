@@ -282,7 +282,7 @@ def test_what_stands_in_another_cell_is_not_taken_for_a_number_of_this_one(tmp_p
 
 
 def test_chunks_do_not_change_line_numbers(tmp_path, monkeypatch, refused):
-    monkeypatch.setattr("vibrident.data.io.csv_lines._CHUNK_BYTES", 64)
+    monkeypatch.setattr("vibrident.data.io.formats.csv._CHUNK_BYTES", 64)
     lines = many_rows(500)
     source = opened(tmp_path, "\n".join([*lines[:250], "", *lines[250:]]))
     (values,) = source.load([0])

@@ -6,7 +6,7 @@ import random
 
 import pytest
 
-from vibrident.data.io.file_order import natural
+from vibrident.data.io.record_files import natural
 
 
 @pytest.mark.parametrize(

@@ -6,8 +6,7 @@ import json
 
 import numpy as np
 
-from vibrident.data.io.allowance import require_room
-from vibrident.data.io.columns import Channel, Clock, ColumnFile, unreadable
+from vibrident.data.io.columns import Channel, Clock, ColumnFile, require_room, unreadable
 from vibrident.data.io.reader import Reader
 
 

@@ -1,4 +1,4 @@
-"""Output: tables to stdout, everything else to stderr, no control codes in files."""
+"""Output: tables to stdout, all else to stderr, no control codes in files; samples as CSV, and names for results."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import io
 import os
 import sys
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
 from vibrident.base.errors import InputError, VibridentError
@@ -13,6 +14,8 @@ from vibrident.base.escaping import terminal as printable
 
 if TYPE_CHECKING:
     from rich.console import Console
+
+    from vibrident.data.records import Record
 
 #: Columns of a table in a file or a pipe.
 WIDTH_IN_A_FILE = 120
@@ -86,3 +89,19 @@ def _console(*, stderr: bool) -> Console:
     if not stderr:
         console.width = WIDTH_IN_A_FILE if free else max(console.width, LEAST_WIDTH)
     return console
+
+
+def write_samples(path: Path, record: Record, **columns: Any) -> None:
+    """A row a sample: ``time_s``, the file's own clock, and the columns; blank where a value is not a number."""
+    times = (record.start_time_s + record.time_s).tolist()
+    rows = zip(times, *(values.tolist() for values in columns.values()), strict=True)
+    with path.open("w", encoding="ascii", newline="\n") as stream:
+        stream.write(",".join(("time_s", *columns)) + "\n")
+        stream.writelines(",".join(["" if v != v else repr(v) for v in row]) + "\n" for row in rows)
+
+
+def distinct(paths: Sequence[Path]) -> list[str]:
+    """A name for each result: the last part of the path that differs."""
+    parts = [(path.stem, *reversed(path.resolve().parent.parts[1:])) for path in paths]
+    names = next((list(level) for level in zip(*parts, strict=False) if len(set(level)) > 1), [p[0] for p in parts])
+    return [f"{name}-{names[: i + 1].count(name)}" if names.count(name) > 1 else name for i, name in enumerate(names)]

@@ -21,7 +21,7 @@ from vibrident.app.web.preview import preview
 from vibrident.app.web.session import refuse_outside
 from vibrident.base.errors import InputError, VibridentError
 from vibrident.data.io import read
-from vibrident.data.io.allowance import require_room
+from vibrident.data.io.columns import require_room
 from vibrident.data.io.guess import Columns, guess_columns
 from vibrident.data.io.readers import open_columns
 from vibrident.fit.response.motion import kind_of_motion

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from vibrident.base.errors import InputError
+from vibrident.base.files import whole
 
 #: What each may do, and all before it: look at results and histories, identify and issue, approve.
 ROLES = ("look", "identify", "approve")
@@ -125,10 +126,9 @@ def add(file: Path, name: str, role: str, password: str) -> None:
     lines = file.read_text(encoding="utf-8").splitlines() if file.exists() else []
     kept = [line for line in lines if line.partition(":")[0].strip() != name]
     text = "\n".join([*kept, f"{name}:{role}:{PasswordHasher().hash(password)}"]) + "\n"
-    partial = file.with_name(f".{file.name}.part")
-    with os.fdopen(os.open(partial, os.O_CREAT | os.O_WRONLY | os.O_TRUNC, 0o600), "w", encoding="utf-8") as out:
-        out.write(text)
-    partial.replace(file)
+    with whole(file) as partial:
+        partial.touch(0o600)
+        partial.write_text(text, encoding="utf-8")
 
 
 def _nobody() -> str:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from vibrident.app.workflow.interruption import tidied_up
 from vibrident.base.errors import InputError
+from vibrident.base.files import unwritable
 
 if TYPE_CHECKING:
     from vibrident.result import Result
@@ -42,16 +43,10 @@ def load_result(path: Path) -> Result:
 
 @dataclass
 class Folder:
-    """A folder being written.
+    """A folder being written."""
 
-    Attributes:
-        path: the temporary folder to write to.
-        target: the final folder.
-        files: final paths, once all are written; in the order of the names, the result first.
-    """
-
-    path: Path
-    target: Path
+    path: Path  # the temporary folder to write to
+    # final paths, once all are written; in the order of the names, the result first
     files: list[Path] = field(default_factory=list)
 
 
@@ -75,7 +70,7 @@ def written_whole(target: Path) -> Iterator[Folder]:
     missing = [folder for folder in (target, *target.parents) if not folder.exists()]
     # Inside an existing folder: the one above may belong to another user or file system.
     partial = (target if target.is_dir() else target.parent) / f".vibrident.{os.getpid()}.part"
-    folder = Folder(partial, target)
+    folder = Folder(partial)
 
     def discard() -> None:
         shutil.rmtree(partial, ignore_errors=True)
@@ -91,13 +86,7 @@ def written_whole(target: Path) -> Iterator[Folder]:
     except BrokenPipeError:
         raise
     except OSError as error:
-        raise InputError(
-            "The output cannot be written.",
-            expected="a folder that can be written, with room for the files",
-            found=f"{type(error).__name__}: {error.strerror or error}",
-            where=str(target),
-            remedy="give another --out, or make room",
-        ) from error
+        raise unwritable(error, target) from error
     finally:
         discard()
     folder.files.sort(key=lambda file: (file.name != _LAST, file))

@@ -17,25 +17,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Request:
-    """What is to be identified, and how.
+    """What is to be identified, and how."""
 
-    Attributes:
-        estimator: its name, or ``auto``.
-        settings: of the estimator; None where one is not given.
-        models: name of the sensor model: one for all calibrations, or one each; None: the calibrations' own.
-        uncertainty: what the uncertainties cover.
-        share: several calibrations: parameters that they share; None: by what the parameters describe.
-        posterior: whether the posterior is sampled.
-        weights: whether the weights of a network are requested.
-    """
-
-    estimator: str = AUTO
-    settings: Mapping[str, Any] = field(default_factory=dict)
+    estimator: str = AUTO  # its name, or ``auto``
+    settings: Mapping[str, Any] = field(default_factory=dict)  # of the estimator; None where one is not given
+    # name of the sensor model: one for all calibrations, or one each; None: the calibrations' own
     models: Sequence[str] | None = None
-    uncertainty: Any = "auto"
+    uncertainty: Any = "auto"  # what the uncertainties cover
+    # several calibrations: parameters that they share; None: by what the parameters describe
     share: Sequence[str] | None = None
-    posterior: bool = False
-    weights: bool = False
+    posterior: bool = False  # whether the posterior is sampled
+    weights: bool = False  # whether the weights of a network are requested
 
     def check(self, calibrations: int = 1) -> None:
         """Refuse options that exclude each other; nothing is read.

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from vibrident.app.workflow.folder import write_json
 from vibrident.base.errors import InputError
+from vibrident.base.files import unwritable, whole
 
 if TYPE_CHECKING:
     from vibrident.use.tracking.session import Session
@@ -48,13 +49,7 @@ class Files:
                 (self._folder / CHECKPOINT).unlink(missing_ok=True)
                 self._csv.write(",".join(self.columns) + "\n")
         except OSError as error:
-            raise InputError(
-                "The output cannot be written.",
-                expected="a folder that can be written",
-                found=error.strerror or str(error),
-                where=str(self._folder),
-                remedy="give another --out",
-            ) from error
+            raise unwritable(error, self._folder) from error
         return position
 
     def _resumed(self) -> int:
@@ -104,9 +99,8 @@ class Files:
             "troubles": [vars(trouble) for trouble in session.troubles],
             "alarms": [vars(alarm) for alarm in session.alarms],
         }
-        partial = self._folder / f".{CHECKPOINT}.{os.getpid()}.part"
-        partial.write_bytes(json.dumps(head).encode() + b"\n" + session.tracker.state.save())
-        partial.replace(self._folder / CHECKPOINT)
+        with whole(self._folder / CHECKPOINT) as partial:
+            partial.write_bytes(json.dumps(head).encode() + b"\n" + session.tracker.state.save())
 
     def end(self) -> dict[str, Any]:
         """The last row, and ``track.json``; returns what that says."""

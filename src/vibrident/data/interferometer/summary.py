@@ -44,8 +44,6 @@ class OpticalSummary:
     counted: int  # half fringes by the signs of a signal; 0 where samples are too far apart
     by_phase: int  # the same by the phase
     phase_noise_rad: float  # standard deviation of the noise of one sample's phase
-    noise_hz: FloatArray  # spectrum of the displacement between lines: frequencies …
-    noise_m: FloatArray  # … and m/√Hz
     points: FloatArray  # some samples of both signals, shape (2, n)
     excerpt_s: FloatArray  # a piece of the displacement: times …
     excerpt_m: FloatArray  # … and values, NaN where it is left out

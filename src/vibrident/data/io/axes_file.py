@@ -23,27 +23,14 @@ AXES = ("x", "y", "z")
 
 @dataclass(frozen=True)
 class AxesCalibration:
-    """A sensor with several outputs.
+    """A sensor with several outputs."""
 
-    Attributes:
-        outputs: axis of an output to its calibration by the first reference.
-        motions: axis of a reference to its signals: a calibration whose records have that reference; empty where the
-            exciter has one reference, and the records say along which axis it moved.
-        transverse_motion: relative standard uncertainty of motion across the axis, with one reference (ISO 16063-31).
-    """
-
-    outputs: Mapping[str, Calibration]
+    outputs: Mapping[str, Calibration]  # axis of an output to its calibration by the first reference
+    # axis of a reference to its signals: a calibration whose records have that reference; empty where the exciter has
+    # one reference, and the records say along which axis it moved
     motions: Mapping[str, Calibration]
+    # relative standard uncertainty of motion across the axis, with one reference (ISO 16063-31)
     transverse_motion: float = 0.0
-
-
-def has_axes(path: str | os.PathLike[str]) -> bool:
-    """Whether a calibration file is one of several axes.
-
-    Raises:
-        InputError: the file cannot be read.
-    """
-    return isinstance(read_toml(Path(path)).get("response"), list)
 
 
 def read_axes(path: str | os.PathLike[str]) -> AxesCalibration:

@@ -7,13 +7,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, ConfigDict, Field
 
 from vibrident.base.errors import InputError
 from vibrident.data.effects import Circumstances
 from vibrident.data.io.certificate import CertificateSection
-from vibrident.data.io.schema_errors import schema_error
+from vibrident.data.io.schema_errors import validated
 from vibrident.data.io.sections import (
+    CapabilityEntry,
     Column,
     FileSection,
     InterferometerSection,
@@ -21,10 +22,11 @@ from vibrident.data.io.sections import (
     Number,
     Positive,
     Text,
+    UncertaintyEntry,
     check_interferometer,
+    check_uncertainties,
 )
 from vibrident.data.io.toml_text import read_toml
-from vibrident.data.io.uncertainty_entries import CapabilityEntry, UncertaintyEntry, check_uncertainties
 from vibrident.data.records import USUAL_MODEL, Excitation, Quantity
 
 
@@ -153,10 +155,7 @@ def checked_calibration(document: Mapping[str, Any], where: str) -> CalibrationF
                 where=where,
                 remedy="use `vibrident axes`, or write the section in single brackets",
             )
-    try:
-        calibration = CalibrationFile.model_validate(document)
-    except ValidationError as error:
-        raise schema_error(error, CalibrationFile, where) from None
+    calibration = validated(CalibrationFile, document, where)
     _check_sensor(calibration, where)
     check_uncertainties(calibration.uncertainty, where)
     _check_content(calibration, where)

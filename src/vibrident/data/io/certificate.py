@@ -6,12 +6,12 @@ import datetime
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BeforeValidator, ConfigDict, Field, model_validator
 
 from vibrident.base.errors import InputError
-from vibrident.data.io.schema_errors import schema_error
+from vibrident.data.io.schema_errors import validated
 from vibrident.data.io.sections import FileSection, NotNegative, Number, Positive, Text
 from vibrident.data.io.toml_text import read_toml
 
@@ -164,7 +164,6 @@ class _Form(FileSection):
 
 
 _FILES = ("logo", "template", "before")
-_Document = TypeVar("_Document", _CertificateFile, _Form)
 
 
 @dataclass(frozen=True)
@@ -199,7 +198,7 @@ def certificate_data(files: Sequence[Path]) -> CertificateData:
     sensor: dict[str, str] = {}
     named: dict[str, Path] = {}
     for file in files:
-        found = _checked(_CertificateFile, read_toml(file, "certificate"), str(file))
+        found = validated(_CertificateFile, read_toml(file, "certificate"), str(file), "certificate")
         own = dict(found.certificate.stated())
         for key in (*_FILES, "fonts"):
             if key in own:
@@ -215,14 +214,7 @@ def certificate_section(values: Mapping[str, Any], where: str) -> Mapping[str, A
     Raises:
         InputError: a key or value is not allowed.
     """
-    return _checked(_Form, {"certificate": dict(values)}, where).certificate.stated()
-
-
-def _checked(kind: type[_Document], document: Mapping[str, Any], where: str) -> _Document:
-    try:
-        return kind.model_validate(document)
-    except ValidationError as error:
-        raise schema_error(error, kind, where, "certificate") from None
+    return validated(_Form, {"certificate": dict(values)}, where, "certificate").certificate.stated()
 
 
 def _existing(path: Path, key: str, where: str) -> Path:

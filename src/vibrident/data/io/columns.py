@@ -1,4 +1,8 @@
-"""What the file formats have in common: ordered, possibly named columns of numbers, and places of values."""
+"""What the file formats have in common: ordered, possibly named columns of numbers, and places of values.
+
+A file of a few kilobytes can declare more numbers than any machine holds: the number is checked before memory is
+allocated.
+"""
 
 from __future__ import annotations
 
@@ -13,10 +17,65 @@ from typing import Any
 
 import numpy as np
 
-from vibrident.base import extras
+from vibrident.base import extras, memory
 from vibrident.base.errors import InputError, did_you_mean
-from vibrident.data.io.allowance import require_few
 from vibrident.data.records import FloatArray
+
+#: Most columns of a file.
+MOST_COLUMNS = 10_000
+#: Most characters of a line of text.
+LONGEST_LINE = 1 << 18
+_NUMBER_BYTES = 8
+
+
+def require_room(path: Path, numbers: int, number_bytes: int = _NUMBER_BYTES) -> None:
+    """Refuse to read more numbers, as declared, than a file of this size may hold.
+
+    Raises:
+        InputError: they are too many; or the environment variable of the limit is not a number.
+    """
+    file_bytes = path.stat().st_size
+    most = memory_for(file_bytes)
+    needed = max(numbers, 0) * max(number_bytes, _NUMBER_BYTES)
+    if needed > most:
+        raise InputError(
+            "The file declares more numbers than it may hold.",
+            expected=f"at most {most / 1e6:.0f} MB of numbers from a file of {file_bytes} bytes",
+            found=f"{numbers} numbers, or {needed / 1e6:.0f} MB",
+            where=str(path),
+            remedy=f"check that the file is whole; if so, set {memory.VARIABLE} to more megabytes",
+        )
+
+
+def memory_for(file_bytes: int) -> float:
+    """Most bytes that the numbers of files of this size, together, may take.
+
+    Raises:
+        InputError: the environment variable of the limit is not a number.
+    """
+    try:
+        return memory.most_bytes(file_bytes)
+    except ValueError as error:
+        raise InputError(
+            "The limit of memory is not a number.",
+            expected=f"{memory.VARIABLE} to be a number of megabytes above 0",
+            found=str(error),
+            where="environment",
+            remedy=f"correct or unset {memory.VARIABLE}",
+        ) from error
+
+
+def require_few(path: Path, columns: Sequence[object], what: str = "columns") -> None:
+    """Refuse a file with more than ``MOST_COLUMNS`` columns."""
+    if len(columns) > MOST_COLUMNS:
+        raise InputError(
+            f"The file has too many {what}.",
+            expected=f"at most {MOST_COLUMNS}",
+            found=str(len(columns)),
+            where=str(path),
+            remedy="export only the needed ones",
+        )
+
 
 #: Most names in a message; the rest is counted.
 _NAMES_IN_MESSAGE = 12
@@ -25,36 +84,23 @@ _LONGEST_NAME = 100
 
 @dataclass(frozen=True)
 class Clock:
-    """A file's statement of a column's sampling.
+    """A file's statement of a column's sampling."""
 
-    Attributes:
-        rate_hz: samples per second.
-        rate_rounding: relative; largest deviation of the true rate by the rounding in the file.
-        start_ns: time of the first sample on the format's clock, in nanoseconds; None if the file states none.
-    """
-
-    rate_hz: float
-    rate_rounding: float = 1e-9
+    rate_hz: float  # samples per second
+    rate_rounding: float = 1e-9  # relative; largest deviation of the true rate by the rounding in the file
+    # time of the first sample on the format's clock, in nanoseconds; None if the file states none
     start_ns: int | None = None
 
 
 @dataclass(frozen=True)
 class Channel:
-    """One column of real numbers.
+    """One column of real numbers."""
 
-    Attributes:
-        name: as the calibration file uses it; "" for a column without a name.
-        handle: by which the format's library finds it.
-        clock: the file's statement of its sampling; None if absent.
-        in_seconds: True for a time type, loaded in seconds whatever its name.
-        unit: that the file states beside the name; "" if none.
-    """
-
-    name: str
-    handle: Any = None
-    clock: Clock | None = None
-    in_seconds: bool = False
-    unit: str = ""
+    name: str  # as the calibration file uses it; "" for a column without a name
+    handle: Any = None  # by which the format's library finds it
+    clock: Clock | None = None  # the file's statement of its sampling; None if absent
+    in_seconds: bool = False  # True for a time type, loaded in seconds whatever its name
+    unit: str = ""  # that the file states beside the name; "" if none
 
 
 class ColumnFile(ABC):

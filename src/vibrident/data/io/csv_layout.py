@@ -10,8 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from vibrident.base.errors import InputError
-from vibrident.data.io.allowance import LONGEST_LINE
-from vibrident.data.io.columns import unreadable
+from vibrident.data.io.columns import LONGEST_LINE, unreadable
 
 #: Stands for one or more blanks or tabs.
 BLANKS = " "
@@ -45,27 +44,16 @@ _UNIT = re.compile(
 
 @dataclass(frozen=True)
 class CsvLayout:
-    """Layout of a text file of numbers.
+    """Layout of a text file of numbers."""
 
-    Attributes:
-        delimiter: one character; ``BLANKS`` stands for runs of blanks and tabs.
-        decimal: "." or ",".
-        fields: fields in every data line, including an empty one behind a trailing separator.
-        names: one a column; all "" without a header.
-        units: the row of units below the names; all "" without one.
-        first_line: number of the first data line, from 1.
-        offset: position of that line, in bytes.
-        encoding: of the text.
-    """
-
-    delimiter: str
-    decimal: str
-    fields: int
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    first_line: int
-    offset: int
-    encoding: str
+    delimiter: str  # one character; ``BLANKS`` stands for runs of blanks and tabs
+    decimal: str  # "." or ","
+    fields: int  # fields in every data line, including an empty one behind a trailing separator
+    names: tuple[str, ...]  # one a column; all "" without a header
+    units: tuple[str, ...]  # the row of units below the names; all "" without one
+    first_line: int  # number of the first data line, from 1
+    offset: int  # position of that line, in bytes
+    encoding: str  # of the text
 
 
 def split_line(line: str, delimiter: str) -> list[str]:

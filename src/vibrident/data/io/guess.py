@@ -9,9 +9,8 @@ from pathlib import Path
 
 from vibrident.base.errors import InputError
 from vibrident.data.io.columns import ColumnFile
-from vibrident.data.io.header_units import is_time
+from vibrident.data.io.header_units import is_time, quantity_of, si_scale
 from vibrident.data.io.readers import open_columns
-from vibrident.data.io.units import quantity_of, si_scale
 
 _FREQUENCY = re.compile(r"f|freq.*|frequenz.*", re.IGNORECASE)
 _MAGNITUDE = re.compile(r"mag(nitude)?|abs.*|ampl.*|sens.*|betrag.*", re.IGNORECASE)
@@ -51,37 +50,29 @@ _EXCITATIONS = (
 
 @dataclass(frozen=True)
 class Columns:
-    """Columns of a file, and their possible meaning; a column is its name, or its number if that is not unique.
+    """Columns of a file, and their possible meaning; a column is its name, or its number if that is not unique."""
 
-    Attributes:
-        columns: the choices, in the order of the file.
-        labels: the same, for display.
-        rate_hz: that the file itself states.
-        time, reference, response: of records.
-        frequency, magnitude, phase, magnitude_uncertainty, phase_uncertainty: of a tabulated response, if frequency and
-            magnitude are known.
-        quantity, scale, unit: of the reference; scale leads to SI.
-        response_unit: of the response.
-        excitation: by the file's name; None if undetermined.
-        detectors: photodetector signals of an interferometer: two in quadrature, one on a carrier, or none.
-    """
-
-    columns: tuple[int | str, ...]
-    labels: tuple[str, ...]
-    rate_hz: float | None
+    columns: tuple[int | str, ...]  # the choices, in the order of the file
+    labels: tuple[str, ...]  # the same, for display
+    rate_hz: float | None  # that the file itself states
+    # time, reference, response: of records
     time: int | str | None
     reference: int | str | None
     response: int | str | None
+    # frequency, magnitude, phase, magnitude_uncertainty, phase_uncertainty: of a tabulated response, if frequency and
+    # magnitude are known
     frequency: int | str | None
     magnitude: int | str | None
     phase: int | str | None
     magnitude_uncertainty: int | str | None
     phase_uncertainty: int | str | None
+    # quantity, scale, unit: of the reference; scale leads to SI
     quantity: str
     scale: float
     unit: str
-    response_unit: str
-    excitation: str | None
+    response_unit: str  # of the response
+    excitation: str | None  # by the file's name; None if undetermined
+    # photodetector signals of an interferometer: two in quadrature, one on a carrier, or none
     detectors: tuple[int | str, ...] = ()
 
     @property

@@ -222,7 +222,7 @@ def _open(part: Part, name: str, calibration: CalibrationFile, section: Interfer
     at = main.position_of(column, "[response] column")
     places = tuple(other.position_of(c, "[interferometer] columns") for c in section.columns)
     sampling = _sampling(part, calibration, main, at)
-    optical_hz = _optical_rate(section, other, main, places, sampling, part)
+    optical_hz = _optical_rate(section, other, places, sampling, part)
     optical = FileSignals(other, places, optical_hz, _kept(part, other.length(places[0]), optical_hz))
     response = FileSignals(main, (at,), sampling.rate_hz, _kept(part, main.length(at), sampling.rate_hz))
     beside = abs(optical_hz / sampling.rate_hz - 1.0) < SAME_RATE
@@ -258,7 +258,6 @@ def _sampling(part: Part, calibration: CalibrationFile, main: ColumnFile, at: in
 def _optical_rate(
     section: InterferometerSection,
     other: ColumnFile,
-    main: ColumnFile,
     places: Sequence[int],
     sampling: Sampling,
     part: Part,

@@ -8,14 +8,13 @@ from pathlib import Path
 from vibrident.base import sandbox
 from vibrident.base.errors import InputError
 from vibrident.base.process import Limits
-from vibrident.data.io.allowance import memory_for
 from vibrident.data.io.calibration_file import CalibrationFile, read_calibration_file
-from vibrident.data.io.header_units import unit_of_another_kind
+from vibrident.data.io.columns import memory_for
+from vibrident.data.io.header_units import reference_unit, unit_of_another_kind
 from vibrident.data.io.readers import by_ending, open_columns
 from vibrident.data.io.record_files import data_files, read_records
+from vibrident.data.io.sections import effects_at
 from vibrident.data.io.table_file import read_table
-from vibrident.data.io.uncertainty_entries import effects_at
-from vibrident.data.io.units import reference_unit
 from vibrident.data.records import Calibration, Record
 
 #: Memory of a reading process for its libraries.

@@ -13,7 +13,6 @@ from pathlib import Path
 from vibrident.base.errors import InputError
 from vibrident.data.io.calibration_file import CalibrationFile, RecordsEntry
 from vibrident.data.io.columns import ColumnFile
-from vibrident.data.io.file_order import natural
 from vibrident.data.io.header_units import require_channel_unit, require_response_unit, seconds_per_unit
 from vibrident.data.io.readers import open_columns, sha256
 from vibrident.data.io.sampling import (
@@ -319,3 +318,22 @@ def _require_same_length(channels: dict[str, _Channel]) -> None:
                 where=f"{channel.source.file}, {channel.source.names[channel.position] or 'the column'}",
                 remedy="give both channels over the same samples",
             )
+
+
+#: A number or what is between two. One before "Hz", such as in ``0_05Hz`` or ``2.5 kHz``, may have a fraction.
+_PIECE = re.compile(r"(\d+)(?:(?:[._,p](\d+))?[ _-]?(k?)hz)?|\D+", re.IGNORECASE)
+#: A float has no more.
+_MOST_DIGITS = 300
+Key = tuple[tuple[tuple[int, float, str], ...], str]
+
+
+def natural(name: str) -> Key:
+    """Sort key under which "2 Hz" comes before "10 Hz", "0_05hz" before "0_5hz", and "500 Hz" before "1 kHz"."""
+    pieces: list[tuple[int, float, str]] = []
+    for found in _PIECE.finditer(name):
+        whole, fraction, kilo = found.groups()
+        if whole is None:
+            pieces.append((0, 0.0, found.group()))
+        else:
+            pieces.append((1, float(f"{whole}.{fraction or 0}"[:_MOST_DIGITS]) * (1000.0 if kilo else 1.0), ""))
+    return tuple(pieces), name

@@ -29,15 +29,11 @@ _SAME_START = 0.01
 
 @dataclass(frozen=True)
 class Sampling:
-    """Sampling rate, in samples per second, and time of the first sample on the file's clock, in s.
-
-    Attributes:
-        note: for the history, about the rate's origin.
-    """
+    """Sampling rate, in samples per second, and time of the first sample on the file's clock, in s."""
 
     rate_hz: float
     start_time_s: float
-    note: str = ""
+    note: str = ""  # for the history, about the rate's origin
 
 
 def sampling_from_times(times_s: FloatArray, locate: Callable[[int], str]) -> Sampling:

@@ -1,18 +1,33 @@
-"""From pydantic's findings on a calibration file to an InputError."""
+"""A file's keys checked by pydantic, and its findings as an InputError."""
 
 from __future__ import annotations
 
 import difflib
 import typing
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from vibrident.base.errors import InputError
 
+_Document = TypeVar("_Document", bound=BaseModel)
 
-def schema_error(error: ValidationError, root: type[BaseModel], file: str, what: str = "calibration") -> InputError:
+
+def validated(root: type[_Document], document: Mapping[str, Any], file: str, what: str = "calibration") -> _Document:
+    """The document of a ``what`` file, checked.
+
+    Raises:
+        InputError: a key is missing or unknown, or a value is not allowed.
+    """
+    try:
+        return root.model_validate(document)
+    except ValidationError as error:
+        raise _schema_error(error, root, file, what) from None
+
+
+def _schema_error(error: ValidationError, root: type[BaseModel], file: str, what: str) -> InputError:
     """Return the InputError for the first finding in a ``what`` file; an unknown key precedes a missing one."""
     findings = sorted(error.errors(), key=lambda finding: finding["type"] != "extra_forbidden")
     finding = findings[0]

@@ -1,13 +1,19 @@
-"""Sections of the calibration file that stand by themselves: strict, and the types of their keys."""
+"""Sections of the calibration file that stand by themselves: strict, and the types of their keys.
+
+[interferometer]; [[uncertainty]] and [[cmc]] by one number, by band, by table, and by temperature.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Collection
+import itertools
+import math
+from collections.abc import Collection, Sequence
 from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from vibrident.base.errors import InputError
+from vibrident.data.effects import Capability, StatedKind, SystematicEffect
 from vibrident.data.interferometer.setting import Interferometer
 
 
@@ -112,3 +118,148 @@ def _require_light(wavelength_m: float, here: str) -> None:
         where=f"{here} wavelength_m",
         remedy=f"write wavelength_m = {meant[0]}" if meant else "give it in metres, 632.991e-9 for a helium-neon laser",
     )
+
+
+_EDGE = 1e-9  # relative width of the edge of a band
+_Row = Annotated[list[NotNegative], Field(min_length=2, max_length=2)]
+_Table = Annotated[
+    list[_Row],
+    Field(min_length=1, description="pairs of frequency in Hz and value, such as [[10, 0.002], [1000, 0.004]]"),
+]
+
+
+class UncertaintyEntry(FileSection):
+    """One [[uncertainty]] entry: a systematic contribution, common to all points.
+
+    Its size is ``standard_uncertainty``, over a band where ``from_hz`` or ``to_hz`` is stated, or a ``table`` over
+    frequency, linear between its rows and constant outside. With ``from_c`` or ``to_c`` it holds at these temperatures
+    alone.
+    """
+
+    source: Text
+    kind: StatedKind
+    standard_uncertainty: NotNegative | None = None
+    table: _Table | None = None
+    from_hz: Positive | None = None
+    to_hz: Positive | None = None
+    from_c: Number | None = None
+    to_c: Number | None = None
+    frequency_hz: Positive | None = None
+    degrees_of_freedom: Positive | None = None
+
+    @property
+    def effect(self) -> SystematicEffect:
+        """The entry as the record of an effect."""
+        freedom = math.inf if self.degrees_of_freedom is None else self.degrees_of_freedom
+        shape = _shape(self.table, self.from_hz, self.to_hz)
+        size = max((u for _, u in self.table), default=0.0) if self.table else float(self.standard_uncertainty or 0.0)
+        if not shape:
+            return SystematicEffect(self.source, self.kind, size, self.frequency_hz, freedom)
+        scale = size if self.table and size else 1.0
+        change = {"gain": (1.0, 0.0), "phase": (0.0, -1.0)}[self.kind]
+        rows = tuple((f, change[0] * part / scale, change[1] * part / scale) for f, part in shape)
+        return SystematicEffect(self.source, self.kind, size, None, freedom, rows)
+
+
+class CapabilityEntry(FileSection):
+    """One [[cmc]] entry: the least expanded uncertainty (k = 2) that the laboratory may state."""
+
+    quantity: Literal["magnitude", "phase"] = "magnitude"
+    expanded_uncertainty: Positive
+    from_hz: Positive | None = None
+    to_hz: Positive | None = None
+
+    @property
+    def capability(self) -> Capability:
+        """The entry as a capability."""
+        return Capability(self.quantity, self.expanded_uncertainty, self.from_hz or 0.0, self.to_hz or math.inf)
+
+
+def _shape(
+    table: Sequence[Sequence[float]] | None, low: float | None, high: float | None
+) -> tuple[tuple[float, float], ...]:
+    """Frequency and size of the rows of a table, or of a band of one; empty for neither."""
+    if table:
+        return tuple((float(f), float(u)) for f, u in table)
+    rows = []
+    if low is not None:
+        rows += [(low * (1.0 - _EDGE), 0.0), (low, 1.0)]
+    if high is not None:
+        rows += [(high, 1.0), (high * (1.0 + _EDGE), 0.0)]
+    return tuple(rows)
+
+
+def check_uncertainties(entries: Sequence[UncertaintyEntry], where: str) -> None:
+    """Check the combination of the keys of each entry.
+
+    Raises:
+        InputError: an entry has no size or two, or keys that its kind does not have.
+    """
+    for number, entry in enumerate(entries, start=1):
+        here = f"{where}, [[uncertainty]] entry {number}"
+        if (entry.standard_uncertainty is None) == (entry.table is None):
+            raise InputError(
+                "A contribution has one size.",
+                expected="standard_uncertainty, or table",
+                found="both" if entry.table is not None else "neither",
+                where=here,
+                remedy="keep one of the two" if entry.table is not None else "add standard_uncertainty = …",
+            )
+        if (entry.kind == "mounting") != (entry.frequency_hz is not None):
+            raise InputError(
+                "Only a mounting effect has a frequency.",
+                expected='frequency_hz with kind = "mounting" alone',
+                found=f"kind = {entry.kind!r}, frequency_hz = {entry.frequency_hz!r}",
+                where=here,
+                remedy="give the frequency at which the mounting's standard uncertainty holds, or remove it",
+            )
+        band = [key for key in ("table", "from_hz", "to_hz") if getattr(entry, key) is not None]
+        if band and (entry.kind not in ("gain", "phase") or (entry.table is not None and len(band) > 1)):
+            raise InputError(
+                "A table or a band does not fit this entry.",
+                expected='table, or from_hz and to_hz, with kind = "gain" or "phase"',
+                found=f"kind = {entry.kind!r} with {' and '.join(band)}",
+                where=here,
+                remedy=f"remove {' and '.join(band[1:] if entry.table is not None and len(band) > 1 else band)}",
+            )
+        frequencies = [row[0] for row in entry.table or ()]
+        rising = all(one < other for one, other in itertools.pairwise(frequencies))
+        empty = entry.from_hz is not None and entry.to_hz is not None and entry.to_hz <= entry.from_hz
+        if not rising or empty or any(f <= 0 for f in frequencies):
+            raise InputError(
+                "The frequencies of a contribution do not rise.",
+                expected="frequencies above zero, each above the one before",
+                found=f"{frequencies or [entry.from_hz, entry.to_hz]}",
+                where=here,
+                remedy="put them in order",
+            )
+
+
+def effects_at(
+    entries: Sequence[UncertaintyEntry], temperatures_c: Sequence[float], where: str
+) -> tuple[SystematicEffect, ...]:
+    """The effects that hold at all of these temperatures.
+
+    Raises:
+        InputError: an entry is for some temperatures, and none is stated, or some of them lie outside it.
+    """
+    found = []
+    for number, entry in enumerate(entries, start=1):
+        if entry.from_c is None and entry.to_c is None:
+            found.append(entry.effect)
+            continue
+        low = -math.inf if entry.from_c is None else entry.from_c
+        high = math.inf if entry.to_c is None else entry.to_c
+        inside = [low <= t <= high for t in temperatures_c]
+        if not inside or any(inside) != all(inside):
+            stated = ", ".join(f"{t:g}" for t in dict.fromkeys(temperatures_c)) or "none"
+            raise InputError(
+                "A contribution holds at some temperatures, and those of the records do not decide whether it does.",
+                expected=f"temperature_c of the records, or of [certificate], all from {low:g} to {high:g}, or none",
+                found=stated,
+                where=f"{where}, [[uncertainty]] entry {number}",
+                remedy="state temperature_c, or leave from_c and to_c out",
+            )
+        if all(inside):
+            found.append(entry.effect)
+    return tuple(found)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import os
 import re
-import shutil
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from vibrident.base.errors import InputError
+from vibrident.base.files import unwritable, whole
 from vibrident.data.io.toml_text import toml_entry, toml_section
 from vibrident.data.records import Calibration, Capability, FloatArray, Record, ResponseTable, SystematicEffect
 
@@ -40,26 +41,20 @@ def write_calibration(folder: str | os.PathLike[str], calibration: Calibration) 
         InputError: the folder cannot be written, or a record leaves samples out, which CSV cannot represent.
     """
     target = Path(folder)
-    partial = target.with_name(f".{target.name}.{os.getpid()}.part")
     _refuse_unwritable(calibration)
+    (files, tables), new = _data(calibration), not target.exists()
     try:
-        partial.mkdir(parents=True)
-        try:
-            files = _write_data(partial, calibration)
-            (partial / CALIBRATION_FILE).write_text(_toml(calibration, files), encoding="utf-8")
-            target.mkdir(parents=True, exist_ok=True)
-            for name in (*files, CALIBRATION_FILE):
-                (partial / name).replace(target / name)
-        finally:
-            shutil.rmtree(partial, ignore_errors=True)
+        target.mkdir(parents=True, exist_ok=True)
+        with contextlib.ExitStack() as written:  # which renames the first one last
+            main = written.enter_context(whole(target / CALIBRATION_FILE))
+            for file, columns in zip(files, tables, strict=True):
+                _write_columns(written.enter_context(whole(target / file)), columns)
+            main.write_text(_toml(calibration, files), encoding="utf-8")
     except OSError as error:
-        raise InputError(
-            "The calibration cannot be written.",
-            expected="a folder that can be written",
-            found=f"{type(error).__name__}: {error.strerror or error}",
-            where=str(target),
-            remedy="name another folder, or make room; nothing was left half-written",
-        ) from error
+        if new:
+            with contextlib.suppress(OSError):
+                target.rmdir()
+        raise unwritable(error, target, "name another folder, or make room; nothing was left half-written") from error
     return target / CALIBRATION_FILE
 
 
@@ -84,14 +79,12 @@ def _refuse_unwritable(calibration: Calibration) -> None:
             )
 
 
-def _write_data(folder: Path, calibration: Calibration) -> list[str]:
+def _data(calibration: Calibration) -> tuple[list[str], Iterator[dict[str, FloatArray]]]:
+    """Names of the data files, and the columns of each."""
     if calibration.table is not None:
-        _write_columns(folder / "table.csv", _table_columns(calibration.table))
-        return ["table.csv"]
+        return ["table.csv"], iter([_table_columns(calibration.table)])
     files = record_files([record.name for record in calibration.records])
-    for file, record in zip(files, calibration.records, strict=True):
-        _write_columns(folder / file, _record_columns(record, calibration.quantity))
-    return files
+    return files, (_record_columns(record, calibration.quantity) for record in calibration.records)
 
 
 def record_files(records: list[str]) -> list[str]:

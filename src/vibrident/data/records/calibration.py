@@ -10,10 +10,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from vibrident.base.amounts import pretty
 from vibrident.base.brief import brief
 from vibrident.base.errors import InputError, unknown
 from vibrident.data.effects import Capability, SystematicEffect
-from vibrident.data.records.basis import QUANTITIES, REFERENCE_UNITS, USUAL_MODEL, Excitation, Quantity
+from vibrident.data.records.basis import (
+    QUANTITIES,
+    REFERENCE_UNITS,
+    USUAL_MODEL,
+    Excitation,
+    FloatArray,
+    Quantity,
+)
 from vibrident.data.records.record import Record, ResponseTable
 
 
@@ -164,3 +172,45 @@ def _each_record(channel: ArrayLike | Sequence[ArrayLike]) -> list[Any]:
 
 def _rebuilt(own: dict[str, Any]) -> Calibration:
     return Calibration(**own)
+
+
+def describe(calibration: Calibration) -> list[dict[str, Any]]:
+    """Return one row a record, or one row for the table; labels state the units."""
+    if calibration.table is not None:
+        return [_table_row(calibration.table, pretty(f"{calibration.response_unit}/({calibration.reference_unit})"))]
+    return [_record_row(record, calibration) for record in calibration.records]
+
+
+def _record_row(record: Record, calibration: Calibration) -> dict[str, Any]:
+    return {
+        "record": record.name,
+        "excitation": record.excitation,
+        "frequency / Hz": record.frequency_hz,
+        "samples": record.samples,
+        "left out": int(np.sum(~record.mask)),
+        "rate / Hz": record.sampling_rate_hz,
+        "duration / s": record.duration_s,
+        **_channel("reference", record.reference, calibration.reference_unit),
+        **_channel("response", record.response, calibration.response_unit),
+    }
+
+
+def _channel(name: str, values: FloatArray | None, unit: str) -> dict[str, float]:
+    """The size of the motion, and the constant beside it."""
+    if values is None:
+        return {}
+    rms, offset = float(np.std(values)), float(np.mean(values))
+    return {f"{name} rms / {pretty(unit)}": rms, f"{name} offset / {pretty(unit)}": offset}
+
+
+def _table_row(table: ResponseTable, unit: str) -> dict[str, Any]:
+    return {
+        "table": table.provenance.file,
+        "points": table.points,
+        "from / Hz": float(np.min(table.frequency_hz)),
+        "to / Hz": float(np.max(table.frequency_hz)),
+        f"least / {unit}": float(np.min(table.magnitude)),
+        f"largest / {unit}": float(np.max(table.magnitude)),
+        "phase": table.phase_rad is not None,
+        "uncertainties": table.magnitude_uncertainty is not None,
+    }

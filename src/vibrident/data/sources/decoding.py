@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from vibrident.base.errors import InputError
+from vibrident.base.errors import InputError, unknown
 from vibrident.data.records import FloatArray
 from vibrident.data.sources.source import Chunk, Wanted
 
@@ -27,9 +27,7 @@ def chunks(pieces: Iterator[bytes], wanted: Wanted, form: str, where: str) -> It
         InputError: the form is not known, or the bytes are not of it.
     """
     if form not in FORMS:
-        raise InputError(
-            "The form of the samples is not known.", expected=" | ".join(FORMS), found=repr(form), where=where
-        )
+        raise unknown("The form of the samples is not known.", form, FORMS, where)
     decoder = _Lines(wanted, where) if form == "csv" else _Frames(wanted, where)
     rest, position = b"", wanted.position
     for piece in pieces:

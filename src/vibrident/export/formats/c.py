@@ -1,6 +1,7 @@
 """C99 header and source for firmware: the sensor's model, its correction filter and the network's cell.
 
-Their errors are computed from the coefficients as written, and stated in the comment.
+Their errors are computed from the coefficients as written, and stated in the comment. Of the text around the numbers
+(templates/sensor*) ``@N@`` is the name, ``@S@`` the suffix of the precision, ``@T@`` its type; the rest are numbers.
 """
 
 from __future__ import annotations
@@ -14,10 +15,9 @@ import numpy as np
 
 from vibrident.base.escaping import c_comment
 from vibrident.data.records import FloatArray
-from vibrident.export.c_template import DECLARATIONS, DEFINITIONS, HEADER, SOURCE
 from vibrident.export.discrete import HoldCell, SecondOrderSections
 from vibrident.export.filters import BELOW, Filter, checked_rate, correction_filter, model_filter
-from vibrident.export.form import Format, Options
+from vibrident.export.form import Format, Options, template
 from vibrident.export.poles_zeros import poles_zeros
 from vibrident.export.sensor import ExportedSensor, identity
 
@@ -53,10 +53,11 @@ def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
     about = "\n".join(f" * {c_comment(line)}".rstrip() for line in description(made))
     common = _common(made, options.name, about)
     paths = []
-    for ending, frame, part in (("h", HEADER, DECLARATIONS), ("c", SOURCE, DEFINITIONS)):
+    for ending in ("h", "c"):
+        part = template(f"sensor_part.{ending}")
         body = "".join(_filled(part, {**common, **_numbers(made, single)}) for single in (False, True))
         path = folder / f"{options.name}.{ending}"
-        path.write_text(_filled(frame, {**common, "BODY": body}), encoding="utf-8")
+        path.write_text(_filled(template(f"sensor.{ending}"), {**common, "BODY": body}), encoding="utf-8")
         paths.append(path)
     return paths
 
@@ -181,9 +182,9 @@ def _single(value: float) -> str:
     return (text if any(c in text for c in ".e") else text + ".0") + "f"
 
 
-def _filled(template: str, values: Mapping[str, str]) -> str:
+def _filled(text: str, values: Mapping[str, str]) -> str:
     """In one pass, so that inserted text is not a template."""
-    return re.sub("@(\\w+)@", lambda place: values[place[1]], template)
+    return re.sub("@(\\w+)@", lambda place: values[place[1]], text)
 
 
 C = Format(

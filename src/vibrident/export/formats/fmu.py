@@ -22,86 +22,12 @@ import numpy as np
 
 from vibrident.base.escaping import python_docstring, xml_text
 from vibrident.export.filters import checked_rate, model_filter
-from vibrident.export.form import Format, Options, library
+from vibrident.export.form import Format, Options, library, template
 from vibrident.export.poles_zeros import poles_zeros
 from vibrident.export.sensor import ExportedSensor, identity
 from vibrident.physics.naming import described
 
-_SLAVE = '''"""{about}
-"""
-
-from pythonfmu import DefaultExperiment, Fmi2Causality, Fmi2Initial, Fmi2Slave, Fmi2Variability, Real
-
-INTERVAL_S = {interval!r}
-TAPS = {taps!r}
-LEAD = {lead!r}
-#: b0, b1, b2, a1, a2 of (b0 d^2 + b1 d + b2)/(d^2 + a1 d + a2), d = z - 1
-SECTIONS = {sections!r}
-GROWTH, BEFORE, NOW = {growth!r}, {before!r}, {now!r}
-OUTPUT, DIRECT = {output!r}, {direct!r}
-#: name: (value, description)
-CONSTANTS = {{
-{constants}}}
-
-
-class {model}(Fmi2Slave):
-    author = "vibrident"
-    description = {description!r}
-
-    def __init__(self, **kwargs):
-        super().__init__(**kwargs)
-        self.input = 0.0
-        self.response = 0.0
-        self.response_cell = 0.0
-        self.line = [0.0] * (LEAD + len(TAPS))
-        self.state = [[0.0, 0.0] for _ in SECTIONS]
-        self.x = [0.0] * len(NOW)
-        self.before = 0.0
-        self.default_experiment = DefaultExperiment(start_time=0.0, stop_time=1000 * INTERVAL_S, step_size=INTERVAL_S)
-        self.register_variable(Real("input", causality=Fmi2Causality.input, description={input_text!r}))
-        for name, text in (("response", {response_text!r}), ("response_cell", {cell_text!r})):
-            self.register_variable(
-                Real(name, causality=Fmi2Causality.output, initial=Fmi2Initial.exact, description=text)
-            )
-        for name, (value, text) in CONSTANTS.items():
-            setattr(self, name, value)
-            self.register_variable(
-                Real(
-                    name,
-                    causality=Fmi2Causality.local,
-                    variability=Fmi2Variability.constant,
-                    initial=Fmi2Initial.exact,
-                    description=text,
-                )
-            )
-
-    def do_step(self, current_time, step_size):
-        if abs(step_size - INTERVAL_S) > 1e-6 * INTERVAL_S:
-            raise ValueError("step of %r s: this unit has the fixed step %r s" % (step_size, INTERVAL_S))
-        sample = float(self.input)
-        self.response = self._filter(sample)
-        self.response_cell = self._cell(sample)
-        return True
-
-    def _filter(self, sample):
-        self.line = [sample, *self.line[:-1]]
-        value = sum(tap * old for tap, old in zip(TAPS, self.line[LEAD:]))
-        for (b0, b1, b2, a1, a2), state in zip(SECTIONS, self.state):
-            out = b0 * value + state[0]
-            state[0] += b1 * value - a1 * out + state[1]
-            state[1] += b2 * value - a2 * out
-            value = out
-        return value
-
-    def _cell(self, sample):
-        step = [
-            sum(g * x for g, x in zip(row, self.x)) + b * self.before + n * sample
-            for row, b, n in zip(GROWTH, BEFORE, NOW)
-        ]
-        self.x = [x + s for x, s in zip(self.x, step)]
-        self.before = sample
-        return sum(c * x for c, x in zip(OUTPUT, self.x)) + DIRECT * sample
-'''
+SLAVE = "slave.py.txt"
 
 
 def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
@@ -145,7 +71,7 @@ def _documentation(work: Path, text: str) -> Path:
 def _class_name(name: str) -> str:
     """The name with a capital; one more letter if the name is taken in Python or in the unit."""
     made = name[0].upper() + name[1:]
-    return f"{made}_" if keyword.iskeyword(made) or re.search(rf"\b{made}\b", _SLAVE) else made
+    return f"{made}_" if keyword.iskeyword(made) or re.search(rf"\b{made}\b", template(SLAVE)) else made
 
 
 def slave(sensor: ExportedSensor, options: Options) -> str:
@@ -173,7 +99,7 @@ def slave(sensor: ExportedSensor, options: Options) -> str:
         constants += [(name, p.value, p.unit)] if known else []
         if known and p.standard_uncertainty is not None and math.isfinite(p.standard_uncertainty):
             constants.append((f"{name}_u", p.standard_uncertainty, f"{p.unit}, standard uncertainty"))
-    return _SLAVE.format(
+    return template(SLAVE).format(
         about="\n".join(python_docstring(line) for line in about),
         interval=once,
         taps=model.taps.taps.tolist(),

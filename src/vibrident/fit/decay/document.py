@@ -23,7 +23,7 @@ from vibrident.data.records import Calibration, FloatArray, Record
 from vibrident.fit.decay.examine import Change, Decays, drifts, examine, motion_of
 from vibrident.fit.screening.quality import Finding, screen
 from vibrident.physics.models import CORES, SensorModel, model_of
-from vibrident.physics.models.oscillator import OSCILLATOR as NAMES
+from vibrident.physics.models.base import OSCILLATOR as NAMES
 from vibrident.result import Correlation, Curve, Fit, MeasuredCurve, Parameter, Result, ResultWarning, Signal, Training
 
 WEAK = 0.1  # a parameter is weakly determined above this relative standard uncertainty

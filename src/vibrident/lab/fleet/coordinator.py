@@ -15,6 +15,7 @@ import numpy as np
 
 from vibrident.base import memory
 from vibrident.base.errors import InputError
+from vibrident.base.files import whole
 from vibrident.lab.fleet import parts, patterns
 from vibrident.lab.fleet.batch import Done, fingerprints, lost, work_off
 from vibrident.lab.fleet.key import Fingerprint
@@ -166,7 +167,8 @@ def _prepare(orders: Orders, *, fresh: bool) -> None:
     if orders.results:
         orders.results_folder.mkdir(exist_ok=True)
     trial = orders.parts_folder / ".trial"
-    parts.write_whole(trial, b"")
+    with whole(trial) as partial:
+        partial.touch()
     trial.unlink(missing_ok=True)
 
 

@@ -13,6 +13,7 @@ from typing import Any
 
 from vibrident.base.errors import InputError
 from vibrident.data.io.calibration_file import CalibrationFile, read_calibration_file
+from vibrident.data.io.readers import sha256
 from vibrident.data.io.record_files import data_files
 from vibrident.data.io.toml_text import read_toml
 from vibrident.lab.fleet.orders import Orders
@@ -73,9 +74,8 @@ def _digest(path: Path) -> str:
     if not path.is_file():  # reading a pipe or a device may never end
         return _ABSENT
     try:
-        with path.open("rb") as stream:
-            return hashlib.file_digest(stream, "sha256").hexdigest()
-    except OSError:
+        return sha256(path)
+    except InputError:
         return _ABSENT
 
 

@@ -3,31 +3,28 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field
 
-from vibrident.base.errors import InputError, did_you_mean
-from vibrident.data.io.schema_errors import schema_error
+from vibrident.base.errors import InputError, unknown
+from vibrident.data.io.schema_errors import validated
+from vibrident.data.io.sections import FileSection, Number, Positive
 from vibrident.data.io.toml_text import read_toml
 from vibrident.physics.naming import parameter_names
 
 K = 2.0  # coverage factor of the uncertainty in a verdict
 
 
-class Limit(BaseModel):
+class Limit(FileSection):
     """One [[limits]] entry."""
 
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
     type: str | None = Field(default=None, min_length=1, description="a sensor's type in quotes, not empty")
     parameter: str = Field(min_length=1, description="a parameter's name in quotes")
-    nominal: Annotated[float, Field(allow_inf_nan=False, description="a finite number")]
-    tolerance: float | None = Field(default=None, gt=0, allow_inf_nan=False, description="a finite number above 0")
-    tolerance_percent: float | None = Field(
-        default=None, gt=0, allow_inf_nan=False, description="a finite number above 0"
-    )
+    nominal: Number
+    tolerance: Positive | None = None
+    tolerance_percent: Positive | None = None
     unit: str | None = Field(default=None, min_length=1, description="a unit in quotes, not empty")
 
     @property
@@ -56,10 +53,9 @@ class Limit(BaseModel):
         return margin >= K * u
 
 
-class Specification(BaseModel):
+class Specification(FileSection):
     """A limits file, checked."""
 
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
     limits: list[Limit] = Field(default=[], description="one or more [[limits]], in double brackets")
 
     def limit(self, type_: str | None, parameter: str) -> Limit | None:
@@ -77,13 +73,7 @@ def read_limits(path: Path) -> Specification:
     Raises:
         InputError: the file cannot be read, or a key or value is not valid.
     """
-    document = read_toml(path, "limits")
-    try:
-        found = Specification.model_validate(document)
-    except ValidationError as error:
-        wrong = schema_error(error, Specification, str(path))
-        said = wrong.problem.replace("the calibration file", "the limits file")
-        raise InputError(**{**vars(wrong), "problem": said}) from None
+    found = validated(Specification, read_toml(path, "limits"), str(path), "limits")
     if not found.limits:
         raise InputError(
             "The limits file holds no limit.",
@@ -101,13 +91,7 @@ def _check(found: Specification, where: str) -> None:
     for number, one in enumerate(found.limits, start=1):
         here = f"{where}, [[limits]] entry {number}"
         if one.parameter not in parameter_names():
-            raise InputError(
-                "There is no such parameter.",
-                expected="one of " + ", ".join(parameter_names()),
-                found=repr(one.parameter),
-                where=here,
-                remedy=did_you_mean(one.parameter, parameter_names()),
-            )
+            raise unknown("There is no such parameter.", one.parameter, parameter_names(), here)
         if (one.tolerance is None) == (one.tolerance_percent is None):
             raise InputError(
                 "A limit has one tolerance.",

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from vibrident.base import memory
 from vibrident.base.amounts import scaled
+from vibrident.base.files import whole
 from vibrident.lab.fleet.limits import Limit, Specification
-from vibrident.lab.fleet.parts import write_whole
 from vibrident.lab.fleet.row import FAILED, IDENTIFIED, REFUSED
 from vibrident.lab.fleet.statistics import Distribution, Group, Histogram, Statistics, statistics
 from vibrident.lab.fleet.table import Tally
@@ -68,7 +68,8 @@ def write_page(path: Path, table: Path, tally: Tally, specification: Specificati
         began_at: beginning of this run, in seconds since 1970.
     """
     made = content(table, tally, specification, began_at, results=(path.parent / "results").is_dir())
-    write_whole(path, html.printed(made).encode("utf-8", "replace"))
+    with whole(path) as partial:
+        partial.write_bytes(html.printed(made).encode("utf-8", "replace"))
     return path
 
 

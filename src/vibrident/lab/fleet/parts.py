@@ -9,7 +9,6 @@ import math
 import os
 import sys
 import time
-import uuid
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vibrident.base import files
 from vibrident.base.errors import InputError
 from vibrident.base.extras import library
 from vibrident.lab.fleet.row import FAILED, IDENTIFIED, Row
@@ -28,7 +28,6 @@ _TEXTS = ("key", "status", "message", "serial_number", "type", "model", "estimat
 _NUMBERS = ("chi2_reduced", "seconds", "finished", "time_limit_s", "memory_limit_bytes")
 _FLAGS = ("adequate", "passing")
 _LEFT_S = 3600.0  # age after which an unfinished file is taken to be left by a process that has ended
-_ENDING = ".part"
 PACKED = np.dtype("S32")  # type of an array of keys
 
 
@@ -107,23 +106,9 @@ def digits(keys: NDArray[np.bytes_]) -> list[str]:
     return [one.ljust(32, b"\0").hex() for one in keys.tolist()]  # NumPy leaves out zeros at the end
 
 
-def write_whole(path: Path, content: bytes) -> None:
-    """Write a file that appears whole or not at all, even if this process is ended.
-
-    If the power fails, files that the system had not yet written are missing or empty, and are computed again. There is
-    no fsync: on a busy disk it takes longer than a batch.
-    """
-    partial = path.with_name(f".{uuid.uuid4().hex}{_ENDING}")
-    try:
-        partial.write_bytes(content)
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
-
-
 def remove_left(folder: Path) -> None:
     """Remove unfinished files of processes that were killed."""
-    for path in folder.glob(f".*{_ENDING}"):
+    for path in folder.glob(f".*{files.ENDING}"):
         with contextlib.suppress(OSError):
             if time.time() - path.stat().st_mtime > _LEFT_S:
                 path.unlink()
@@ -156,7 +141,8 @@ def write_part(folder: Path, rows: Sequence[Row], time_limit_s: float, memory_li
     sink = pa.BufferOutputStream()
     table = as_table(rows, time_limit_s, memory_limit_bytes)
     pq.write_table(table, sink, compression="zstd", write_page_checksum=True)
-    write_whole(folder / name, sink.getvalue().to_pybytes())
+    with files.whole(folder / name) as partial:
+        partial.write_bytes(sink.getvalue().to_pybytes())
     return name
 
 
@@ -237,12 +223,9 @@ def _read(path: Path) -> tuple[list[str], dict[str, list[Any]]] | None:
 
 
 def unwritable(error: OSError, folder: str) -> InputError:
-    """The error of a folder that cannot be written."""
-    return InputError(
-        "The output cannot be written.",
-        expected="a folder that can be written, with room for the files",
-        found=f"{type(error).__name__}: {error}",
-        where=folder,
-        remedy="free disk space or correct the permissions (remote workers need the folder under the same name), "
-        "then run the same command again: it continues where it stopped",
+    """The error of a folder that cannot be written, by a run that can be continued."""
+    remedy = (
+        "free disk space or correct the permissions (remote workers need the folder under the same name), then run the "
+        "same command again: it continues where it stopped"
     )
+    return files.unwritable(error, folder, remedy)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import NormalDist
@@ -41,33 +41,22 @@ class Histogram:
 
 @dataclass(frozen=True, eq=False)
 class Distribution:
-    """One parameter of one group.
+    """One parameter of one group."""
 
-    Attributes:
-        parameter: its name.
-        unit: of all that follows.
-        count: values.
-        median, sd, least, greatest: of the values.
-        median_u: of the standard uncertainties; None if no uncertainty is stated.
-        histogram: of the values.
-        limit: for these values; None if there is no limit, or it is in another unit.
-        conforming: values within the limit.
-        certain: verdicts that hold for all values within U.
-        capability: Cpk, the distance of the mean from the nearer limit in units of 3 sd; None without a limit.
-    """
-
-    parameter: str
-    unit: str
-    count: int
+    parameter: str  # its name
+    unit: str  # of all that follows
+    count: int  # values
+    # median, sd, least, greatest: of the values
     median: float
     sd: float
     least: float
     greatest: float
-    median_u: float | None
-    histogram: Histogram
-    limit: Limit | None
-    conforming: int
-    certain: int
+    median_u: float | None  # of the standard uncertainties; None if no uncertainty is stated
+    histogram: Histogram  # of the values
+    limit: Limit | None  # for these values; None if there is no limit, or it is in another unit
+    conforming: int  # values within the limit
+    certain: int  # verdicts that hold for all values within U
+    # Cpk, the distance of the mean from the nearer limit in units of 3 sd; None without a limit
     capability: float | None
 
 
@@ -310,38 +299,32 @@ class _Codes:
 
 
 class _Columns:
-    """Columns of the table, each read when it is used, in pieces."""
+    """Columns of the table, each read when it is used."""
 
     def __init__(self, path: Path) -> None:
         import pyarrow.parquet as pq
 
-        self._file = pq.ParquetFile(path)
+        self._file = pq.ParquetFile(path, read_dictionary=["status", "type", "model"])
         names = self._file.schema_arrow.names
         self.parameters = [name for name in names if f"{name}_u" in names]
 
-    def _column(self, name: str, kind: type, of: Callable[[Any], Any]) -> NDArray[Any]:
-        found, begin = np.empty(self._file.metadata.num_rows, dtype=kind), 0
-        for batch in self._file.iter_batches(_ROWS, columns=[name]):
-            found[begin : begin + batch.num_rows] = of(batch.column(0))
-            begin += batch.num_rows
-        return found
+    def _column(self, name: str) -> Any:
+        return self._file.read([name])[name].combine_chunks()
 
     def numbers(self, name: str) -> FloatArray:
-        return self._column(name, float, lambda part: part.to_numpy(zero_copy_only=False))  # null as NaN
+        return np.array(self._column(name).to_numpy(zero_copy_only=False), dtype=float)  # null as NaN
 
     def boolean(self, name: str) -> NDArray[np.bool_]:
-        return self._column(name, bool, lambda part: part.fill_null(False).to_numpy(zero_copy_only=False))
+        return self._column(name).fill_null(False).to_numpy(zero_copy_only=False)
 
     def filled(self, name: str) -> NDArray[np.bool_]:
         """Lists that are not empty."""
-        return self._column(name, bool, lambda part: [bool(one) for one in part.to_pylist()])
+        return self._column(name).value_lengths().fill_null(0).to_numpy(zero_copy_only=False) > 0
 
     def is_text(self, name: str, text: str) -> NDArray[np.bool_]:
-        return self._column(name, bool, lambda part: [one == text for one in part.to_pylist()])
+        found = self.codes(name)
+        return np.array([*(known == text for known in found.texts), False])[found.numbers]  # −1 takes the last
 
     def codes(self, name: str) -> _Codes:
-        texts: dict[str | None, int] = {None: -1}
-        numbers = self._column(
-            name, np.int32, lambda part: [texts.setdefault(t, len(texts) - 1) for t in part.to_pylist()]
-        )
-        return _Codes(numbers, [text for text in texts if text is not None])
+        found = self._column(name)
+        return _Codes(found.indices.fill_null(-1).to_numpy(zero_copy_only=False), found.dictionary.to_pylist())

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import json
-import uuid
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
@@ -15,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibrident.base.errors import InputError
+from vibrident.base.files import whole
 from vibrident.lab.fleet import parts
 from vibrident.lab.fleet.orders import Orders, memory_limit
 from vibrident.lab.fleet.row import FAILED, IDENTIFIED, REFUSED
@@ -80,22 +80,17 @@ def write_table(path: Path, names: Iterable[str], keys: NDArray[np.bytes_], orde
     places = rows.index.places(keys)
     rows.require_all(places)
     schema = _schema(rows.parameters(places))
-    partial = path.with_name(f".{uuid.uuid4().hex}.part")
     count = _Count()
-    try:
-        with pq.ParquetWriter(partial, schema, compression="zstd") as writer:
-            named = iter(names)
-            for start in range(0, keys.size, _BLOCK):
-                stop = start + _BLOCK
-                block = rows.block(places[start:stop], schema)
-                count.add(block)
-                some = [parts.text(name) for name in itertools.islice(named, block.num_rows)]
-                writer.write_table(_with_names(block, some, schema))
-            tally = count.tally()
-            writer.add_key_value_metadata({UNITS.decode(): json.dumps(tally.units_of_parameters)})
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
+    with whole(path) as partial, pq.ParquetWriter(partial, schema, compression="zstd") as writer:
+        named = iter(names)
+        for start in range(0, keys.size, _BLOCK):
+            stop = start + _BLOCK
+            block = rows.block(places[start:stop], schema)
+            count.add(block)
+            some = [parts.text(name) for name in itertools.islice(named, block.num_rows)]
+            writer.write_table(_with_names(block, some, schema))
+        tally = count.tally()
+        writer.add_key_value_metadata({UNITS.decode(): json.dumps(tally.units_of_parameters)})
     return tally
 
 

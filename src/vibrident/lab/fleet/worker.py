@@ -13,11 +13,12 @@ from pathlib import Path
 from typing import Any
 
 from vibrident.base.errors import VibridentError
+from vibrident.base.files import whole
 from vibrident.data.io.columns import unreadable
 from vibrident.lab.fleet import row as rows
 from vibrident.lab.fleet.key import Fingerprint, fingerprint, sensor_text
 from vibrident.lab.fleet.orders import Orders
-from vibrident.lab.fleet.parts import unwritable, write_whole
+from vibrident.lab.fleet.parts import unwritable
 
 _MOST_TRIES = 3  # how often a calibration is begun again whose files change while it is read
 #: Path and key.
@@ -77,7 +78,8 @@ def _row(path: str, key: str, found: Any, orders: Orders, seconds: float) -> row
         return rows.failed(key, rows.fault(found), sensor_text(path), orders.model, seconds)
     if orders.results:
         text = json.dumps(found.to_dict(), allow_nan=False, separators=(",", ":"))
-        write_whole(orders.results_folder / f"{key}.json", text.encode("ascii"))
+        with whole(orders.results_folder / f"{key}.json") as partial:
+            partial.write_text(text, encoding="ascii")
     return rows.identified(key, found, seconds)
 
 

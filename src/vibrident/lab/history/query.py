@@ -1,18 +1,22 @@
-"""Queries of the store: sensors, the calibrations and events of one or of all, and a stored result."""
+"""Queries of the store: sensors, the calibrations and events of one or of all, a stored result; and all as a table."""
 
 from __future__ import annotations
 
+import csv
 import datetime
 import json
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import sqlalchemy as sa
 
 from vibrident.base.errors import InputError, did_you_mean
+from vibrident.base.escaping import csv_cell
+from vibrident.base.extras import library
 from vibrident.base.nominal import SAME
 from vibrident.lab.history.life import Entry, Event
 from vibrident.lab.history.schema import REFERENCE_SENSITIVITY, calibration, event, parameter, point, sensor
@@ -259,3 +263,38 @@ def rows(store: Store) -> Iterator[dict[str, Any]]:
         for row in connection.execute(asked).mappings():
             warnings = {"warnings": json.loads(row["warnings"]), "standing": standings.get(row["id"], "added")}
             yield dict(row) | warnings | values.get(row["id"], {})
+
+
+def write(rows: Sequence[Mapping[str, Any]], file: Path) -> None:
+    """Write rows, each with the columns it has, to a file that ends in ``.parquet`` or ``.csv``.
+
+    Raises:
+        InputError: Parquet is asked for, and pyarrow is not installed.
+    """
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    if file.suffix.lower() == ".csv":
+        with file.open("w", newline="", encoding="utf-8") as stream:
+            table = csv.writer(stream)
+            table.writerow(names)
+            table.writerows([[_cell(row.get(name)) for name in names] for row in rows])
+        return
+    missing = "A table in Parquet needs pyarrow, which is not installed; in CSV it does not."
+    arrow = library("pyarrow", "parquet", missing, str(file))
+    parquet = library("pyarrow.parquet", "parquet", missing, str(file))
+    columns = {name: arrow.array([row.get(name) for row in rows], type=_type(arrow, rows, name)) for name in names}
+    parquet.write_table(arrow.table(columns), file)
+
+
+def _type(arrow: Any, rows: Sequence[Mapping[str, Any]], name: str) -> Any:
+    """The column's type from its values; numeric if there are no values, as most columns are numeric."""
+    value = next((row[name] for row in rows if row.get(name) is not None), None)
+    if isinstance(value, list):
+        return arrow.list_(arrow.string())
+    kinds = {bool: arrow.bool_, int: arrow.int64, str: arrow.string, datetime.date: arrow.date32}
+    return kinds.get(type(value), arrow.float64)()
+
+
+def _cell(value: Any) -> Any:
+    if isinstance(value, list):
+        return " ".join(str(item) for item in value)
+    return csv_cell(value) if isinstance(value, str) else value

@@ -28,34 +28,28 @@ Parameters = Mapping[str, Any]  # name → number, array or tracer, SI units exc
 
 @dataclass(frozen=True)
 class ParameterSpec:
-    """One parameter of a model.
+    """One parameter of a model."""
 
-    Attributes:
-        name: in result.json and in Python; an identifier.
-        unit: unit; ``{response}`` stands for the response unit, ``{reference}`` for the unit of acceleration or drive.
-        kind: its scale in the optimiser. ``gain``: linear, any sign, scaled by its start value; ``log``: positive,
-            by its logarithm; ``duration``: positive, by its logarithm, in seconds; ``positive``: linear, reflected at
-            zero; ``time``: linear, in units of the shortest time scale of the data; ``ratio``: linear;
-            ``inverse``, ``inverse_square``: linear, in units of one over the response's size, or over its square.
-        guesses: start values of an add-on's parameter, to be tried in turn, as multiples of what ``guess_at`` says.
-        words: name in words; empty: the name with spaces.
-        symbol: usual symbol.
-        describes: what calibrations of one sensor share it: the ``oscillator`` itself, for any output; an
-            ``output``, where response unit and kind of reference are alike; the ``channel`` of one calibration alone.
-        grid: of a core's parameter: the values from which start values are looked for, or ``band`` for frequencies over
-            the band of the data and beyond; empty: the gain, which follows from the rest.
-        guess_at: ``lowest`` or ``highest`` frequency of the data, ``period`` of the highest, or ``one``; ``band``: the
-            guesses are places in the logarithm of frequency, from zero at the lowest to one at the highest.
-    """
-
-    name: str
+    name: str  # in result.json and in Python; an identifier
+    # unit; ``{response}`` stands for the response unit, ``{reference}`` for the unit of acceleration or drive
     unit: str
+    # its scale in the optimiser. ``gain``: linear, any sign, scaled by its start value; ``log``: positive, by its
+    # logarithm; ``duration``: positive, by its logarithm, in seconds; ``positive``: linear, reflected at zero;
+    # ``time``: linear, in units of the shortest time scale of the data; ``ratio``: linear; ``inverse``,
+    # ``inverse_square``: linear, in units of one over the response's size, or over its square
     kind: Literal["gain", "log", "duration", "positive", "time", "ratio", "inverse", "inverse_square"]
+    # start values of an add-on's parameter, to be tried in turn, as multiples of what ``guess_at`` says
     guesses: tuple[float, ...] = ()
+    # ``lowest`` or ``highest`` frequency of the data, ``period`` of the highest, or ``one``; ``band``: the guesses are
+    # places in the logarithm of frequency, from zero at the lowest to one at the highest
     guess_at: Literal["lowest", "highest", "period", "one", "band"] = "one"
-    words: str = ""
-    symbol: str = ""
+    words: str = ""  # name in words; empty: the name with spaces
+    symbol: str = ""  # usual symbol
+    # what calibrations of one sensor share it: the ``oscillator`` itself, for any output; an ``output``, where response
+    # unit and kind of reference are alike; the ``channel`` of one calibration alone
     describes: Literal["oscillator", "output", "channel"] = "output"
+    # of a core's parameter: the values from which start values are looked for, or ``band`` for frequencies over the
+    # band of the data and beyond; empty: the gain, which follows from the rest
     grid: tuple[float, ...] | Literal["band"] = ()
 
     def __post_init__(self) -> None:
@@ -77,27 +71,16 @@ class Rational:
 
 @dataclass(frozen=True)
 class Derived:
-    """A function of the estimated parameters; it may not exist for all values.
+    """A function of the estimated parameters; it may not exist for all values."""
 
-    Attributes:
-        name: in result.json; an identifier.
-        unit: as for a parameter; ``{conversion}`` stands for response unit per metre.
-        value: of the parameters' values.
-        exists: whether there is one for these values.
-        words: name in words; empty: the name with spaces.
-        symbol: usual symbol.
-        needs: parameters without which it is not known, the gain left aside.
-        positive: whether it is above zero, so that its interval is symmetric in its logarithm.
-    """
-
-    name: str
-    unit: str
-    value: Callable[[Parameters], Any]
-    exists: Callable[[Parameters], bool] = lambda parameters: True
-    words: str = ""
-    symbol: str = ""
-    needs: tuple[str, ...] = ()
-    positive: bool = True
+    name: str  # in result.json; an identifier
+    unit: str  # as for a parameter; ``{conversion}`` stands for response unit per metre
+    value: Callable[[Parameters], Any]  # of the parameters' values
+    exists: Callable[[Parameters], bool] = lambda parameters: True  # whether there is one for these values
+    words: str = ""  # name in words; empty: the name with spaces
+    symbol: str = ""  # usual symbol
+    needs: tuple[str, ...] = ()  # parameters without which it is not known, the gain left aside
+    positive: bool = True  # whether it is above zero, so that its interval is symmetric in its logarithm
 
     def __post_init__(self) -> None:
         _require_identifier(self.name)
@@ -122,26 +105,19 @@ class Labels:
 
 @dataclass(frozen=True)
 class Core:
-    """The sensor proper, without add-ons.
+    """The sensor proper, without add-ons."""
 
-    Attributes:
-        name: in calibration files and results.
-        title: what it is, in a few words.
-        parameters: the gain first.
-        rational: values → transfer function from acceleration to response; the response is proportional to the gain.
-        derived: what follows from the parameters.
-        oscillator: names of natural frequency (Hz) and damping ratio, where D(s) = s² + 2 δ ωn s + ωn²; None where the
-            sensor is no damped oscillator.
-        output: ``displacement`` where the gain is the response to static acceleration, N(s) = ωn²; ``velocity`` where
-            N(s) = s; ``other``.
-    """
-
-    name: str
-    title: str
-    parameters: tuple[ParameterSpec, ...]
+    name: str  # in calibration files and results
+    title: str  # what it is, in a few words
+    parameters: tuple[ParameterSpec, ...]  # the gain first
+    # values → transfer function from acceleration to response; the response is proportional to the gain
     rational: Callable[[Parameters], Rational]
-    derived: tuple[Derived, ...] = ()
+    derived: tuple[Derived, ...] = ()  # what follows from the parameters
+    # names of natural frequency (Hz) and damping ratio, where D(s) = s² + 2 δ ωn s + ωn²; None where the sensor is no
+    # damped oscillator
     oscillator: tuple[str, str] | None = None
+    # ``displacement`` where the gain is the response to static acceleration, N(s) = ωn²; ``velocity`` where N(s) = s;
+    # ``other``
     output: Literal["displacement", "velocity", "other"] = "other"
 
 
@@ -153,42 +129,27 @@ class AddOn:
     rational, given s = jω, and ``factor_slopes`` are its derivatives by name. ``force`` makes the sensor nonlinear:
     given the core's response V it is F in V̈ + 2 δ ωn V̇ + ωn² V = K a + ωn² F(V). ``beside`` is what a ``rational``
     adds in parallel to the core, which such a force does not see.
-
-    Attributes:
-        name: in the names of models, behind a "+".
-        title: what it is, in a few words.
-        parameters: each with ``guesses``, but for a delay and what acts back on the mass.
-        rational: (values, system) → the system with it.
-        delay: values → delay, s.
-        factor: (values, s) → factor on the frequency response.
-        factor_slopes: (values, s) → its derivatives by name.
-        force: (values, V) → F(V).
-        beside: (values, core) → the part in parallel to the core.
-        in_series: whether ``rational`` multiplies the whole response; False: it adds something beside the core.
-        oscillator: names of natural frequency (Hz) and damping ratio of a mode that it adds.
-        corner: name of the corner frequency (Hz) of a real pole that it adds.
-        share: name of the parameter that what it adds beside the core is proportional to.
-        window: name of the length, s, of a window over which it averages.
-        labels: which of several like parts has which name, where it adds one like another.
-        remark: what a report says beside the results of such a model.
     """
 
-    name: str
-    title: str
-    parameters: tuple[ParameterSpec, ...]
-    rational: Callable[[Parameters, Rational], Rational] | None = None
-    delay: Callable[[Parameters], Any] | None = None
-    factor: Callable[[Parameters, Any], Any] | None = None
-    factor_slopes: Callable[[Parameters, Any], Mapping[str, Any]] | None = None
-    force: Callable[[Parameters, Any], Any] | None = None
+    name: str  # in the names of models, behind a "+"
+    title: str  # what it is, in a few words
+    parameters: tuple[ParameterSpec, ...]  # each with ``guesses``, but for a delay and what acts back on the mass
+    rational: Callable[[Parameters, Rational], Rational] | None = None  # (values, system) → the system with it
+    delay: Callable[[Parameters], Any] | None = None  # values → delay, s
+    factor: Callable[[Parameters, Any], Any] | None = None  # (values, s) → factor on the frequency response
+    factor_slopes: Callable[[Parameters, Any], Mapping[str, Any]] | None = None  # (values, s) → its derivatives by name
+    force: Callable[[Parameters, Any], Any] | None = None  # (values, V) → F(V)
+    # (values, core) → the part in parallel to the core
     beside: Callable[[Parameters, Rational], Rational] | None = None
+    # whether ``rational`` multiplies the whole response; False: it adds something beside the core
     in_series: bool = True
+    # names of natural frequency (Hz) and damping ratio of a mode that it adds
     oscillator: tuple[str, str] | None = None
-    corner: str = ""
-    share: str = ""
-    window: str = ""
-    labels: Labels | None = None
-    remark: str = ""
+    corner: str = ""  # name of the corner frequency (Hz) of a real pole that it adds
+    share: str = ""  # name of the parameter that what it adds beside the core is proportional to
+    window: str = ""  # name of the length, s, of a window over which it averages
+    labels: Labels | None = None  # which of several like parts has which name, where it adds one like another
+    remark: str = ""  # what a report says beside the results of such a model
 
     @property
     def place(self) -> int:
@@ -371,3 +332,22 @@ def array_library(*values: Any) -> Any:
     import jax.numpy as jnp  # only tracers and JAX arrays reach this line, so JAX is loaded already
 
     return jnp
+
+
+OSCILLATOR = ("natural_frequency", "damping_ratio")  # names of natural frequency and damping ratio
+_DAMPINGS = (0.0005, 0.003, 0.02, 0.08, 0.2, 0.4, 0.6, 0.8, 1.2, 2.5)  # from which start values are looked for
+
+NATURAL_FREQUENCY = ParameterSpec(OSCILLATOR[0], "Hz", "log", symbol="fn", describes="oscillator", grid="band")
+DAMPING_RATIO = ParameterSpec(OSCILLATOR[1], "1", "positive", symbol="δ", describes="oscillator", grid=_DAMPINGS)
+ANGULAR_FREQUENCY = Derived(
+    "natural_angular_frequency",
+    "rad/s",
+    lambda parameters: 2.0 * np.pi * parameters[OSCILLATOR[0]],
+    symbol="ωn",
+    needs=OSCILLATOR[:1],
+)
+
+
+def has_peak(parameters: Parameters) -> bool:
+    """Whether the response has a maximum: δ < 1/√2."""
+    return 2.0 * parameters[OSCILLATOR[1]] ** 2 < 1.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from vibrident.base.errors import InputError
+from vibrident.base.errors import InputError, unknown
 
 
 def require(condition: bool, problem: str, *, expected: str, found: object, where: str, remedy: str) -> None:
@@ -40,11 +40,5 @@ def require_finite(where: str, **values: float) -> None:
 
 def require_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
     """``value`` is one of ``choices``."""
-    require(
-        value in choices,
-        f"{name} is not known.",
-        expected=" | ".join(choices),
-        found=repr(value),
-        where="simulate",
-        remedy="name one of the expected",
-    )
+    if value not in choices:
+        raise unknown(f"{name} is not known.", value, choices, "simulate")

@@ -27,18 +27,13 @@ from vibrident.physics.simulation.motion import Said, Tonal, Tones
 class Sine(Said, Tonal):
     """a(t) = amplitude · cos(2π f t + phase).
 
-    Attributes:
-        frequency_hz: f, Hz.
-        amplitude: peak, m/s².
-        phase_rad: phase at t = 0; −π/2 starts from zero.
-
     Raises:
         InputError: the frequency is not positive, or a number is not finite.
     """
 
-    frequency_hz: float
-    amplitude: float
-    phase_rad: float = 0.0
+    frequency_hz: float  # f, Hz
+    amplitude: float  # peak, m/s²
+    phase_rad: float = 0.0  # phase at t = 0; −π/2 starts from zero
     kind: Excitation = "sine"
     template = "sine of {0.frequency_hz:.9g} Hz, {0.amplitude:.9g} m/s²"
 
@@ -56,18 +51,13 @@ class Sine(Said, Tonal):
 class Multisine(Tonal):
     """a(t) = Σ_m amplitude_m · cos(2π f_m t + phase_m), with exactly the frequencies given.
 
-    Attributes:
-        frequencies_hz: f_m, Hz, any spacing.
-        amplitudes: peak of each tone, m/s².
-        phases_rad: phase of each tone at t = 0; see ``random_phases``.
-
     Raises:
         InputError: the three differ in length, are empty, or hold a number that cannot be used.
     """
 
-    frequencies_hz: tuple[float, ...]
-    amplitudes: tuple[float, ...]
-    phases_rad: tuple[float, ...]
+    frequencies_hz: tuple[float, ...]  # f_m, Hz, any spacing
+    amplitudes: tuple[float, ...]  # peak of each tone, m/s²
+    phases_rad: tuple[float, ...]  # phase of each tone at t = 0; see ``random_phases``
     kind: Excitation = "multisine"
 
     def __post_init__(self) -> None:
@@ -110,24 +100,16 @@ class Sweep(Said):
     The ramp w(x) = x − sin(2πx)/2π over ``taper`` of the duration at either end has two continuous derivatives, so
     little power lies outside the band.
 
-    Attributes:
-        start_hz: frequency at t = 0.
-        stop_hz: frequency at the end; may be below start_hz.
-        duration_s: length, s.
-        amplitude: peak, m/s².
-        law: ``linear`` in time, or ``log``: the same time for every octave.
-        taper: ramp at either end as a fraction of the duration, 0 to 0.5.
-
     Raises:
         InputError: a number cannot be used, or the law is unknown.
     """
 
-    start_hz: float
-    stop_hz: float
-    duration_s: float
-    amplitude: float
-    law: Literal["linear", "log"] = "linear"
-    taper: float = 0.05
+    start_hz: float  # frequency at t = 0
+    stop_hz: float  # frequency at the end; may be below start_hz
+    duration_s: float  # length, s
+    amplitude: float  # peak, m/s²
+    law: Literal["linear", "log"] = "linear"  # ``linear`` in time, or ``log``: the same time for every octave
+    taper: float = 0.05  # ramp at either end as a fraction of the duration, 0 to 0.5
     kind: Excitation = "sweep"
     template = "{0.law} sweep from {0.start_hz:.9g} to {0.stop_hz:.9g} Hz in {0.duration_s:.9g} s"
 
@@ -178,22 +160,15 @@ class BandLimitedRandom(Said, Tonal):
     Tones sit at every multiple of 1/period_s in the band, so the rms over one period is exactly ``rms`` and the
     signal has no power at all outside the band.
 
-    Attributes:
-        low_hz: lowest frequency, Hz.
-        high_hz: highest frequency, Hz.
-        rms: m/s².
-        seed: of the phases.
-        period_s: after which the signal repeats; take it longer than the record to avoid repetition.
-
     Raises:
         InputError: a number cannot be used, or the band holds no multiple of 1/period_s.
     """
 
-    low_hz: float
-    high_hz: float
-    rms: float
-    seed: int
-    period_s: float
+    low_hz: float  # lowest frequency, Hz
+    high_hz: float  # highest frequency, Hz
+    rms: float  # m/s²
+    seed: int  # of the phases
+    period_s: float  # after which the signal repeats; take it longer than the record to avoid repetition
     kind: Excitation = "random"
     template = "random, {0.low_hz:.9g} to {0.high_hz:.9g} Hz, {0.rms:.9g} m/s² rms, seed {0.seed}"
 
@@ -228,17 +203,11 @@ class BandLimitedRandom(Said, Tonal):
 
 @dataclass(frozen=True)
 class HalfSineShock(Said):
-    """a(t) = peak · sin(π (t − start)/duration) for start ≤ t ≤ start + duration, zero elsewhere (ISO 16063-13).
+    """a(t) = peak · sin(π (t − start)/duration) for start ≤ t ≤ start + duration, zero elsewhere (ISO 16063-13)."""
 
-    Attributes:
-        peak: m/s².
-        duration_s: width of the pulse at its foot, s.
-        start_s: begin of the pulse, s, not negative.
-    """
-
-    peak: float
-    duration_s: float
-    start_s: float = 0.0
+    peak: float  # m/s²
+    duration_s: float  # width of the pulse at its foot, s
+    start_s: float = 0.0  # begin of the pulse, s, not negative
     kind: Excitation = "shock"
     highest_hz: float = 0.0
     template = "half-sine shock of {0.peak:.9g} m/s², {0.duration_s:.9g} s, at {0.start_s:.9g} s"
@@ -265,12 +234,9 @@ class Decay(Said):
 
     The initial state is the static one under a constant acceleration ``amplitude``. (A geophone's coil lifted by a
     current and released is this experiment.)
-
-    Attributes:
-        amplitude: the static acceleration with the same displacement of the mass, m/s².
     """
 
-    amplitude: float
+    amplitude: float  # the static acceleration with the same displacement of the mass, m/s²
     kind: Excitation = "decay"
     highest_hz: float = 0.0
     breaks_s: tuple[float, ...] = ()

@@ -30,35 +30,25 @@ _PERIOD = 1.25  # the noise repeats after so many records, so that its end is in
 class ChannelNoise:
     """Errors of one channel. The default has none.
 
-    Attributes:
-        white: rms of Gaussian white noise.
-        flicker: rms of Gaussian 1/f noise, from 1/(2 · duration) to half the sampling rate.
-        hum: rms of the mains fundamental, its phase random for every record.
-        hum_frequency_hz: mains frequency, Hz.
-        hum_harmonics: rms of the fundamental and its harmonics relative to ``hum``; those above half the sampling rate
-            are left out, as an anti-alias filter would.
-        offset: constant.
-        drift: change from the first to the last sample, linear in time.
-        unit: what the levels above are in: ``rms``, fractions of the record's own true rms in this channel, or
-            ``channel``, the channel's unit.
-        full_scale: largest magnitude the channel can hold, in its unit; beyond it the signal is clipped. None: no
-            limit.
-        bits: of the converter, two's complement over ± full_scale; None: no quantisation.
-
     Raises:
         InputError: a level cannot be used, or there are bits without a full scale.
     """
 
-    white: float = 0.0
-    flicker: float = 0.0
-    hum: float = 0.0
-    hum_frequency_hz: float = 50.0
+    white: float = 0.0  # rms of Gaussian white noise
+    flicker: float = 0.0  # rms of Gaussian 1/f noise, from 1/(2 · duration) to half the sampling rate
+    hum: float = 0.0  # rms of the mains fundamental, its phase random for every record
+    hum_frequency_hz: float = 50.0  # mains frequency, Hz
+    # rms of the fundamental and its harmonics relative to ``hum``; those above half the sampling rate are left out, as
+    # an anti-alias filter would
     hum_harmonics: tuple[float, ...] = (1.0, 0.1, 0.3, 0.05, 0.2)
-    offset: float = 0.0
-    drift: float = 0.0
+    offset: float = 0.0  # constant
+    drift: float = 0.0  # change from the first to the last sample, linear in time
+    # what the levels above are in: ``rms``, fractions of the record's own true rms in this channel, or ``channel``, the
+    # channel's unit
     unit: Literal["rms", "channel"] = "rms"
+    # largest magnitude the channel can hold, in its unit; beyond it the signal is clipped. None: no limit
     full_scale: float | None = None
-    bits: int | None = None
+    bits: int | None = None  # of the converter, two's complement over ± full_scale; None: no quantisation
 
     def __post_init__(self) -> None:
         where = "ChannelNoise"

@@ -27,43 +27,30 @@ CARRIER = 0.25  # carrier over the rate of the optical signals
 
 @dataclass(frozen=True)
 class Optics:
-    """An interferometer and its faults.
+    """An interferometer and its faults."""
 
-    Attributes:
-        setting: as the calibration file states it.
-        rate_hz: of the optical signals; None: a multiple of the response's rate that suits this motion.
-        offsets, amplitudes: of both signals (heterodyne: the first), V.
-        quadrature_error_rad: the second signal is sin(phase + this).
-        noise: of each signal, white, over its mean amplitude.
-        bits: of the converter; 0 leaves the signals as they are.
-        dropouts: number of light losses in a record, each for ``dropout_s``.
-        drift: offsets and ratio of the amplitudes change by this part of the amplitude over the record.
-        fading: the common amplitude changes by this part over the record, as by speckle.
-        cyclic_rad: amplitudes of the cyclic error, first, second and fourth harmonic of the phase.
-        table_m: rms of the motion of the optical table against the sensor, 0.5 to 10 Hz.
-        delay_s: the optical channel comes later than the response; stated in the file unless ``hidden_delay``.
-        hidden_delay: the file states no delay.
-        carrier_drift_hz: change of the carrier over the record.
-        random: draws offsets, amplitudes and quadrature error anew, one ellipse for all records.
-    """
-
+    # as the calibration file states it
     setting: Interferometer = field(default_factory=lambda: Interferometer("quadrature", 632.991e-9, direction=1))
+    # of the optical signals; None: a multiple of the response's rate that suits this motion
     rate_hz: float | None = None
+    # offsets, amplitudes: of both signals (heterodyne: the first), V
     offsets: tuple[float, float] = (0.06, -0.04)
     amplitudes: tuple[float, float] = (1.0, 0.92)
-    quadrature_error_rad: float = 0.06
-    noise: float = 0.01
-    bits: int = 14
-    dropouts: int = 0
+    quadrature_error_rad: float = 0.06  # the second signal is sin(phase + this)
+    noise: float = 0.01  # of each signal, white, over its mean amplitude
+    bits: int = 14  # of the converter; 0 leaves the signals as they are
+    dropouts: int = 0  # number of light losses in a record, each for ``dropout_s``
     dropout_s: float = 2e-5
-    drift: float = 0.0
-    fading: float = 0.0
+    drift: float = 0.0  # offsets and ratio of the amplitudes change by this part of the amplitude over the record
+    fading: float = 0.0  # the common amplitude changes by this part over the record, as by speckle
+    # amplitudes of the cyclic error, first, second and fourth harmonic of the phase
     cyclic_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    table_m: float = 0.0
+    table_m: float = 0.0  # rms of the motion of the optical table against the sensor, 0.5 to 10 Hz
+    # the optical channel comes later than the response; stated in the file unless ``hidden_delay``
     delay_s: float = 0.0
-    hidden_delay: bool = False
-    carrier_drift_hz: float = 0.0
-    random: bool = False
+    hidden_delay: bool = False  # the file states no delay
+    carrier_drift_hz: float = 0.0  # change of the carrier over the record
+    random: bool = False  # draws offsets, amplitudes and quadrature error anew, one ellipse for all records
 
     @property
     def full_scale(self) -> float:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vibrident.base.nominal import nominal_value
+from vibrident.base.nominal import nominal_name
 from vibrident.data.records import FloatArray
 from vibrident.physics.simulation.checks import (
     require,
@@ -30,7 +30,6 @@ from vibrident.physics.simulation.motion import Motion, SampleGrid, Superpositio
 from vibrident.physics.simulation.noise import excitation_noise
 
 _LIMIT_TOLERANCE = 0.1  # a limit may be a nominal value, up to 1.2 % (0.05 steps) from the exact one
-_NAME_TOLERANCE = 1e-4  # relative distance within which a frequency counts as an exact one-third-octave frequency
 #: Streams of one record. The numbers define what a seed means; never reuse one.
 PURPOSES = {"excitation": 0, "excitation noise": 1, "reference": 2, "response": 3, "optics": 4}
 Seed = int | np.random.SeedSequence
@@ -67,14 +66,8 @@ def one_third_octave(low_hz: float, high_hz: float) -> FloatArray:
 
 
 def nominal_frequency_name(frequency_hz: float) -> str:
-    """Nominal name of an exact one-third-octave frequency (158.49 → "160"); any other frequency as it is.
-
-    ``frequency_hz``: Hz, positive.
-    """
-    n = round(10.0 * math.log10(frequency_hz))
-    if abs(frequency_hz / 10.0 ** (n / 10.0) - 1.0) > _NAME_TOLERANCE:
-        return f"{frequency_hz:.6g}"
-    return f"{nominal_value(n):.6g}"
+    """Nominal name of an exact one-third-octave frequency; any other frequency as it is."""
+    return nominal_name(frequency_hz) or f"{frequency_hz:.6g}"
 
 
 def stream(seed: int | np.random.SeedSequence, record: int, purpose: str) -> np.random.Generator:

@@ -17,29 +17,19 @@ from vibrident.physics.simulation.checks import require_finite, require_not_nega
 class Sensor:
     """A sensor's model with true parameters, and how it would usually be calibrated.
 
-    Attributes:
-        name: short name.
-        title: what it is.
-        model: name of the sensor model, such as "accelerometer+delay".
-        parameters: name to true value, SI units, frequencies in Hz.
-        band_hz: lowest and highest one-third-octave frequency of its calibration.
-        sampling_rate_hz: samples per second.
-        amplitude: of the excitation, m/s².
-        response_unit: unit of the response.
-
     Raises:
         ModelError: the parameters are not those of the model.
         InputError: a value cannot be used.
     """
 
-    name: str
-    title: str
-    model: str
-    parameters: Mapping[str, float]
-    band_hz: tuple[float, float] = (10.0, 1000.0)
-    sampling_rate_hz: float = 51200.0
-    amplitude: float = STANDARD_GRAVITY
-    response_unit: str = "V"
+    name: str  # short name
+    title: str  # what it is
+    model: str  # name of the sensor model, such as "accelerometer+delay"
+    parameters: Mapping[str, float]  # name to true value, SI units, frequencies in Hz
+    band_hz: tuple[float, float] = (10.0, 1000.0)  # lowest and highest one-third-octave frequency of its calibration
+    sampling_rate_hz: float = 51200.0  # samples per second
+    amplitude: float = STANDARD_GRAVITY  # of the excitation, m/s²
+    response_unit: str = "V"  # unit of the response
 
     def __post_init__(self) -> None:
         where = f"sensor {self.name!r}"

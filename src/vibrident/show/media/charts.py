@@ -106,13 +106,13 @@ def _chart(stacks: Sequence[Stack]) -> Chart:
     if any(stack.panels[0].title for stack in stacks):  # the key stands above the titles
         layout["legend"]["y"] = 1.0 + 18.0 / (height - _ABOVE - _BELOW)
     if len(stacks) == 1 and stacks[0].panels[0].y.log:
-        layout["updatemenus"] = [_scales(stacks[0].panels[0].y)]
+        layout["updatemenus"] = [_scales()]
         layout["height"] = round(height + _BUTTONS)
         layout["margin"]["t"] += _BUTTONS
     return {"data": data, "layout": layout}
 
 
-def _scales(axis: Axis) -> Chart:
+def _scales() -> Chart:
     """A choice between a logarithmic and a linear axis."""
     kinds = {"log": {"yaxis.tickmode": "array"}, "linear": {"yaxis.tickmode": "auto"}}
     buttons = [

@@ -10,8 +10,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from vibrident.base.errors import InputError
 from vibrident.base.escaping import html as escaped
+from vibrident.base.extras import require
 from vibrident.base.version import __version__
 from vibrident.show.formulas import typeset
 from vibrident.show.media import charts, drawing
@@ -111,15 +111,10 @@ def _drawn(figure: Figure) -> Any:
 
 @cache
 def _plotly() -> str:
+    require("plotly", "report", "The HTML report needs plotly, which is not installed.", "--format html")
     spec = importlib.util.find_spec("plotly")
-    if spec is None or not spec.submodule_search_locations:
-        raise InputError(
-            "The HTML report needs plotly, which is not installed.",
-            expected="the package plotly",
-            found="none",
-            where="--format html",
-            remedy="pip install 'vibrident[report]'",
-        )
+    assert spec is not None
+    assert spec.submodule_search_locations is not None
     # What plotly.offline.get_plotlyjs() reads, without loading plotly for it.
     folder = Path(next(iter(spec.submodule_search_locations)))
     return (folder / "package_data" / "plotly.min.js").read_text(encoding="utf-8").replace("</script", "<\\/script")

@@ -29,7 +29,6 @@ from vibrident.data.records import BoolArray, Calibration, FloatArray, Quantity,
 from vibrident.fit.screening.quality import Finding
 from vibrident.result import Result
 from vibrident.result.sensor import IdentifiedSensor
-from vibrident.use.correction.agreement import Agreement, agreement_with, reference_in_band
 from vibrident.use.correction.background import at_the_ends, background, begins_at_once, preceded
 from vibrident.use.correction.band import (
     BINS,
@@ -45,7 +44,7 @@ from vibrident.use.correction.band import (
     top_octave,
 )
 from vibrident.use.correction.compensation import Compensation
-from vibrident.use.correction.peak import Peak, find_peak
+from vibrident.use.correction.peak import Agreement, Peak, agreement_with, find_peak, reference_in_band
 from vibrident.use.correction.quiet import Surroundings, filled, rest_to_borrow, screened, step_behind, surroundings
 
 LOOKS = 2  # rounds of the choice of the band; the first improves the part of the record that holds the motion
@@ -59,56 +58,33 @@ ORIGINS = ("noise", "model", "band", "offset", "ends", "background")
 
 @dataclass(frozen=True, eq=False)
 class Correction:
-    """One record and its acceleration.
+    """One record and its acceleration."""
 
-    Attributes:
-        record: as screened: clipped samples are marked invalid.
-        acceleration: shape (samples,), m/s²; NaN where clipped samples leave it unknown.
-        standard_uncertainty: shape (samples,), m/s².
-        components: origin to standard uncertainty, each of shape (samples,).
-        band: what was restored.
-        bound: upper bound of the removed part (Eichstädt), m/s².
-        surroundings: rest, offset and noise of the response.
-        peak: None if it lies among samples that are not known.
-        reference: the reference as acceleration in the same band, shape (samples,); None if absent.
-        agreement: with the reference; None if absent.
-        integrated_from_rest: number of integrations; zero for a sensor that responds to constant acceleration.
-        findings: of its ends and its parts at rest.
-    """
-
-    record: Record
-    acceleration: FloatArray
-    standard_uncertainty: FloatArray
-    components: Mapping[str, FloatArray]
-    band: Band
-    bound: float
-    surroundings: Surroundings
-    peak: Peak | None
-    reference: FloatArray | None
-    agreement: Agreement | None
-    integrated_from_rest: int
-    findings: tuple[Finding, ...] = ()
+    record: Record  # as screened: clipped samples are marked invalid
+    acceleration: FloatArray  # shape (samples,), m/s²; NaN where clipped samples leave it unknown
+    standard_uncertainty: FloatArray  # shape (samples,), m/s²
+    components: Mapping[str, FloatArray]  # origin to standard uncertainty, each of shape (samples,)
+    band: Band  # what was restored
+    bound: float  # upper bound of the removed part (Eichstädt), m/s²
+    surroundings: Surroundings  # rest, offset and noise of the response
+    peak: Peak | None  # None if it lies among samples that are not known
+    reference: FloatArray | None  # the reference as acceleration in the same band, shape (samples,); None if absent
+    agreement: Agreement | None  # with the reference; None if absent
+    integrated_from_rest: int  # number of integrations; zero for a sensor that responds to constant acceleration
+    findings: tuple[Finding, ...] = ()  # of its ends and its parts at rest
 
     __repr__ = brief
 
 
 @dataclass(frozen=True, eq=False)
 class Corrections:
-    """Corrections of several records.
+    """Corrections of several records."""
 
-    Attributes:
-        corrections: one a record, in order, without those left out.
-        findings: doubts about the data.
-        unit: of the acceleration.
-        model: the sensor's.
-        motion: the restored quantity: acceleration, or the drive.
-    """
-
-    corrections: tuple[Correction, ...]
-    findings: tuple[Finding, ...]
-    unit: str
-    model: str
-    motion: str = "acceleration"
+    corrections: tuple[Correction, ...]  # one a record, in order, without those left out
+    findings: tuple[Finding, ...]  # doubts about the data
+    unit: str  # of the acceleration
+    model: str  # the sensor's
+    motion: str = "acceleration"  # the restored quantity: acceleration, or the drive
 
     __repr__ = brief
 

@@ -32,38 +32,24 @@ CURVE_POINTS = 101  # points of the sensitivity curve
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """The expected outcome of a planned calibration.
+    """The expected outcome of a planned calibration."""
 
-    Attributes:
-        model: name of the sensor model.
-        frequency_hz: of the points, shape (n,).
-        uses: how often each is measured, shape (n,).
-        relative_deviation: standard deviation of each point's sensitivity over its size, shape (n,).
-        parameters: with expected standard uncertainty, estimated and derived.
-        correlation: of the estimated parameters.
-        response: the sensitivity curve with its uncertainty.
-        warnings: as of an identification, and doubts about the plan.
-        criterion: of the choice; None if all are measured.
-        candidates_hz: from which the points were chosen.
-        efficiency: of the choice, relative to the best design of the same measuring time; None if all are measured.
-        spread: standard uncertainty by parameter of as many points spread evenly over the candidates; empty where
-            all are measured.
-        all_points: standard uncertainty by parameter of all candidates.
-    """
-
-    model: str
-    frequency_hz: FloatArray
-    uses: tuple[int, ...]
-    relative_deviation: FloatArray
-    parameters: Mapping[str, Parameter]
-    correlation: Correlation
-    response: Curve
-    warnings: tuple[str, ...]
-    criterion: Criterion | None
-    candidates_hz: FloatArray
+    model: str  # name of the sensor model
+    frequency_hz: FloatArray  # of the points, shape (n,)
+    uses: tuple[int, ...]  # how often each is measured, shape (n,)
+    relative_deviation: FloatArray  # standard deviation of each point's sensitivity over its size, shape (n,)
+    parameters: Mapping[str, Parameter]  # with expected standard uncertainty, estimated and derived
+    correlation: Correlation  # of the estimated parameters
+    response: Curve  # the sensitivity curve with its uncertainty
+    warnings: tuple[str, ...]  # as of an identification, and doubts about the plan
+    criterion: Criterion | None  # of the choice; None if all are measured
+    candidates_hz: FloatArray  # from which the points were chosen
+    # of the choice, relative to the best design of the same measuring time; None if all are measured
     efficiency: float | None
+    # standard uncertainty by parameter of as many points spread evenly over the candidates; empty where all are
+    # measured
     spread: Mapping[str, float]
-    all_points: Mapping[str, float]
+    all_points: Mapping[str, float]  # standard uncertainty by parameter of all candidates
 
     __repr__ = brief
 

@@ -35,23 +35,14 @@ RINGS = 1.1  # the free motion is reported beyond this factor on a tone's varian
 
 @dataclass(frozen=True)
 class Recording:
-    """How every sine is recorded.
+    """How every sine is recorded."""
 
-    Attributes:
-        sampling_rate_hz: samples per second.
-        samples: of every record.
-        response_noise: white, as a fraction of the response's rms in each record.
-        response_noise_rms: white, in the response unit; added to the former.
-        reference_noise: white, as a fraction of the reference's rms, not motion of the sensor.
-        reference_noise_rms: white, in the reference's unit; added to the former.
-    """
-
-    sampling_rate_hz: float
-    samples: int
-    response_noise: float = 0.0
-    response_noise_rms: float = 0.0
-    reference_noise: float = 0.0
-    reference_noise_rms: float = 0.0
+    sampling_rate_hz: float  # samples per second
+    samples: int  # of every record
+    response_noise: float = 0.0  # white, as a fraction of the response's rms in each record
+    response_noise_rms: float = 0.0  # white, in the response unit; added to the former
+    reference_noise: float = 0.0  # white, as a fraction of the reference's rms, not motion of the sensor
+    reference_noise_rms: float = 0.0  # white, in the reference's unit; added to the former
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.sampling_rate_hz) and self.sampling_rate_hz > 0 and self.samples >= 16):

@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vibrident.app.cli import options
-from vibrident.app.cli.console import note, out, wrote
-from vibrident.app.cli.files import distinct
+from vibrident.app.cli.console import distinct, note, out, wrote
 from vibrident.app.cli.options import argument, flag, option
 from vibrident.app.workflow.estimators import estimator, estimators_with, misfit
 from vibrident.app.workflow.folder import load_result, write_json, written_whole

@@ -6,8 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from vibrident.app.cli import options
-from vibrident.app.cli.console import out, warn, wrote
-from vibrident.app.cli.files import write_samples
+from vibrident.app.cli.console import out, warn, write_samples, wrote
 from vibrident.app.cli.options import argument, flag, option
 from vibrident.app.workflow.folder import load_result, write_json, written_whole
 

@@ -229,7 +229,7 @@ def result(
 def export(target: Path = argument("FILE.parquet|FILE.csv", "File to write."), store: str | None = _STORE) -> None:
     """Write one row a calibration, with every parameter and its standard uncertainty."""
     from vibrident.lab.history import query
-    from vibrident.lab.history.export import write as write_table
+    from vibrident.lab.history.query import write as write_table
 
     one_of("FILE", target.suffix.lower(), (".parquet", ".csv"))
     with _opened(store) as opened:

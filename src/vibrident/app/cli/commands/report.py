@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from vibrident.app.cli import options
-from vibrident.app.cli.console import note, wrote
-from vibrident.app.cli.files import distinct
+from vibrident.app.cli.console import distinct, note, wrote
 from vibrident.app.cli.options import choice, option
 from vibrident.app.workflow.folder import load_result, written_whole
 from vibrident.base.errors import InputError

@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from vibrident.data.io.allowance import require_room
-from vibrident.data.io.columns import Channel, ColumnFile, library, reading
+from vibrident.data.io.columns import Channel, ColumnFile, library, reading, require_room
 from vibrident.data.io.reader import Reader
 from vibrident.data.records import FloatArray
 

@@ -15,8 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from vibrident.data.io.allowance import MOST_COLUMNS, require_few, require_room
-from vibrident.data.io.columns import Channel, ColumnFile, reading
+from vibrident.data.io.columns import MOST_COLUMNS, Channel, ColumnFile, reading, require_few, require_room
 from vibrident.data.io.reader import Reader
 from vibrident.data.records import FloatArray
 
@@ -27,17 +26,11 @@ _FILTERS = frozenset({1, 2, 3, 4, 5, 6, 32000})
 
 @dataclass(frozen=True)
 class ArrayColumn:
-    """One column of an array in a file.
+    """One column of an array in a file."""
 
-    Attributes:
-        array: path of the dataset, or name of the variable.
-        column: column of a two-dimensional array, from 0; None for a one-dimensional one.
-        transposed: True where the samples run along the second axis.
-    """
-
-    array: str
-    column: int | None = None
-    transposed: bool = False
+    array: str  # path of the dataset, or name of the variable
+    column: int | None = None  # column of a two-dimensional array, from 0; None for a one-dimensional one
+    transposed: bool = False  # True where the samples run along the second axis
 
     @property
     def name(self) -> str:

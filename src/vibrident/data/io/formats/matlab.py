@@ -9,8 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from vibrident.data.io.allowance import require_room
-from vibrident.data.io.columns import ColumnFile, reading
+from vibrident.data.io.columns import ColumnFile, reading, require_room
 from vibrident.data.io.formats.hdf5 import ArrayColumn, ArrayFile, Hdf5File, columns_of
 from vibrident.data.io.reader import Reader
 from vibrident.data.records import FloatArray

@@ -18,8 +18,7 @@ from typing import Any
 import numpy as np
 
 from vibrident.base.errors import InputError
-from vibrident.data.io.allowance import require_room
-from vibrident.data.io.columns import Channel, Clock, ColumnFile, library, reading, real_numbers
+from vibrident.data.io.columns import Channel, Clock, ColumnFile, library, reading, real_numbers, require_room
 from vibrident.data.io.reader import Reader
 from vibrident.data.io.sampling import clock_from_times
 from vibrident.data.records import FloatArray

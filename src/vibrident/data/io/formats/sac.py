@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from vibrident.data.io.allowance import require_room
-from vibrident.data.io.columns import Channel, ColumnFile, library, reading, real_numbers
+from vibrident.data.io.columns import Channel, ColumnFile, library, reading, real_numbers, require_room
 from vibrident.data.io.reader import Reader
 from vibrident.data.io.sampling import plainest_clock
 from vibrident.data.records import FloatArray

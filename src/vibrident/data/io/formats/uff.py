@@ -8,8 +8,7 @@ from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
-from vibrident.data.io.allowance import require_room
-from vibrident.data.io.columns import Channel, Clock, ColumnFile, library, reading, real_numbers
+from vibrident.data.io.columns import Channel, Clock, ColumnFile, library, reading, real_numbers, require_room
 from vibrident.data.io.reader import Reader
 from vibrident.data.io.sampling import clock_from_times, plainest_clock
 from vibrident.data.records import FloatArray

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from vibrident.data.io.allowance import require_room
-from vibrident.data.io.columns import Channel, Clock, ColumnFile, reading
+from vibrident.data.io.columns import Channel, Clock, ColumnFile, reading, require_room
 from vibrident.data.io.reader import Reader
 from vibrident.data.records import FloatArray
 

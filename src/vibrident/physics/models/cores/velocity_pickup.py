@@ -13,12 +13,16 @@ from typing import Any
 
 import numpy as np
 
-from vibrident.physics.models.base import Core, Derived, Parameters, ParameterSpec, Rational
-from vibrident.physics.models.oscillator import (
+from vibrident.physics.models.base import (
     ANGULAR_FREQUENCY,
     DAMPING_RATIO,
     NATURAL_FREQUENCY,
     OSCILLATOR,
+    Core,
+    Derived,
+    Parameters,
+    ParameterSpec,
+    Rational,
     has_peak,
 )
 

@@ -1,0 +1,5 @@
+/*
+@ABOUT@
+ */
+#include "@N@.h"
+@BODY@
