@@ -48,7 +48,6 @@ class Part:
         pull: shift of the fit's coordinates by those of the record, shape (P, p); None where these are the same.
         turns: of the record's sine from sample to sample; None for other motion.
         optical: whether the reference is an interferometer's raw light.
-        hum_hz: tones of the residual that no motion explains.
     """
 
     name: str
@@ -72,7 +71,6 @@ class Part:
     pull: FloatArray | None = None
     turns: float | None = None
     optical: bool = False
-    hum_hz: tuple[float, ...] = ()
 
     @property
     def samples(self) -> int:

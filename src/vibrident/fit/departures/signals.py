@@ -133,7 +133,6 @@ class Signals:
             pull,
             self.turns,
             self.record.optical is not None,
-            tuple(place * self.record.sampling_rate_hz / n for place in self.spectrum.tones),
         )
 
     def _doubt(self, transfer: ComplexArray) -> FloatArray:

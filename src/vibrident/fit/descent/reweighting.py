@@ -41,7 +41,6 @@ from vibrident.fit.descent.iterate import (
 from vibrident.fit.descent.optimise import Bent
 from vibrident.fit.descent.sandwich import sandwich
 from vibrident.fit.noise.found import SpectralNoise, doubtful
-from vibrident.fit.noise.hum import tones_of
 from vibrident.fit.noise.motion import NEAREST, motion_of
 from vibrident.fit.noise.spectrum import DOUBT, NoiseSpectrum
 from vibrident.fit.problem import Coordinates, NetworkProblem
@@ -147,7 +146,10 @@ def reweighted(
         SpectralNoise(
             np.sqrt([spectrum.input_noise for spectrum in spectra]) * noise,
             doubtful(untold, covariance),
-            tones_of(problem.records, lines, spectra),
+            tuple(
+                tuple(place * given.sampling_rate_hz / max(record.samples, 1) for place in spectrum.tones)
+                for given, record, spectrum in zip(problem.records, lines, spectra, strict=True)
+            ),
             untold,
         ),
     )

@@ -17,17 +17,15 @@ from vibrident.base.errors import ModelError
 from vibrident.data.records import FloatArray
 from vibrident.fit.bins import RecordBins
 from vibrident.fit.descent.geodesic import GeodesicSteps
-from vibrident.fit.descent.iterate import beside_hum
 from vibrident.fit.descent.optimise import Bent, Progress, Trace, levenberg_marquardt
 from vibrident.fit.descent.reweighting import reweighted
 from vibrident.fit.descent.sandwich import hac_covariance
 from vibrident.fit.estimators.base import Estimate
 from vibrident.fit.estimators.findings import Findings, TrainedNetwork
 from vibrident.fit.estimators.network_settings import NetworkSettings
-from vibrident.fit.noise.hum import hum_of, lacking, tones_of
-from vibrident.fit.noise.motion import motion_of
 from vibrident.fit.problem import BinProblem, Coordinates, Evidence, NetworkProblem, network_objective
 from vibrident.fit.problem.framing import response_size
+from vibrident.fit.screening.hum import hum_tones, lacking
 from vibrident.fit.start.start import Start, find_start
 from vibrident.physics.discretisation import method
 
@@ -137,14 +135,9 @@ def _beside_hum(problem: BinProblem, coordinates: Coordinates) -> BinProblem:
     A free response without damping imitates hum, and a resonance above half the sampling rate has one at any frequency:
     from a start near the truth, training would leave it for that.
     """
-    lines = problem.lines(coordinates.first, coordinates, np.ones(len(problem.records)))
-    spectra = beside_hum(lines, [motion_of(record) for record in lines])
-    tones = hum_of(tones_of(problem.records, lines, spectra), problem.records)
-    return (
-        problem.with_hum(tones)
-        if lacking(tones, [record.hum_hz for record in problem.records], problem.records)
-        else problem
-    )
+    known = tuple(record.hum_hz for record in problem.records)
+    tones = hum_tones(problem.records, problem.predict(coordinates, coordinates.first), known)
+    return problem.with_hum(tones) if lacking(tones, known, problem.records) else problem
 
 
 def _freed(network: NetworkSettings, evidence: Evidence, trained: _Trained, progress: Progress) -> Estimate:

@@ -16,8 +16,8 @@ from vibrident.fit.estimators import Estimate
 from vibrident.fit.judge.adequacy import Judgement
 from vibrident.fit.judge.effects import all_effects
 from vibrident.fit.judge.points import linearised
-from vibrident.fit.noise.hum import Tones, hum_of, lacking
 from vibrident.fit.problem import Evidence
+from vibrident.fit.screening.hum import hum_tones, lacking
 from vibrident.fit.uncertainty.budget import patterns
 from vibrident.fit.uncertainty.parameters import parameter_units
 from vibrident.physics.naming import in_words
@@ -48,13 +48,11 @@ class Examined:
         evidence: the data.
         estimate: the fit.
         groups: departures of one kind each, the most significant first.
-        hum_hz: tones of each record's response that no motion explains.
     """
 
     evidence: Evidence
     estimate: Estimate
     groups: tuple[Together, ...]
-    hum_hz: Tones
 
     @classmethod
     def of(cls, evidence: Evidence, estimate: Estimate, judgement: Judgement) -> Examined:
@@ -70,9 +68,7 @@ class Examined:
         misfit = not judgement.adequacy.adequate
         uncertainty = _deviation(estimate.covariance)
         groups = examine(parts, _points(evidence, estimate, judgement), uncertainty, misfit=misfit)
-        heard = {part.name: part.hum_hz for part in parts}
-        hum_hz = tuple(heard.get(record.name, record.hum_hz) for record in evidence.records)
-        return cls(evidence, estimate, tuple(groups), hum_hz)
+        return cls(evidence, estimate, tuple(groups))
 
     def beside(self, judgement: Judgement) -> tuple[Record, ...]:
         """The records with hum, and departures that matter and can be so, as nuisance parameters.
@@ -80,9 +76,11 @@ class Examined:
         Themselves where they have all.
         """
         records = self.evidence.records
-        wanted = hum_of(self.hum_hz, records)
-        if lacking(wanted, self.estimate.findings.hum_hz or [record.hum_hz for record in records], records):
-            records = tuple(replace(one, hum_hz=tones) for one, tones in zip(records, wanted, strict=True))
+        if records and self.evidence.model.is_linear:
+            own = tuple(record.hum_hz for record in records)
+            tones, known = hum_tones(records, judgement.predicted, own), self.estimate.findings.hum_hz or own
+            if lacking(tones, known, records):
+                records = tuple(replace(one, hum_hz=hz) for one, hz in zip(records, tones, strict=True))
         matter, admitted = self._nuisances(judgement), list[Record]()
         for record in records:
             own = record

@@ -78,13 +78,14 @@ def beside_departures(first: Attempt) -> Attempt:
     now = first
     for _ in range(ROUNDS):
         found = Examined.of(now.evidence, now.estimate, now.judgement)
-        records = found.beside(now.judgement)
+        now, records = replace(now, examined=found), found.beside(now.judgement)
         if all(kept is record for kept, record in zip(records, now.evidence.records, strict=True)):
-            return _beside_drift(replace(now, examined=found), found)
-        now = replace(
-            now.anew(now.evidence.with_records(records)), told=(*now.told, found.told_as_nuisance(now.judgement))
-        )
-    return now
+            break
+        other = now.anew(now.evidence.with_records(records))
+        if not other.adequate and not now.adequate:  # a misfit has tones and drifts, too
+            break
+        now = replace(other, told=(*now.told, found.told_as_nuisance(now.judgement)))
+    return now if now.examined is None else _beside_drift(now, now.examined)
 
 
 def _beside_drift(first: Attempt, found: Examined) -> Attempt:

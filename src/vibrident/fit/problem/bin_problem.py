@@ -252,7 +252,10 @@ class BinProblem:
     def record_noise(self, normal: BinNormal, noise: FloatArray) -> FloatArray:
         """Standard deviation of each record's residual, shape (records,), of normal equations weighted by ``noise``."""
         squares = (
-            np.bincount([segment.record for segment in self.segments], normal.squares, len(self.records)) * noise**2
+            np.bincount(
+                [segment.record for segment in self.segments], np.maximum(normal.squares, 0.0), len(self.records)
+            )
+            * noise**2
         )
         return np.maximum(np.sqrt(squares / np.maximum(self.degrees_of_freedom, 1.0)), self.noise_floor)
 

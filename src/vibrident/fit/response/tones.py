@@ -152,6 +152,13 @@ def _sine_fit_from(record: Record, start: float) -> _SineFit:
     return float(omega) / (2.0 * np.pi), amplitude, variance
 
 
+def own_sine(record: Record) -> FloatArray:
+    """The response's sine and mean alone, shape (samples,)."""
+    frequency, amplitude, _ = _sine_fit(record)
+    wave = turning(record.samples, 2.0 * np.pi * frequency / record.sampling_rate_hz)
+    return np.asarray(np.real(amplitude[1] * wave) + record.response[record.mask].mean(), dtype=float)
+
+
 def spectral_peak(signal: FloatArray, mask: BoolArray, rate: float, near: float | None) -> float:
     """Peak of the Hann-windowed spectrum, interpolated; within a factor 1.3 of ``near`` where that is given."""
     n, size = signal.shape[0], fast_length(signal.shape[0])
