@@ -17,8 +17,8 @@ ROOMS = {
     "data": "registry effects interferometer records io sources",
     "physics": "registry naming models discretisation network simulation",
     "result": "document parts sensor result",
-    "fit": "registry information response screening bins decay problem noise start descent estimators uncertainty "
-    "departures judge repeats|temperature identification joint",
+    "fit": "registry information response screening bins problem noise start descent estimators decay uncertainty "
+    "departures judge repeats temperature identification joint",
     "use": "",
     "show": "",
     "export": "",

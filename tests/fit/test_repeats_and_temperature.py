@@ -1,5 +1,7 @@
 """Runs, remounted or not, and temperatures: what is stated covers the truth, and its parts are told apart."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from bench.laboratory import COEFFICIENTS, TRUE, coverage, records
@@ -100,3 +102,24 @@ def test_coverage(study):
     """200 draws: three standard deviations are 0.046; `python -m bench.laboratory` takes 500."""
     for name, share in coverage(study, 200).items():
         assert abs(share - 0.95) <= 0.046, name
+
+
+def test_runs_and_temperatures_of_free_decays():
+    """They tell natural frequency and damping ratio, run by run and degree by degree, as other records do."""
+
+    def decay(natural_hz, seed, **circumstances):
+        values = {"natural_frequency": natural_hz, "damping_ratio": 0.05, "sensitivity": 1.0}
+        made = vibrident.simulate(
+            ("accelerometer", values), "decay", sampling_rate_hz=2000.0, samples=600, response_noise=1e-3, seed=seed
+        )
+        return replace(made.records[0], circumstances=Circumstances(**circumstances))
+
+    drawn = 50.0 * (1 + 1e-3 * np.random.default_rng(1).standard_normal(4))
+    runs = vibrident.identify(Calibration(tuple(decay(f, i, run=str(i)) for i, f in enumerate(drawn))))
+    found = runs.parameters["natural_frequency"]
+    assert found.value == pytest.approx(drawn.mean(), rel=1e-4)
+    assert found.standard_uncertainty == pytest.approx(drawn.std(ddof=1) / 2, rel=0.1)
+    assert not runs.has_gain
+    warm = [decay(50.0 * (1 - 2e-4 * (t - 23.0)), i, temperature_c=t) for i, t in enumerate((3.0, 23.0, 43.0))]
+    line = vibrident.identify(Calibration(tuple(warm))).settings["temperature"]["coefficients"]["natural_frequency"]
+    assert line["per_k"] == pytest.approx(-2e-4, abs=4 * line["standard_uncertainty"])

@@ -12,12 +12,13 @@ import numpy as np
 from vibrident.base.errors import InputError
 from vibrident.base.memory import in_one_thread
 from vibrident.data.records import Calibration
-from vibrident.fit.decay import decays_alone
+from vibrident.fit.decay import decays_alone, with_free_decays
 from vibrident.fit.descent.optimise import Progress, silent
 from vibrident.fit.estimators import AUTO, Estimate, Estimator, choose
 from vibrident.fit.judge import (
     Attempt,
     Fitted,
+    Told,
     Uncertainty,
     beside_departures,
     document,
@@ -81,11 +82,10 @@ def identify(
         from vibrident.data.io import read
 
         calibration = read(calibration)
-    if decays_alone(calibration):
-        from vibrident.fit.decay.document import identify_decays, require_plain
+    if posterior is not None and decays_alone(calibration):
+        from vibrident.fit.decay.estimate import require_plain
 
-        require_plain(estimator, sampled=posterior is not None)
-        return identify_decays(calibration, model, inflate=uncertainty != "noise")
+        require_plain(estimator, sampled=True)
     groups, runs = temperatures_of(calibration), runs_of(calibration)
     if posterior is not None and (groups or len(runs) > 1):
         raise InputError(
@@ -130,11 +130,19 @@ def fit(
 ) -> Fitted:
     """Estimate and judge; arguments and errors as :func:`identify`."""
     sensor_model = model_of(calibration, model)
-    evidence = Evidence.gather(calibration, sensor_model)
-    chosen, reason = _estimator(evidence, estimator, uncertainty)
-    found = Attempt.at(evidence, chosen, progress)
-    for step in (without_dead_records, with_phase_scatter, beside_departures, with_remedy):
-        found = step(found)
+    if decays_alone(calibration):
+        from vibrident.fit.decay import estimate as decays  # only where there are decays
+
+        decays.require_plain(estimator)
+        evidence, chosen, reason = decays.gathered(calibration, sensor_model), decays.FreeDecays(), decays.METHOD
+        found = Attempt.at(evidence, chosen, progress)
+        found = replace(found, told=(Told(warnings=tuple(decays.said(found.estimate))),))
+    else:
+        evidence = with_free_decays(Evidence.gather(calibration, sensor_model))
+        chosen, reason = _estimator(evidence, estimator, uncertainty)
+        found = Attempt.at(evidence, chosen, progress)
+        for step in (without_dead_records, with_phase_scatter, beside_departures, with_remedy):
+            found = step(found)
     data = found.evidence, found.estimate, found.judgement
     how = chosen, reason, found.told, found.phase_by_scatter, found.examined
     return Fitted(*data, linearised(*data), *how)

@@ -37,15 +37,21 @@ def runs_of(calibration: Calibration) -> dict[tuple[str, str], Calibration]:
     """
     keys = [(r.circumstances.mounting, r.circumstances.run) for r in calibration.records]
     groups = {key: tuple(r for r, k in zip(calibration.records, keys, strict=True) if k == key) for key in keys}
-    if len(groups) > 1 and any(not any(key) for key in groups):
-        raise InputError(
-            "Some records belong to a run, and others to none.",
-            expected="run or mounting in every [[records]] entry, or in none",
-            found=", ".join(r.name for r, key in zip(calibration.records, keys, strict=True) if not any(key))[:80],
-            where=f"{calibration.source or 'calibration in memory'}, [[records]]",
-            remedy="state the run of these records too",
-        )
+    lacking = [r.name for r, key in zip(calibration.records, keys, strict=True) if not any(key)]
+    if len(groups) > 1 and lacking:
+        raise stated_by_some(calibration, lacking, "belong to a run, and others to none", "run or mounting", "run")
     return {key: replace(calibration, records=records) for key, records in groups.items()}
+
+
+def stated_by_some(calibration: Calibration, lacking: Sequence[str], words: str, field: str, name: str) -> InputError:
+    """What not all records state; ``lacking``: names of those that do not."""
+    return InputError(
+        f"Some records {words}.",
+        expected=f"{field} in every [[records]] entry, or in none",
+        found=", ".join(lacking)[:80],
+        where=f"{calibration.source or 'calibration in memory'}, [[records]]",
+        remedy=f"state the {name} of these records too",
+    )
 
 
 def identify_runs(runs: dict[tuple[str, str], Calibration], fit: Callable[[Calibration], Fitted], scope: Any) -> Result:
@@ -91,7 +97,9 @@ def identify_runs(runs: dict[tuple[str, str], Calibration], fit: Callable[[Calib
         base,
         parameters=parameter_table(coordinates, mean, total, freedom, unit_fields(calibration), doubtful),
         correlation=correlation(first.evidence.model, total),
-        response=curve(coordinates, mean, total, calibration.quantity, base.response.frequency_hz),
+        response=curve(coordinates, mean, total, calibration.quantity, base.response.frequency_hz)
+        if base.has_gain
+        else base.response,
         warnings=tuple(dict.fromkeys(warning for one in results for warning in one.warnings)),
         findings=tuple(finding for one in results for finding in one.findings),
         fit=replace(base.fit, adequate=all(one.fit.adequate for one in results)),

@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from vibrident.base.errors import InputError
 from vibrident.base.tails import chi2_tail, student_quantile
 from vibrident.data.records import Calibration
+from vibrident.fit.repeats import stated_by_some
 from vibrident.result import Result
 
 USUAL_C = 23.0  # reference temperature where the certificate states none (ISO 16063-11, 4.1)
@@ -33,20 +33,11 @@ def temperatures_of(calibration: Calibration) -> dict[float, Calibration]:
     known = sorted({t for t in stated if t is not None})
     if len(known) < 2:
         return {}
-    if None in stated:
-        raise InputError(
-            "Some records state a temperature, and others do not.",
-            expected="temperature_c in every [[records]] entry, or in none",
-            found=", ".join(r.name for r, t in zip(calibration.records, stated, strict=True) if t is None)[:80],
-            where=f"{calibration.source or 'calibration in memory'}, [[records]]",
-            remedy="state the temperature of these records too",
-        )
-    return {
-        t: replace(
-            calibration, records=tuple(r for r, own in zip(calibration.records, stated, strict=True) if own == t)
-        )
-        for t in known
-    }
+    at = {t: tuple(r for r in calibration.records if r.circumstances.temperature_c == t) for t in (*known, None)}
+    if lacking := [r.name for r in at.pop(None)]:
+        words = "state a temperature, and others do not"
+        raise stated_by_some(calibration, lacking, words, "temperature_c", "temperature")
+    return {t: replace(calibration, records=at[t]) for t in known}
 
 
 def identify_temperatures(groups: Mapping[float, Calibration], identify: Callable[[Calibration], Result]) -> Result:

@@ -21,7 +21,7 @@ OTHERS = {
     "app/cli/options.py": {"cubic"},  # a simulated sensor
     "fit/estimators/network_settings.py": {"ipnn"},  # where the same estimator is told of
     "fit/estimators/residual_network.py": {"ipnn"},  # the same estimator with a network beside it
-    "fit/decay/document.py": {"ml"},  # maximum likelihood of free decays, which have no other estimator
+    "fit/decay/estimate.py": {"ml"},  # maximum likelihood of free decays, which have no other estimator
     "data/records/basis.py": {"accelerometer"},  # the model of a file that names none
     "fit/identification.py": {"scipy"},  # the library, in the provenance
     "result/result.py": {"natural_frequency", "damping_ratio"},  # what free decays alone tell

@@ -244,8 +244,6 @@ def test_what_decays_alone_cannot_tell_is_refused_with_a_way_out():
         vibrident.identify(calibration, model="accelerometer+highpass")
     with pytest.raises(ModelError, match="with a reference"):
         vibrident.identify(calibration, estimator="ipnn")
-    with pytest.raises(InputError, match="needs a calibration with a reference"):
-        vibrident.identify_together([calibration, calibration])
 
 
 @pytest.mark.slow

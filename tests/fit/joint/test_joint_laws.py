@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -85,7 +86,7 @@ def test_free_decays_alone_and_a_table() -> None:
     assert "sensitivity" not in by_decay.parameters
     assert by_table.parameters["sensitivity"].value == pytest.approx(SENSITIVITY["sensitivity"], rel=0.01)
     sources = [row["source"] for row in by_table.settings["uncertainty_budget"]]
-    assert sources == ["calibration 2: stated uncertainties", "calibration 1: decays: noise"]
+    assert sources == ["calibration 1: noise", "calibration 2: stated uncertainties"]
     back = vibrident.identify_together([points, decays])
     for name in MECHANICS:
         assert back[0].parameters[name].value == pytest.approx(by_table.parameters[name].value, rel=1e-9)
@@ -189,11 +190,57 @@ def test_a_systematic_effect_of_both_is_not_averaged() -> None:
     for result, effective in ((common, relative), (apart, relative / np.sqrt(2.0))):
         gain = result.parameters["sensitivity"]
         assert gain.standard_uncertainty == pytest.approx(np.hypot(noise, effective * gain.value), rel=2e-3)
-        for name in MECHANICS:
-            u = plain.parameters[name].standard_uncertainty
-            assert result.parameters[name].standard_uncertainty == pytest.approx(u, rel=1e-9)
+    for name in MECHANICS:
+        u = plain.parameters[name].standard_uncertainty or 0.0
+        assert common.parameters[name].standard_uncertainty == pytest.approx(u, rel=1e-9)
+        own = apart.parameters[name].standard_uncertainty or 0.0  # their gains differ by less than noise, or by more
+        assert 1.0 - 1e-6 < own / u <= 1.0
+    for name in MECHANICS | SENSITIVITY:  # what both have in common moves nothing (Peelle's puzzle)
+        assert common.parameters[name].value == pytest.approx(plain.parameters[name].value, rel=1e-9)
     rows = [row["kind"] for row in common.settings["uncertainty_budget"]]
     assert rows == ["data", "data", "gain"]
+
+
+@pytest.mark.draws(6, 60)
+def test_the_better_reference_counts_for_what_references_limit(draws: int) -> None:
+    """A table of little noise against a poor reference, one of more noise against a good one: errors as stated."""
+    errors = []
+    for seed in range(draws):
+        gains = 1.0 + np.array([0.02, 0.001]) * np.random.default_rng([7, seed]).standard_normal(2)
+        poor, good = (
+            table(seed + 1000 * i, values=MECHANICS | {"sensitivity": 0.1 * gain},
+                  effects=(SystematicEffect(f"reference {i}", "gain", u),))
+            for i, (gain, u) in enumerate(zip(gains, (0.02, 0.001), strict=True))
+        )  # fmt: skip
+        result = vibrident.identify_together([poor, good])[0]
+        errors.append(error_in_u(result, MECHANICS | SENSITIVITY))
+        assert (result.parameters["sensitivity"].standard_uncertainty or 0.0) < 0.0015 * 0.1
+        assert "estimators_disagree" not in result.warning_codes
+    squares = np.square(errors)
+    assert np.sqrt(np.mean(squares)) == pytest.approx(1.0, abs=3.0 / np.sqrt(2.0 * squares.size))
+
+
+def test_two_halves_are_the_whole() -> None:
+    """Of a table, and of decays."""
+    whole = table(3)
+    assert whole.table is not None
+    halves = [dataclasses.replace(whole, table=of_points(whole.table, part)) for part in (slice(0, 6), slice(6, None))]
+    made = [decays_and_table(seed)[0] for seed in (0, 1)]
+    both = dataclasses.replace(made[0], records=(*made[0].records, *made[1].records))
+    for one, parts in ((whole, halves), (both, made)):
+        alone = vibrident.identify(one)
+        for joint in vibrident.identify_together(parts):
+            for name, parameter in alone.parameters.items():
+                u = parameter.standard_uncertainty or 0.0
+                assert joint.parameters[name].value == pytest.approx(parameter.value, abs=0.01 * u)
+                assert joint.parameters[name].standard_uncertainty == pytest.approx(u, rel=0.01)
+
+
+def of_points(given: vibrident.ResponseTable, part: slice) -> vibrident.ResponseTable:
+    names = ("magnitude", "phase_rad", "magnitude_uncertainty", "phase_uncertainty_rad")
+    return dataclasses.replace(
+        given, frequency_hz=given.frequency_hz[part], **{name: getattr(given, name)[part] for name in names}
+    )
 
 
 def test_each_takes_from_the_other_what_it_lacks() -> None:

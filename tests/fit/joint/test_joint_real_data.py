@@ -57,7 +57,7 @@ def lobe_rms(result: Result, shock: Calibration) -> float:
 def test_table_and_shock_of_an_accelerometer(tmp_path: Path, part_s: tuple[float, float]) -> None:
     """The main lobe is predicted within 1 %; by the sine table alone within some per cent. What remains is named.
 
-    The shock alone determines neither damping nor delay; its own fit ends anywhere.
+    From its slow beginning on, the shock alone determines nothing, so that it agrees with anything.
     """
     sine = read("ptb-shock-sine.toml", "ptb-shock", tmp_path / "sine")
     lobe = f"start_s = {part_s[0]}\nstop_s = {part_s[1]}\n"
@@ -71,9 +71,8 @@ def test_table_and_shock_of_an_accelerometer(tmp_path: Path, part_s: tuple[float
     assert 49e3 < by_shock.parameters["natural_frequency"].value < 55e3
     assert 0.02 < by_shock.parameters["damping_ratio"].value < 0.2
     for result in (by_table, by_shock):
-        assert "estimators_disagree" in result.warning_codes
+        assert ("estimators_disagree" in result.warning_codes) == (part_s[0] > 0.0)
     assert "lack_of_fit" in by_table.warning_codes
-    assert not by_table.settings["joint"]["calibrations"][1]["own_fit_used"]
 
 
 @pytest.mark.slow

@@ -6,13 +6,14 @@ The folder's modules are loaded only where there are decays.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from vibrident.data.records import Calibration, Record
 
 if TYPE_CHECKING:
     from vibrident.fit.decay.beside import DecayDeviation
-    from vibrident.fit.screening import Finding
+    from vibrident.fit.problem import Evidence
     from vibrident.physics.models import SensorModel
 
 
@@ -21,13 +22,14 @@ def decays_alone(calibration: Calibration) -> bool:
     return bool(calibration.records) and all(r.excitation == "decay" for r in calibration.records)
 
 
-def free_parts(records: Sequence[Record]) -> tuple[tuple[Record, ...], tuple[Finding, ...]]:
-    """The records with each decay cut to where it moves freely, and what changes with a decay's amplitude."""
-    if not any(r.excitation == "decay" for r in records):
-        return tuple(records), ()
+def with_free_decays(evidence: Evidence) -> Evidence:
+    """The evidence with each decay cut to where it moves freely, and what changes with a decay's amplitude."""
+    if not any(r.excitation == "decay" for r in evidence.records):
+        return evidence
     from vibrident.fit.decay import beside
 
-    return beside.free_parts(records)
+    records, changing = beside.free_parts(evidence.records)
+    return replace(evidence, records=records, findings=(*evidence.findings, *changing))
 
 
 def decay_deviations(

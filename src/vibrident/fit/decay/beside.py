@@ -9,9 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vibrident.data.records import FloatArray, Record
-from vibrident.fit.decay.document import amplitude_words
 from vibrident.fit.decay.examine import Parts, change_of, parts_of, weighed
-from vibrident.fit.decay.fit import DecayFit, free_motion
+from vibrident.fit.decay.motion import DecayFit, DecayProblem, free_motion
 from vibrident.fit.decay.release import free_stretch
 from vibrident.fit.screening.quality import Finding
 from vibrident.physics.models import SensorModel
@@ -46,7 +45,7 @@ def free_parts(records: Sequence[Record]) -> tuple[tuple[Record, ...], tuple[Fin
         kept.append(_cut(record, own.stretches[0].first))
         change = change_of(own)
         if change is not None:
-            findings.append(Finding("nonlinear", amplitude_words(change)))
+            findings.append(Finding("nonlinear", change.words))
     return tuple(kept), tuple(findings)
 
 
@@ -79,8 +78,9 @@ def decay_deviations(
         stretch = own.stretches[0]
         more = _other_motion(model, values, stretch.time_s)
         natural, damping = (values[name] for name in model.core.oscillator)
-        parts = parts_of(replace(stretch, more=more), natural, damping)
-        found.append(DecayDeviation(record.name, parts, own.natural_frequency_hz, own.damping_ratio))
+        problem = DecayProblem.about([replace(stretch, more=more)], natural, damping)
+        (parts,) = parts_of(DecayFit(problem, problem.coordinates.first))
+        found.append(DecayDeviation(record.name, parts, *own.values))
     return tuple(found)
 
 

@@ -10,15 +10,17 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from vibrident.base.tails import chi2_tail
 from vibrident.data.records import FloatArray, Record
 from vibrident.data.records.basis import resolution
-from vibrident.fit.decay.fit import DecayFit, Local, Stretch, fit, free_motion, local, shortened
+from vibrident.fit.decay.motion import DecayFit, Stretch, basis_of, fit, free_motion, motion_slopes, shortened, unit
 from vibrident.fit.decay.noise import WHITE, Noise, autoregression, tones_of
 from vibrident.fit.decay.release import free_stretch, trimmed, without_first
+from vibrident.fit.descent.optimise import Progress, silent
 from vibrident.fit.response.verdict import rejected
 from vibrident.fit.screening.drift import significant_rise
 
@@ -27,12 +29,11 @@ MOST_PARTS, FEWEST_SAMPLES = 12, 8
 GONE = 0.3  # the motion has gone where its envelope is below this part of the noise's standard deviation
 ROUNDS = 2  # rounds of noise and fit
 TAIL = 0.6  # if the motion lasts for less than this part of the record, tones are estimated from the remainder
-DRIFTS = 8.0  # a straight line is among the unknowns beyond so many standard deviations
+DRIFTS = 8.0  # a straight line is a nuisance parameter beyond so many standard deviations
 STEPS_OF_MOTION = 6.0  # fewest steps of a coarse recorder in a motion; the rounding of a smaller one follows it
 SHARES = (0.1, 0.25, 0.5)  # parts of a decay where its beginning is compared with its end
 DIFFER = 1e-4  # beginning and end of a decay differ below this probability
-IMITATED = 1e-3  # what is left of a bend's shape must be this part of it, or the linear unknowns imitate it
-KNOWN = 0.05  # largest standard uncertainty of ln fn and of δ with which beginning and end are compared
+WITHIN = 1e-6  # columns of which the rest leaves less than this part, in squares, are spanned by it
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,16 @@ class Change:
     frequency_hz: tuple[float, float]  # at the beginning and at the end
     damping: tuple[float, float]  # the same
     amplitude: tuple[float, float]  # rms of the motion there, response unit
-    probability: float  # that a linear sensor differs as much
+
+    @property
+    def words(self) -> str:
+        """What changes with the amplitude, for a person."""
+        (f0, f1), (d0, d1), (a0, a1) = self.frequency_hz, self.damping, self.amplitude
+        return (
+            f"{self.record}: the oscillation changes as it dies away: natural frequency {f0:.6g} Hz at the beginning "
+            f"(rms {a0:.3g}) and {f1:.6g} Hz at the end (rms {a1:.3g}), {100 * (f1 / f0 - 1):+.2g} %; damping ratio "
+            f"{d0:.4g} and {d1:.4g}. Spring or damping depends on the amplitude; one value for both is a mean."
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,72 +70,59 @@ class Decays:
     """What free decays say."""
 
     fit: DecayFit  # of all together
-    parts: tuple[Parts, ...]  # one a record, at the joint values
     changes: tuple[Change, ...]  # records in which beginning and end differ
-    covariance: FloatArray  # of (ln fn, δ), from the noise, shape (2, 2)
-    freedom: float  # degrees of freedom behind the noise
 
     @property
-    def chi2(self) -> float:
-        """Sum over all records."""
-        return sum(p.chi2 for p in self.parts)
+    def freedom(self) -> float:
+        """Degrees of freedom behind the noise."""
+        return float(len(self.fit.residual) - sum(part.spanned.shape[1] for part in self.fit.parts) - 2)
 
-    @property
-    def degrees(self) -> int:
-        """Degrees of freedom of χ²: those of the parts less the two parameters."""
-        return sum(p.degrees for p in self.parts) - 2
+    def about(self) -> list[dict[str, Any]]:
+        """What ``settings["decays"]`` holds, a record each."""
+        return [
+            {
+                "record": stretch.name,
+                "begins_s": stretch.first / stretch.rate_hz,
+                "samples": int(stretch.response.size),
+                "noise": stretch.scale,
+                "noise_order": len(stretch.noise.whitening) - 1,
+                "tones_hz": list(stretch.noise.tones_hz),
+                "chi2": part.chi2,
+                "degrees_of_freedom": part.degrees,
+            }
+            for stretch, part in zip(self.fit.stretches, parts_of(self.fit), strict=True)
+        ]
 
-    @property
-    def adequate(self) -> bool:
-        """Whether one linear oscillator explains the decays."""
-        freedom = np.array([p.freedom for p in self.parts])
-        return not self.changes and not rejected(self.chi2, self.degrees, freedom)
+    def as_settings(self) -> dict[str, Any]:
+        """For a result."""
+        return {"decays": self.about()}
 
 
-def examine(records: Sequence[Record]) -> Decays:
+def examine(records: Sequence[Record], progress: Progress = silent) -> Decays:
     """Fit one oscillator to free decays.
 
-    ``records``: screened, of excitation ``decay``.
+    ``records``: screened, of excitation ``decay``; ``progress``: called at every step of the last descents.
     """
-    stretches, starts = [], []
-    for record in records:
-        own = weighed(free_stretch(record))
-        stretches.append(own.stretches[0])
-        starts.append(own)
-    fits = [fit(stretches, one.natural_frequency_hz, max(one.damping_ratio, 1e-6)) for one in starts]
-    found = min(fits, key=lambda one: one.cost)
-    rows = sum(len(x.residual) for x in found.locals)
-    taken = sum(x.spanned.shape[1] for x in found.locals)
-    parts = tuple(parts_of(s, found.natural_frequency_hz, found.damping_ratio) for s in found.stretches)
+    starts = [weighed(free_stretch(record)) for record in records]
+    stretches = [one.stretches[0] for one in starts]
+    found = min((fit(stretches, *one.values, progress) for one in starts), key=lambda one: one.cost)
     changes = [change for one in starts if (change := change_of(one)) is not None]
     if not changes and len(starts) > 1:  # too small for one decay to show
-        largest = max(starts, key=lambda one: float(np.max(np.abs(_free(one)))))
+        largest = max(starts, key=lambda one: float(np.max(np.abs(one.free()))))
         changes = [change for change in [change_of(largest, _chance_of_bend(found))] if change is not None]
-    return Decays(found, parts, tuple(changes), found.covariance, float(rows - taken - 2))
+    return Decays(found, tuple(changes))
 
 
-def at_values(decays: Decays, natural_frequency_hz: float, damping_ratio: float) -> Decays:
-    """The same decays at other values, each with the best initial state there."""
-    own = decays.fit
-    locals_ = tuple(local(stretch, natural_frequency_hz, damping_ratio) for stretch in own.stretches)
-    cost = sum(float(x.residual @ x.residual) for x in locals_)
-    moved = replace(
-        own,
-        natural_frequency_hz=natural_frequency_hz,
-        damping_ratio=damping_ratio,
-        locals=locals_,
-        costs=(*own.costs, cost),
-        path=(*own.path, (natural_frequency_hz, damping_ratio)),
-    )
-    parts = tuple(parts_of(stretch, natural_frequency_hz, damping_ratio) for stretch in own.stretches)
-    return replace(decays, fit=moved, parts=parts)
+def verdict(parts: Sequence[Parts], parameters: int = 2) -> tuple[float, int, bool]:
+    """χ² of decays, its degrees of freedom, and whether one linear oscillator explains them."""
+    chi2, degrees = sum(p.chi2 for p in parts), sum(p.degrees for p in parts) - parameters
+    return chi2, degrees, not rejected(chi2, degrees, np.array([p.freedom for p in parts]))
 
 
 def weighed(found: DecayFit) -> DecayFit:
     """One record's fit, with drift if it is significant, weighted by the residual noise of a flexible fit."""
     for _ in range(ROUNDS):
-        stretch = _weighed(found)
-        found = fit([stretch], found.natural_frequency_hz, max(found.damping_ratio, 1e-6))
+        found = found.again(_weighed(found))
         drifting = _drifting(found)
         found = trimmed(found if drifting is None else drifting)
     return without_first(found)
@@ -133,9 +130,7 @@ def weighed(found: DecayFit) -> DecayFit:
 
 def _weighed(found: DecayFit) -> Stretch:
     """The stretch of a fit with the noise that its flexible residual shows."""
-    stretch, frequency = found.stretches[0], found.natural_frequency_hz
-    rest = flexible_residual(stretch, frequency, found.damping_ratio)
-    alive = live_s(stretch, found)
+    stretch, frequency, rest, alive = found.stretches[0], found.values[0], flexible_residual(found), live_s(found)
     known, after = stretch.noise.tones_hz, int(alive * stretch.rate_hz)
     if after < TAIL * rest.size:  # where the motion has gone, any line is a tone
         tones = tones_of(rest[after:], stretch.rate_hz, (0.0, 0.0), known)
@@ -153,7 +148,7 @@ def _weighed(found: DecayFit) -> Stretch:
     again = replace(stretch, noise=noise, scale=1.0)
     counted = again.rows[rest.size - quiet.size :]
     coloured = noise.applied(rest[:, None])[rest.size - quiet.size :][counted][:, 0]
-    taken = 1 if quiet.size < rest.size else 2 * len(_edges(stretch, found)) + 1
+    taken = 1 if quiet.size < rest.size else 2 * len(_edges(found)) + 1
     scale = float(np.sqrt(np.sum(coloured**2) / max(coloured.size - taken, 1)))
     least = np.finfo(float).eps * float(np.max(np.abs(stretch.response)))
     return replace(again, scale=max(scale, least, np.finfo(float).tiny))
@@ -162,7 +157,7 @@ def _weighed(found: DecayFit) -> Stretch:
 def _while_larger(found: DecayFit, level: float) -> Stretch:
     """The stretch as long as its motion swings beyond a level."""
     stretch = found.stretches[0]
-    beyond = np.flatnonzero(np.abs(_free(found)) > level)
+    beyond = np.flatnonzero(np.abs(found.free()) > level)
     last = int(beyond[-1]) + 1 if beyond.size else stretch.response.size
     return shortened(stretch, 0, last) if last > 4 * FEWEST_SAMPLES else stretch
 
@@ -177,159 +172,133 @@ def _drifting(found: DecayFit) -> DecayFit | None:
     stretch = found.stretches[0]
     if stretch.drift:
         return None
-    with_line = replace(stretch, drift=True)
-    trial = fit([with_line], found.natural_frequency_hz, found.damping_ratio)
+    trial = found.again(replace(stretch, drift=True))
     return trial if found.cost - trial.cost > DRIFTS**2 else None
 
 
-def live_s(stretch: Stretch, found: DecayFit) -> float:
-    """Time from the stretch's beginning until its motion is lost in the noise."""
-    at = local(stretch, found.natural_frequency_hz, found.damping_ratio)
-    motion = np.abs(free_motion(found.natural_frequency_hz, found.damping_ratio, stretch.time_s) @ at.linear[:2])
-    level = float(np.sqrt(np.mean(at.residual**2))) * stretch.scale * GONE
+def live_s(found: DecayFit, index: int = 0) -> float:
+    """Time from a stretch's beginning until its motion is lost in the noise."""
+    stretch, residual, motion = found.stretches[index], found.parts[index].residual, np.abs(found.free(index))
+    level = float(np.sqrt(np.mean(residual**2))) * stretch.scale * GONE
     alive = np.flatnonzero(motion > max(level, 1e-6 * float(np.max(motion))))
     last = int(alive[-1]) if alive.size else stretch.response.size - 1
     return (last + 1) / stretch.rate_hz
 
 
-def _edges(stretch: Stretch, found: DecayFit) -> list[tuple[int, int]]:
+def _edges(found: DecayFit, index: int = 0) -> list[tuple[int, int]]:
     """Parts of the motion: first sample and the one after the last."""
-    alive = live_s(stretch, found)
-    count = int(np.clip(2.0 * alive * found.natural_frequency_hz, 2, MOST_PARTS))
+    stretch, alive = found.stretches[index], live_s(found, index)
+    count = int(np.clip(2.0 * alive * found.values[0], 2, MOST_PARTS))
     samples = min(stretch.response.size, int(np.ceil(alive * stretch.rate_hz)))
     count = max(1, min(count, samples // FEWEST_SAMPLES))
     ends = np.linspace(0, samples, count + 1).astype(int)
     return [(int(a), int(b)) for a, b in itertools.pairwise(ends)]
 
 
-def _pieces(stretch: Stretch, found: DecayFit) -> FloatArray:
-    """The motion of each part alone, shape (samples, 2 parts)."""
-    motion = free_motion(found.natural_frequency_hz, found.damping_ratio, stretch.time_s)
-    edges = _edges(stretch, found)
-    columns = np.zeros((stretch.response.size, 2 * len(edges)))
-    for index, (first, last) in enumerate(edges):
-        piece = np.linalg.qr(motion[first:last] / np.maximum(np.abs(motion[first:last]).max(axis=0), 1e-300))[0]
-        columns[first:last, 2 * index : 2 * index + 2] = piece
-    return columns
+def _pieces(found: DecayFit, index: int = 0) -> FloatArray:
+    """The motion of each part alone, shape (samples, at most 2 parts)."""
+    motion, edges = free_motion(*found.values, found.stretches[index].time_s), _edges(found, index)
+    spans = [((first, len(motion) - last), basis_of(motion[first:last])) for first, last in edges]
+    return np.hstack([np.pad(piece, (rows, (0, 0))) for rows, piece in spans])
 
 
-def flexible_residual(stretch: Stretch, natural_frequency_hz: float, damping_ratio: float) -> FloatArray:
-    """Residual of a fit with a separate amplitude and phase for every part of the motion, shape (samples,).
+def flexible_residual(found: DecayFit) -> FloatArray:
+    """Residual of a decay with a separate amplitude and phase for every part of the motion, shape (samples,).
 
     It holds almost no misfit of the oscillator, so it shows the noise.
     """
+    stretch = found.stretches[0]
     at = replace(stretch, noise=Noise(WHITE.whitening, stretch.noise.tones_hz), scale=1.0, drift=True)
-    found = fit_at(at, natural_frequency_hz, damping_ratio)
-    columns = np.concatenate([_pieces(at, found), at.beside()], axis=1)
-    rows = at.valid
-    linear = np.linalg.lstsq(columns[rows], at.response[rows], rcond=None)[0]
-    return np.where(rows, at.response - columns @ linear, 0.0)
+    columns = np.concatenate([_pieces(found.of(at)), at.beside()], axis=1)
+    linear = np.linalg.lstsq(columns[at.valid], at.response[at.valid], rcond=None)[0]
+    return np.where(at.valid, at.response - columns @ linear, 0.0)
 
 
-def fit_at(stretch: Stretch, natural_frequency_hz: float, damping_ratio: float) -> DecayFit:
-    """A stretch at given values, nothing fitted but what is linear."""
-    at = local(stretch, natural_frequency_hz, damping_ratio)
-    cost, value = float(at.residual @ at.residual), (natural_frequency_hz, damping_ratio)
-    return DecayFit(*value, np.zeros((2, 2)), (stretch,), (at,), (cost,), (value,))
+def _score(residual: FloatArray, columns: FloatArray, known: FloatArray) -> tuple[float, int]:
+    """χ² of a whitened residual along columns beside known ones, and its degrees of freedom (score test; Rao 1948).
 
-
-def parts_of(stretch: Stretch, natural_frequency_hz: float, damping_ratio: float) -> Parts:
-    """χ² of a decay at given values: initial state, offset and drift at their best, nothing else fitted."""
-    found = fit_at(stretch, natural_frequency_hz, damping_ratio)
-    at: Local = found.locals[0]
-    pieces = stretch.whitened(_pieces(stretch, found))
-    pieces, _ = np.linalg.qr(pieces)
-    free = pieces - at.spanned @ (at.spanned.T @ pieces)
+    ``columns``: of unit length beside nuisance parameters, shape (rows, m); ``known``: orthonormal, shape (rows, n).
+    """
+    free = columns - known @ (known.T @ columns)
     values, vectors = np.linalg.eigh(free.T @ free)
-    kept = values > 0.05
-    projected = (vectors[:, kept].T @ (free.T @ at.residual)) / np.sqrt(values[kept])
-    freedom = max(len(at.residual) - pieces.shape[1] - at.spanned.shape[1], 1)
-    return Parts(float(projected @ projected), int(kept.sum()), float(freedom))
+    kept = values > WITHIN
+    along = (vectors[:, kept].T @ (free.T @ residual)) / np.sqrt(values[kept])
+    return float(along @ along), int(kept.sum())
+
+
+def parts_of(found: DecayFit) -> tuple[Parts, ...]:
+    """χ² of each stretch along its motion, part by part: its nuisance parameters at their best, nothing else fitted."""
+    parts = []
+    for index, (stretch, at) in enumerate(zip(found.stretches, found.parts, strict=True)):
+        pieces = basis_of(stretch.whitened(_pieces(found, index)))
+        freedom = max(len(at.residual) - pieces.shape[1] - at.spanned.shape[1], 1)
+        parts.append(Parts(*_score(at.residual, pieces, at.spanned), float(freedom)))
+    return tuple(parts)
 
 
 def change_of(found: DecayFit, together: float = 1.0) -> Change | None:
     """Whether the beginning of a decay and its end have the same oscillator.
 
-    ``found``: one decay by itself; ``together``: probability of as much change with the amplitude in several decays, of
-    which this is one.
+    Score tests of a step of natural frequency and damping ratio, beside one of all nuisance parameters, and of what
+    depends on the amplitude.
+
+    Args:
+        found: one decay by itself.
+        together: probability of as much change with the amplitude in several decays, of which this is one.
     """
-    stretch = found.stretches[0]
-    alive = int(live_s(stretch, found) * stretch.rate_hz)
-    best: Change | None = None
-    for share in SHARES:
-        middle = int(share * alive)
-        if middle * found.natural_frequency_hz / stretch.rate_hz < 0.75 or middle < 3 * FEWEST_SAMPLES:
+    stretch, at = found.stretches[0], found.parts[0]
+    alive = int(live_s(found) * stretch.rate_hz)
+    beside = np.concatenate([free_motion(*found.values, stretch.time_s), stretch.beside()], axis=1)
+    slopes = (motion_slopes(*found.values, stretch.time_s) @ at.linear[:2]).T
+    tested = []
+    for middle in (int(share * alive) for share in SHARES):
+        if middle * found.values[0] / stretch.rate_hz < 0.75 or middle < 3 * FEWEST_SAMPLES:
             continue
-        halves = [shortened(stretch, 0, middle), shortened(stretch, middle)]
-        two = [fit([half], found.natural_frequency_hz, max(found.damping_ratio, 1e-6)) for half in halves]
-        if any(np.any(np.diag(one.covariance) > KNOWN**2) for one in two):
-            continue  # of two real poles, the slow one alone outlasts the beginning
-        # By likelihoods: where the motion is hardly above the noise, values are not normally distributed.
-        alike = fit(halves, found.natural_frequency_hz, max(found.damping_ratio, 1e-6))
-        squares = alike.cost - sum(one.cost for one in two)
-        chance = min(1.0, len(SHARES) * float(chi2_tail(2, max(squares, 0.0))))
-        if best is None or chance < best.probability:
-            sizes = [float(np.sqrt(np.mean(_free(one) ** 2))) for one in two]
-            best = Change(
-                stretch.name,
-                (two[0].natural_frequency_hz, two[1].natural_frequency_hz),
-                (two[0].damping_ratio, two[1].damping_ratio),
-                (sizes[0], sizes[1]),
-                chance,
-            )
-    if best is None:
+        after = (np.arange(stretch.response.size) >= middle)[:, None]
+        known = basis_of(np.concatenate([at.spanned, at.jacobian, stretch.whitened(beside * after)], axis=1))
+        chi2, degrees = _score(at.residual, unit(stretch.whitened(slopes * after)), known)
+        if degrees:
+            tested.append((min(1.0, len(SHARES) * chi2_tail(degrees, chi2)), middle))
+    if not tested:
         return None
-    best = replace(best, probability=min(best.probability, _chance_of_bend(found), together))
-    return best if best.probability < DIFFER else None
+    chance, middle = min(tested)
+    chance = min(chance, _chance_of_bend(found), together)
+    if chance >= DIFFER:
+        return None
+    two = [found.again(half) for half in (shortened(stretch, 0, middle), shortened(stretch, middle))]
+    frequencies, dampings = zip(*(one.values for one in two), strict=True)
+    sizes = [float(np.sqrt(np.mean(one.free() ** 2))) for one in two]
+    return Change(stretch.name, frequencies, dampings, (sizes[0], sizes[1]))
 
 
 def _chance_of_bend(found: DecayFit) -> float:
     """Probability that a linear sensor leaves as much of what depends on the amplitude, over all of some decays.
 
-    A score test (Rao 1948): to first order a damping or a spring that depends on the square of the amplitude adds the
-    motion, or the motion a quarter of a period later, times the square of its envelope. What the linear unknowns can
-    imitate does not count.
+    To first order a damping or a spring that depends on the square of the amplitude adds the motion, or the motion a
+    quarter of a period later, times the square of its envelope.
     """
-    decrement = 2.0 * np.pi * found.natural_frequency_hz * found.damping_ratio
-    sizes = [float(np.hypot(*at.linear[:2])) for at in found.locals]
-    rows = []
-    for stretch, at, size in zip(found.stretches, found.locals, sizes, strict=True):
-        motion = free_motion(found.natural_frequency_hz, found.damping_ratio, stretch.time_s)
-        squares = (size / max(sizes)) ** 2 * np.exp(-2.0 * decrement * stretch.time_s)
-        (a, b) = at.linear[:2] / max(sizes)
-        added = stretch.whitened(motion @ np.array([[a, b], [b, -a]]) * squares[:, None])
-        rows.append((added, added - at.spanned @ (at.spanned.T @ added)))
-    added, left = (np.concatenate(part) for part in zip(*rows, strict=True))
-    slopes = np.concatenate([at.slopes for at in found.locals])
-    known = np.linalg.qr(slopes / np.linalg.norm(slopes, axis=0))[0]
-    left = left - known @ (known.T @ left)
-    if np.any(np.linalg.norm(left, axis=0) < IMITATED * np.linalg.norm(added, axis=0)):
-        return 1.0
-    across = np.linalg.qr(left)[0]
-    residual = np.concatenate([at.residual for at in found.locals])
-    return float(chi2_tail(2, float(np.sum((across.T @ residual) ** 2))))
-
-
-def _free(found: DecayFit) -> FloatArray:
-    """The motion of a fit's first part, without offset, drift and tones."""
-    motion = free_motion(found.natural_frequency_hz, found.damping_ratio, found.stretches[0].time_s)
-    return motion @ found.locals[0].linear[:2]
+    natural, damping = found.values
+    decrement = 2.0 * np.pi * natural * damping
+    largest = max(float(np.hypot(*at.linear[:2])) for at in found.parts)
+    added, spanned = [], []
+    for stretch, at in zip(found.stretches, found.parts, strict=True):
+        a, b = at.linear[:2] / largest
+        squares = (a**2 + b**2) * np.exp(-2.0 * decrement * stretch.time_s)
+        bent = stretch.whitened(free_motion(natural, damping, stretch.time_s) @ [[a, b], [b, -a]] * squares[:, None])
+        added.append(bent)
+        spanned.append(at.spanned @ (at.spanned.T @ bent))
+    size = np.linalg.norm(np.concatenate(added), axis=0)
+    left = (np.concatenate(added) - np.concatenate(spanned)) / size
+    chi2, degrees = _score(found.residual, left, basis_of(np.concatenate([at.jacobian for at in found.parts])))
+    return chi2_tail(degrees, chi2) if degrees == 2 else 1.0  # what the others can imitate tells nothing
 
 
 def drifts(found: DecayFit, index: int) -> bool:
     """Whether a stretch rises by more than its slow noise allows.
 
-    A line is among the unknowns even if it may be 1/f noise, which an autoregression of few terms does not whiten.
+    A line is a nuisance parameter even if it may be 1/f noise, which an autoregression of few terms does not whiten.
     """
     stretch = found.stretches[index]
-    motion = free_motion(found.natural_frequency_hz, found.damping_ratio, stretch.time_s)
-    left = (stretch.response - motion @ found.locals[index].linear[:2])[stretch.valid]
+    left = (stretch.response - found.free(index))[stretch.valid]
     size = float(np.std(stretch.response[stretch.valid]))
     return significant_rise(left, stretch.time_s[stretch.valid], size) != 0.0
-
-
-def motion_of(found: DecayFit, index: int) -> FloatArray:
-    """What a fit predicts of a stretch: motion, offset, drift and tones; shape (samples,)."""
-    stretch, linear = found.stretches[index], found.locals[index].linear
-    motion = free_motion(found.natural_frequency_hz, found.damping_ratio, stretch.time_s)
-    return np.concatenate([motion, stretch.beside()], axis=1) @ linear

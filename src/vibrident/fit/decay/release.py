@@ -6,13 +6,15 @@ lies before the release is not free motion, so a window that includes it cannot 
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy import fft
 
 from vibrident.base.fft_lengths import fast_length
 from vibrident.base.tails import chi2_tail
 from vibrident.data.records import FloatArray, Record
-from vibrident.fit.decay.fit import DecayFit, Stretch, fit, free_motion, shortened
+from vibrident.fit.decay.motion import DecayFit, Stretch, fit, free_motion, shortened
 
 SURELY_FREE = 0.7  # the last sample of at least this part of the largest deviation lies after the release
 #: Damping ratios tried at every frequency.
@@ -45,10 +47,11 @@ def free_stretch(record: Record) -> DecayFit:
     safe = int(np.flatnonzero(away >= SURELY_FREE * np.max(away))[-1])
     safe = min(safe, response.size - min(response.size, 4 * FEWEST))
     found = started(shortened(whole, safe))
-    first = _extended(whole, found, safe)
-    extended = fit([shortened(whole, first)], found.natural_frequency_hz, max(found.damping_ratio, 1e-6))
+    whole = replace(whole, scale=found.stretches[0].scale)
+    extended = found.again(shortened(whole, _extended(whole, found, safe)))
+    first = extended.stretches[0].first
     for sooner in sorted({0, _onset(response)}):
-        if sooner < first and _as_good(trial := started(shortened(whole, sooner)), extended):
+        if sooner < first and _as_good(trial := started(shortened(whole, sooner), whole.scale), extended):
             return trial
     return extended
 
@@ -64,7 +67,7 @@ def _onset(response: FloatArray) -> int:
 def _as_good(sooner: DecayFit, later: DecayFit) -> bool:
     """Whether the motion before a later beginning is explained as well as the remainder: it may hold a fast pole."""
     ahead = later.stretches[0].first - sooner.stretches[0].first
-    residual, level = sooner.locals[0].residual, _swing(later.locals[0].residual)
+    residual, level = sooner.residual, _swing(later.residual)
     if _swing(residual[ahead:]) > 1.1 * level:
         return False
     width = max(FEWEST, ahead // 8)
@@ -72,8 +75,8 @@ def _as_good(sooner: DecayFit, later: DecayFit) -> bool:
     return max(map(_swing, pieces)) < ONE_PIECE * level
 
 
-def started(stretch: Stretch) -> DecayFit:
-    """The best fit from a grid of starts."""
+def started(stretch: Stretch, scale: float | None = None) -> DecayFit:
+    """The best fit from a grid of starts; ``scale``: of equal weights, None for what the best start leaves."""
     costs = []
     points = _points(stretch.response.size)
     time, values = points / stretch.rate_hz, stretch.response[points]
@@ -94,8 +97,9 @@ def started(stretch: Stretch) -> DecayFit:
             best.append(candidate)
         if len(best) == TRIED:
             break
-    fits = [fit([stretch], natural, damping) for _, natural, damping in best]
-    return min(fits, key=lambda one: one.cost)
+    left = np.sqrt(max(costs[0][0], np.finfo(float).eps) * total / time.size)
+    weighed = replace(stretch, scale=scale or float(left))
+    return min((fit([weighed], natural, damping) for _, natural, damping in best), key=lambda one: one.cost)
 
 
 def _points(samples: int) -> np.ndarray:
@@ -120,8 +124,8 @@ def _frequencies(stretch: Stretch) -> FloatArray:
 def _extended(whole: Stretch, found: DecayFit, safe: int) -> int:
     """First sample of the motion, looked for backwards from one that surely belongs to it."""
     length = _window(found)
-    offset = float(found.locals[0].linear[2])
-    motion = free_motion(found.natural_frequency_hz, found.damping_ratio, np.arange(length) / whole.rate_hz)
+    offset = float(found.parts[0].linear[2])
+    motion = free_motion(*found.values, np.arange(length) / whole.rate_hz)
     basis = np.linalg.qr(motion / np.maximum(np.linalg.norm(motion, axis=0), 1e-300))[0]
     values = whole.response - offset
 
@@ -163,15 +167,14 @@ def without_first(found: DecayFit) -> DecayFit:
     """Without the first sample, within which the release may lie."""
     if found.stretches[0].response.size < 4 * FEWEST:
         return found
-    return fit([shortened(found.stretches[0], 1)], found.natural_frequency_hz, max(found.damping_ratio, 1e-6))
+    return found.again(shortened(found.stretches[0], 1))
 
 
 def _without_alien(found: DecayFit, most: int) -> DecayFit | None:
     """The fit without the fewest first samples that do not belong to it; None where all do."""
     for count in np.unique(np.geomspace(1, most, TRIALS).astype(int)):
-        shorter = shortened(found.stretches[0], int(count))
-        trial = fit([shorter], found.natural_frequency_hz, max(found.damping_ratio, 1e-6))
-        rows = len(found.locals[0].residual) - len(trial.locals[0].residual)
+        trial = found.again(shortened(found.stretches[0], int(count)))
+        rows = len(found.residual) - len(trial.residual)
         rare = ALIEN if count <= SOON else ALIEN_LATER
         if rows > 0 and chi2_tail(rows, max(found.cost - trial.cost, 0.0)) < rare:
             return trial
@@ -181,7 +184,8 @@ def _without_alien(found: DecayFit, most: int) -> DecayFit | None:
 def _window(found: DecayFit) -> int:
     """Samples over which the motion changes: a period, or the slow time constant of a heavily damped sensor."""
     stretch = found.stretches[0]
-    length = stretch.rate_hz / found.natural_frequency_hz * max(1.0, 1.5 * found.damping_ratio)
+    natural, damping = found.values
+    length = stretch.rate_hz / natural * max(1.0, 1.5 * damping)
     return int(np.clip(round(length), FEWEST, max(FEWEST, stretch.response.size // 3)))
 
 

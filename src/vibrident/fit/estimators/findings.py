@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 
 from vibrident.data.records import FloatArray
 from vibrident.fit.noise.found import SpectralNoise
@@ -84,6 +84,14 @@ class LearnedShare:
         return {"residual_network": found, **({"response_curve": PHYSICS_CURVE} if self.kept else {})}
 
 
+class Stated(Protocol):
+    """What states itself in a result."""
+
+    def as_settings(self) -> dict[str, Any]:
+        """For a result."""
+        ...
+
+
 @dataclass(frozen=True, eq=False)
 class Findings:
     """All that an estimator found beside the parameters.
@@ -93,12 +101,14 @@ class Findings:
         noise: of the lines, where they were weighted by it.
         learned: a residual network beside the physics; None where none was asked for.
         model_error: relative error of the model beside the noise; None where the noise suffices.
+        decays: free decays alone; None where there is a reference.
     """
 
     network: TrainedNetwork | None = None
     noise: SpectralNoise | None = None
     learned: LearnedShare | None = None
     model_error: float | None = None
+    decays: Stated | None = None
 
     @property
     def method(self) -> Method:
@@ -119,4 +129,5 @@ class Findings:
             **({} if self.noise is None else self.noise.as_settings(names)),
             **({} if self.learned is None else self.learned.as_settings()),
             **({} if self.model_error is None else {"model_error": self.model_error}),
+            **({} if self.decays is None else self.decays.as_settings()),
         }

@@ -1,9 +1,11 @@
-"""The joint fit: first the sum of the calibrations' costs, robust against a bad separate fit, then their moments.
+"""The joint fit, stacked: first the sum of all costs, robust against a bad separate fit, then moment conditions.
 
 The sum of costs finds the place: Levenberg–Marquardt on the summed normal equations, from the separate estimates in
-turn, each record weighted by its residual there. A separate fit that is worse on its own data had stopped at a local
-optimum, and is repeated from there. The moments (:mod:`vibrident.fit.joint.moments`) then weight each calibration by
-its stated covariance, which gives the least variance.
+turn, each record weighted by its residual there. A separate fit that stopped at another optimum is repeated from there.
+The moment conditions (:mod:`vibrident.fit.joint.moments`) then weight each calibration by its stated covariance, and
+the stated systematic effects are columns beside the parameters, each with an amount whose prior is N(0, 1) in its
+standard uncertainties (random effects; with the amounts eliminated, by Woodbury's identity, the estimate of generalised
+least squares). A calibration against a better reference thus has the greater weight on what the references limit.
 """
 
 from __future__ import annotations
@@ -13,28 +15,26 @@ import functools
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from vibrident.base.errors import NotConverged
-from vibrident.data.records import FloatArray
-from vibrident.fit.descent.optimise import Progress, Trace, levenberg_marquardt
+from vibrident.data.records import FloatArray, SystematicEffect
+from vibrident.fit.descent.optimise import Objective, Progress, Trace, levenberg_marquardt
 from vibrident.fit.information import inverse_normal
-from vibrident.fit.joint.decays import FreeDecays, with_decays
 from vibrident.fit.joint.moments import MomentConditions, Score
 from vibrident.fit.joint.sharing import Joint, Place, places
-from vibrident.fit.judge import Fitted
+from vibrident.fit.judge import Fitted, linearised
+from vibrident.fit.judge.effects import all_effects
 from vibrident.fit.problem import Local
+from vibrident.fit.uncertainty.budget import shift_of_effect
 
-ROUNDS = 4  # rounds of the sum of costs with refreshed weights, and of the moments with refreshed covariance
-SETTLED = 1e-3  # change of the joint coordinates, in standard uncertainties, that ends the rounds
-STEPS = 25  # most evaluations of the moments in a round
-#: A separate fit was no optimum if the joint cost is lower by this part; the moments have left it if it is higher.
-BETTERED = 0.2
-OTHER_FACTOR = 2.0  # a separate fit whose frequencies differ by more than this factor from the joint one's …
-OTHER_U = 5.0  # … and by so many of its standard uncertainties is another optimum
-UNSEEN = 1e-24  # a coordinate with less than this part of the largest information is not identifiable
+ROUNDS = 4  # most rounds of the sum of costs, and of the moments, with refreshed weights
+SAME = 1.0  # a separate fit is the joint one where it is no better or worse than by one standard uncertainty …
+LEAST_PROMISED = 0.5  # … or where a step from this promises at least so much of what it gains
+TOLERANCE = 1e-6  # decrease of a cost that is not worth a step: 10⁻³ standard uncertainties
+
+Parts = Sequence[Callable[[FloatArray], Local]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,37 +42,45 @@ class Together:
     """The calibrations of a joint fit, and where their coordinates lie in its own."""
 
     fitted: tuple[Fitted, ...]  # the separate fits
-    decays: tuple[FreeDecays, ...]  # calibrations of free decays alone
     numbers: tuple[Joint, ...]  # the parameters of the joint fit
 
     @functools.cached_property
     def places(self) -> tuple[Place, ...]:
-        """Of the fits, then of the decays."""
-        coordinates = [one.estimate.coordinates for one in self.fitted]
-        parts = places(self.numbers, coordinates)
-        return (*parts, *(one.place(self.numbers, parts, coordinates) for one in self.decays))
-
-    @functools.cached_property
-    def whole(self) -> tuple[Joint, ...]:
-        """The numbers with the decays among their members."""
-        return with_decays(self.numbers, self.decays, len(self.fitted))
+        """Of the fits."""
+        return places(self.numbers, [one.estimate.coordinates for one in self.fitted])
 
     def at(self, theta: FloatArray) -> list[FloatArray]:
         """Coordinates of each fit."""
-        return [place.z(theta) for place in self.places[: len(self.fitted)]]
+        return [place.z(theta) for place in self.places]
 
-    def summed(self, local: Sequence[Callable[[FloatArray], Local]]) -> Callable[[Any, Any], Local]:
-        """The costs of the fits, and of the decays, in the joint coordinates, as an objective."""
-        every = [*local, *(one.local for one in self.decays)]
 
-        def objective(theta: Any, _: Any) -> Local:
-            at = np.asarray(theta)
-            found = [one(place.z(at)) for place, one in zip(self.places, every, strict=True)]
-            matrix = sum(p.matrix.T @ f.matrix @ p.matrix for p, f in zip(self.places, found, strict=True))
-            gradient = sum(p.matrix.T @ f.gradient for p, f in zip(self.places, found, strict=True))
-            return Local(matrix, gradient, sum(f.cost for f in found))
+def stacked(where: Sequence[Place], parts: Parts, prior: FloatArray | float = 0.0) -> Objective:
+    """The costs of calibrations in the coordinates of the joint fit, as one objective.
 
-        return objective
+    ``where``: of each in these; ``prior``: information on these about zero, of each, shape (q,).
+    """
+
+    def objective(theta: FloatArray, _: object) -> Local:
+        with np.errstate(all="ignore"):  # a step may be far too long
+            found = [part(place.z(theta)) for place, part in zip(where, parts, strict=True)]
+        matrix = sum(p.matrix.T @ f.matrix @ p.matrix for p, f in zip(where, found, strict=True))
+        gradient = sum(p.matrix.T @ f.gradient for p, f in zip(where, found, strict=True))
+        held = prior * theta
+        return Local(
+            matrix + np.diag(prior * np.ones_like(theta)),
+            gradient - held,
+            sum(f.cost for f in found) + float(held @ theta),
+        )
+
+    return objective
+
+
+@dataclass(frozen=True, eq=False)
+class Effect:
+    """A systematic effect, and the change of each calibration that has it by one standard uncertainty, shape (p,)."""
+
+    effect: SystematicEffect
+    shifts: dict[int, FloatArray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,9 +88,19 @@ class Balance:
     """The joint estimate by moments."""
 
     theta: FloatArray  # joint coordinates, shape (q,)
-    covariance: FloatArray  # of theta, shape (q, q)
-    information: tuple[FloatArray, ...]  # of the coordinates of each fit, then of the decays, shapes (p, p)
-    steps: tuple[FloatArray, ...]  # from the joint estimate to each fit's own, to first order, shapes (p,)
+    covariance: FloatArray  # of these and of the amounts of the effects, shape (q + K, q + K)
+    places: tuple[Place, ...]  # of each fit in both
+    information: tuple[FloatArray, ...]  # of the coordinates of each fit, shapes (p, p)
+    estimates: tuple[FloatArray, ...]  # of each fit alone; to first order where its own is not used, shapes (p,)
+
+    def by_data(self, index: int) -> FloatArray:
+        """What the data of a calibration add to the covariance of theta, shape (q, q)."""
+        gain = self.covariance[: len(self.theta)] @ self.places[index].matrix.T
+        return gain @ self.information[index] @ gain.T
+
+    def by_effect(self, number: int) -> FloatArray:
+        """What one standard uncertainty of an effect does to theta, shape (q,)."""
+        return self.covariance[: len(self.theta), len(self.theta) + number]
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,10 +108,11 @@ class Descent:
     """The joint estimate."""
 
     together: Together  # what was fitted, after repetition
+    effects: tuple[Effect, ...]  # each once
     balance: Balance
     near: tuple[Score, ...]  # residual of each fit near the joint estimate
     trace: Trace  # of the optimiser
-    alone: tuple[int, ...]  # fits whose own estimate is used; others are worse on their own data, or too far off
+    alone: tuple[int, ...]  # fits whose own estimate is used; others ended at another optimum
 
 
 def descend(together: Together, covariance: Callable[[Fitted], FloatArray], progress: Progress) -> Descent:
@@ -103,57 +122,85 @@ def descend(together: Together, covariance: Callable[[Fitted], FloatArray], prog
         NotConverged: no start leads to a finite joint fit.
     """
     theta, near, trace = _found(together, progress)
-    fitted, there = list(together.fitted), together.at(theta)
-    repeated = [i for i, one in enumerate(fitted) if _bettered(one, near[i], there[i])]
-    if repeated:
-        for i in repeated:
-            values = fitted[i].estimate.coordinates.values(there[i])
+    lost = _elsewhere(together, near, theta)
+    if lost:
+        fitted = list(together.fitted)
+        for i in lost:
+            values = fitted[i].estimate.coordinates.values(together.at(theta)[i])
             with contextlib.suppress(NotConverged):  # then the first fit stays
                 fitted[i] = fitted[i].again(values, progress)
         together = replace(together, fitted=tuple(fitted))
         theta, near, trace = _found(together, progress)
-        there = together.at(theta)
-    lost = {i for i, one in enumerate(fitted) if _bettered(one, near[i], there[i]) or _elsewhere(one, there[i])}
+        lost = _elsewhere(together, near, theta)
     while True:
-        moments = []
-        for i, (one, z) in enumerate(zip(fitted, there, strict=True)):
-            if i in lost:
-                variance = near[i].colour(z) * (one.judgement.scatter or 1.0) ** 2
-                moments.append(MomentConditions.plain(near[i], z, variance))
-            else:
-                own = Score.of(one).near(one.estimate.z)
-                moments.append(MomentConditions.of(own, one.estimate.z, covariance(one), near[i]))
-        balance = _balanced(together, moments, theta, progress)
-        moved = together.at(balance.theta)
-        left = {i for i, one in enumerate(fitted) if i not in lost and _left(one, near[i], there[i], moved[i])}
+        balance, effects = _balanced(together, near, theta, lost, covariance, progress)
+        left = _elsewhere(together, near, balance.theta) - lost
         if not left:
             break
         lost |= left
-    led = replace(together, decays=())
-    trace = _followed(trace, balance.theta, led.summed([score.local for score in near]))
-    return Descent(together, balance, tuple(near), trace, tuple(i for i in range(len(fitted)) if i not in lost))
+    cost = stacked(together.places, [score.local for score in near])(balance.theta, None).cost
+    path = np.concatenate([trace.coordinates, balance.theta[None]])
+    status = f"{trace.status}; the last point: each calibration weighted by its stated covariance"
+    trace = Trace(trace.optimiser, trace.converged, status, (*trace.costs, float(cost)), path)
+    alone = tuple(i for i in range(len(together.fitted)) if i not in lost)
+    return Descent(together, effects, balance, tuple(near), trace, alone)
 
 
 def _balanced(
-    together: Together, moments: Sequence[MomentConditions], theta: FloatArray, progress: Progress
-) -> Balance:
+    together: Together,
+    near: Sequence[Score],
+    theta: FloatArray,
+    lost: set[int],
+    covariance: Callable[[Fitted], FloatArray],
+    progress: Progress,
+) -> tuple[Balance, tuple[Effect, ...]]:
+    """The joint estimate by moments, from where the sum of costs led; ``lost``: fits whose own estimate is not used."""
+    moments, there = [], together.at(theta)
+    for i, (one, z) in enumerate(zip(together.fitted, there, strict=True)):
+        if i in lost:
+            spread = near[i].covariance(z) * (one.judgement.scatter or 1.0) ** 2
+            moments.append(MomentConditions.of(near[i], z, spread, near[i], optimum=False))
+        else:
+            moments.append(MomentConditions.of(Score.of(one), one.estimate.z, covariance(one), near[i]))
+    effects = _effects(together.fitted, there)
+    where = tuple(_with_effects(place, i, effects) for i, place in enumerate(together.places))
+    prior = np.concatenate([np.zeros(len(theta)), np.ones(len(effects))])
+    way = np.concatenate([theta, np.zeros(len(effects))])
     for _ in range(ROUNDS):
-        local = [_held(m, m.weight(z)) for m, z in zip(moments, together.at(theta), strict=True)]
-        way = levenberg_marquardt(together.summed(local), theta, None, tolerance=1e-6, most=STEPS, progress=progress)
-        known = [m.information(z) for m, z in zip(moments, together.at(way.last), strict=True)]
-        known += [one.information for one in together.decays]
-        whole = sum(p.matrix.T @ i @ p.matrix for p, i in zip(together.places, known, strict=True))
-        joint = inverse_normal(np.asarray(whole))
-        moved = np.abs(way.last - theta) / np.sqrt(np.maximum(np.diag(joint), np.finfo(float).tiny))
-        theta = way.last
-        if np.max(moved) < SETTLED:
+        begin, there = way, [place.z(way) for place in where]
+        parts = [functools.partial(m.local, weight=m.weight(z)) for m, z in zip(moments, there, strict=True)]
+        way = levenberg_marquardt(
+            stacked(where, parts, prior), begin, None, tolerance=TOLERANCE, progress=progress
+        ).last
+        if np.allclose(way, begin, rtol=0.0, atol=1e-6):
             break
-    steps = tuple(m.step(z) for m, z in zip(moments, together.at(theta), strict=True))
-    return Balance(theta, joint, tuple(known), steps)
+    known = tuple(m.information(place.z(way)) for m, place in zip(moments, where, strict=True))
+    whole = sum(p.matrix.T @ i @ p.matrix for p, i in zip(where, known, strict=True)) + np.diag(prior)
+    estimates = [
+        one.estimate.z if i not in lost else place.z(way) + moments[i].step(place.z(way))
+        for i, (one, place) in enumerate(zip(together.fitted, where, strict=True))
+    ]
+    return Balance(way[: len(theta)], inverse_normal(np.asarray(whole)), where, known, tuple(estimates)), effects
 
 
-def _held(moments: MomentConditions, weight: FloatArray) -> Callable[[FloatArray], Local]:
-    return lambda z: moments.local(z, weight)
+def _effects(fitted: Sequence[Fitted], there: Sequence[FloatArray]) -> tuple[Effect, ...]:
+    """Every systematic effect once: equal statements in two calibrations are one effect, as of one instrument.
+
+    At the joint values ``there``: relative effects at each measured value would draw these down (Peelle's puzzle;
+    D'Agostini 1994).
+    """
+    found: dict[SystematicEffect, dict[int, FloatArray]] = {}
+    for index, (one, z) in enumerate(zip(fitted, there, strict=True)):
+        linear = linearised(one.evidence, replace(one.estimate, z=z), one.judgement)
+        for effect in all_effects(one.evidence, one.judgement):
+            found.setdefault(effect, {})[index] = shift_of_effect(effect, linear)
+    return tuple(Effect(effect, shifts) for effect, shifts in found.items())
+
+
+def _with_effects(place: Place, index: int, effects: Sequence[Effect]) -> Place:
+    """The place of a calibration in the joint coordinates and the amounts of the effects."""
+    columns = [effect.shifts.get(index, np.zeros(len(place.offset))) for effect in effects]
+    return replace(place, matrix=np.column_stack([place.matrix, *columns]))
 
 
 def _found(together: Together, progress: Progress) -> tuple[FloatArray, list[Score], Trace]:
@@ -163,8 +210,8 @@ def _found(together: Together, progress: Progress) -> tuple[FloatArray, list[Sco
         scores = [Score.of(one).near(z) for one, z in zip(together.fitted, together.at(theta), strict=True)]
         try:
             for _ in range(ROUNDS):
-                objective = together.summed([score.local for score in scores])
-                trace = levenberg_marquardt(objective, theta, None, tolerance=1e-6, progress=progress)
+                objective = stacked(together.places, [score.local for score in scores])
+                trace = levenberg_marquardt(objective, theta, None, tolerance=TOLERANCE, progress=progress)
                 settled = bool(np.allclose(trace.last, theta, rtol=0.0, atol=1e-6))
                 theta = trace.last
                 scores = [score.near(z) for score, z in zip(scores, together.at(theta), strict=True)]
@@ -173,8 +220,6 @@ def _found(together: Together, progress: Progress) -> tuple[FloatArray, list[Sco
         except NotConverged:
             continue
         deviance = sum(score.deviance(z) for score, z in zip(scores, together.at(theta), strict=True))
-        beside = together.places[len(together.fitted) :]
-        deviance += sum(one.local(p.z(theta)).cost for one, p in zip(together.decays, beside, strict=True))
         if np.isfinite(deviance) and (best is None or deviance < best[0]):
             best = (deviance, theta, scores, trace)
     if best is None:
@@ -190,52 +235,31 @@ def _starts(together: Together) -> list[FloatArray]:
         theta = np.zeros(len(together.numbers))
         for column, number in enumerate(together.numbers):
             owner, index = next((m for m in number.members if m[0] == preferred), number.members[0])
-            place = together.places[owner]
-            offset, scale = place.offset[index], place.matrix[index, column]
-            theta[column] = (fitted[owner].estimate.z[index] - offset) / scale
-            model = fitted[owner].evidence.model
-            if by_preferred and model.parameters[index].describes == "channel":
-                unit = fitted[owner].estimate.coordinates.time_unit_s
-                theta[column] = (values.get(number.name, 0.0) / unit - offset) / scale
+            place, estimate = together.places[owner], fitted[owner].estimate
+            z = estimate.z[index]
+            if by_preferred and fitted[owner].evidence.model.parameters[index].describes == "channel":
+                z = values.get(number.name, 0.0) / estimate.coordinates.time_unit_s
+            theta[column] = (z - place.offset[index]) / place.matrix[index, column]
         if not any(np.allclose(theta, other, rtol=0.0, atol=1e-9) for other in starts):
             starts.append(theta)
     return starts
 
 
-def _bettered(one: Fitted, near: Score, z: FloatArray) -> bool:
-    """Whether the joint fit explains these data better than their own fit did."""
-    before = replace(Score.of(one), noise=near.noise).local(one.estimate.z).cost
-    return _at_end(one) or near.local(z).cost < (1.0 - BETTERED) * before
+def _elsewhere(together: Together, near: Sequence[Score], theta: FloatArray) -> set[int]:
+    """Calibrations whose own fit is not the optimum that a Gauss–Newton step from the joint estimate leads to.
+
+    What that step promises is what the own optimum gains, unless this is another one or too far off for the moment
+    conditions; or the own fit is the worse one.
+    """
+    found = set()
+    for i, (one, score, z) in enumerate(zip(together.fitted, near, together.at(theta), strict=True)):
+        here, own = (score.local(at) for at in (z, one.estimate.z))
+        gains = here.cost - own.cost + _promised(own)
+        if not abs(gains) <= SAME**2 and not _promised(here) >= LEAST_PROMISED * gains > 0.0:
+            found.add(i)
+    return found
 
 
-def _left(one: Fitted, near: Score, there: FloatArray, moved: FloatArray) -> bool:
-    """Whether the moments have left the optimum of these data, from ``there`` to ``moved``."""
-    if near.noise is None:
-        return False
-    own = replace(Score.of(one), noise=near.noise).local(one.estimate.z).cost
-    most = (1.0 + BETTERED) * max(near.local(there).cost, own)
-    return not near.local(moved).cost < most
-
-
-def _at_end(one: Fitted) -> bool:
-    """Whether a parameter lies at the end of the range searched, where the data do not determine it."""
-    diagonal = np.diag(Score.of(one).local(one.estimate.z).matrix)
-    return not np.all(diagonal > UNSEEN * np.max(diagonal))  # also for NaN
-
-
-def _elsewhere(one: Fitted, z: FloatArray) -> bool:
-    """Whether a separate fit ended at another optimum than the joint one, where its slopes say nothing of this."""
-    own = one.estimate
-    logarithmic = [spec.kind in ("log", "duration") for spec in own.coordinates.model.parameters]
-    scatter = one.judgement.scatter or 1.0
-    u = scatter * np.sqrt(np.maximum(np.diag(own.covariance), 0.0))
-    apart = np.abs(own.z - z)
-    return bool(np.any((apart > np.maximum(np.log(OTHER_FACTOR), OTHER_U * u))[logarithmic]))
-
-
-def _followed(trace: Trace, theta: FloatArray, objective: Callable[[Any, Any], Local]) -> Trace:
-    """The trace with the last step, by the moments."""
-    cost = float(objective(theta, None).cost)
-    path = np.concatenate([trace.coordinates, theta[None]])
-    status = f"{trace.status}; the last point: each calibration weighted by its stated covariance"
-    return Trace(trace.optimiser, trace.converged, status, (*trace.costs, cost), path)
+def _promised(local: Local) -> float:
+    """What a full Gauss–Newton step would lower the cost by."""
+    return float(local.gradient @ inverse_normal(local.matrix) @ local.gradient)

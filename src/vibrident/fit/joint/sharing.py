@@ -26,8 +26,6 @@ from vibrident.fit.problem import Coordinates
 from vibrident.fit.response.verdict import REJECTION
 from vibrident.physics.models import ParameterSpec, SensorModel
 
-LOGARITHMIC = ("log", "duration")  # kinds of coordinates that are logarithms
-
 
 @dataclass(frozen=True)
 class Joint:
@@ -119,16 +117,11 @@ def places(numbers: Sequence[Joint], coordinates: Sequence[Coordinates]) -> tupl
 
 
 def _onto(one: Coordinates, i: int, other: Coordinates, j: int) -> tuple[float, float]:
-    """Offset and scale from a coordinate to another of the same physical value."""
-    spec = one.model.parameters[i]
-    if spec.kind in LOGARITHMIC:
-        return float(np.log(np.asarray(one.start)[i] / np.asarray(other.start)[j])), 1.0
-    return 0.0, _one(one, spec.name) / _one(other, spec.name)
-
-
-def _one(coordinates: Coordinates, name: str) -> float:
-    """Physical value at the coordinate one, of a kind that is proportional to it."""
-    return coordinates.values(np.ones(len(coordinates.model.parameters)))[name]
+    """Offset and scale from a coordinate to another of the same physical value: one is linear in the other."""
+    name, beside = one.model.parameters[i].name, other.values(np.zeros(len(other.model.parameters)))
+    values = [one.values(np.full(len(one.model.parameters), at))[name] for at in (0.0, 1.0)]
+    begin, end = (float(other.place(beside | {name: value})[j]) for value in values)
+    return begin, end - begin
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from vibrident.fit.judge.attempts import Attempt, Fitted
 from vibrident.fit.judge.document import Uncertainty, document, own_rows
+from vibrident.fit.judge.examined import Told
 from vibrident.fit.judge.points import linearised
 from vibrident.fit.judge.refits import beside_departures, with_phase_scatter, without_dead_records
 from vibrident.fit.judge.remedy import with_remedy
@@ -16,6 +17,7 @@ from vibrident.fit.judge.remedy import with_remedy
 __all__ = [
     "Attempt",
     "Fitted",
+    "Told",
     "Uncertainty",
     "beside_departures",
     "document",

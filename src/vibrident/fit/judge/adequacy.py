@@ -217,6 +217,16 @@ def _predict(evidence: Evidence, estimate: Estimate) -> tuple[tuple[FloatArray, 
     }
 
 
+def judge_decays(evidence: Evidence, estimate: Estimate) -> Judgement:
+    """Compare free decays, which have no reference, with the free motion, stretch of time by stretch."""
+    from vibrident.fit.decay import estimate as free  # only where there are decays
+
+    predicted, verdict, text = free.predicted(evidence, estimate), *free.lack_of_fit(estimate)
+    adequacy = Adequacy(np.zeros(0), np.zeros(0, dtype=complex), np.zeros(0), (), *verdict)
+    birge = float(np.sqrt(max(adequacy.chi2_reduced or 0.0, 1.0)))
+    return Judgement(adequacy, text, birge, predicted, signals=_excerpts(evidence, predicted))
+
+
 def judge_table(evidence: Evidence, estimate: Estimate) -> Judgement:
     """Compare the model with a table."""
     table, problem = evidence.calibration.table, evidence.first_look

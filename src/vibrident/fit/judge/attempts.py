@@ -13,7 +13,7 @@ from vibrident.data.records import FloatArray
 from vibrident.fit.descent.optimise import Progress, silent
 from vibrident.fit.estimators import Estimate, Estimator
 from vibrident.fit.estimators.canonical import canonically_labelled
-from vibrident.fit.judge.adequacy import Judgement, judge_records, judge_table
+from vibrident.fit.judge.adequacy import Judgement, judge_decays, judge_records, judge_table
 from vibrident.fit.judge.effects import allowing_for_effects
 from vibrident.fit.judge.examined import Examined, Told
 from vibrident.fit.judge.points import linearised
@@ -283,6 +283,7 @@ def _back_inside(found: Attempt) -> dict[str, float] | None:
 def judged(evidence: Evidence, estimate: Estimate) -> Judgement:
     """What the estimate says of the data."""
     judge = judge_table if evidence.calibration.table else judge_records
+    judge = judge if estimate.findings.decays is None else judge_decays
     return allowing_for_effects(evidence, estimate, judge(evidence, estimate))
 
 

@@ -32,7 +32,7 @@ from vibrident.fit.uncertainty.parameters import coverage_factor, unit_fields
 from vibrident.fit.uncertainty.point_budget import point_budget
 from vibrident.physics.models import SensorModel
 from vibrident.physics.naming import in_words
-from vibrident.result import Finding, Result, ResultWarning, Training
+from vibrident.result import Curve, Finding, MeasuredCurve, Result, ResultWarning, Training
 
 Uncertainty = Literal["auto", "noise", "inflated"]
 #: Shown iterations of the optimiser in a result.
@@ -94,8 +94,12 @@ def _result(evidence: Evidence, estimate: Estimate, judgement: Judgement, stated
     names = model.parameter_names
     table = parameter_table(coordinates, z, stated.covariance, freedom, unit_fields(calibration), stated.weak)
     reference_hz = calibration.certificate.get("reference_frequency_hz")
-    band = frequencies(evidence.band_hz, judgement.adequacy.frequency_hz.tolist(), reference_hz)
-    band = with_resonances(band, model.rational(coordinates.values(z)))
+    found = Curve.none(), MeasuredCurve.none()
+    if model.has_gain:
+        band = frequencies(evidence.band_hz, judgement.adequacy.frequency_hz.tolist(), reference_hz)
+        band = with_resonances(band, model.rational(coordinates.values(z)))
+        response = curve(coordinates, z, stated.covariance, calibration.quantity, band)
+        found = response, measured(evidence, estimate, judgement)
     return Result(
         model=model.name,
         estimator=estimate.estimator,
@@ -115,11 +119,11 @@ def _result(evidence: Evidence, estimate: Estimate, judgement: Judgement, stated
         parameters=table,
         correlation=correlation(model, stated.covariance),
         fit=fit_of_table(evidence, estimate, judgement) if calibration.table else fit_of_signals(evidence, judgement),
-        response=curve(coordinates, z, stated.covariance, calibration.quantity, band),
-        measured=measured(evidence, estimate, judgement),
+        response=found[0],
+        measured=found[1],
         warnings=_warnings(evidence, model, table, judgement, stated.warnings, stated.scope),
         sensor=dict(calibration.sensor),
-        reference={"quantity": calibration.quantity, "unit": calibration.reference_unit},
+        reference={"quantity": calibration.quantity, "unit": calibration.reference_unit} if model.has_gain else {},
         response_unit=calibration.response_unit,
         signals=judgement.signals,
         training=_training(estimate),
@@ -169,8 +173,8 @@ def _warnings(
         warnings.append(ResultWarning("lack_of_fit", judgement.lack_of_fit + covered + more))
         doubtful = [w for w in doubtful if w.code != "lack_of_fit"]
     warnings += doubtful
-    gain = table[model.gain_name]
-    if gain.value < 0 and adequacy.degrees_of_freedom > 0:  # fewer equations than parameters tell no sign
+    # fewer equations than parameters tell no sign
+    if model.has_gain and table[model.gain_name].value < 0 and adequacy.degrees_of_freedom > 0:
         optical = any(record.optical is not None for record in evidence.records)
         other = (
             "the interferometer's columns are exchanged, or its direction is wrong"

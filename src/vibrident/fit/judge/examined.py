@@ -63,6 +63,8 @@ class Examined:
             estimate: the fit.
             judgement: what the estimate says of them.
         """
+        if estimate.findings.decays is not None:  # they have tests of their own
+            return cls(evidence, estimate, (), ())
         tones = judgement.points[0] if judgement.tones is not None else None
         parts = parts_of(evidence, estimate, judgement.predicted, tones)
         misfit = not judgement.adequacy.adequate

@@ -22,6 +22,8 @@ def linearised(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> 
         measured = judgement.adequacy.measured
         data = (frequency, np.abs(measured), np.angle(measured), magnitude_u, phase_u)
         return Linearised.of_table(estimate.coordinates, estimate.z, replace(problem, data=data))
+    if estimate.findings.decays is not None:
+        return Linearised.of_nothing(estimate.coordinates, estimate.z, evidence.quantity)
     return of_points(evidence, estimate, judgement.adequacy)
 
 

@@ -11,7 +11,6 @@ import numpy as np
 
 from vibrident.data.records import Calibration, FloatArray, Quantity, Record
 from vibrident.data.records.basis import distinct
-from vibrident.fit.decay import free_parts
 from vibrident.fit.problem.frequency_domain import FrequencyProblem
 from vibrident.fit.response import MeasuredResponse, find_tones, measure_bands
 from vibrident.fit.response.bands import uncorrelated_records
@@ -67,8 +66,7 @@ class Evidence:
         records, findings = screen(without_copies(calibration.records), calibration.units)
         findings = (*(Finding(f.code, f.message) for f in optical), *findings)
         records, more = judge_clocks(records)
-        records, changing = free_parts(records)
-        return cls._measured(calibration, model, records, (*findings, *more, *changing))
+        return cls._measured(calibration, model, records, (*findings, *more))
 
     def with_records(self, records: tuple[Record, ...]) -> Evidence:
         """The same with records that were worked on; measured anew."""

@@ -86,6 +86,9 @@ def shift_of_effect(effect: SystematicEffect, linear: Linearised) -> FloatArray:
     u = effect.standard_uncertainty
     if effect.kind == "gain" and not effect.pattern:  # exact, even if the data do not determine the other parameters
         return reference_direction(linear.z, linear.coordinates.model, u)
+    if not linear.matrix.size:  # free decays: all frequencies scale with the clock, and nothing else reaches them
+        specs = linear.coordinates.model.parameters
+        return np.array([u if effect.kind == "clock" and spec.kind == "log" else 0.0 for spec in specs])
     change = pattern(effect, linear, linear.frequency_hz)
     part = np.where(linear.is_phase, np.imag(change), np.real(change))
     shift, _ = replace(linear, rest=part * linear.weight).solve()

@@ -59,6 +59,12 @@ class Linearised:
         )
 
     @classmethod
+    def of_nothing(cls, coordinates: Coordinates, z: FloatArray, quantity: Quantity) -> Linearised:
+        """No rows: free decays have no response in frequency."""
+        none = np.zeros(0)
+        return cls(coordinates, z, quantity, none, np.zeros((0, len(z))), none, none.astype(bool), none)
+
+    @classmethod
     def of_table(cls, coordinates: Coordinates, z: FloatArray, problem: FrequencyProblem) -> Linearised:
         """Rows of a table's magnitudes, and of its phases where it has them."""
         frequency, magnitude, phase, magnitude_u, phase_u = (np.asarray(part) for part in problem.data)

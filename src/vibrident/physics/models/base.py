@@ -216,6 +216,11 @@ class SensorModel:
         return self.fastest(parameters) / (2.0 * np.pi)
 
     @property
+    def has_gain(self) -> bool:
+        """False for what free motion alone tells of a model."""
+        return any(spec.kind == "gain" for spec in self.parameters)
+
+    @property
     def gain_name(self) -> str:
         """Name of the parameter that the response is proportional to."""
         return next(spec.name for spec in self.parameters if spec.kind == "gain")

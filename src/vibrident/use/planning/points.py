@@ -20,7 +20,7 @@ import numpy as np
 
 from vibrident.base.errors import InputError
 from vibrident.data.records import FloatArray, Quantity, Record
-from vibrident.fit.decay.fit import free_motion
+from vibrident.fit.decay.motion import free_motion
 from vibrident.fit.problem import Coordinates
 from vibrident.fit.problem.frequency_domain import response_jacobian
 from vibrident.fit.response.tones import measure_tones
