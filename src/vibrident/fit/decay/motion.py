@@ -29,9 +29,9 @@ from vibrident.fit.descent.optimise import Progress, Trace, levenberg_marquardt,
 from vibrident.fit.information import inverse_normal
 from vibrident.fit.problem import Coordinates, Local
 from vibrident.physics.models import SensorModel
+from vibrident.physics.models.base import OSCILLATOR as NAMES
 from vibrident.physics.models.base import Derived
 from vibrident.physics.models.cores.accelerometer import ACCELEROMETER
-from vibrident.physics.models.base import OSCILLATOR as NAMES
 
 STEP = 1e-5  # step of the central differences in (ln fn, δ): error and rounding are below 1e-9 of the motion
 MOST_GROWTH = 300.0  # exponent of a motion that grows, as a difference about no damping may have it

@@ -64,7 +64,7 @@ class Examined:
             judgement: what the estimate says of them.
         """
         if estimate.findings.decays is not None:  # they have tests of their own
-            return cls(evidence, estimate, (), ())
+            return cls(evidence, estimate, ())
         tones = judgement.points[0] if judgement.tones is not None else None
         parts = parts_of(evidence, estimate, judgement.predicted, tones)
         misfit = not judgement.adequacy.adequate
@@ -85,10 +85,10 @@ class Examined:
                 records = tuple(replace(one, hum_hz=hz) for one, hz in zip(records, tones, strict=True))
         matter, admitted = self._nuisances(judgement), list[Record]()
         for record in records:
-            own = record
+            freer = record
             for one in (one for group in matter for one in group.found if one.record == record.name):
-                own = one.departure.beside(own)
-            admitted.append(own)
+                freer = one.departure.beside(freer)
+            admitted.append(freer)
         return tuple(admitted)
 
     def lacks(self, judgement: Judgement) -> bool:
