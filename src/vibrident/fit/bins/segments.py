@@ -10,6 +10,7 @@ end of the run put in,
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,6 +26,10 @@ from vibrident.physics.discretisation.inputs import StepFilters
 
 #: Shorter runs keep all their samples.
 WHOLE = 1 << 13
+#: Columns of a tone: cosine, sine, and both growing with time.
+TONE_COLUMNS = 4
+#: A tone is kept this part of a line off the lines, where its transform has poles; its slopes make up for that.
+OFF_LINES = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,6 +106,24 @@ def shifted_lines(samples: int, part: slice = slice(None)) -> ComplexArray:
         return _shifted_kept(samples)[part]
     angle = 2.0 * np.pi / samples * np.arange(*part.indices(samples // 2 + 1))
     return -2.0 * np.sin(0.5 * angle) ** 2 + 1j * np.sin(angle)
+
+
+def tone_bins(places: Sequence[float], samples: int, part: slice = slice(None)) -> ComplexArray:
+    """Bins of tones, each with a slow change of amplitude and phase, shape (4 tones, lines).
+
+    The tones are the free motion of undamped oscillators: z w^k / q and z w^k / q², k = 0, 1, with q = w² + c w + c and
+    c = 4 sin²(πp/N) span the bins of cos, sin, t cos and t sin at place p.
+    """
+    w, near = shifted_lines(samples, part), np.round(places)
+    off = np.asarray(places, dtype=float) - near
+    off = np.where(np.abs(off) < OFF_LINES, np.copysign(OFF_LINES, off), off)
+    z, found = 1.0 + w, np.empty((len(off), TONE_COLUMNS, len(w)), dtype=complex)
+    for own, c in zip(found, (4.0 * np.sin(np.pi / samples * (near + off)) ** 2).tolist(), strict=True):
+        over = c / ((w + c) * w + c)
+        np.multiply(z, over, out=own[0])
+        np.multiply(own[0], over, out=own[2])
+        np.multiply(own[0:4:2], w, out=own[1:4:2])
+    return found.reshape(-1, len(w))
 
 
 @functools.lru_cache(maxsize=8)

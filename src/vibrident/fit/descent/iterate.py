@@ -20,6 +20,9 @@ from vibrident.fit.noise.spectrum import TONES, NoiseSpectrum, noise_spectra
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import in_blocks, mean_around, power_of
 
+#: No descent goes on where the sum of squares in the noise is so many times the number of samples, nor begins where
+#: that with equal weights is so many times its least.
+FARTHEST = 100.0
 #: A step of more standard deviations than this must lower the weighted sum of squares.
 LONG_STEP = 1.0
 #: Noise of the reference at another place is at least this part of the level here.
@@ -104,6 +107,10 @@ class Iterate:
     def seen(self) -> bool:
         """Whether noise of the reference is seen."""
         return any(spectrum.input_noise > 0 for spectrum in self.spectra)
+
+    def astray(self, lines: Sequence[RecordBins]) -> bool:
+        """Whether what is left there is no noise to weigh by."""
+        return not self.cost <= FARTHEST * sum(record.count for record in lines)
 
     def leads_to(self, lines: Sequence[RecordBins], most: float) -> bool:
         """Whether a step to where these lines were evaluated leads down.

@@ -29,6 +29,7 @@ from vibrident.base.tails import chi2_tail
 from vibrident.data.records import FloatArray
 from vibrident.fit.bins import RecordBins
 from vibrident.fit.descent.iterate import (
+    FARTHEST,
     SETTLED,
     Iterate,
     beside_hum,
@@ -52,16 +53,13 @@ EVALUATIONS, ALONG_A_VALLEY = 16, 30
 #: The step, in standard deviations, beyond which the last iterate is no optimum.
 ASTRAY = 0.3
 #: Largest step, over the coordinate or one, for which the linearisation is valid.
-FARTHEST = 3.0
+LONGEST = 3.0
 #: If it does not, it is damped, by this factor more after each further one, which doubles each time …
 DAMPED, MORE_DAMPED, LESS_DAMPED = 1.0, 4.0, 0.2
 #: … up to this.
 MOST_DAMPED = 1e12
 #: A descent that comes no closer by this factor in more damped steps than these in a row does not arrive.
 CLOSER, MOST_SLOW = 0.97, 3
-#: No descent begins where the sum of squares with equal weights is larger than its least by this factor, nor where that
-#: in the noise is so many times the number of samples: what is left is then no noise to weigh by.
-FARTHEST_START = 100.0
 #: The steps are halved where one leaves more than this part of the way.
 BACK = 0.7
 #: Weights by noise are not used if the model does not explain the data: the sum of squares grows by this factor …
@@ -115,20 +113,20 @@ def reweighted(
     if start is not None:
         alike = _spread(lines, spectra), _equal_information(lines)
         lines = problem.lines(start, coordinates, noise)
-        if not equal_cost(lines) <= FARTHEST_START * cost:
+        if not equal_cost(lines) <= FARTHEST * cost:
             return None
         motions = [motion_of(record) for record in lines]
         spectra = beside_hum(lines, motions)
     here = iterate_at(lines, motions, spectra, z if start is None else start)
     del motions, spectra  # of a long record each copy counts
-    if here is None or here.cost > FARTHEST_START * sum(record.count for record in lines):
+    if here is None or here.astray(lines):
         return None
     if here.end is None and alike is None:
         alike = _spread(lines, first), _equal_information(lines)
     evaluate = functools.partial(problem.lines, coordinates=coordinates, noise=noise)
     here = _down(here, lines, evaluate, COSTLIER * cost, bent)
     end = here.end
-    if end is None and not here.far <= ASTRAY:
+    if here.astray(lines) or (end is None and not here.far <= ASTRAY):
         return None
     if lines[0].z is not here.z:
         lines = problem.lines(here.z, coordinates, noise)
@@ -172,7 +170,7 @@ def _down(
         ):
             break
         trial, there = here.ahead(damping, bent, part), None
-        if np.all(np.abs(trial - here.z) <= FARTHEST * np.maximum(np.abs(here.z), 1.0)):
+        if np.all(np.abs(trial - here.z) <= LONGEST * np.maximum(np.abs(here.z), 1.0)):
             lines.clear()  # of long records they are most of the memory
             lines += evaluate(trial)
             give_back_after(max(record.samples for record in lines))
@@ -186,6 +184,8 @@ def _down(
             if damping == 0.0 and there.far > BACK * here.far:
                 part *= 0.5  # the noise as read at either end leads back to the other
             here, rejected = there, 0
+            if here.astray(lines):
+                break
             damping = damping * LESS_DAMPED if damping > DAMPED else 0.0
     return here
 

@@ -36,8 +36,8 @@ from vibrident.fit.bins import (
     transformable,
     unbroken,
 )
-from vibrident.fit.bins.normal import TONE_COLUMNS
 from vibrident.fit.bins.record import FreeLines, ModelLines, counted, free_of_pieces, free_of_run
+from vibrident.fit.bins.segments import TONE_COLUMNS
 from vibrident.fit.problem.coordinates import Coordinates
 from vibrident.fit.problem.framing import Frame, noise_floor
 from vibrident.fit.response.response import ComplexArray
@@ -371,7 +371,7 @@ def _step(
     made: dict[Any, Step], batch: Batch, transfer: tuple[DiscreteTransfer, DiscreteTransfer], counts: FloatArray
 ) -> Step:
     """What a batch has in common with others; made once."""
-    key = batch.samples, batch.hum.tobytes(), id(transfer[0])
+    key = batch.samples, batch.hum, id(transfer[0])
     if key not in made:
         made[key] = Step(batch.samples, *transfer, batch.hum, counts)
     return made[key]

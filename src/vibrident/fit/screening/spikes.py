@@ -249,10 +249,14 @@ def _at_the_beginning(series: FloatArray, valid: BoolArray, rows: Rows, least: f
     amounts = rows.fitted(prediction, 0)
     inside = np.abs(series[first : 2 * first] - sliding_window_view(series[first + 1 :], first)[:first] @ amounts)
     usual = max(rows.deviation(prediction, 0, amounts), median(inside) / MEDIAN)
-    told, errors = series[: 2 * first].copy(), np.zeros(first)
+    most = max(STANDS_OUT * usual, least)
+    errors = series[:first] - sliding_window_view(series[1 : 2 * first], first) @ amounts
+    if np.all(np.abs(errors) <= most):
+        return sizes
+    told = series[: 2 * first].copy()
     for place in range(first - 1, -1, -1):
         errors[place] = told[place] - told[place + 1 : place + 1 + first] @ amounts
-        if abs(errors[place]) > max(STANDS_OUT * usual, least):
+        if abs(errors[place]) > most:
             told[place] -= errors[place]
             sizes[place] = errors[place]
     places = np.flatnonzero(sizes)
