@@ -200,7 +200,15 @@ class BinProblem:
     def _all_steps(
         self, values: dict[str, float]
     ) -> dict[tuple[float, float], tuple[DiscreteTransfer, DiscreteTransfer]]:
-        return {key: self.steps(values, *key) for key in self._all_kinds}
+        key = tuple(values.items())
+        if key not in self._last_steps:
+            self._last_steps.clear()
+            self._last_steps[key] = {kind: self.steps(values, *kind) for kind in self._all_kinds}
+        return self._last_steps[key]
+
+    @functools.cached_property
+    def _last_steps(self) -> dict[Any, dict[tuple[float, float], tuple[DiscreteTransfer, DiscreteTransfer]]]:
+        return {}
 
     @functools.cached_property
     def _all_kinds(self) -> set[tuple[float, float]]:
@@ -225,9 +233,10 @@ class BinProblem:
         return {}
 
     def _made_normals(self, values: dict[str, float]) -> SegmentNormals:
-        if not self._stable(values):
+        steps = self._all_steps(values)
+        if not self._stable({kind: transfer for kind, (transfer, _) in steps.items()}):
             return SegmentNormals.of(len(self.segments), len(values), np.inf)
-        steps, normals = self._all_steps(values), SegmentNormals.of(len(self.segments), len(values))
+        normals = SegmentNormals.of(len(self.segments), len(values))
         made: dict[Any, Step] = {}
         for batch, *key in self.batches:
             add_batch(normals, batch, _step(made, batch, steps[key[0], key[1]], self.counts(batch.samples)[0]))
@@ -236,16 +245,14 @@ class BinProblem:
                 add_series(normals, number, series_of(segment, *steps[self._step_of(segment)]))
         return normals
 
-    def _stable(self, values: dict[str, float]) -> bool:
+    def _stable(self, transfers: Mapping[tuple[float, float], DiscreteTransfer]) -> bool:
         """Whether no state grows beyond all numbers over its run, as Euler's may."""
-        longest: dict[tuple[float, float], int] = {}
-        for segment in self.segments:
-            longest[self._step_of(segment)] = max(segment.samples, longest.get(self._step_of(segment), 0))
-        for step, samples in longest.items():
-            transition = self.trained.weights(values, *step, self.frame.delay_s).transition
-            if not np.all(np.isfinite(transition)):
+        for kind, transfer in transfers.items():
+            if not np.all(np.isfinite(transfer.denominator)):
                 return False
-            if samples * np.log(max(np.max(np.abs(np.linalg.eigvals(transition))), 1.0)) > MOST_GROWTH:
+            longest = max(segment.samples for segment in self.segments if self._step_of(segment) == kind)
+            poles = 1.0 + np.roots(transfer.denominator[::-1])
+            if longest * np.log(np.max(np.abs(poles), initial=1.0)) > MOST_GROWTH:
                 return False
         return True
 
