@@ -58,7 +58,7 @@ LONGEST = 3.0
 DAMPED, MORE_DAMPED, LESS_DAMPED = 1.0, 4.0, 0.2
 #: … up to this.
 MOST_DAMPED = 1e12
-#: A descent that comes no closer by this factor in more damped steps than these in a row does not arrive.
+#: A descent that comes no closer by this factor in more steps than these in a row does not arrive.
 CLOSER, MOST_SLOW = 0.97, 3
 #: The steps are halved where one leaves more than this part of the way.
 BACK = 0.7
@@ -136,6 +136,7 @@ def reweighted(
     inverse, covariance, spectra = here.inverse, here.covariance, here.spectra
     pulls = [inverse @ _draw(record, spectrum) / DOUBT for record, spectrum in zip(lines, spectra, strict=True)]
     covariance = covariance + np.sum([np.outer(pull, pull) for pull in pulls], axis=0)
+    give_back_after(max(record.samples for record in lines))
     untold = np.array([pull for pull, spectrum in zip(pulls, spectra, strict=True) if not spectrum.free])
     untold = untold.reshape(-1, len(z))
     return Reweighted(
@@ -159,7 +160,7 @@ def _down(
     bent: Bent | None,
 ) -> Iterate:
     """The last iterate of a descent; ``lines`` hold the records at the last iterate that was tried."""
-    damping, part, rejected, slow = 0.0, 1.0, 0, 0
+    damping, part, rejected, slow, least = 0.0, 1.0, 0, 0, here.far
     for _ in range((EVALUATIONS if bent is None else ALONG_A_VALLEY) - 1):
         if (
             here.end is not None
@@ -180,7 +181,7 @@ def _down(
             damping = max(DAMPED, damping * MORE_DAMPED * 2.0**rejected)
             rejected += 1
         else:
-            slow = slow + 1 if damping > 0.0 and there.far > CLOSER * here.far else 0
+            slow, least = slow + 1 if there.far > CLOSER * least else 0, min(least, there.far)
             if damping == 0.0 and there.far > BACK * here.far:
                 part *= 0.5  # the noise as read at either end leads back to the other
             here, rejected = there, 0

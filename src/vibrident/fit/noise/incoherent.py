@@ -9,9 +9,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from vibrident.data.records import BoolArray
+from vibrident.fit.bins import BinsAt
 from vibrident.fit.noise.motion import Motion, lines_around, typical
 from vibrident.fit.response.response import ComplexArray
-from vibrident.fit.response.transform import power_of
+from vibrident.fit.response.transform import in_blocks, power_of
 
 #: Bins of a block, of which three complex functions are projected out.
 BLOCK = 24
@@ -34,17 +36,21 @@ def incoherent(residual: ComplexArray, motion: Motion) -> ComplexArray:
         residual: measured less predicted response, shape (bins,).
         motion: the prediction.
     """
-    predicted = np.array(motion.predicted(slice(None)))
-    predicted[0] = 0.0
-    found, around = residual, lines_around(residual)
+    moved, around = np.empty(residual.size), lines_around(residual)
+    for part in in_blocks(residual.size):  # of a long record each copy counts
+        moved[part] = power_of(motion.predicted(part))
+    moved[0], found = 0.0, residual
     for _ in range(ROUNDS):
-        heard = power_of(predicted) > HEARD * typical(power_of(found), around)
-        found = without_coherent(residual, predicted * heard)
+        level = typical(power_of(found), around)
+        level *= HEARD
+        heard = moved > level
+        del found, level
+        found = without_coherent(residual, motion.predicted, heard)
     return found
 
 
-def without_coherent(residual: ComplexArray, predicted: ComplexArray) -> ComplexArray:
-    """The residual less what is coherent with the prediction in each block; both of shape (bins,)."""
+def without_coherent(residual: ComplexArray, predicted: BinsAt, heard: BoolArray) -> ComplexArray:
+    """The residual less what is coherent in each block with the prediction where it is heard; shape (bins,)."""
     blocks = max((residual.size - 1) // BLOCK, 1)
     width = (residual.size - 1) // blocks
     found = residual.copy()
@@ -55,7 +61,8 @@ def without_coherent(residual: ComplexArray, predicted: ComplexArray) -> Complex
     for begin in range(0, blocks, AT_ONCE):
         count = min(AT_ONCE, blocks - begin)
         part = slice(1 + begin * width, 1 + (begin + count) * width)
-        motion, rest = (row[part].reshape(count, width) for row in (predicted, residual))
+        motion = (predicted(part) * heard[part]).reshape(count, width)
+        rest = residual[part].reshape(count, width)
         power = power_of(motion)
         size = np.sqrt(np.sum(power, axis=1, keepdims=True))
         if not np.any(size):

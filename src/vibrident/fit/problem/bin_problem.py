@@ -282,6 +282,8 @@ class BinProblem:
                 continue
             batch, every = Batch.of([segment], [0]), counted(segment.samples, 0.5)  # all lines: line 0 holds the offset
             left, _, hum = residual_and_jacobian(batch, _step(kept, batch, (transfer, nothing), every))
+            del batch
+            segment.transforms.forget_inputs()
             left[:, 0] = 0.0
             left[:, : hum.shape[1]] += hum  # no columns where there is none
             own = self.records[segment.record].response[segment.span]

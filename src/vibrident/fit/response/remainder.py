@@ -86,11 +86,14 @@ def coherent_remainder(
     strongest = float(np.max(totals / np.diff(edges)))
     leaking = steady & _leaking(motion, used, totals, edges)
     if np.any(leaking):
-        faded = transforms((_faded(motion, used), _faded(left, used)))
+        little = _leaves_little(record.response, used, edges)
+        series = _faded(motion, used), _faded(left, used)
         del motion, left  # of a long record each copy counts
+        faded = transforms(series)
+        del series
         stays = np.add.reduceat(power_of(faded[0])[: edges[-1]], edges[:-1])
         common = _in_common(faded[0], faded[1], edges)
-        leaking &= (stays < OWN_POWER * totals) & (common | _leaves_little(record.response, used, edges))
+        leaking &= (stays < OWN_POWER * totals) & (common | little)
         totals = np.where(leaking, np.where(common, stays, 0.0), totals)
         np.copyto(spectra[:, : edges[-1]], faded[:, : edges[-1]], where=_each_line(leaking, edges))
         del faded
@@ -216,8 +219,10 @@ def _leaves_little(response: FloatArray, used: BoolArray, edges: NDArray[np.int_
     A wrong prediction may have nothing of its own where the response moves.
     """
     centred = np.where(used, response - np.mean(response[used]), 0.0)
-    spectra = transforms((_faded(centred, used), centred))
-    stays, whole = (np.add.reduceat(power_of(part)[: edges[-1]], edges[:-1]) for part in spectra)
+    stays, whole = (
+        np.add.reduceat(power_of(transforms((part,))[0, : edges[-1]]), edges[:-1])
+        for part in (_faded(centred, used), centred)
+    )
     return np.asarray(stays < OWN_POWER * whole)
 
 
