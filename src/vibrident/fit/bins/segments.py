@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from vibrident.base.fft_lengths import fast_below
 from vibrident.data.records import BoolArray, FloatArray, Record
+from vibrident.data.records.basis import runs_of_true
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.rest import offset_of_reference
 from vibrident.fit.response.transform import MOST_KEPT
@@ -166,8 +167,8 @@ def seen_by_network(record: Record, *, centred: bool) -> tuple[FloatArray, BoolA
 
 def unbroken(usable: BoolArray) -> list[slice]:
     """Runs of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], usable, [False]]).astype(np.int8)))
-    return [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    begins, ends = runs_of_true(usable)
+    return [slice(*run) for run in zip(begins.tolist(), ends.tolist(), strict=True)]
 
 
 def transformable(span: slice) -> slice:

@@ -20,11 +20,11 @@ from vibrident.fit.descent.iterate import beside_hum, likelier, with_edges
 from vibrident.fit.estimators import Estimate
 from vibrident.fit.information import inverse_normal
 from vibrident.fit.noise.incoherent import HEARD
-from vibrident.fit.noise.motion import SHORTEST, Motion, motion_of
+from vibrident.fit.noise.motion import Motion, motion_of
 from vibrident.fit.noise.spectrum import noise_spectrum
 from vibrident.fit.problem import BinProblem, Evidence
 from vibrident.fit.response.response import ComplexArray
-from vibrident.fit.response.transform import line_frequencies, power_of, reference_colour, waves
+from vibrident.fit.response.transform import SHORTEST, line_frequencies, power_of, reference_colour, waves
 from vibrident.fit.uncertainty.adequacy import Points
 from vibrident.fit.uncertainty.budget import Place, effects_of, patterns
 from vibrident.fit.uncertainty.linearised import Linearised

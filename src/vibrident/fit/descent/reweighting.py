@@ -31,16 +31,16 @@ from vibrident.fit.bins import RecordBins
 from vibrident.fit.descent.iterate import (
     FARTHEST,
     SETTLED,
+    SHARE,
     Iterate,
     beside_hum,
     equal,
     equal_cost,
     iterate_at,
     products,
-    width,
 )
 from vibrident.fit.descent.optimise import Bent
-from vibrident.fit.descent.sandwich import sandwich
+from vibrident.fit.descent.sandwich import sandwich, width
 from vibrident.fit.noise.found import SpectralNoise, doubtful
 from vibrident.fit.noise.hum import tones_of
 from vibrident.fit.noise.motion import NEAREST, motion_of
@@ -142,7 +142,7 @@ def reweighted(
     return Reweighted(
         end,
         covariance,
-        sum(4.0 * (width(record) - NEAREST) for record in lines),
+        sum(4.0 * (width(record.samples, SHARE) - NEAREST) for record in lines),
         SpectralNoise(
             np.sqrt([spectrum.input_noise for spectrum in spectra]) * noise,
             doubtful(untold, covariance),

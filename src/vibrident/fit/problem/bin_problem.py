@@ -8,7 +8,7 @@ are not used is summed over its samples, as no transform of its response exists.
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -36,6 +36,7 @@ from vibrident.fit.bins import (
     transformable,
     unbroken,
 )
+from vibrident.fit.bins.normal import AT_ONCE
 from vibrident.fit.bins.record import FreeLines, ModelLines, counted, free_of_pieces, free_of_run
 from vibrident.fit.bins.segments import TONE_COLUMNS
 from vibrident.fit.problem.coordinates import Coordinates
@@ -46,8 +47,6 @@ from vibrident.physics.discretisation import Method, Weights
 from vibrident.physics.discretisation.inputs import USABLE_BAND
 from vibrident.physics.models import SensorModel
 
-#: Lines of runs that are taken side by side.
-AT_ONCE = 1 << 14
 #: Largest growth of a network over a run, in nepers: a larger one would exceed the range of numbers in time.
 MOST_GROWTH = 300.0
 
@@ -200,15 +199,7 @@ class BinProblem:
     def _all_steps(
         self, values: dict[str, float]
     ) -> dict[tuple[float, float], tuple[DiscreteTransfer, DiscreteTransfer]]:
-        key = tuple(values.items())
-        if key not in self._last_steps:
-            self._last_steps.clear()
-            self._last_steps[key] = {kind: self.steps(values, *kind) for kind in self._all_kinds}
-        return self._last_steps[key]
-
-    @functools.cached_property
-    def _last_steps(self) -> dict[Any, dict[tuple[float, float], tuple[DiscreteTransfer, DiscreteTransfer]]]:
-        return {}
+        return self._kept("steps", values, lambda: {kind: self.steps(values, *kind) for kind in self._all_kinds})
 
     @functools.cached_property
     def _all_kinds(self) -> set[tuple[float, float]]:
@@ -217,19 +208,18 @@ class BinProblem:
     def normal(self, z: FloatArray, coordinates: Coordinates, noise: FloatArray) -> BinNormal:
         """Normal equations at coordinates ``z``; ``noise``: standard deviation of each record, shape (records,)."""
         values = coordinates.values(z)
-        normals = self._normals(values)
+        normals = self._kept("normals", values, lambda: self._made_normals(values))
         return normals.weighed(noise[[segment.record for segment in self.segments]], coordinates.slopes(z))
 
-    def _normals(self, values: dict[str, float]) -> SegmentNormals:
-        """Normal equations of each run; the last ones are kept, because another noise level needs the same again."""
+    def _kept(self, name: str, values: dict[str, float], make: Callable[[], Any]) -> Any:
+        """What was made last of this name: another noise level, or the lines, need the same again."""
         key = tuple(values.items())
-        if key not in self._last:
-            self._last.clear()
-            self._last[key] = self._made_normals(values)
-        return self._last[key]
+        if self._last.get(name, ((),))[0] != key:
+            self._last[name] = key, make()
+        return self._last[name][1]
 
     @functools.cached_property
-    def _last(self) -> dict[tuple[tuple[str, float], ...], SegmentNormals]:
+    def _last(self) -> dict[str, tuple[Any, Any]]:
         return {}
 
     def _made_normals(self, values: dict[str, float]) -> SegmentNormals:

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from vibrident.base.fft_lengths import fast_below
 from vibrident.data.records import BoolArray, FloatArray, Record
 from vibrident.data.records.basis import distinct
-from vibrident.fit.response.alignment import MOST_CUT
+from vibrident.fit.response.alignment import MOST_CUT, TINY
 from vibrident.fit.response.bands import LEAST_POWER, LINES_IN_BAND, band_edges, power_and_coherence
 from vibrident.fit.response.response import LEAST_DEVIATION, ComplexArray
-from vibrident.fit.response.transform import MOST_KEPT, hann, power_of, transforms
+from vibrident.fit.response.transform import MOST_KEPT, hann, power_of, transforms, waves
 
 #: Stretches of time, half of each the next one's too, that tell how noise changes.
 STRETCHES = 15
@@ -44,7 +44,6 @@ ENDS = 1.0 / 64.0
 LEAKED = 0.02
 #: A band is not used if noise of the reference makes up more than this part of the prediction.
 MOST_SHARED = 0.3
-TINY = float(np.finfo(float).tiny)
 
 
 def coherent_remainder(
@@ -256,11 +255,6 @@ def _without(residual: FloatArray, used: BoolArray, hum_hz: Sequence[float], rat
     """The residual without these tones; each may drift a little in size and phase, as one of inexact frequency does."""
     if not len(hum_hz):
         return residual
-    turn = np.linspace(-1.0, 1.0, len(residual))[used, None]
-    angle = 2.0 * np.pi / rate * np.outer(np.flatnonzero(used), hum_hz)
-    columns = np.concatenate([np.cos(angle), np.sin(angle)], axis=1)
-    columns = np.concatenate([columns, turn * columns], axis=1)
-    amounts, *_ = np.linalg.lstsq(columns, residual[used], rcond=1e-9)
-    left = residual.copy()
-    left[used] -= columns @ amounts
-    return left
+    columns = waves(np.multiply(hum_hz, used.size / rate), used.size)
+    amounts = np.linalg.lstsq(columns[:, used].T, residual[used], rcond=1e-9)[0]
+    return np.where(used, residual - amounts @ columns, residual)
