@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import functools
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import vibrident
 from vibrident.data.records import Calibration
+from vibrident.fit.descent import reweighting
 from vibrident.fit.descent.reweighting import reweighted
 from vibrident.fit.estimators import training
 from vibrident.fit.noise.motion import Motion
@@ -209,3 +211,40 @@ def test_a_sensor_of_which_little_is_seen_reaches_its_optimum_in_noise_of_the_re
     for name, true in stiff.items():
         found = result.parameters[name]
         assert abs(found.value - true) < 4.0 * found.standard_uncertainty, name
+
+
+@dataclass(eq=False)
+class Wandering:
+    """An iterate so many standard deviations from the optimum, as it seems."""
+
+    far: float
+    misfit: bool = False
+    z: np.ndarray = field(default_factory=lambda: np.ones(3))
+    end: None = None
+    spectra: tuple[()] = ()
+
+    def ahead(self, *_):
+        return self.z
+
+    def leads_to(self, *_):
+        return True
+
+    def astray(self, _):
+        return self.misfit
+
+
+@pytest.mark.parametrize(
+    ("ways", "taken"),
+    [
+        ([30.0, 8.0, 0.09, 1.0, 2.5, 0.3, 2.2, 3.0, 1.4, 0.4], 6),  # four steps no closer than the third
+        ([30.0, 20.0, 30.0, 25.0, 3.0, 0.01], 5),
+        ([30.0, (20.0, "misfit"), 3.0], 1),
+    ],
+)
+def test_a_descent_ends_where_it_comes_no_closer_or_what_is_left_is_no_noise(monkeypatch, ways, taken):
+    first, *rest = (Wandering(*(way if isinstance(way, tuple) else (way,))) for way in ways)
+    made = iter(rest)
+    monkeypatch.setattr(reweighting, "iterate_at", lambda *_: next(made))
+    monkeypatch.setattr(reweighting, "motion_of", lambda _: None)
+    end = reweighting._down(first, [], lambda _: [SimpleNamespace(samples=100)], np.inf, None)
+    assert end is rest[taken - 1]

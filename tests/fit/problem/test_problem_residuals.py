@@ -10,9 +10,10 @@ from vibrident.base.errors import InputError, ModelError
 from vibrident.data.records import Calibration, Record, ResponseTable
 from vibrident.fit.estimators.inverse_response import inverse_residual
 from vibrident.fit.problem import BinProblem, Coordinates, Evidence, FrequencyProblem
-from vibrident.fit.problem.framing import DELAY_SETTLED, LEAST_NOISE
+from vibrident.fit.problem.framing import DELAY_SETTLED
 from vibrident.fit.problem.frequency_domain import response_jacobian, response_residual
 from vibrident.fit.problem.time_domain import TimeProblem
+from vibrident.fit.response.response import LEAST_DEVIATION
 from vibrident.physics.discretisation import method
 from vibrident.physics.models import parse
 from vibrident.physics.simulation import simulate
@@ -212,4 +213,4 @@ def test_a_delay_that_counts_as_that_of_the_inputs_leaves_no_error():
     (predicted,) = problem.predict(coordinates, coordinates.first)
     used = np.isfinite(predicted)
     off = np.asarray(made.records[0].response)[used] - predicted[used]
-    assert np.std(off) < LEAST_NOISE * np.std(np.asarray(made.records[0].response))
+    assert np.std(off) < LEAST_DEVIATION * np.std(np.asarray(made.records[0].response))

@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 from vibrident.base.fft_lengths import FACTORS, LEAST_LOST, fast_below
+from vibrident.fit.bins.segments import OFF_LINES, tone_bins
 from vibrident.fit.information import inverse_where_shown
+from vibrident.fit.noise.incoherent import without_coherent
 from vibrident.fit.response.rounding import converter_step
-from vibrident.fit.response.transform import in_blocks, median, power_of
+from vibrident.fit.response.transform import in_blocks, median, power_of, waves
 
 
 @pytest.mark.parametrize("most", [8193, 15_921, 15_991, 70_001, 1_599_921])
@@ -51,3 +53,27 @@ def test_a_grid_is_seen_by_all_values(rng):
     assert converter_step(values) == 0.125
     values[1234] += 0.05
     assert converter_step(values) != 0.125
+
+
+@pytest.mark.parametrize("samples", [256, 7999, 8000])
+@pytest.mark.parametrize("place", [0.5, 7.01, 82.56, 100.0 + OFF_LINES])
+def test_bins_of_a_tone_span_the_transforms_of_its_waves(place, samples):
+    made, told = tone_bins([place], samples).view(float).T, np.fft.rfft(waves([place], samples), axis=1).view(float).T
+    made, told = (columns / np.linalg.norm(columns, axis=0) for columns in (made, told))
+    left = told - made @ np.linalg.lstsq(made, told, rcond=1e-14)[0]
+    assert np.max(np.linalg.norm(left, axis=0)) < 1e-9
+
+
+def test_bins_of_a_tone_are_made_in_parts():
+    part = slice(40, 90)
+    np.testing.assert_array_equal(tone_bins([13.3, 61.0], 1000, part), tone_bins([13.3, 61.0], 1000)[:, part])
+
+
+def test_what_is_smoothly_coherent_is_no_noise_and_noise_stays(rng):
+    moved, noise = (rng.standard_normal(9602).view(complex) for _ in range(2))
+    frequency = np.linspace(0.0, 1.0, noise.size)
+    misfit = moved * (3.0 - 2j * frequency + frequency**2)
+    left = without_coherent(noise + misfit, moved.__getitem__, np.ones(noise.size, dtype=bool))[1:]
+    alone = without_coherent(noise, moved.__getitem__, np.ones(noise.size, dtype=bool))[1:]
+    np.testing.assert_allclose(left, alone, atol=1e-4)
+    assert np.mean(power_of(left)) == pytest.approx(np.mean(power_of(noise[1:])), rel=0.05)

@@ -46,6 +46,12 @@ def distinct(values: NDArray[Any]) -> NDArray[Any]:
     return np.concatenate([ordered[:1], ordered[1:][ordered[1:] != ordered[:-1]]])
 
 
+def runs_of_true(flags: NDArray[np.bool_]) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
+    """First sample of every run of True, and the sample behind its last."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
+    return edges[::2], edges[1::2]
+
+
 def resolution(values: FloatArray) -> float:
     """Smallest step between values that occur: the quantisation, if there is any."""
     steps = np.diff(np.unique(values[:: max(1, values.size // 20000)]))

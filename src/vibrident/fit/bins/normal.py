@@ -2,8 +2,8 @@
 
 The residual of a run is R = Y − (Σ_k b_k w^k · U + z Σ_{k<n} d_k w^k) / a(w): what initial state and leakage add is
 spanned by z w^k / a, so their n numbers d are solved for exactly, and the slopes are freed of what they could imitate
-(variable projection; Kaufman 1975), as in :mod:`vibrident.physics.network.sensitivity`. Hum is the free motion of an
-undamped oscillator, and taken out in the same way.
+(variable projection; Kaufman 1975), as in :mod:`vibrident.physics.network.sensitivity`. Hum is taken out in the same
+way.
 """
 
 from __future__ import annotations
@@ -17,17 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibrident.data.records import FloatArray
-from vibrident.fit.bins.segments import Segment, shifted_lines
+from vibrident.fit.bins.segments import TONE_COLUMNS, Segment, shifted_lines, tone_bins
 from vibrident.fit.bins.transfer import DiscreteTransfer
 from vibrident.fit.information import inverse_where_shown
 from vibrident.fit.response.response import ComplexArray
 
 #: Lines that are worked on at once: they stay in the processor's cache.
 AT_ONCE = 1 << 14
-#: A tone is kept this part of a line off the lines, where its transform has poles; its slopes make up for that.
-OFF_LINES = 0.01
-#: Columns of a tone: cosine, sine, and both growing with time.
-TONE_COLUMNS = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,35 +84,26 @@ class Batch:
         inputs: shape (R, q, L).
         response: shape (R, L).
         runs: number of each run in the whole list, shape (R,).
-        hum: c of the denominator w² + c w + c of each tone of hum, shape (tones,).
+        hum: places of the tones of hum, in bins.
     """
 
     samples: int
     inputs: ComplexArray
     response: ComplexArray
     segments: NDArray[np.int_]
-    hum: FloatArray
+    hum: tuple[float, ...]
 
     @classmethod
     def of(cls, segments: Sequence[Segment], numbers: Sequence[int]) -> Batch:
         """Runs of the same number of samples and tones of hum; ``numbers``: of each in the whole list."""
         inputs, response = (segment.inputs for segment in segments), (segment.response for segment in segments)
         joined = np.stack if len(segments) > 1 else _alone  # of a long run a copy counts
-        return cls(
-            segments[0].samples, joined(list(inputs)), joined(list(response)), np.asarray(numbers), _hum(segments[0])
-        )
+        joint = joined(list(inputs)), joined(list(response))
+        return cls(segments[0].samples, *joint, np.asarray(numbers), segments[0].hum)
 
     def shifted(self, lines: slice = slice(None)) -> ComplexArray:
         """W = z − 1 at the lines, shape (1, lines)."""
         return shifted_lines(self.samples, lines)[None]
-
-
-def _hum(segment: Segment) -> FloatArray:
-    places = np.array(segment.hum)
-    beside = np.round(places)
-    near = np.abs(places - beside) < OFF_LINES
-    places = np.where(near, beside + np.copysign(OFF_LINES, places - beside), places)
-    return 4.0 * np.sin(np.pi * places / segment.samples) ** 2
 
 
 def _alone(arrays: Sequence[ComplexArray]) -> ComplexArray:
@@ -131,14 +118,14 @@ class Step:
         samples: N.
         transfer: transfer function of a step.
         slope: its derivatives with each parameter, in a leading axis of P.
-        hum: c of the denominator of each tone, as of a batch.
+        hum: places of tones, as of a batch.
         counts: how each line counts, shape (L,).
     """
 
     samples: int
     transfer: DiscreteTransfer
     slope: DiscreteTransfer
-    hum: FloatArray
+    hum: tuple[float, ...]
     counts: FloatArray
 
     @property
@@ -186,12 +173,8 @@ class Step:
         np.multiply(1.0 + w, over, out=free[0])
         for k in range(1, order):
             np.multiply(free[k - 1], w, out=free[k])
-        for tone, c in enumerate(self.hum):  # z w^k / q and z w^k / q², k = 0, 1
-            own = free[order + TONE_COLUMNS * tone :]
-            tone_over = c / (w * w + c * w + c)
-            np.multiply(1.0 + w, tone_over, out=own[0])
-            np.multiply(own[0], tone_over, out=own[2])
-            np.multiply(own[0:4:2], w, out=own[1:4:2])
+        if self.hum:
+            free[order:] = tone_bins(self.hum, self.samples, lines)
         weight = self.counts[lines]
         same = bool(np.all(weight == weight[0]))
         weighted = np.multiply(free, weight, dtype=complex)

@@ -11,7 +11,7 @@ from numpy import fft
 
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.bins.normal import horner
-from vibrident.fit.bins.segments import MOST_KEPT, shifted_lines
+from vibrident.fit.bins.segments import MOST_KEPT, shifted_lines, tone_bins
 from vibrident.fit.bins.series import SegmentSeries
 from vibrident.fit.information import inverse_where_shown
 from vibrident.fit.response.response import ComplexArray
@@ -128,7 +128,7 @@ class RecordBins:
         """
         columns = [] if self.free is None else [self.free(edges)]
         if tones and self.samples:  # of a record without usable runs nothing is left
-            columns.append(_made(np.concatenate([self._tone(place) for place in tones])))
+            columns.append(self._tones(tones))
 
         def some(part: slice) -> ComplexArray:
             one_sided = self.one_sided[part]
@@ -138,8 +138,10 @@ class RecordBins:
 
         return some if self.samples > MOST_KEPT else _made(some(slice(None)))
 
-    def _tone(self, place: float) -> ComplexArray:
-        return np.asarray(fft.rfft(waves([place], self.samples) * self.used, axis=1))
+    def _tones(self, places: tuple[float, ...]) -> BinsAt:
+        if self.used.all():
+            return functools.partial(tone_bins, places, self.samples)
+        return _made(np.asarray(fft.rfft(waves(places, self.samples) * self.used, axis=1)))
 
     def without_ringing(self) -> RecordBins:
         """The slopes less what slopes of the initial states could imitate.

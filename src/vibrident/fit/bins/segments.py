@@ -10,6 +10,7 @@ end of the run put in,
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 
 from vibrident.base.fft_lengths import fast_below
 from vibrident.data.records import BoolArray, FloatArray, Record
+from vibrident.data.records.basis import runs_of_true
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.rest import offset_of_reference
 from vibrident.fit.response.transform import MOST_KEPT
@@ -25,6 +27,10 @@ from vibrident.physics.discretisation.inputs import StepFilters
 
 #: Shorter runs keep all their samples.
 WHOLE = 1 << 13
+#: Columns of a tone: cosine, sine, and both growing with time.
+TONE_COLUMNS = 4
+#: A tone is kept this part of a line off the lines, where its transform has poles; its slopes make up for that.
+OFF_LINES = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,6 +109,24 @@ def shifted_lines(samples: int, part: slice = slice(None)) -> ComplexArray:
     return -2.0 * np.sin(0.5 * angle) ** 2 + 1j * np.sin(angle)
 
 
+def tone_bins(places: Sequence[float], samples: int, part: slice = slice(None)) -> ComplexArray:
+    """Bins of tones, each with a slow change of amplitude and phase, shape (4 tones, lines).
+
+    The tones are the free motion of undamped oscillators: z w^k / q and z w^k / q², k = 0, 1, with q = w² + c w + c and
+    c = 4 sin²(πp/N) span the bins of cos, sin, t cos and t sin at place p.
+    """
+    w, near = shifted_lines(samples, part), np.round(places)
+    off = np.asarray(places, dtype=float) - near
+    off = np.where(np.abs(off) < OFF_LINES, np.copysign(OFF_LINES, off), off)
+    z, found = 1.0 + w, np.empty((len(off), TONE_COLUMNS, len(w)), dtype=complex)
+    for own, c in zip(found, (4.0 * np.sin(np.pi / samples * (near + off)) ** 2).tolist(), strict=True):
+        over = c / ((w + c) * w + c)
+        np.multiply(z, over, out=own[0])
+        np.multiply(own[0], over, out=own[2])
+        np.multiply(own[0:4:2], w, out=own[1:4:2])
+    return found.reshape(-1, len(w))
+
+
 @functools.lru_cache(maxsize=8)
 def _shifted_kept(samples: int) -> ComplexArray:
     found: ComplexArray = np.expm1(2j * np.pi / samples * np.arange(samples // 2 + 1))
@@ -143,8 +167,8 @@ def seen_by_network(record: Record, *, centred: bool) -> tuple[FloatArray, BoolA
 
 def unbroken(usable: BoolArray) -> list[slice]:
     """Runs of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], usable, [False]]).astype(np.int8)))
-    return [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    begins, ends = runs_of_true(usable)
+    return [slice(*run) for run in zip(begins.tolist(), ends.tolist(), strict=True)]
 
 
 def transformable(span: slice) -> slice:

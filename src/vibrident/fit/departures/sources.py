@@ -20,11 +20,11 @@ from vibrident.fit.descent.iterate import beside_hum, likelier, with_edges
 from vibrident.fit.estimators import Estimate
 from vibrident.fit.information import inverse_normal
 from vibrident.fit.noise.incoherent import HEARD
-from vibrident.fit.noise.motion import SHORTEST, Motion, motion_of
+from vibrident.fit.noise.motion import Motion, motion_of
 from vibrident.fit.noise.spectrum import noise_spectrum
 from vibrident.fit.problem import BinProblem, Evidence
 from vibrident.fit.response.response import ComplexArray
-from vibrident.fit.response.transform import line_frequencies, power_of, reference_colour, waves
+from vibrident.fit.response.transform import SHORTEST, line_frequencies, power_of, reference_colour, waves
 from vibrident.fit.uncertainty.adequacy import Points
 from vibrident.fit.uncertainty.budget import Place, effects_of, patterns
 from vibrident.fit.uncertainty.linearised import Linearised
@@ -70,22 +70,29 @@ def _of_bins(
     network = estimate.findings.network
     assert network is not None
     lines = problem.lines(estimate.z, estimate.coordinates, network.noise)
-    motions = [motion_of(record) for record in lines]
-    spectra = beside_hum(lines, motions)
-    tones = _tones(evidence)
-    every = zip(evidence.records, lines, motions, spectra, network.noise.tolist(), predicted, strict=True)
-    for index, (given, record, motion_at, spectrum, noise, series) in enumerate(every):
+    short = [record for record in lines if record.samples <= LONGEST]
+    motions = [motion_of(record) for record in short]
+    spectra, tones = beside_hum(short, motions), _tones(evidence)
+    del short
+    every = zip(evidence.records, network.noise.tolist(), predicted, strict=True)
+    for index, (given, noise, series) in enumerate(every):
+        record = lines.pop(0)  # of a long record each copy counts
+        whole = record.samples <= LONGEST
+        motion_at, spectrum = (motions.pop(0), spectra.pop(0)) if whole else (None, None)
         if record.count < SHORTEST or record.free is None or record.model is None or given.reference is None:
             continue
         first = int(np.argmax(np.isfinite(series)))
         span = slice(first, first + record.samples)
-        if record.samples > LONGEST:
-            rest, motion = fft.irfft(record.residual, record.samples), _about_mean(series[span], record.used)
-            jacobian = fft.irfft(record.jacobian, record.samples, axis=-1)
-            for piece in _pieces(record.samples):
+        if motion_at is None or spectrum is None:
+            pieces, used = _pieces(record.samples), record.used
+            rows = [_cut(np.asarray(fft.irfft(row, used.size)), pieces) for row in (record.residual, *record.jacobian)]
+            del record
+            for piece, motion, rest, *jacobian in zip(
+                pieces, _cut(_about_mean(series[span], used), pieces), *rows, strict=True
+            ):
                 there = slice(first + piece.start, first + piece.stop)
-                signals = (rest[piece] * noise, motion[piece], jacobian[:, piece] * noise)
-                yield _in_time(given, evidence, estimate, there, record.used[piece], *signals)
+                signals = (rest * noise, motion, np.array(jacobian) * noise)
+                yield _in_time(given, evidence, estimate, there, used[piece], *signals)
             continue
         if index in tones and (own := motion_at()) is not None:
             beside = _beside_harmonics(own, record.samples, tones[index])
@@ -189,6 +196,10 @@ def _pieces(samples: int) -> list[slice]:
     every = np.arange(0, samples - SHORTEST, LONGEST)
     kept = every[np.unique(np.linspace(0, every.size - 1, min(every.size, MOST_PIECES)).astype(int))]
     return [slice(begin, min(begin + LONGEST, samples)) for begin in kept.tolist()]
+
+
+def _cut(series: FloatArray, pieces: Sequence[slice]) -> list[FloatArray]:
+    return [series[piece].copy() for piece in pieces]
 
 
 def _about_mean(series: FloatArray, used: BoolArray) -> FloatArray:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vibrident.data.records import FloatArray
+from vibrident.fit.descent.optimise import LEAST_SHOWN
 from vibrident.fit.problem import Coordinates, Evidence, FrequencyProblem
 from vibrident.fit.problem.frequency_domain import response_jacobian, response_residual
 
@@ -20,8 +21,6 @@ from vibrident.fit.problem.frequency_domain import response_jacobian, response_r
 PROBE = 0.1
 #: A step that would bend by more than this part of its length goes straight on, and is shortened if it fails.
 MOST_BENT = 0.4
-#: Directions of which the points say less than this, relative to the best, do not bend.
-LEAST_SHOWN = 1e-14
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,12 +14,16 @@ import numpy as np
 from vibrident.data.records import FloatArray
 from vibrident.fit.bins import BinsAt, RecordBins
 from vibrident.fit.descent.optimise import Bent
+from vibrident.fit.descent.sandwich import width
 from vibrident.fit.information import SMALLEST, inverse_where_shown, sandwich_covariance
 from vibrident.fit.noise.motion import NEAREST, MotionOf, through_of
 from vibrident.fit.noise.spectrum import TONES, NoiseSpectrum, noise_spectra
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import in_blocks, mean_around, power_of
 
+#: No descent goes on where the sum of squares in the noise is so many times the number of samples, nor begins where
+#: that with equal weights is so many times its least.
+FARTHEST = 100.0
 #: A step of more standard deviations than this must lower the weighted sum of squares.
 LONG_STEP = 1.0
 #: Noise of the reference at another place is at least this part of the level here.
@@ -38,12 +42,8 @@ STRAIGHT = 3e-4
 READ_NEAR = 0.2
 #: … and if by the residual's own spectrum the variances are at most so many times those by the noise as read.
 UNLIKE = 2.0
-#: Lines averaged for the covariance on either side of each: this part of the spectrum …
+#: Lines averaged for the covariance on either side of each: this part of the spectrum.
 SHARE = 1 / 128
-#: … but at least so many …
-FEWEST = 12
-#: … and at most so many.
-MOST = 200
 #: A spectrum is steep where its least is below this part of its mean.
 STEEP = 1e-2
 #: Lower limit of the information after that of the noise is subtracted, as a part of the whole.
@@ -104,6 +104,10 @@ class Iterate:
     def seen(self) -> bool:
         """Whether noise of the reference is seen."""
         return any(spectrum.input_noise > 0 for spectrum in self.spectra)
+
+    def astray(self, lines: Sequence[RecordBins]) -> bool:
+        """Whether what is left there is no noise to weigh by."""
+        return not self.cost <= FARTHEST * sum(record.count for record in lines)
 
     def leads_to(self, lines: Sequence[RecordBins], most: float) -> bool:
         """Whether a step to where these lines were evaluated leads down.
@@ -264,7 +268,7 @@ class _Weighed:
         """Of the gradient, by the residual's own spectrum, shape (p, p)."""
         record, level, m = self.record, self.spectrum.psd, len(imitated)
         power = power_of(self.rest) / max(record.count, 1.0) / level
-        local = np.maximum(mean_around(power, width(record), NEAREST), record.floor / level)
+        local = np.maximum(mean_around(power, width(record.samples, SHARE), NEAREST), record.floor / level)
         loud = products(
             lambda part: (self.nuisances(part), self.jacobian[:, part]), self.weight * self.spectrum.excited * local
         )
@@ -373,11 +377,6 @@ def _known(information: FloatArray) -> bool:
     if not (np.all(np.isfinite(information)) and np.all(size > NOTHING_KNOWN)):
         return False
     return float(np.linalg.eigvalsh(information / np.sqrt(np.outer(size, size)))[0]) > -0.5 * SMALLEST
-
-
-def width(record: RecordBins) -> int:
-    """Lines averaged on either side of each for the covariance."""
-    return int(np.clip(record.samples * SHARE, FEWEST, MOST))
 
 
 def _inverse_root(information: FloatArray, whole: FloatArray) -> FloatArray:

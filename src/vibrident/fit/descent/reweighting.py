@@ -29,17 +29,18 @@ from vibrident.base.tails import chi2_tail
 from vibrident.data.records import FloatArray
 from vibrident.fit.bins import RecordBins
 from vibrident.fit.descent.iterate import (
+    FARTHEST,
     SETTLED,
+    SHARE,
     Iterate,
     beside_hum,
     equal,
     equal_cost,
     iterate_at,
     products,
-    width,
 )
 from vibrident.fit.descent.optimise import Bent
-from vibrident.fit.descent.sandwich import sandwich
+from vibrident.fit.descent.sandwich import sandwich, width
 from vibrident.fit.noise.found import SpectralNoise, doubtful
 from vibrident.fit.noise.motion import NEAREST, motion_of
 from vibrident.fit.noise.spectrum import DOUBT, NoiseSpectrum
@@ -51,16 +52,13 @@ EVALUATIONS, ALONG_A_VALLEY = 16, 30
 #: The step, in standard deviations, beyond which the last iterate is no optimum.
 ASTRAY = 0.3
 #: Largest step, over the coordinate or one, for which the linearisation is valid.
-FARTHEST = 3.0
+LONGEST = 3.0
 #: If it does not, it is damped, by this factor more after each further one, which doubles each time …
 DAMPED, MORE_DAMPED, LESS_DAMPED = 1.0, 4.0, 0.2
 #: … up to this.
 MOST_DAMPED = 1e12
-#: A descent that comes no closer by this factor in more damped steps than these in a row does not arrive.
+#: A descent that comes no closer by this factor in more steps than these in a row does not arrive.
 CLOSER, MOST_SLOW = 0.97, 3
-#: No descent begins where the sum of squares with equal weights is larger than its least by this factor, nor where that
-#: in the noise is so many times the number of samples: what is left is then no noise to weigh by.
-FARTHEST_START = 100.0
 #: The steps are halved where one leaves more than this part of the way.
 BACK = 0.7
 #: Weights by noise are not used if the model does not explain the data: the sum of squares grows by this factor …
@@ -114,20 +112,20 @@ def reweighted(
     if start is not None:
         alike = _spread(lines, spectra), _equal_information(lines)
         lines = problem.lines(start, coordinates, noise)
-        if not equal_cost(lines) <= FARTHEST_START * cost:
+        if not equal_cost(lines) <= FARTHEST * cost:
             return None
         motions = [motion_of(record) for record in lines]
         spectra = beside_hum(lines, motions)
     here = iterate_at(lines, motions, spectra, z if start is None else start)
     del motions, spectra  # of a long record each copy counts
-    if here is None or here.cost > FARTHEST_START * sum(record.count for record in lines):
+    if here is None or here.astray(lines):
         return None
     if here.end is None and alike is None:
         alike = _spread(lines, first), _equal_information(lines)
     evaluate = functools.partial(problem.lines, coordinates=coordinates, noise=noise)
     here = _down(here, lines, evaluate, COSTLIER * cost, bent)
     end = here.end
-    if end is None and not here.far <= ASTRAY:
+    if here.astray(lines) or (end is None and not here.far <= ASTRAY):
         return None
     if lines[0].z is not here.z:
         lines = problem.lines(here.z, coordinates, noise)
@@ -137,12 +135,13 @@ def reweighted(
     inverse, covariance, spectra = here.inverse, here.covariance, here.spectra
     pulls = [inverse @ _draw(record, spectrum) / DOUBT for record, spectrum in zip(lines, spectra, strict=True)]
     covariance = covariance + np.sum([np.outer(pull, pull) for pull in pulls], axis=0)
+    give_back_after(max(record.samples for record in lines))
     untold = np.array([pull for pull, spectrum in zip(pulls, spectra, strict=True) if not spectrum.free])
     untold = untold.reshape(-1, len(z))
     return Reweighted(
         end,
         covariance,
-        sum(4.0 * (width(record) - NEAREST) for record in lines),
+        sum(4.0 * (width(record.samples, SHARE) - NEAREST) for record in lines),
         SpectralNoise(
             np.sqrt([spectrum.input_noise for spectrum in spectra]) * noise,
             doubtful(untold, covariance),
@@ -163,7 +162,7 @@ def _down(
     bent: Bent | None,
 ) -> Iterate:
     """The last iterate of a descent; ``lines`` hold the records at the last iterate that was tried."""
-    damping, part, rejected, slow = 0.0, 1.0, 0, 0
+    damping, part, rejected, slow, least = 0.0, 1.0, 0, 0, here.far
     for _ in range((EVALUATIONS if bent is None else ALONG_A_VALLEY) - 1):
         if (
             here.end is not None
@@ -174,7 +173,7 @@ def _down(
         ):
             break
         trial, there = here.ahead(damping, bent, part), None
-        if np.all(np.abs(trial - here.z) <= FARTHEST * np.maximum(np.abs(here.z), 1.0)):
+        if np.all(np.abs(trial - here.z) <= LONGEST * np.maximum(np.abs(here.z), 1.0)):
             lines.clear()  # of long records they are most of the memory
             lines += evaluate(trial)
             give_back_after(max(record.samples for record in lines))
@@ -184,10 +183,12 @@ def _down(
             damping = max(DAMPED, damping * MORE_DAMPED * 2.0**rejected)
             rejected += 1
         else:
-            slow = slow + 1 if damping > 0.0 and there.far > CLOSER * here.far else 0
+            slow, least = slow + 1 if there.far > CLOSER * least else 0, min(least, there.far)
             if damping == 0.0 and there.far > BACK * here.far:
                 part *= 0.5  # the noise as read at either end leads back to the other
             here, rejected = there, 0
+            if here.astray(lines):
+                break
             damping = damping * LESS_DAMPED if damping > DAMPED else 0.0
     return here
 

@@ -29,6 +29,11 @@ FEWEST = 12
 MOST = 200
 
 
+def width(samples: int, share: float) -> int:
+    """Lines averaged on either side of each."""
+    return int(np.clip(samples * share, FEWEST, MOST))
+
+
 def hac_covariance(
     lines: Sequence[RecordBins], degrees: FloatArray, prior: FloatArray | float = 0.0
 ) -> tuple[FloatArray, float]:
@@ -47,8 +52,8 @@ def hac_covariance(
         if record.count < 4 * FEWEST:  # too few lines for a mean around each
             level, told = np.ones_like(power), max(float(own), 1.0)
         else:
-            width = int(np.clip(record.samples * SHARE, FEWEST, MOST))
-            level, told = mean_around(power, width, NEAREST), 4.0 * (width - NEAREST)
+            around = width(record.samples, SHARE)
+            level, told = mean_around(power, around, NEAREST), 4.0 * (around - NEAREST)
         parts.append((record.jacobian, record.one_sided / record.samples, np.maximum(level, record.floor)))
         freedom += told
     return sandwich(parts, prior), freedom

@@ -9,9 +9,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from vibrident.data.records import BoolArray
+from vibrident.fit.bins import BinsAt
 from vibrident.fit.noise.motion import Motion, lines_around, typical
 from vibrident.fit.response.response import ComplexArray
-from vibrident.fit.response.transform import power_of
+from vibrident.fit.response.transform import in_blocks, power_of
 
 #: Bins of a block, of which three complex functions are projected out.
 BLOCK = 24
@@ -23,6 +25,8 @@ ROUNDS = 2
 AT_ONCE = 512
 #: Ridge of the projection, relative: a limit of the arithmetic.
 RIDGE = 1e-12
+#: Powers of the products of 1, k and k² with each other.
+HANKEL = np.add.outer(np.arange(3), np.arange(3))
 
 
 def incoherent(residual: ComplexArray, motion: Motion) -> ComplexArray:
@@ -32,38 +36,45 @@ def incoherent(residual: ComplexArray, motion: Motion) -> ComplexArray:
         residual: measured less predicted response, shape (bins,).
         motion: the prediction.
     """
-    predicted = np.array(motion.predicted(slice(None)))
-    predicted[0] = 0.0
-    found, around = residual, lines_around(residual)
+    moved, around = np.empty(residual.size), lines_around(residual)
+    for part in in_blocks(residual.size):  # of a long record each copy counts
+        moved[part] = power_of(motion.predicted(part))
+    moved[0], found = 0.0, residual
     for _ in range(ROUNDS):
-        heard = power_of(predicted) > HEARD * typical(power_of(found), around)
-        found = without_coherent(residual, predicted * heard)
+        level = typical(power_of(found), around)
+        level *= HEARD
+        heard = moved > level
+        del found, level
+        found = without_coherent(residual, motion.predicted, heard)
     return found
 
 
-def without_coherent(residual: ComplexArray, predicted: ComplexArray) -> ComplexArray:
-    """The residual less what is coherent with the prediction in each block; both of shape (bins,)."""
+def without_coherent(residual: ComplexArray, predicted: BinsAt, heard: BoolArray) -> ComplexArray:
+    """The residual less what is coherent in each block with the prediction where it is heard; shape (bins,)."""
     blocks = max((residual.size - 1) // BLOCK, 1)
     width = (residual.size - 1) // blocks
     found = residual.copy()
     if width < 2 * 3:
         return found
     k = np.linspace(-1.0, 1.0, width)
-    powers = np.stack([np.ones(width), k, k * k])
+    powers = k ** np.arange(5)[:, None]
     for begin in range(0, blocks, AT_ONCE):
         count = min(AT_ONCE, blocks - begin)
         part = slice(1 + begin * width, 1 + (begin + count) * width)
-        motion, rest = (row[part].reshape(count, 1, width) for row in (predicted, residual))
-        size = np.sqrt(np.sum(power_of(motion), axis=2, keepdims=True))
+        motion = (predicted(part) * heard[part]).reshape(count, width)
+        rest = residual[part].reshape(count, width)
+        power = power_of(motion)
+        size = np.sqrt(np.sum(power, axis=1, keepdims=True))
         if not np.any(size):
             continue
-        rows = powers * np.divide(motion, size, out=np.zeros_like(motion), where=size > 0.0)
-        gram = np.matmul(rows.conj(), rows.transpose(0, 2, 1))
-        ridged = gram + (RIDGE * np.trace(gram, axis1=1, axis2=2).real + 1e-300)[:, None, None] * np.eye(3)
-        solved = np.linalg.solve(
-            ridged, np.concatenate([np.matmul(rows.conj(), rest.transpose(0, 2, 1)), gram], axis=2)
-        )
-        taken = np.real(np.trace(solved[:, :, 1:], axis1=1, axis2=2))
-        left = rest[:, 0] - np.einsum("bk,bkj->bj", solved[:, :, 0], rows)
+        unit = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
+        gram = ((power * unit**2) @ powers.T)[:, HANKEL]  # real: the phase of the prediction drops out
+        common = np.conj(motion) * (rest * unit)
+        right = np.stack([common.real @ powers[:3].T, common.imag @ powers[:3].T], axis=2)
+        ridged = gram + (RIDGE * np.trace(gram, axis1=1, axis2=2) + 1e-300)[:, None, None] * np.eye(3)
+        solved = np.linalg.solve(ridged, np.concatenate([right, gram], axis=2))
+        taken = np.trace(solved[:, :, 2:], axis1=1, axis2=2)
+        share = (solved[:, :, 0] + 1j * solved[:, :, 1]) @ powers[:3]
+        left = rest - share * (motion * unit)
         found[part] = (left * np.sqrt(width / (width - taken))[:, None]).ravel()
     return found

@@ -15,7 +15,7 @@ from vibrident.data.records import BoolArray, FloatArray
 from vibrident.data.records.basis import distinct
 from vibrident.fit.bins import RecordBins
 from vibrident.fit.response.response import ComplexArray
-from vibrident.fit.response.transform import MOST_KEPT, in_blocks, mean_around, power_of
+from vibrident.fit.response.transform import MOST_KEPT, SHORTEST, in_blocks, mean_around, power_of
 
 #: Bins that a spectrum is averaged into.
 BINS = 160
@@ -31,8 +31,6 @@ NEAREST = 2
 OUTSTANDING = 20.0
 #: Lines on either side that are the nearest.
 CLOSE = 8
-#: Fewest samples for a spectrum.
-SHORTEST = 256
 #: Lines beyond this many times their surroundings are left out of the mean (one of 400 white ones is: allowed for).
 FAR = 6.0
 

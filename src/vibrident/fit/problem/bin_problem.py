@@ -8,7 +8,7 @@ are not used is summed over its samples, as no transform of its response exists.
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -36,8 +36,9 @@ from vibrident.fit.bins import (
     transformable,
     unbroken,
 )
-from vibrident.fit.bins.normal import TONE_COLUMNS
+from vibrident.fit.bins.normal import AT_ONCE
 from vibrident.fit.bins.record import FreeLines, ModelLines, counted, free_of_pieces, free_of_run
+from vibrident.fit.bins.segments import TONE_COLUMNS
 from vibrident.fit.problem.coordinates import Coordinates
 from vibrident.fit.problem.framing import Frame, noise_floor
 from vibrident.fit.response.response import ComplexArray
@@ -46,8 +47,6 @@ from vibrident.physics.discretisation import Method, Weights
 from vibrident.physics.discretisation.inputs import USABLE_BAND
 from vibrident.physics.models import SensorModel
 
-#: Lines of runs that are taken side by side.
-AT_ONCE = 1 << 14
 #: Largest growth of a network over a run, in nepers: a larger one would exceed the range of numbers in time.
 MOST_GROWTH = 300.0
 
@@ -200,7 +199,7 @@ class BinProblem:
     def _all_steps(
         self, values: dict[str, float]
     ) -> dict[tuple[float, float], tuple[DiscreteTransfer, DiscreteTransfer]]:
-        return {key: self.steps(values, *key) for key in self._all_kinds}
+        return self._kept("steps", values, lambda: {kind: self.steps(values, *kind) for kind in self._all_kinds})
 
     @functools.cached_property
     def _all_kinds(self) -> set[tuple[float, float]]:
@@ -209,25 +208,25 @@ class BinProblem:
     def normal(self, z: FloatArray, coordinates: Coordinates, noise: FloatArray) -> BinNormal:
         """Normal equations at coordinates ``z``; ``noise``: standard deviation of each record, shape (records,)."""
         values = coordinates.values(z)
-        normals = self._normals(values)
+        normals = self._kept("normals", values, lambda: self._made_normals(values))
         return normals.weighed(noise[[segment.record for segment in self.segments]], coordinates.slopes(z))
 
-    def _normals(self, values: dict[str, float]) -> SegmentNormals:
-        """Normal equations of each run; the last ones are kept, because another noise level needs the same again."""
+    def _kept(self, name: str, values: dict[str, float], make: Callable[[], Any]) -> Any:
+        """What was made last of this name: another noise level, or the lines, need the same again."""
         key = tuple(values.items())
-        if key not in self._last:
-            self._last.clear()
-            self._last[key] = self._made_normals(values)
-        return self._last[key]
+        if self._last.get(name, ((),))[0] != key:
+            self._last[name] = key, make()
+        return self._last[name][1]
 
     @functools.cached_property
-    def _last(self) -> dict[tuple[tuple[str, float], ...], SegmentNormals]:
+    def _last(self) -> dict[str, tuple[Any, Any]]:
         return {}
 
     def _made_normals(self, values: dict[str, float]) -> SegmentNormals:
-        if not self._stable(values):
+        steps = self._all_steps(values)
+        if not self._stable({kind: transfer for kind, (transfer, _) in steps.items()}):
             return SegmentNormals.of(len(self.segments), len(values), np.inf)
-        steps, normals = self._all_steps(values), SegmentNormals.of(len(self.segments), len(values))
+        normals = SegmentNormals.of(len(self.segments), len(values))
         made: dict[Any, Step] = {}
         for batch, *key in self.batches:
             add_batch(normals, batch, _step(made, batch, steps[key[0], key[1]], self.counts(batch.samples)[0]))
@@ -236,16 +235,14 @@ class BinProblem:
                 add_series(normals, number, series_of(segment, *steps[self._step_of(segment)]))
         return normals
 
-    def _stable(self, values: dict[str, float]) -> bool:
+    def _stable(self, transfers: Mapping[tuple[float, float], DiscreteTransfer]) -> bool:
         """Whether no state grows beyond all numbers over its run, as Euler's may."""
-        longest: dict[tuple[float, float], int] = {}
-        for segment in self.segments:
-            longest[self._step_of(segment)] = max(segment.samples, longest.get(self._step_of(segment), 0))
-        for step, samples in longest.items():
-            transition = self.trained.weights(values, *step, self.frame.delay_s).transition
-            if not np.all(np.isfinite(transition)):
+        for kind, transfer in transfers.items():
+            if not np.all(np.isfinite(transfer.denominator)):
                 return False
-            if samples * np.log(max(np.max(np.abs(np.linalg.eigvals(transition))), 1.0)) > MOST_GROWTH:
+            longest = max(segment.samples for segment in self.segments if self._step_of(segment) == kind)
+            poles = 1.0 + np.roots(transfer.denominator[::-1])
+            if longest * np.log(np.max(np.abs(poles), initial=1.0)) > MOST_GROWTH:
                 return False
         return True
 
@@ -278,6 +275,8 @@ class BinProblem:
                 continue
             batch, every = Batch.of([segment], [0]), counted(segment.samples, 0.5)  # all lines: line 0 holds the offset
             left, _, hum = residual_and_jacobian(batch, _step(kept, batch, (transfer, nothing), every))
+            del batch
+            segment.transforms.forget_inputs()
             left[:, 0] = 0.0
             left[:, : hum.shape[1]] += hum  # no columns where there is none
             own = self.records[segment.record].response[segment.span]
@@ -374,7 +373,7 @@ def _step(
     made: dict[Any, Step], batch: Batch, transfer: tuple[DiscreteTransfer, DiscreteTransfer], counts: FloatArray
 ) -> Step:
     """What a batch has in common with others; made once."""
-    key = batch.samples, batch.hum.tobytes(), id(transfer[0])
+    key = batch.samples, batch.hum, id(transfer[0])
     if key not in made:
         made[key] = Step(batch.samples, *transfer, batch.hum, counts)
     return made[key]

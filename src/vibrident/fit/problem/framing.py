@@ -9,12 +9,11 @@ import numpy as np
 
 from vibrident.base.errors import InputError, ModelError
 from vibrident.data.records import FloatArray, Quantity, Record
+from vibrident.fit.response.response import LEAST_DEVIATION
 from vibrident.fit.response.rounding import converter_step
 from vibrident.physics.discretisation import Method
 from vibrident.physics.models import SensorModel
 
-#: Lower limit of the noise, relative to a record's response: errors of rounding and interpolation are of this size.
-LEAST_NOISE = 1e-7
 #: Part of a sample by which a delay may leave that of the interpolated inputs.
 DELAY_SETTLED = 1e-5
 
@@ -98,7 +97,7 @@ class Frame:
 
 def noise_floor(records: Sequence[Record]) -> FloatArray:
     """Lower limit of the standard deviation of each record's residual, response unit, shape (records,)."""
-    floor = [LEAST_NOISE * float(np.std(record.response[record.mask])) for record in records]
+    floor = [LEAST_DEVIATION * float(np.std(record.response[record.mask])) for record in records]
     steps = [converter_step(record.response, record.mask) / np.sqrt(12.0) for record in records]
     return np.maximum(np.maximum(floor, steps), np.finfo(float).tiny)
 

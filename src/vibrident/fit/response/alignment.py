@@ -16,6 +16,7 @@ from numpy import fft
 
 from vibrident.base.fft_lengths import fast_below
 from vibrident.data.records import FloatArray, Record
+from vibrident.fit.response.response import LEAST_DEVIATION
 from vibrident.fit.response.transform import about_mean, power_of, transforms
 
 #: Samples that predict the next: two for each mode of a sensor with two, one for a high-pass, the rest for the motion.
@@ -28,8 +29,6 @@ LATE = 4
 WHITENED = 1e-3
 #: Of its peaks of at least this part of the highest the nearest is taken: a motion that repeats has several.
 FIRST_PEAK = 0.9
-#: No noise is believed to be below this part of the response (standard deviations).
-LEAST_NOISE = 1e-7
 #: A longer record is looked at in parts: no response comes so many samples late.
 LONGEST = 1 << 18
 #: A record that is filtered or moved loses at most this part at its end, for a length that transforms fast.
@@ -66,7 +65,7 @@ def prediction_error(values: FloatArray) -> FloatArray:
     for lag in range(ORDER):  # one sample earlier: one more at the beginning, one less at the end
         first, end = values[ORDER - 1 :: -1], values[: n - ORDER - 1 : -1]
         moments[lag + 1, 1:] = moments[lag, :-1] + first[lag] * first - end[lag] * end
-    least = LEAST_NOISE**2 * max(float(moments[0, 0]), TINY)
+    least = LEAST_DEVIATION**2 * max(float(moments[0, 0]), TINY)
     return np.concatenate([[1.0], -np.linalg.solve(moments[1:, 1:] + least * np.eye(ORDER), moments[1:, 0])])
 
 

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from vibrident.base.fft_lengths import fast_below
 from vibrident.data.records import BoolArray, FloatArray, Record
 from vibrident.data.records.basis import distinct
-from vibrident.fit.response.alignment import MOST_CUT
+from vibrident.fit.response.alignment import MOST_CUT, TINY
 from vibrident.fit.response.bands import LEAST_POWER, LINES_IN_BAND, band_edges, power_and_coherence
 from vibrident.fit.response.response import LEAST_DEVIATION, ComplexArray
-from vibrident.fit.response.transform import MOST_KEPT, hann, power_of, transforms
+from vibrident.fit.response.transform import MOST_KEPT, hann, power_of, transforms, waves
 
 #: Stretches of time, half of each the next one's too, that tell how noise changes.
 STRETCHES = 15
@@ -44,7 +44,6 @@ ENDS = 1.0 / 64.0
 LEAKED = 0.02
 #: A band is not used if noise of the reference makes up more than this part of the prediction.
 MOST_SHARED = 0.3
-TINY = float(np.finfo(float).tiny)
 
 
 def coherent_remainder(
@@ -86,11 +85,14 @@ def coherent_remainder(
     strongest = float(np.max(totals / np.diff(edges)))
     leaking = steady & _leaking(motion, used, totals, edges)
     if np.any(leaking):
-        faded = transforms((_faded(motion, used), _faded(left, used)))
+        little = _leaves_little(record.response, used, edges)
+        series = _faded(motion, used), _faded(left, used)
         del motion, left  # of a long record each copy counts
+        faded = transforms(series)
+        del series
         stays = np.add.reduceat(power_of(faded[0])[: edges[-1]], edges[:-1])
         common = _in_common(faded[0], faded[1], edges)
-        leaking &= (stays < OWN_POWER * totals) & (common | _leaves_little(record.response, used, edges))
+        leaking &= (stays < OWN_POWER * totals) & (common | little)
         totals = np.where(leaking, np.where(common, stays, 0.0), totals)
         np.copyto(spectra[:, : edges[-1]], faded[:, : edges[-1]], where=_each_line(leaking, edges))
         del faded
@@ -216,8 +218,10 @@ def _leaves_little(response: FloatArray, used: BoolArray, edges: NDArray[np.int_
     A wrong prediction may have nothing of its own where the response moves.
     """
     centred = np.where(used, response - np.mean(response[used]), 0.0)
-    spectra = transforms((_faded(centred, used), centred))
-    stays, whole = (np.add.reduceat(power_of(part)[: edges[-1]], edges[:-1]) for part in spectra)
+    stays, whole = (
+        np.add.reduceat(power_of(transforms((part,))[0, : edges[-1]]), edges[:-1])
+        for part in (_faded(centred, used), centred)
+    )
     return np.asarray(stays < OWN_POWER * whole)
 
 
@@ -251,11 +255,6 @@ def _without(residual: FloatArray, used: BoolArray, hum_hz: Sequence[float], rat
     """The residual without these tones; each may drift a little in size and phase, as one of inexact frequency does."""
     if not len(hum_hz):
         return residual
-    turn = np.linspace(-1.0, 1.0, len(residual))[used, None]
-    angle = 2.0 * np.pi / rate * np.outer(np.flatnonzero(used), hum_hz)
-    columns = np.concatenate([np.cos(angle), np.sin(angle)], axis=1)
-    columns = np.concatenate([columns, turn * columns], axis=1)
-    amounts, *_ = np.linalg.lstsq(columns, residual[used], rcond=1e-9)
-    left = residual.copy()
-    left[used] -= columns @ amounts
-    return left
+    columns = waves(np.multiply(hum_hz, used.size / rate), used.size)
+    amounts = np.linalg.lstsq(columns[:, used].T, residual[used], rcond=1e-9)[0]
+    return np.where(used, residual - amounts @ columns, residual)

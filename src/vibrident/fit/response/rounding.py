@@ -87,6 +87,14 @@ def _step_of(seen: FloatArray) -> float:
     return _step_between_few(ordered[np.concatenate([[True], apart])], float(np.min(gaps[apart])))
 
 
+def smallest_step(values: FloatArray) -> float:
+    """Smallest difference of values that occur; zero where all are the same."""
+    ordered = np.sort(values)
+    steps = np.diff(ordered)
+    steps = steps[steps > SAME * (ordered[-1] - ordered[0])]
+    return float(np.min(steps)) if steps.size else 0.0
+
+
 def grid_step(values: FloatArray, most_apart: int) -> float:
     """Step of the grid on which values lie; zero where there is none.
 

@@ -14,6 +14,8 @@ from vibrident.data.records import BoolArray, FloatArray, Record
 
 #: Windows and transforms of filters are kept for signals of up to so many samples.
 MOST_KEPT = 1 << 16
+#: Fewest samples for a spectrum.
+SHORTEST = 256
 #: Lines that are worked on at once.
 AT_ONCE = 1 << 13
 #: Of an exponential distribution, median over mean.

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibrident.data.records import BoolArray, FloatArray
-from vibrident.fit.response.rounding import grid_step
+from vibrident.data.records.basis import runs_of_true
+from vibrident.fit.response.rounding import SAME, grid_step, smallest_step
 
 #: The first bin holds this many times the second …
 FULLER = 4.0
@@ -63,8 +64,6 @@ LEAST_CUT = 2.5e-3
 MOST_PARTS = 24
 #: Values at the top by which the steps there are told.
 SOME = 32
-#: Values closer than this part of the range are the same.
-SAME = 1e-12
 #: Samples from the top among which the first values are looked for.
 HEAD = 256
 #: Samples left out beside a clipped one.
@@ -82,7 +81,7 @@ def clipped(values: FloatArray, valid: BoolArray, full_scale: float | None = Non
     if np.sum(valid) < 8:
         return np.zeros(values.shape, dtype=bool), []
     if full_scale is not None:
-        found = valid & _beyond(values, full_scale, _step(values[valid]))
+        found = valid & _beyond(values, full_scale, smallest_step(values[valid]))
         return _guarded(found), sorted({float(np.sign(v)) * full_scale for v in values[found]})
     ordered = np.sort(values[valid])
     tops = (1.0, ordered[::-1]), (-1.0, -ordered)
@@ -101,14 +100,6 @@ def _beyond(values: FloatArray, full_scale: float, step: float) -> BoolArray:
     coarse = step > 2.0**-30 * full_scale and abs(full_scale / step - np.rint(full_scale / step)) < 1e-6
     top = full_scale - step * 1.001 if coarse else full_scale * (1.0 - 1e-9)
     return (values >= top) | (values <= -full_scale * (1.0 - 1e-9))
-
-
-def _step(values: FloatArray) -> float:
-    """Smallest step between values that occur."""
-    ordered = np.sort(values)
-    steps = np.diff(ordered)
-    steps = steps[steps > SAME * (ordered[-1] - ordered[0])]
-    return float(np.min(steps)) if steps.size else 0.0
 
 
 def _rail(values: FloatArray, valid: BoolArray, top: FloatArray) -> float | None:
@@ -200,8 +191,8 @@ def _piled(counts: FloatArray, fewest: int) -> bool:
 
 
 def _runs(flags: BoolArray) -> FloatArray:
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
-    return (edges[1::2] - edges[::2]).astype(float)
+    begins, ends = runs_of_true(flags)
+    return (ends - begins).astype(float)
 
 
 def _visits(inside: BoolArray) -> int:
@@ -217,9 +208,9 @@ def _in_step(inside: BoolArray) -> bool:
 
     They return exactly once the motion has settled, while values below them, of its beginning, occur once.
     """
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(np.int8)))
-    apart = np.diff(edges[::2])
-    if apart.size < VISITS - 1 or np.median(edges[1::2] - edges[::2]) > 2:
+    begins, ends = runs_of_true(inside)
+    apart = np.diff(begins)
+    if apart.size < VISITS - 1 or np.median(ends - begins) > 2:
         return False
     return float(np.mean(apart == np.median(apart))) > EVENLY
 
@@ -266,13 +257,13 @@ def _confirmed(values: FloatArray, inside: BoolArray, valid: BoolArray) -> bool:
     far = float(np.sqrt(np.mean(error[apart] ** 2)))
     if far > PREDICTED * float(np.std(values[valid])):
         return True
-    return float(np.sqrt(np.mean(error[near] ** 2))) > STRANGE * max(far, _step(values[valid]))
+    return float(np.sqrt(np.mean(error[near] ** 2))) > STRANGE * max(far, smallest_step(values[valid]))
 
 
 def _leads_past(values: FloatArray, inside: BoolArray) -> bool:
     """Whether a parabola through the samples on both sides of the longest visits passes beyond most of them."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(np.int8)))
-    visits = sorted(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True), key=lambda run: run[0] - run[1])
+    begins, ends = runs_of_true(inside)
+    visits = sorted(zip(begins.tolist(), ends.tolist(), strict=True), key=lambda run: run[0] - run[1])
     past, span = [], float(np.ptp(values))
     for first, end in visits[:MOST_VISITS]:
         length, stretch = end - first, max(3, (end - first) // 2)

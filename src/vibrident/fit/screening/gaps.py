@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from vibrident.data.records import BoolArray, FloatArray
-from vibrident.data.records.basis import distinct
-from vibrident.fit.response.rounding import converter_step
+from vibrident.data.records.basis import distinct, runs_of_true
+from vibrident.fit.response.rounding import SAME, converter_step
 
 #: Equal samples in a row that are looked at.
 FEWEST = 3
@@ -27,8 +27,6 @@ OTHERS = 0.02
 REST = 0.25
 #: Samples left out beside a stretch.
 GUARD = 1
-#: Values closer than this part of the channel's range are taken as equal, because of rounding.
-SAME = 1e-12
 
 
 def lost(values: FloatArray, valid: BoolArray) -> BoolArray:
@@ -42,7 +40,7 @@ def lost(values: FloatArray, valid: BoolArray) -> BoolArray:
     grid = SAME * float(np.ptp(values[valid])) if valid.any() else 0.0
     values = np.rint(values / grid) if grid > 0.0 else values
     equal = (np.diff(values) == 0.0) & valid[1:] & valid[:-1]
-    begins, ends = _runs(equal)
+    begins, ends = runs_of_true(equal)
     lengths = ends - begins + 1
     long = lengths >= FEWEST
     if not long.any():
@@ -73,12 +71,6 @@ def _chance_of_equal(values: FloatArray, first: int, last: int, step: float) -> 
     here = values[max(first - AROUND, 0) : last + AROUND]
     step = max(step, converter_step(here))  # numbers of so many digits have coarser steps where they are large
     return min(1.0, step / usual) if usual > 0.0 else 1.0
-
-
-def _runs(equal: BoolArray) -> tuple[np.ndarray, np.ndarray]:
-    """First and last sample of every run of equal ones."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], equal, [False]]).astype(np.int8)))
-    return edges[::2], edges[1::2]
 
 
 def _levels_of_rest(values: FloatArray, begins: np.ndarray, ends: np.ndarray) -> FloatArray:

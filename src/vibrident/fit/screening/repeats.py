@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vibrident.data.records import BoolArray, FloatArray
+from vibrident.data.records.basis import runs_of_true
 
 #: Samples in a row that are looked for, and how many of them at least differ from the one before.
 WINDOW, CHANGING = 32, 12
@@ -77,8 +78,7 @@ def _distances(values: FloatArray, valid: BoolArray, change: FloatArray) -> list
 def _longest(values: FloatArray, valid: BoolArray, change: FloatArray, distance: int) -> Repeat | None:
     """The longest block that returns at this distance, and nowhere else does anything."""
     equal = (values[distance:] == values[:-distance]) & valid[distance:] & valid[:-distance]
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], equal, [False]]).astype(np.int8)))
-    begins, ends = edges[::2], edges[1::2]
+    begins, ends = runs_of_true(equal)
     if begins.size == 0:
         return None  # two windows had one key by chance
     longest = int(np.argmax(ends - begins))

@@ -18,6 +18,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from vibrident.data.records import BoolArray, FloatArray
+from vibrident.fit.response.rounding import SAME
 from vibrident.fit.response.transform import median
 from vibrident.fit.screening.neighbours import MEDIAN, REACH, Interpolation, Rows, interpolation
 
@@ -48,8 +49,8 @@ BREAKS, BREAKS_ALSO, TOGETHER, MOST_BREAKS = 8.0, 5.0, 2, 8
 LEAST_BREAK = 2e-3
 #: The motion goes on after a break: so many samples on one side of it have this part of the others' deviation, or more.
 BESIDE, ALIKE = 64, 0.2
-#: Values closer than this part of the range are the same; on a grid are values of which fewer than this part differ.
-SAME, GRID = 1e-12, 0.5
+#: On a grid are values of which fewer than this part differ.
+GRID = 0.5
 #: Errors below this part of the least size of a wild sample leave nothing to look for.
 EXACTLY = 0.1
 
@@ -249,10 +250,14 @@ def _at_the_beginning(series: FloatArray, valid: BoolArray, rows: Rows, least: f
     amounts = rows.fitted(prediction, 0)
     inside = np.abs(series[first : 2 * first] - sliding_window_view(series[first + 1 :], first)[:first] @ amounts)
     usual = max(rows.deviation(prediction, 0, amounts), median(inside) / MEDIAN)
-    told, errors = series[: 2 * first].copy(), np.zeros(first)
+    most = max(STANDS_OUT * usual, least)
+    errors = series[:first] - sliding_window_view(series[1 : 2 * first], first) @ amounts
+    if np.all(np.abs(errors) <= most):
+        return sizes
+    told = series[: 2 * first].copy()
     for place in range(first - 1, -1, -1):
         errors[place] = told[place] - told[place + 1 : place + 1 + first] @ amounts
-        if abs(errors[place]) > max(STANDS_OUT * usual, least):
+        if abs(errors[place]) > most:
             told[place] -= errors[place]
             sizes[place] = errors[place]
     places = np.flatnonzero(sizes)

@@ -21,6 +21,7 @@ g(x)ᵀ = (P_0, …, P_{q−1})(2x − 1) = g(0)ᵀ e^{F x},
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -155,8 +156,9 @@ class Method:
         return self.step(system, sampling_interval_s, fraction, terms)
 
 
+@functools.lru_cache(maxsize=8)
 def legendre_shift(terms: int) -> np.ndarray:
-    """F with d/dx P_j(2x − 1) = Σ_k P_k(2x − 1) F[k, j]."""
+    """F with d/dx P_j(2x − 1) = Σ_k P_k(2x − 1) F[k, j]; do not write to it."""
     shift = np.zeros((terms, terms))
     for j in range(terms):
         shift[j - 1 :: -2, j] = 2.0 * (2.0 * np.arange(j - 1, -1, -2) + 1.0) if j else 0.0
