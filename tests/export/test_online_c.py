@@ -168,7 +168,7 @@ def test_the_corrector_gives_the_acceleration_back_with_the_parameters_of_the_mo
     shock[1000:1040] = np.sin(np.pi * np.arange(40) / 40.0) ** 2
 
     def peak():
-        return float(np.max(compiled.corrected(answered(shock, after, model).copy()))) - 1.0
+        return float(np.max(compiled.corrected(answered(shock, after, model))[2 * REACH :])) - 1.0
 
     fixed, fixed_peak = error(), peak()
     compiled.feed(u, y + 1e-3 * rng.normal(size=SAMPLES))
