@@ -101,7 +101,8 @@ def ramp(one: Motion) -> float:
 
 def spring() -> Figure:
     """Alarms of a spring that softens, when the motion grows threefold: 5 % of the force at the largest response."""
-    one, alarms = Motion(sensor_named("paper"), np.random.default_rng(0)), dict.fromkeys(("before", "after"), 0.0)
+    one = Motion(sensor_named("paper"), np.random.default_rng(0))
+    alarms: dict[str, float] = {}
     hz = np.where(one.hz > 0.0, one.hz, one.hz[1])
     shape = one.model.frequency_response(one.values, hz) / one.values[one.model.gain_name]
     most = float(np.max(np.abs(one.response)))

@@ -96,7 +96,7 @@ def firmware() -> list[Figure]:
     said = cortex.run(folder, u, y)
     note = "single precision, -O2; mean, and the longest: the point of linearisation is moved"
     labels = ("RAM of the tracker", "stack", "flash")
-    sizes = dict(zip(labels, [*said.ram, float(cortex.flash(folder))], strict=True))
+    sizes: dict[str, float] = dict(zip(labels, [*said.ram, float(cortex.flash(folder))], strict=True))
     return [
         Figure(
             "Cortex-M4F: instructions a sample",
