@@ -19,6 +19,7 @@ from vibrident.data.records import FloatArray
 from vibrident.use.tracking.network import TAPS, Linearised, Network
 
 RUNS, SAMPLES, NOISE, START_U = 60, 8000, 0.01, 0.05
+SETTLED = 400  # samples by which the sensor has forgotten its state: columns of it make RecursiveLS lose its digits
 NAMES = tuple(TRUTH)
 PEERS = {
     "statsmodels": {"arx": "RecursiveLS on past responses", "linearised": "RecursiveLS on the linearised network"},
@@ -42,9 +43,10 @@ def measure(options: Options) -> Section:
         inputs = network.inputs(u, count)
         response = y[-first : count - first]
         out, _ = Linearised.at(one.network, np.ones(3)).run(one.state.cell, inputs)
-        columns = np.insert(out[:, 1:], network.order, 1.0, axis=1)  # the offset's
+        columns = np.insert(out[:, 1 + network.order :], 0, 1.0, axis=1)  # the offset's
         noise = NOISE * np.std(y) / np.hypot(1.0, NOISE)
-        rows.append((inputs, response, columns, response - out[:, 0], start, noise))
+        more = response - out[:, 0]
+        rows.append((inputs, response, columns[SETTLED:], more[SETTLED:], start, noise))
         begin -= time.process_time()
         found = fed(one, u, y).read()
         begin += time.process_time()
