@@ -81,7 +81,7 @@ docs: $(DOCS)  ## the documentation with its pictures, into site/
 
 # Environments of their own for the packages that the benchmarks compare with; nothing of them enters $(VENV).
 .PHONY: bench-peers
-bench-peers: bench/peers/envs/jax-sysid/.installed bench/peers/envs/pydynamic/.installed
+bench-peers: $(patsubst %,bench/peers/envs/%/.installed,jax-sysid pydynamic statsmodels filterpy)
 
 bench/peers/envs/%/.installed: bench/peers/%.txt | $(BIN)/python
 	$(BIN)/python -m venv $(@D)

@@ -29,6 +29,7 @@ SECTIONS = {
     "tracking": "bench.tracking",
     "peers": "bench.against",
     "fit_som": "bench.som",
+    "track_peers": "bench.track_peers",
 }
 
 

@@ -1,7 +1,7 @@
 """The tracker: scatter beside `identify`, coverage, alarms that should and should not be, speed, in Python and in C.
 
-One sensor, 20 kHz. Changes are timed against Lorden's bound: ln(samples between false alarms) over the information of
-a sample (Lorden 1971). The C code is that of ``export --online``, compiled here with -O3.
+One sensor, 20 kHz; changes of four sensors in ``bench.track_changes``. The C code is that of ``export --online``,
+compiled here with -O3, and for a Cortex-M4F in qemu.
 """
 
 from __future__ import annotations
@@ -9,28 +9,24 @@ from __future__ import annotations
 import shutil
 import tempfile
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from tests.support import cortex
 from tests.support.exported import result
 from tests.support.online_c import Compiled
 from tests.support.random_record import RATE_HZ, TRUTH, Real
 from tests.support.tracked import answered, fed, motion, record, tracker
 
 from bench.figures import Figure, Options, Section, steps
+from bench.track_changes import delays, spring
 from vibrident import Calibration, identify
 from vibrident.export import export
 
 SAMPLES, NOISE = 8000, 0.01
 NAMES = tuple(TRUTH)
 PIECE = 1_000_000
-DAY_S = 86400.0
-CHANGES: Mapping[str, Mapping[str, float]] = {
-    "sensitivity 1 %": {"sensitivity": 0.101},
-    "natural frequency 5 %": {"natural_frequency": 1260.0},
-    "damping doubled": {"damping_ratio": 0.4},
-}
 
 
 def scatter(kind: str, runs: int) -> tuple[Figure, ...]:
@@ -58,10 +54,14 @@ def _named(values: Real) -> dict[str, float]:
 
 def compiled(*, single: bool = False) -> Compiled:
     """The C tracker at the true values with u of 0.1 %, with all the optimisation that does not change results."""
+    return Compiled(sources(), 3, single=single, more=("-O3", "-march=native"))
+
+
+def sources() -> Path:
+    """A folder with the C tracker's sources."""
     folder = Path(tempfile.mkdtemp())
-    known = result("accelerometer", TRUTH, (20.0, 4000.0))
-    export(known, "c", folder, rate_hz=RATE_HZ, online=True)
-    return Compiled(folder, 3, single=single, more=("-O3", "-march=native"))
+    export(result("accelerometer", TRUTH, (20.0, 4000.0)), "c", folder, rate_hz=RATE_HZ, online=True)
+    return folder
 
 
 def long_run(samples: int, make: Callable[[np.random.Generator], tuple[Real, Real]]) -> tuple[float, float, Compiled]:
@@ -87,24 +87,27 @@ def _piece(kind: str, samples: int) -> Callable[[np.random.Generator], tuple[Rea
     return lambda rng: (u, y + 1e-3 * rng.normal(size=samples))
 
 
-def delays(runs: int) -> Figure:
-    """Median time from a change to its alarm, over Lorden's bound."""
-    found = {}
-    for name, change in CHANGES.items():
-        late = []
-        for seed in range(runs):
-            rng = np.random.default_rng(seed)
-            n = 40000
-            u = motion("random", n, rng)
-            before, after = answered(u), answered(u, {**TRUTH, **change})
-            sigma, at = NOISE * np.std(before), n // 2 + int(rng.integers(1024))
-            y = np.where(np.arange(n) < at, before, after) + sigma * rng.normal(size=n)
-            alarms = fed(tracker(None, u=1e-3), u, y).alarms
-            late.append(alarms[0].detected_s * RATE_HZ - at if alarms else np.inf)
-            information = np.mean((after - before) ** 2) / (2.0 * sigma**2)
-            bound = max(1.0, np.log(DAY_S / 0.01 * RATE_HZ) / information)
-        found[name] = float(np.median(late)) / bound
-    return Figure("time to alarm over the bound", found, high=3.0, note="1 % noise; median")
+def firmware() -> list[Figure]:
+    """On a Cortex-M4F in qemu, in which the gain changes by 1 % after half a second."""
+    if absent := cortex.missing():
+        return [Figure("Cortex-M4F: instructions a sample", {}, note=f"left out: {absent}")]
+    folder, (u, y) = sources(), record("random", 2 * 10000, np.random.default_rng(2), NOISE)
+    y[10000:] *= 1.01
+    said = cortex.run(folder, u, y)
+    note = "single precision, -O2; mean, and the longest: the point of linearisation is moved"
+    labels = ("RAM of the tracker", "stack", "flash")
+    sizes: dict[str, float] = dict(zip(labels, [*said.ram, float(cortex.flash(folder))], strict=True))
+    return [
+        Figure(
+            "Cortex-M4F: instructions a sample",
+            dict(zip(("mean", "longest"), said.instructions, strict=True)),
+            "plain",
+            note=note,
+        ),
+        Figure(
+            "Cortex-M4F: RAM of the tracker · stack · flash", sizes, "bytes", note="flash with what it needs of libm"
+        ),
+    ]
 
 
 def speed() -> Figure:
@@ -126,15 +129,15 @@ def speed() -> Figure:
 def measure(options: Options) -> Section:
     """All of it; the C code where there is a gcc."""
     runs = 4 if options.quick else 200
-    many = PIECE if options.quick else 10 * PIECE
     figures = [figure for kind in ("random", "multisine", "sweep") for figure in scatter(kind, runs)]
-    figures.append(delays(2 if options.quick else 20))
+    figures += [*delays(1 if options.quick else 20), spring()]
     if shutil.which("gcc"):
-        quiet, off = {}, {}
-        for kind in ("random", "tone", "rest", "dead reference"):
-            quiet[kind], off[kind], _ = long_run(many, _piece(kind, PIECE))
-        figures.append(Figure(f"alarms in {many:.0e} samples without a change", quiet, "plain", high=0.0))
-        figures.append(Figure("largest deviation there, in u", off, "sigma"))
+        for pieces in (1,) if options.quick else (10, 100):
+            quiet, off = {}, {}
+            for kind in ("random", "tone", "rest", "dead reference")[: 4 if pieces < 100 else 1]:
+                quiet[kind], off[kind], _ = long_run(pieces * PIECE, _piece(kind, PIECE))
+            figures.append(Figure(f"alarms in {pieces * PIECE:.0e} samples without a change", quiet, "plain", high=0.0))
+            figures.append(Figure("largest deviation there, in u", off, "sigma"))
         u, y = record("random", PIECE, np.random.default_rng(3), NOISE)
         ends = [one for one in (compiled(), compiled(single=True)) if one.feed(u, y) == 0]
         (double, u_double, *_), (single, *_) = (one.read() for one in ends)
@@ -143,4 +146,5 @@ def measure(options: Options) -> Section:
         sizes = {"double": float(compiled().bytes), "float": float(compiled(single=True).bytes)}
         figures.append(Figure("RAM of a tracker", sizes, "bytes"))
         figures.append(speed())
+    figures += firmware()
     return Section("tracking", "Tracking: 20 kHz, 1 % noise", tuple(figures))

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from docsite import gallery
+from docsite import executed, gallery
 from docsite.made import MADE
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 
 
 def main() -> None:
-    """Write every made page, then the gallery with its pictures."""
+    """Write every made page, then those with pictures: the gallery, and pages that are programs."""
     for name, content in MADE.items():
         (DOCS / name).write_text(content(), encoding="utf-8")
     gallery.write(DOCS / "gallery")
+    executed.write(DOCS)
 
 
 main()

@@ -1,4 +1,4 @@
-"""Which pages are made, and by what; the gallery has pictures and is written by its own module."""
+"""Which pages are made, and by what; pages with pictures are written by modules of their own."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from docsite.api import api
 from docsite.calibration_file import calibration_file
 from docsite.commands import commands
+from docsite.executed import EXECUTED
 from docsite.first_steps import first_steps
 from docsite.models import models
 
@@ -17,5 +18,5 @@ MADE: Mapping[str, Callable[[], str]] = {
     "commands.md": commands,
     "api.md": api,
 }
-#: Everything that is not in git; the gallery's page among it.
-MADE_PAGES = (*MADE, "gallery/index.md")
+#: Everything that is not in git; pages with pictures among it.
+MADE_PAGES = (*MADE, "gallery/index.md", *(f"{name}/index.md" for name in EXECUTED))

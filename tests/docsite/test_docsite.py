@@ -8,6 +8,8 @@ import yaml
 from docsite.api import api
 from docsite.calibration_file import calibration_file
 from docsite.commands import commands
+from docsite.executed import EXECUTED
+from docsite.executed import page as executed
 from docsite.first_steps import first_steps
 from docsite.gallery import SHOTS
 from docsite.made import MADE, MADE_PAGES
@@ -103,3 +105,16 @@ def test_every_command_of_the_gallery_exists():
     from vibrident.app.cli.application import app
 
     assert {shot.command.split()[0] for shot in SHOTS} <= typer.main.get_command(app).commands.keys()
+
+
+def test_a_loop_keeps_its_margin_by_the_adaptive_corrector_alone(tmp_path):
+    """The page on closing the loop: a corrector gains margin, and a drift takes it where the corrector stays."""
+    text, names = executed(tmp_path, *EXECUTED["closed-loop"])
+    assert names["fast"] > 2.0 * names["slow"]
+    assert names["at_fast"] < 0.25
+    assert names["gained"] > 0.75
+    assert names["margins"][-1, 0] < 0.25
+    assert names["margins"][:, 1] == pytest.approx(0.5, abs=0.02)
+    for picture in EXECUTED["closed-loop"][1]:
+        assert f"]({picture})" in text
+        assert (tmp_path / picture).stat().st_size > 10000

@@ -164,10 +164,18 @@ def test_the_corrector_gives_the_acceleration_back_with_the_parameters_of_the_mo
         wanted = u[part][2 * REACH - late : SAMPLES // 2 - late]
         return np.sqrt(np.mean((found - wanted) ** 2) / np.mean(wanted**2))
 
-    fixed = error()
+    shock = np.zeros(2000)
+    shock[1000:1040] = np.sin(np.pi * np.arange(40) / 40.0) ** 2
+
+    def peak():
+        return float(np.max(compiled.corrected(answered(shock, after, model))[2 * REACH :])) - 1.0
+
+    fixed, fixed_peak = error(), peak()
     compiled.feed(u, y + 1e-3 * rng.normal(size=SAMPLES))
     assert fixed > 0.03
     assert error() < 2e-3
+    assert abs(fixed_peak) > 0.03
+    assert abs(peak()) < 0.005
 
 
 def test_a_sensor_that_the_code_does_not_have_is_refused(tmp_path):

@@ -90,6 +90,21 @@ def test_the_seismometer_stays_within_the_intervals_of_its_certificate(pickup, t
         assert low < end.parameters[name].value < high
 
 
+def test_a_shock_that_its_model_does_not_suit_is_a_doubt(tmp_path):
+    """PTB's accelerometer has further resonances: a change is seen, not told what within a shock, and that is said."""
+    calibration = vibrident.read(calibration_beside_data("ptb-shock.toml", "ptb-shock", tmp_path))
+    result = vibrident.identify(calibration)
+    session = tracked(result, calibration)
+    end = tracked_result(result, session)
+    (record,) = calibration.records
+    peak_s = float(np.argmax(np.abs(record.reference))) / record.sampling_rate_hz
+    assert session.document()["changing"]["time_s"] == pytest.approx(peak_s, abs=2e-4)
+    assert end.warning_codes == ("regimes",)
+    for name in session.tracker.network.model.parameter_names:
+        off = abs(end.parameters[name].value - result.parameters[name].value)
+        assert off <= 2.0 * end.parameters[name].standard_uncertainty
+
+
 @pytest.mark.parametrize("size", [0.0, 0.05])
 def test_noise_of_the_reference_is_told_with_what_it_does(size):
     """A response with as much noise as 1 %; the gain is then less by about the square of ``size``."""

@@ -412,16 +412,16 @@ static void open(tracker *t, double known[M][M + 1], const double amount[P], dou
     move_point(t, move);
 }
 static void relearn(tracker *t, int certain) {
-    double move[M] = {0}, amount[P], unused[P], most = 0.0;
+    double move[M] = {0}, amount[P], unused[P], most = -HUGE_VAL;
     change found, best;
     const double *meta;
-    int level, chosen = -1, p, j, ignored;
+    int level, chosen = 0, p, j, ignored;
     memset(&best, 0, sizeof best);
     EACH(level, LEVELS)
         if (t->ladder_meta[level][0] > 0.0) {
             double value = tested(t, level, &found, &ignored);
             if (certain) value = found.statistic;
-            if (chosen < 0 || value > most) { chosen = level; most = value; best = found; }
+            if (value > most) { chosen = level; most = value; best = found; }
         }
     meta = t->ladder_meta[chosen];
     if (t->pending[0] != SEEN) {
@@ -565,8 +565,7 @@ static void end_block(tracker *t) {
         free_run(t); return;
     }
     if (t->point[K] * t->point[K] <= least) {
-        for (i = K + 1; i < M; i++)
-        EACH(j, M + 1) gram[i][j] = gram[j][i] = 0.0;
+        for (i = K + 1; i < M; i++) EACH(j, M + 1) gram[i][j] = gram[j][i] = 0.0;
         triangle(gram, upper);
     }
     fresh = t->clock[6] != 0.0;
@@ -658,8 +657,8 @@ static void take(tracker *t, const real *reference, real response) {
     EACH2(k, t->whitens, i, M + 1) white[i] += t->white[k] * t->rows[(t->row_next + AR - 1 - k) % AR][i];
     if (t->clock[5] >= AR) {
         double e = white[M];
-        certain = count_row(t, white); t->own[1] += 1.0; t->own[2] += e * e * e * e; t->own[3] += (double)row[M] * row[M];
-        EACH(k, AR) t->own[4 + k] += (double)row[M] * t->rows[(t->row_next + AR - 1 - k) % AR][M];
+        certain = count_row(t, white); t->own[1] += 1.0; t->own[2] += e * e * e * e; t->own[3] += row[M] * row[M];
+        EACH(k, AR) t->own[4 + k] += row[M] * t->rows[(t->row_next + AR - 1 - k) % AR][M];
     } else
         t->clock[5] += 1.0;
     memcpy(t->rows[t->row_next], row, sizeof row); t->row_next = (t->row_next + 1) % AR;

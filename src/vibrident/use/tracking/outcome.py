@@ -57,7 +57,10 @@ def tracked_result(result: Result, session: Session) -> Result:
 
 
 def _doubts(session: Session) -> tuple[ResultWarning, ...]:
-    noise = session.document()["reference_noise"]
+    noise, changing = session.document()["reference_noise"], session.tracker.changing
+    if changing:
+        text = f"Something changed at {changing[0]:.12g} s, and too little motion followed to tell what: "
+        return (ResultWarning("regimes", text + "what it may have been has a u as if it were not known."),)
     if not noise or not noise["moves"]:
         return ()
     moved = ", ".join(

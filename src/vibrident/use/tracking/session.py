@@ -142,6 +142,7 @@ class Session:
                 for name, u in read.uncertainty.items()
             },
             "alarms": [alarm.document() for alarm in self.alarms],
+            "changing": dict(zip(("time_s", "detected_s"), self.tracker.changing or (), strict=False)) or None,
             "samples": {"taken": self.samples, **counts},
             "troubles": [vars(trouble) for trouble in self.troubles],
             "false_alarms_per_day": self.tracker.settings.false_alarms_per_day,

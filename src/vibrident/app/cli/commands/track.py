@@ -197,7 +197,10 @@ def _say(document: dict[str, Any]) -> None:
     ]
     if alarms:
         console.print(terminal.inspection_table(alarms, "Alarms"))
-    else:
+    if changing := document["changing"]:
+        said = f"something changed at {changing['time_s']:.12g} s; too little motion followed to tell what"
+        console.print(said, soft_wrap=True)
+    elif not alarms:
         console.print("no alarm", soft_wrap=True)
 
 

@@ -1,0 +1,132 @@
+"""Time from a change to its alarm, for the four sensors of the scenario matrix, against what is possible.
+
+Random motion from 0.03 to 3 natural frequencies at 40 samples a period of it, 1 % noise. For a step the bound is
+Lorden's: ln(samples between false alarms) over the information of a sample (Lorden 1971); for a ramp it is the sample
+by which its information has come to that logarithm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from bench.figures import Figure, steps
+from bench.scenario_cells import SENSORS
+from vibrident.data.records import FloatArray
+from vibrident.physics.models import parse
+from vibrident.physics.simulation import Sensor, sensor_named
+from vibrident.use.tracking.state import Settings
+from vibrident.use.tracking.tracker import Tracker
+
+SAMPLES, NOISE, PER_PERIOD, BAND, KNOWN = 40000, 0.01, 40.0, (0.03, 3.0), 1e-3
+STEPS = ("gain 1 %", "natural frequency 5 %", "damping doubled", "second mode of 1 %")
+HOUR_S, RAMP = 3600.0, 0.01
+BENDS = 0.05  # part of the force at the largest response
+MOST = 4e7  # samples of a ramp at most
+BETWEEN = np.log(86400.0 / Settings().false_alarms_per_day)  # false alarms, s, as a logarithm
+
+
+class Motion:
+    """A sensor in periodic random motion."""
+
+    def __init__(self, sensor: Sensor, rng: np.random.Generator) -> None:
+        self.sensor, self.values = sensor, dict(sensor.parameters)
+        self.model = parse(sensor.model)
+        self.natural = float(self.values["natural_frequency"])
+        self.rate_hz, self.rng = PER_PERIOD * self.natural, rng
+        self.hz = np.fft.rfftfreq(SAMPLES, 1.0 / self.rate_hz)
+        inside = (self.hz > BAND[0] * self.natural) & (self.hz < BAND[1] * self.natural)
+        self.lines = inside * (rng.normal(size=self.hz.size) + 1j * rng.normal(size=self.hz.size))
+        self.lines /= np.std(np.fft.irfft(self.lines, SAMPLES))
+        self.reference = np.fft.irfft(self.lines, SAMPLES)
+        self.response = self.answer(self.values, sensor.model)
+        self.sigma = NOISE * float(np.std(self.response))
+
+    def answer(self, values: Mapping[str, float], model: str) -> FloatArray:
+        """Exact steady response."""
+        hz = np.where(self.hz > 0.0, self.hz, self.hz[1])
+        return np.fft.irfft(self.lines * parse(model).frequency_response(values, hz), SAMPLES)
+
+    def changed(self, what: str) -> FloatArray:
+        """The response after a change."""
+        values, model, gain = dict(self.values), self.sensor.model, self.model.gain_name
+        if what == STEPS[0]:
+            values[gain] *= 1.01
+        elif what == STEPS[1]:
+            values["natural_frequency"] *= 1.05
+        elif what == STEPS[2]:
+            values["damping_ratio"] *= 2.0
+        else:
+            model += "+mode2"
+            values |= {"mode2_frequency": 2.2 * self.natural, "mode2_damping": 0.03, "mode2_gain": 0.01}
+        return self.answer(values, model)
+
+    def tracker(self) -> Tracker:
+        """From the true values, known to 0.1 %."""
+        covariance = np.diag([(KNOWN * value) ** 2 for value in self.values.values()])
+        return Tracker(self.model, self.values, covariance, self.rate_hz)
+
+    def noisy(self, response: FloatArray) -> FloatArray:
+        """With noise."""
+        return response + self.sigma * self.rng.normal(size=len(response))
+
+
+def step(one: Motion, what: str) -> float:
+    """Samples from a step to its alarm over the bound."""
+    after, tracked = one.changed(what), one.tracker()
+    at = SAMPLES // 2 + int(one.rng.integers(1024))
+    before = np.arange(2 * SAMPLES) < SAMPLES + at
+    tracked.feed(np.tile(one.reference, 2), one.noisy(np.where(before, np.tile(one.response, 2), np.tile(after, 2))))
+    tracked.finish()
+    late = tracked.alarms[0].detected_s * one.rate_hz - SAMPLES - at if tracked.alarms else np.inf
+    information = np.mean((after - one.response) ** 2) / (2.0 * one.sigma**2)
+    return late / max(1.0, (BETWEEN + np.log(one.rate_hz)) / information)
+
+
+def ramp(one: Motion) -> float:
+    """Samples from the start of a ramp of the gain to its alarm, over the bound."""
+    tracked, rate = one.tracker(), RAMP / HOUR_S / one.rate_hz
+    for _ in range(4):
+        tracked.feed(one.reference, one.noisy(one.response))
+    taken = 0
+    while not tracked.alarms and taken < MOST:
+        growth = rate * (taken + np.arange(SAMPLES))
+        tracked.feed(one.reference, one.noisy(one.response * (1.0 + growth)))
+        taken += SAMPLES
+    late = tracked.alarms[0].detected_s * one.rate_hz - 4 * SAMPLES if tracked.alarms else np.inf
+    information = np.mean(one.response**2) / (2.0 * one.sigma**2) * rate**2 / 3.0
+    return late / float(np.cbrt((BETWEEN + np.log(one.rate_hz)) / information))
+
+
+def spring() -> Figure:
+    """Alarms of a spring that softens, when the motion grows threefold: 5 % of the force at the largest response."""
+    one = Motion(sensor_named("paper"), np.random.default_rng(0))
+    alarms: dict[str, float] = {}
+    hz = np.where(one.hz > 0.0, one.hz, one.hz[1])
+    shape = one.model.frequency_response(one.values, hz) / one.values[one.model.gain_name]
+    most = float(np.max(np.abs(one.response)))
+    bent = np.fft.irfft(np.fft.rfft((one.response / most) ** 3) * shape, SAMPLES) * BENDS * most
+    tracked, named = one.tracker(), []
+    for label, level in (("before", 1.0 / 3.0), ("after", 1.0)):
+        for _ in range(4):
+            tracked.feed(level * one.reference, one.noisy(level * one.response + level**3 * bent))
+        tracked.finish()
+        alarms[label] = float(len(tracked.alarms)) - sum(alarms.values())
+        named = [alarm.what.split(",")[0] for alarm in tracked.alarms]
+    note = (
+        "motion " + " · ".join(alarms) + " it grows threefold; said: " + (", ".join(dict.fromkeys(named)) or "nothing")
+    )
+    return Figure("alarms of a spring that softens by 5 %", alarms, "plain", note=note)
+
+
+def delays(runs: int) -> list[Figure]:
+    """Median over runs; a ramp, which takes long, once."""
+    found: dict[str, dict[str, float]] = {what: {} for what in (*STEPS, "ramp of 1 % an hour")}
+    for name in steps("tracking changes", SENSORS):
+        made = [Motion(sensor_named(name), np.random.default_rng(seed)) for seed in range(runs)]
+        for what in STEPS:
+            found[what][name] = float(np.median([step(each, what) for each in made]))
+        found["ramp of 1 % an hour"][name] = ramp(made[0])
+    note = " · ".join(SENSORS)
+    return [Figure(f"{what}: time to alarm over the bound", each, note=note) for what, each in found.items()]
