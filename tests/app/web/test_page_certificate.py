@@ -61,7 +61,7 @@ def text(pdf: bytes) -> str:
 
 
 def test_a_certificate_is_filled_in_after_the_fit_and_the_laboratory_is_remembered(
-    visit, picture, violations, results, tmp_path
+    visit, looks, violations, results, tmp_path
 ):
     page = visit()
     upload(page, results[0])
@@ -87,14 +87,10 @@ def test_a_certificate_is_filled_in_after_the_fit_and_the_laboratory_is_remember
         page.get_by_role("button", name="Choose the logo").click()
     chooser.value.set_files({"name": "logo.svg", "mimeType": "image/svg+xml", "buffer": LOGO})
     page.get_by_text("The logo is here.").wait_for(timeout=WAIT_MS)
-    for width in (1280, 390):
-        page.set_viewport_size({"width": width, "height": 844})
-        for scheme in ("light", "dark"):
-            page.emulate_media(color_scheme=scheme)
-            picture(page, f"certificate-{scheme}-{width}")
-            assert violations(page) == []
-            assert too_faint(page) == []
-            assert page.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
+    for _ in looks(page, "certificate"):
+        assert violations(page) == []
+        assert too_faint(page) == []
+        page.wait_for_function("document.documentElement.scrollWidth <= window.innerWidth")  # charts are fitted
     page.locator("#save-certificate").press("Enter")
     page.get_by_text("Saved: reports").wait_for(timeout=WAIT_MS)
     assert page.locator("#lacking").inner_text() == "Nothing is missing in the PDF."
