@@ -33,7 +33,12 @@ _COMMAND = re.compile(r"`?vibrident (identify|inspect|serve|export)\b`?")
 _INSTALL = re.compile(r"pip install '?([^' ]+)'?")
 _STEPS = {"identify": "Identify", "inspect": "“Draw these columns”", "serve": "the server", "export": "“Export”"}
 _LABELS = {option.flag.removeprefix("--"): option.label for option in OPTIONS.values() if option.label}
-_LABELS |= {"format": "Export as", "estimator": "Estimator", "model": "Model"}
+_LABELS |= {
+    "certificate": "What the certificate states",
+    "format": "Export as",
+    "estimator": "Estimator",
+    "model": "Model",
+}
 
 
 def show_error(place: ui.element, error: BaseException, session: Session | None = None) -> None:
