@@ -24,6 +24,7 @@ from vibrident.fit.decay.examine import Change, Decays, drifts, examine, motion_
 from vibrident.fit.screening.quality import Finding, screen
 from vibrident.physics.models import CORES, SensorModel, model_of
 from vibrident.physics.models.base import OSCILLATOR as NAMES
+from vibrident.physics.naming import in_words
 from vibrident.result import Correlation, Curve, Fit, MeasuredCurve, Parameter, Result, ResultWarning, Signal, Training
 
 WEAK = 0.1  # a parameter is weakly determined above this relative standard uncertainty
@@ -221,14 +222,15 @@ def _warnings(
         )
         warnings.append(ResultWarning("lack_of_fit", text))
     warnings += [ResultWarning("nonlinear", amplitude_words(change)) for change in decays.changes]
-    relative = np.sqrt(np.diag(covariance)) / [1.0, max(decays.fit.damping_ratio, 1e-300)]
+    sizes, values = np.sqrt(np.diag(covariance)), (1.0, decays.fit.damping_ratio)  # the first is relative
     determined = _determined(decays.fit.damping_ratio, covariance)
-    for name, size, sure in zip(NAMES, relative, determined, strict=True):
+    for name, size, value, sure in zip(NAMES, sizes, values, determined, strict=True):
         if not sure:
-            text = f"The data hardly determine {name}: standard uncertainty {100 * size:.2g} % of its value."
+            amount = f"{100 * size / value:.2g} % of its value" if value > 0.0 else f"{size:.2g} beside a value of zero"
+            text = f"The data hardly determine the {in_words(name)}: standard uncertainty {amount}."
             warnings.append(ResultWarning("weakly_determined", text))
     if decays.fit.damping_ratio == 0.0:
-        warnings.append(ResultWarning("at_bound", f"{NAMES[1]} lies at its bound, zero."))
+        warnings.append(ResultWarning("at_bound", f"The {in_words(NAMES[1])} lies at its bound, zero."))
     return tuple(warnings)
 
 
