@@ -36,9 +36,11 @@ def read_signal(path: Path, column: str, time: str | None, rate_hz: float | None
     place = source.position_of(_key(column), "--column")
     (values,) = source.load((place,))
     clock = source.clock(place)
-    by_name = guess_columns(path).time if time is None and rate_hz is None and clock is None else None
-    if time is not None or by_name is not None:
-        at = source.position_of(_key(time) if time is not None else by_name, "--time")
+    times_in = _key(time) if time is not None else None
+    if times_in is None and rate_hz is None and clock is None:
+        times_in = guess_columns(path).time
+    if times_in is not None:
+        at = source.position_of(times_in, "--time")
         (times,) = source.load((at,))
         rate = sampling_from_times(times * seconds_per_unit(source, at), lambda row: source.locate(at, row)).rate_hz
     elif rate_hz is not None or clock is not None:
