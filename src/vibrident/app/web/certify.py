@@ -17,7 +17,6 @@ from vibrident.app.web import frame
 from vibrident.app.web.held import Named
 from vibrident.app.web.users import User
 from vibrident.base.errors import InputError
-from vibrident.base.escaping import html
 from vibrident.data.io.certificate import CertificateData, certificate_section, certificate_text
 from vibrident.show.issue import FormField, form, lacking
 from vibrident.show.language import ENGLISH
@@ -94,14 +93,14 @@ class CertificateForm:
                 "* is asked for by ISO/IEC 17025:2017, 7.8. The browser remembers what is the same on each of the "
                 "laboratory's certificates."
             ).classes("hint")
-            with _group("Object"):
+            with frame.group("Object", 4):
                 for key in _SENSOR:
                     label = str(ENGLISH("label", key)) + (" *" if key == "serial_number" else "")
                     self.of_sensor[key] = _plain(ui.input(label, value=str(sensor.get(key) or "")))
             asked = form()
             for title in dict.fromkeys(entry.group for entry in asked):
                 mine = [entry for entry in asked if entry.group == title]
-                with _group(title):
+                with frame.group(title, 4):
                     for entry in mine:
                         if entry.kind not in ("instruments", "requirements"):
                             self.entries[entry.key] = _element(entry, stated.get(entry.key))
@@ -125,7 +124,7 @@ class CertificateForm:
     def _more(self) -> None:
         """The result before an adjustment, and the logo."""
         others = {str(one.path): one.name for one in self.user.results if one.path != self.named.path}
-        with _group("Adjustment and logo"):
+        with frame.group("Adjustment and logo", 4):
             own = self.named.stated
             value = str(own.before) if own and own.before else None
             self.before = _plain(
@@ -220,7 +219,7 @@ class Rows:
     def add(self, value: Mapping[str, Any]) -> None:
         """One more row; one without its first entry is none."""
         row: dict[str, Any] = {}
-        with self.place, _group(f"{self.name} {len(self.rows) + 1}", heading=False):
+        with self.place, frame.group(f"{self.name} {len(self.rows) + 1}", 0):
             for key, label in self.labels.items():
                 known = value.get(key)
                 if key == "quantity":
@@ -271,9 +270,3 @@ def _text(value: Any) -> Any:
 
 def _plain(element: Any, *, date: bool = False) -> Any:
     return element.props("dense outlined stack-label" + (" type=date" if date else ""))
-
-
-def _group(title: str, *, heading: bool = True) -> ui.element:
-    if heading:
-        ui.html(f"<h4>{html(title)}</h4>", sanitize=False)
-    return ui.element("div").classes("fields w-full").props(f'role=group aria-label="{title}"')

@@ -216,7 +216,7 @@ class ColumnsStep:
                 element.visible = visible
 
     async def _records(self, form: Form) -> None:
-        with self.of_motion, _group("Reference: motion of the sensor"):
+        with self.of_motion, frame.group("Reference: motion of the sensor"):
             await self._select(form, REFERENCES, "Reference: taken from", "reference_by", "reference-by")
             await self._number(form, "Reference: relative u (optional)", "standard_uncertainty")
         with self.of_channel, ui.element("div").classes("fields"):
@@ -226,11 +226,11 @@ class ColumnsStep:
             await self._text(form, "Reference: unit, for reports", "unit")
         with self.of_light, ui.element("div").classes("fields"):
             await self._interferometer(form)
-        with _group("Response: output of the sensor"):
+        with frame.group("Response: output of the sensor"):
             await self._column(form, "Response: column", "response", "response-column")
             await self._text(form, "Response: unit", "response_unit", "response-unit")
             await self._number(form, "Response: units per unit of the file", "response_scale", "response-scale")
-        with _group("Sampling and excitation"):
+        with frame.group("Sampling and excitation"):
             await self._column(form, "Time column, in s", "time", "time-column", optional=True)
             await self._number(form, "Sampling rate in Hz (or the file's)", "rate_hz", "rate")
             await self._select(form, EXCITATIONS, "Excitation", "excitation", "excitation")
@@ -249,7 +249,7 @@ class ColumnsStep:
         await self._text(form, "Signals in files of their own: more in their names", "optical_part", "optical-part")
 
     async def _table(self, form: Form) -> None:
-        with _group("Columns of the table"):
+        with frame.group("Columns of the table"):
             await self._column(form, "Frequency, in Hz", "frequency")
             await self._column(form, "Magnitude", "magnitude")
             await self._column(form, "Phase", "phase", optional=True)
@@ -261,7 +261,7 @@ class ColumnsStep:
             await self._number(form, "Response: unit per unit in the file", "response_scale")
 
     async def _model(self, form: Form) -> None:
-        with _group("Sensor and model"):
+        with frame.group("Sensor and model"):
             for key in form.given.sensor:
                 await self._text(form, key.replace("_", " ").capitalize(), f"sensor.{key}")
             await self._select(form, tuple(CORES), "Model", "core", "core")
@@ -369,12 +369,6 @@ def _missing_data() -> InputError:
         where="upload",
         remedy="add them",
     )
-
-
-def _group(title: str) -> ui.element:
-    """A group of fields with a heading."""
-    ui.html(f"<h3>{title}</h3>", sanitize=False)
-    return ui.element("div").classes("fields").props(f'role=group aria-label="{title}"')
 
 
 def _called(element: Any, identity: str) -> Any:
