@@ -11,7 +11,7 @@ from vibrident.data.io.certificate import CertificateData, CertificateSection, c
 from vibrident.result import Result
 from vibrident.show.language import Say
 
-Kind = Literal["text", "lines", "date", "number", "choice", "instruments", "requirements"]
+Kind = Literal["text", "lines", "paragraphs", "date", "number", "choice", "instruments", "requirements"]
 
 #: Keys that ISO/IEC 17025:2017, 7.8.2.1 and 7.8.4.1, asks of every certificate.
 REQUIRED = (
@@ -35,7 +35,7 @@ _GROUPS: Mapping[str, tuple[str, ...]] = {
 _KINDS: Mapping[str, Kind] = {
     **dict.fromkeys(("date_of_receipt", "date_of_calibration", "date_of_issue"), "date"),
     **dict.fromkeys(("language", "second_language", "decision_rule"), "choice"),
-    **dict.fromkeys(("remarks", "deviations", "external_results", "opinions", "changes"), "lines"),
+    **dict.fromkeys(("remarks", "deviations", "external_results", "opinions", "changes"), "paragraphs"),
     **dict.fromkeys(("laboratory_address", "customer_address"), "lines"),
     "instruments": "instruments",
     "requirements": "requirements",
@@ -54,7 +54,7 @@ class FormField:
         key: of [certificate].
         label: in words.
         group: heading above it, in words.
-        kind: what is entered; ``lines`` is text of several lines.
+        kind: what is entered; ``lines`` is one text of several lines, ``paragraphs`` a list of texts, a line each.
         required: whether a certificate without it is a draft.
         choices: of kind ``choice``.
     """
@@ -82,10 +82,14 @@ def form(language: str = "en") -> tuple[FormField, ...]:
 
 def missing(result: Result) -> tuple[str, ...]:
     """Keys that a certificate must state and this result does not, those of [sensor] too; empty: it can be issued."""
-    stated = result.certificate
-    wanted = [*REQUIRED, *(["changes"] if stated.get("replaces") else [])]
-    lacking = [key for key in wanted if stated.get(key) in (None, "", [])]
-    return (*lacking, *(["serial_number"] if not result.sensor.get("serial_number") else []))
+    return lacking(result.certificate, result.sensor)
+
+
+def lacking(certificate: Mapping[str, Any], sensor: Mapping[str, Any]) -> tuple[str, ...]:
+    """The same, of what [certificate] and [sensor] state."""
+    wanted = [*REQUIRED, *(["changes"] if certificate.get("replaces") else [])]
+    found = [key for key in wanted if certificate.get(key) in (None, "", [])]
+    return (*found, *(["serial_number"] if not sensor.get("serial_number") else []))
 
 
 @dataclass(frozen=True)
@@ -108,20 +112,27 @@ class Issue:
 NOTHING_MORE = Issue()
 
 
-def issued(result: Result, files: Sequence[Path]) -> tuple[Result, Issue]:
-    """A result with what certificate files state; a later file replaces what an earlier one states.
+def issued(result: Result, given: Sequence[Path] | CertificateData) -> tuple[Result, Issue]:
+    """A result with what certificate files, or a form, state; a later file replaces what an earlier one states.
 
     Raises:
         InputError: a file, or one that it names, cannot be read or holds what is not allowed.
     """
-    data = certificate_data(files)
+    data = given if isinstance(given, CertificateData) else certificate_data(given)
     return stated(result, data), _issue(data)
 
 
 def stated(result: Result, data: CertificateData) -> Result:
-    """The result with further statements for its certificate and sensor."""
-    certificate: dict[str, Any] = {**result.certificate, **data.certificate}
-    return replace(result, certificate=certificate, sensor={**result.sensor, **data.sensor})
+    """The result with further statements for its certificate and sensor; None takes one back."""
+    return replace(
+        result,
+        certificate=_over(result.certificate, data.certificate),
+        sensor=_over(result.sensor, data.sensor),
+    )
+
+
+def _over(first: Mapping[str, Any], second: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in {**first, **second}.items() if value is not None}
 
 
 def _issue(data: CertificateData) -> Issue:

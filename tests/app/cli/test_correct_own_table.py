@@ -72,7 +72,7 @@ def test_excel(known, tmp_path):
         sheet.append(row)
     book.create_sheet("other")["A1"] = "kept"
     book.save(tmp_path / "t.xlsx")
-    out = openpyxl.load_workbook(corrected(known, tmp_path / "t.xlsx", "--column", "v / V", "--time", "t / s"))
+    out = openpyxl.load_workbook(corrected(known, tmp_path / "t.xlsx", "--column", "v / V"))  # the times by their name
     rows = list(out.worksheets[0].iter_rows(values_only=True))
     assert rows[0][:4] == ("t / s", "v / V", "note", "acceleration")
     assert rows[1][2] == "=1+1"

@@ -48,7 +48,7 @@ def browser():
 @pytest.fixture(scope="session")
 def window(browser):
     """One for all tests: it compiles the page's libraries once. Each tab is another user."""
-    return browser.new_context(accept_downloads=True)
+    return browser.new_context(accept_downloads=True, reduced_motion="reduce")
 
 
 @pytest.fixture
@@ -90,12 +90,26 @@ def picture():
 
 
 @pytest.fixture(scope="session")
+def looks(picture):
+    """Show the page at 1280 and 390 px, light and dark, and take a picture of each."""
+
+    def each(page, name: str) -> Iterator[str]:
+        for width in (1280, 390):
+            page.set_viewport_size({"width": width, "height": 844})
+            for scheme in ("light", "dark"):
+                page.emulate_media(color_scheme=scheme, reduced_motion="reduce")
+                picture(page, f"{name}-{scheme}-{width}")
+                yield scheme
+
+    return each
+
+
+@pytest.fixture(scope="session")
 def violations():
     """What axe finds on the page: the rules that are broken, and where; for the page's own parts alone."""
     axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe is not installed").Axe()
 
     def found(page) -> list[tuple[str, list[str]]]:
-        page.wait_for_timeout(600)  # colours change slowly
         broken = axe.run(page).response["violations"]
         return [(one["id"], [node["html"][:160] for node in one["nodes"]]) for one in broken]
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
 import time
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 from urllib.parse import urlencode
@@ -37,11 +39,18 @@ async def page(scope: Any, receive: Any, send: Any) -> None:
     await send({"type": "http.response.body", "body": f"<script>{scope[OWNER]} {account and account.role}".encode()})
 
 
-@pytest.fixture
-def file(tmp_path):
+@pytest.fixture(scope="module")
+def hashed(tmp_path_factory):
+    """A hash takes long, on purpose: made once."""
+    file = tmp_path_factory.mktemp("accounts") / "accounts"
     for name, role in (("eve", "look"), ("ina", "identify"), ("bob", "approve")):
-        add(tmp_path / "accounts", name, role, SECRET)
-    return tmp_path / "accounts"
+        add(file, name, role, SECRET)
+    return file
+
+
+@pytest.fixture
+def file(hashed, tmp_path):
+    return Path(shutil.copy(hashed, tmp_path / "accounts"))
 
 
 @pytest.fixture

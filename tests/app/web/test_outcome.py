@@ -5,6 +5,7 @@ from dataclasses import replace
 from tests.support.sample_results import table2
 
 from vibrident.app.web import looks
+from vibrident.data.io.certificate import CertificateData
 from vibrident.result import Finding
 
 
@@ -19,3 +20,13 @@ def test_findings_are_shown_beside_the_warnings_and_nothing_where_there_are_none
     assert "<summary>Findings (1)</summary>" in shown
     assert "<td>0.3 u of the sensitivity</td>" in shown
     assert "<i>" not in shown
+
+
+def test_exports_state_what_was_stated_after_the_fit(tmp_path):
+    path = table2().save(tmp_path / "result.json")
+    words = {"number": "2026-CALS_0042", "laboratory": "L", "customer": "C", "approved_by": "A", "country": "DE"}
+    stated = CertificateData({**words, "date_of_calibration": "2026-11-23"}, {"serial_number": "ACS_001"})
+    made, name = looks.exported(path, tmp_path / "made", "dcc", {}, stated)
+    assert name.endswith(".xml")
+    assert b"2026-CALS_0042" in made
+    assert b"ACS_001" in made

@@ -56,7 +56,7 @@ def test_of_a_folder_what_is_not_known_is_left_out_and_listed(visit, picture, tm
     page.locator("#confirm").wait_for(timeout=WAIT_MS)
 
 
-def test_edits_after_confirm_reach_identify_and_files_added_wipe_no_form(visit, tmp_path):
+def test_edits_after_confirm_reach_identify_and_files_added_wipe_no_form(visit, picture, tmp_path):
     (tmp_path / "a.csv").write_text(ROWS)
     (tmp_path / "0.csv").write_text(ROWS.replace("reference", "velocity [mm/s]"))
     page = visit()
@@ -92,6 +92,23 @@ def test_edits_after_confirm_reach_identify_and_files_added_wipe_no_form(visit, 
     page.get_by_role("button", name="remove 0.csv").click()
     page.get_by_text("1 file:").wait_for(timeout=WAIT_MS)
     page.locator("#start").wait_for(state="hidden")
+
+    page.locator("#edit-text").press("Enter")  # what the form does not ask
+    written = field(page, "Calibration file")
+    whole = written.input_value()
+    written.fill(whole.replace('excitation = "random"', 'excitation = "wobble"'))
+    page.locator("#use-text").press("Enter")
+    page.locator("#columns").get_by_role("alert").get_by_text("wobble").first.wait_for(timeout=WAIT_MS)
+    written.fill(whole + "start_s = 0.1\nstop_s = 0.4\n")
+    picture(page, "as-text")
+    page.locator("#use-text").press("Enter")
+    page.get_by_text("calibration.toml came with the data").wait_for(timeout=WAIT_MS)
+    page.locator("#confirm").press("Enter")
+    page.locator("#start").wait_for()
+    assert "stop_s = 0.4" in calibration(page)
+    page.get_by_role("button", name="remove calibration.toml").click()
+    page.locator("#edit-text").wait_for(timeout=WAIT_MS)
+    assert field(page, "Serial number").input_value() == "4711"
 
 
 def test_start_anew_asks_and_removes_the_result_too(visit, picture, tmp_path):

@@ -73,6 +73,7 @@ def test_work_in_a_tab_that_was_closed_is_offered_in_the_next_of_that_browser(
 
 
 @pytest.mark.parametrize("ending", [signal.SIGKILL, signal.SIGTERM])
+@pytest.mark.quick("9")
 def test_a_server_that_ended_in_the_middle_of_a_fit_is_followed_by_one_that_has_it_all(
     browser, picture, tmp_path, ending
 ):
@@ -82,13 +83,11 @@ def test_a_server_that_ended_in_the_middle_of_a_fit_is_followed_by_one_that_has_
         port = first.address.rstrip("/").rpartition(":")[2]
         page.goto(first.address)
         page.get_by_role("heading", name="Data").wait_for()
-        upload(page, *simulated(tmp_path / "made"))
+        upload(page, *simulated(tmp_path / "made"), table2().save(tmp_path / "earlier.json"))
         page.locator("#confirm").wait_for(timeout=WAIT_MS)
+        page.locator("#result .js-plotly-plot").first.wait_for(timeout=WAIT_MS)
         field(page, "Serial number").fill("4711")
         page.locator("#confirm").click()
-        page.locator("#start").click()
-        page.get_by_text("Identified.").wait_for(timeout=WAIT_MS)
-        page.locator("#result .js-plotly-plot").first.wait_for(timeout=WAIT_MS)
         page.locator("#start").click()
         page.get_by_role("button", name="Cancel").wait_for()
         page.wait_for_timeout(700)

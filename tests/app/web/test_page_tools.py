@@ -24,8 +24,8 @@ def made(tmp_path_factory) -> list[Path]:
 def identified(visit, made):
     """A page with data and a result."""
 
-    def fill(width: int = 1280):
-        page = visit(width)
+    def fill():
+        page = visit()
         upload(page, *made)
         page.locator("#confirm").click(timeout=WAIT_MS)
         page.locator("#start").click()
@@ -79,14 +79,8 @@ def test_predict_correct_track_and_plan(identified, picture, violations, made):
     assert violations(page) == []
 
 
-@pytest.mark.parametrize("width", [1280, 390])
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.quick("light-1280")
-def test_models_are_compared_by_keyboard_and_a_wrong_one_is_refused_in_words(
-    identified, picture, violations, width, scheme
-):
-    page = identified(width)
-    page.emulate_media(color_scheme=scheme)
+def test_models_are_compared_by_keyboard_and_a_wrong_one_is_refused_in_words(identified, looks, violations):
+    page = identified()
     models = page.get_by_label("Models, joined by commas")
     models.fill("accelerometer+delay,accelerometer+dely")
     page.locator("#run").press("Enter")
@@ -101,11 +95,10 @@ def test_models_are_compared_by_keyboard_and_a_wrong_one_is_refused_in_words(
     assert "accelerometer+delay" in said
     page.get_by_text("How it was found").click()
     page.locator("#how .js-plotly-plot").wait_for(timeout=WAIT_MS)
-    page.wait_for_timeout(600)
-    picture(page, f"more-{scheme}-{width}")
-    assert violations(page) == []
-    assert not too_faint(page)
-    assert page.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
+    for _ in looks(page, "more"):
+        assert violations(page) == []
+        assert not too_faint(page)
+        page.wait_for_function("document.documentElement.scrollWidth <= window.innerWidth")  # charts are fitted
 
 
 def test_a_value_is_never_another_option(visit, made, tmp_path):

@@ -12,10 +12,11 @@ from nicegui import ui
 from vibrident.app.web import frame
 from vibrident.app.web.description import ROLES, Description, calibration_text, described
 from vibrident.app.web.held import Confirmed, Form
-from vibrident.app.web.looks import Guess, calibration, chart, faults, guess, readable
+from vibrident.app.web.looks import MOST_TEXT, Guess, calibration, chart, faults, guess, readable
 from vibrident.app.web.preview import HEIGHT
 from vibrident.app.web.session import CALIBRATION
 from vibrident.app.web.users import User
+from vibrident.app.web.written import edited
 from vibrident.base.errors import InputError
 from vibrident.data.records import EXCITATIONS
 from vibrident.physics.models import ADD_ONS, CORES
@@ -50,9 +51,10 @@ class ColumnsStep:
         on_confirmed: Callable[[Confirmed], Awaitable[Any]],
         on_edit: Callable[[], Any],
         on_doubt: Callable[[], Any],
+        on_file: Callable[[], Any],
     ) -> None:
-        """Build the section, hidden until there are data."""
-        self.on_confirmed, self.on_edit, self.on_doubt = on_confirmed, on_edit, on_doubt
+        """Build the section, hidden until there are data; ``on_file`` is called when the user has a file more."""
+        self.on_confirmed, self.on_edit, self.on_doubt, self.on_file = on_confirmed, on_edit, on_doubt, on_file
         self.section = frame.step(2, "Columns, units and model", "columns")
         with self.section:
             self.body = ui.element("div")
@@ -114,7 +116,30 @@ class ColumnsStep:
         ui.label(f"{name} came with the data and describes the columns:").classes("hint")
         frame.Text("calibration-came", text)
         self.errors = ui.element("div").props("aria-live=assertive")
-        ui.button("Confirm", on_click=lambda: self.on_confirmed(Confirmed(name, False))).props("id=confirm")
+        with ui.element("div").classes("actions"):
+            ui.button("Confirm", on_click=lambda: self.on_confirmed(Confirmed(name, False))).props("id=confirm")
+            if len(text) <= MOST_TEXT:
+                ui.button("Edit", on_click=lambda: self._write(name, text)).props("outline id=edit-text")
+
+    def _edit_as_text(self) -> None:
+        """The form as a calibration file, for what the form does not ask."""
+        self.errors.clear()
+        try:
+            assert self.user.form is not None
+            self._write(CALIBRATION, calibration_text(self.user.form.given, self.user.session.files))
+        except Exception as error:
+            frame.show_error(self.errors, error, self.user.session)
+
+    def _write(self, name: str, text: str) -> None:
+        """A calibration file to be edited, in place of what is shown."""
+        self.turn += 1
+        self.body.clear()
+        with self.body:
+            edited(self.user, name, text, self._taken, self.restore)
+
+    async def _taken(self) -> None:
+        self.on_file()
+        await self.show()
 
     async def _ask(self) -> None:
         form = self.user.form
@@ -147,6 +172,7 @@ class ColumnsStep:
         self.errors = ui.element("div").props("aria-live=assertive")
         with ui.element("div").classes("actions"):
             ui.button("Confirm", on_click=self._confirm).props("id=confirm")
+            ui.button("Edit as text", on_click=self._edit_as_text).props("outline id=edit-text")
         if form.guess.chart and not form.touched:
             self._draw(form.guess.chart)
             await self._examine()
@@ -190,7 +216,7 @@ class ColumnsStep:
                 element.visible = visible
 
     async def _records(self, form: Form) -> None:
-        with self.of_motion, _group("Reference: motion of the sensor"):
+        with self.of_motion, frame.group("Reference: motion of the sensor"):
             await self._select(form, REFERENCES, "Reference: taken from", "reference_by", "reference-by")
             await self._number(form, "Reference: relative u (optional)", "standard_uncertainty")
         with self.of_channel, ui.element("div").classes("fields"):
@@ -200,11 +226,11 @@ class ColumnsStep:
             await self._text(form, "Reference: unit, for reports", "unit")
         with self.of_light, ui.element("div").classes("fields"):
             await self._interferometer(form)
-        with _group("Response: output of the sensor"):
+        with frame.group("Response: output of the sensor"):
             await self._column(form, "Response: column", "response", "response-column")
             await self._text(form, "Response: unit", "response_unit", "response-unit")
             await self._number(form, "Response: units per unit of the file", "response_scale", "response-scale")
-        with _group("Sampling and excitation"):
+        with frame.group("Sampling and excitation"):
             await self._column(form, "Time column, in s", "time", "time-column", optional=True)
             await self._number(form, "Sampling rate in Hz (or the file's)", "rate_hz", "rate")
             await self._select(form, EXCITATIONS, "Excitation", "excitation", "excitation")
@@ -223,7 +249,7 @@ class ColumnsStep:
         await self._text(form, "Signals in files of their own: more in their names", "optical_part", "optical-part")
 
     async def _table(self, form: Form) -> None:
-        with _group("Columns of the table"):
+        with frame.group("Columns of the table"):
             await self._column(form, "Frequency, in Hz", "frequency")
             await self._column(form, "Magnitude", "magnitude")
             await self._column(form, "Phase", "phase", optional=True)
@@ -235,7 +261,7 @@ class ColumnsStep:
             await self._number(form, "Response: unit per unit in the file", "response_scale")
 
     async def _model(self, form: Form) -> None:
-        with _group("Sensor and model"):
+        with frame.group("Sensor and model"):
             for key in form.given.sensor:
                 await self._text(form, key.replace("_", " ").capitalize(), f"sensor.{key}")
             await self._select(form, tuple(CORES), "Model", "core", "core")
@@ -343,12 +369,6 @@ def _missing_data() -> InputError:
         where="upload",
         remedy="add them",
     )
-
-
-def _group(title: str) -> ui.element:
-    """A group of fields with a heading."""
-    ui.html(f"<h3>{title}</h3>", sanitize=False)
-    return ui.element("div").classes("fields").props(f'role=group aria-label="{title}"')
 
 
 def _called(element: Any, identity: str) -> Any:

@@ -10,6 +10,7 @@ from vibrident.app.web import frame, looks
 from vibrident.app.web.outcome import give
 from vibrident.app.web.users import User
 from vibrident.base.escaping import html
+from vibrident.data.io.certificate import CertificateData
 from vibrident.show.report import FILE_NAMES
 
 
@@ -64,4 +65,4 @@ class CompareStep:
     async def _report(self, form: str) -> None:
         self.errors.clear()
         paths, names = self._chosen()
-        await give(self.user, self.errors, FILE_NAMES[form][1], looks.report, paths, form, names)
+        await give(self.user, self.errors, FILE_NAMES[form][1], looks.report, paths, form, names, CertificateData())

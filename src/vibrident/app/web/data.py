@@ -72,7 +72,7 @@ class DataStep:
             self.listing = ui.label("").classes("hint").props("role=status id=files")
             self.named = ui.element("div").classes("named").props('role=list aria-label="files"')
         ui.run_javascript(f"vibrident.folders({self.upload.id})")
-        self._list()
+        self.show()
 
     def hold(self) -> None:
         """Keep what there is; tell the browser whether there is something."""
@@ -142,7 +142,7 @@ class DataStep:
             return
         self._left_out({**self.not_sent, **left_out})
         self.not_sent = {}
-        self._list()
+        self.show()
         if results:
             await self.on_result()
         if came:
@@ -189,13 +189,13 @@ class DataStep:
             return
         finally:
             self.demo_button.enable()
-            self._list()
+            self.show()
         await self.on_data()
 
     async def _remove(self, name: str) -> None:
         self.errors.clear()
         self.user.session.remove(name)
-        self._list()
+        self.show()
         await self.on_data()
 
     async def _ask_anew(self) -> None:
@@ -217,11 +217,12 @@ class DataStep:
         self.user.close()
         self.errors.clear()
         self.left.clear()
-        self._list()
+        self.show()
         await self.on_data()
         await self.on_result()
 
-    def _list(self) -> None:
+    def show(self) -> None:
+        """List the files."""
         names = self.user.session.names
         number = count(len(names), "file")
         self.named.clear()

@@ -16,6 +16,7 @@ from vibrident.app.web.session import Session
 from vibrident.app.web.users import User
 from vibrident.base import memory
 from vibrident.base.errors import InputError, VibridentError
+from vibrident.base.escaping import html
 from vibrident.base.process import WorkerError
 from vibrident.export.form import OPTIONS
 from vibrident.show import views
@@ -33,7 +34,12 @@ _COMMAND = re.compile(r"`?vibrident (identify|inspect|serve|export)\b`?")
 _INSTALL = re.compile(r"pip install '?([^' ]+)'?")
 _STEPS = {"identify": "Identify", "inspect": "“Draw these columns”", "serve": "the server", "export": "“Export”"}
 _LABELS = {option.flag.removeprefix("--"): option.label for option in OPTIONS.values() if option.label}
-_LABELS |= {"format": "Export as", "estimator": "Estimator", "model": "Model"}
+_LABELS |= {
+    "certificate": "What the certificate states",
+    "format": "Export as",
+    "estimator": "Estimator",
+    "model": "Model",
+}
 
 
 def show_error(place: ui.element, error: BaseException, session: Session | None = None) -> None:
@@ -99,6 +105,13 @@ def step(number: int | str, title: str, name: str) -> ui.element:
             f'<h2 id="{name}-title" tabindex="-1"><span aria-hidden="true">{number}</span>{title}</h2>', sanitize=False
         )
     return section
+
+
+def group(title: str, heading: int = 3) -> ui.element:
+    """A group of fields, below a heading of this level; 0 for a group that has its name for a screen reader alone."""
+    if heading:
+        ui.html(f"<h{heading}>{html(title)}</h{heading}>", sanitize=False)
+    return ui.element("div").classes("fields w-full").props(f'role=group aria-label="{title}"')
 
 
 def go(section: ui.element) -> None:

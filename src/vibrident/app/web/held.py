@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 from vibrident.app.web.description import Description
 from vibrident.app.web.looks import Guess
 from vibrident.app.workflow.estimators import AUTO, estimators_with
+from vibrident.data.io.certificate import CertificateData
 
 
 @dataclass(frozen=True)
@@ -43,11 +44,12 @@ class Choices:
 
 @dataclass
 class Named:
-    """A result and its name; if made here, with its choices."""
+    """A result and its name; if made here, with its choices; and what was stated for its certificate."""
 
     name: str
     path: Path
     choices: Choices | None = None
+    stated: CertificateData | None = None
 
     @property
     def calibration(self) -> Path:

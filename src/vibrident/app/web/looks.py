@@ -21,6 +21,7 @@ from vibrident.app.web.preview import preview
 from vibrident.app.web.session import refuse_outside
 from vibrident.base.errors import InputError, VibridentError
 from vibrident.data.io import read
+from vibrident.data.io.certificate import CertificateData, certificate_text
 from vibrident.data.io.columns import require_room
 from vibrident.data.io.guess import Columns, guess_columns
 from vibrident.data.io.readers import open_columns
@@ -30,6 +31,7 @@ from vibrident.show import certificate, document, figures, tables
 from vibrident.show.comparison import beside, comparison_tables
 from vibrident.show.coverage import scatter_only
 from vibrident.show.findings import told
+from vibrident.show.issue import issued
 from vibrident.show.media import charts, html
 from vibrident.show.report import content, file_name
 from vibrident.show.views import Figure, count
@@ -202,6 +204,7 @@ def outcome(path: Path) -> dict[str, Any]:
     return {
         "verdict": html.fragment(document.verdict(result), *scatter_only(result)),
         "pdf": (certificate.title(result), file_name(result, "pdf")),
+        "states": {"certificate": result.certificate, "sensor": result.sensor, "parameters": [*result.parameters]},
         "parameters": html.fragment(tables.parameters(result)),
         "warnings": html.fragment(*told(result)),
         "charts": shown,
@@ -234,17 +237,21 @@ def _fitting(drawn: Sequence[tuple[str, Any]], most: int) -> tuple[list[tuple[st
     return found, most
 
 
-def report(paths: Sequence[Path], form: Any, names: Sequence[str]) -> bytes:
-    """The file of a report of one result or of several."""
-    results = [Result.load(path) for path in paths]
-    return content(results[0], form) if len(results) == 1 else content(results, form, names)
+def report(paths: Sequence[Path], form: Any, names: Sequence[str], stated: CertificateData) -> bytes:
+    """The file of a report of one result, with what is stated for its certificate, or of several."""
+    if len(paths) > 1:
+        return content([Result.load(path) for path in paths], form, names)
+    result, issue = issued(Result.load(paths[0]), stated)
+    return content(result, form, issue=issue)
 
 
-def exported(path: Path, folder: Path, form: str, options: dict[str, Any]) -> tuple[bytes, str]:
+def exported(
+    path: Path, folder: Path, form: str, options: dict[str, Any], stated: CertificateData
+) -> tuple[bytes, str]:
     """One file as it is, several as an archive; with its name. The caller removes the folder."""
     from vibrident.export import export
 
-    files = export(Result.load(path), form, folder, **options)
+    files = export(issued(Result.load(path), stated)[0], form, folder, **options)
     if len(files) == 1:
         return files[0].read_bytes(), files[0].name
     archive = io.BytesIO()
@@ -254,19 +261,21 @@ def exported(path: Path, folder: Path, form: str, options: dict[str, Any]) -> tu
     return archive.getvalue(), f"{form}.zip"
 
 
-def everything(path: Path, calibration: Path | None, folder: Path) -> bytes:
-    """One archive: the result, its calibration file, the reports, and each export that asks for nothing."""
+def everything(path: Path, calibration: Path | None, folder: Path, stated: CertificateData) -> bytes:
+    """One archive: the result, calibration and certificate file, the reports, and each export that asks for nothing."""
     from vibrident.export import export
     from vibrident.export.registry import EXPORTS
 
-    result = Result.load(path)
+    result, issue = issued(Result.load(path), stated)
     archive = io.BytesIO()
     with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as packed:
         packed.write(path, "result.json")
         if calibration is not None:
             packed.write(calibration, "calibration.toml")
+        if stated.certificate or stated.sensor:
+            packed.writestr("certificate.toml", certificate_text(stated))
         for form in ("html", "pdf", "md"):
-            packed.writestr(file_name(result, form), content(result, form))
+            packed.writestr(file_name(result, form), content(result, form, issue=issue))
         for name, form in EXPORTS.all().items():
             if form.options or form.extra:
                 continue

@@ -10,6 +10,7 @@ from typing import Any
 from nicegui import ui
 
 from vibrident.app.web import frame, looks
+from vibrident.app.web.certify import CertificateForm
 from vibrident.app.web.held import Named
 from vibrident.app.web.session import RESULT
 from vibrident.app.web.users import User
@@ -69,7 +70,9 @@ class OutcomeStep:
         self.body.clear()
         with self.body:
             _verdict(shown)
+            self.certificate = CertificateForm(self.user, named, shown["states"])
             self._downloads(named, *shown["pdf"])
+            self.certificate.build()
             self.errors = ui.element("div").props("aria-live=assertive")
             _curves(shown)
             self._exports(named)
@@ -132,7 +135,7 @@ class OutcomeStep:
     async def _report(self, named: Named, form: str, name: str) -> None:
         self.errors.clear()
         await self.user.note("issued", named.path, document=name)
-        await give(self.user, self.errors, name, looks.report, [named.path], form, [])
+        await give(self.user, self.errors, name, looks.report, [named.path], form, [], self.certificate.given())
 
     async def _everything(self, named: Named) -> None:
         self.errors.clear()
@@ -140,7 +143,7 @@ class OutcomeStep:
         folder = self.user.session.new_folder("export")
         calibration = named.calibration if named.choices is not None else None
         try:
-            asked = (looks.everything, named.path, calibration, folder)
+            asked = (looks.everything, named.path, calibration, folder, self.certificate.given())
             await give(self.user, self.errors, "calibration.zip", *asked, file_bytes=_MOST_EXPORTED)
         finally:
             await asyncio.to_thread(shutil.rmtree, folder, True)
@@ -152,7 +155,7 @@ class OutcomeStep:
         folder = session.new_folder("export")
         try:
             made, name = await self.user.look(
-                looks.exported, named.path, folder, form, options, file_bytes=_MOST_EXPORTED
+                looks.exported, named.path, folder, form, options, self.certificate.given(), file_bytes=_MOST_EXPORTED
             )
             place = await asyncio.to_thread(session.download, made)
         except Exception as error:

@@ -28,14 +28,17 @@ window.vibrident = {
   sent(id) {  // the uploader is emptied once the answer is here: to do it earlier would break the upload off
     setTimeout(() => getElement(id)?.$refs.qRef.removeUploadedFiles());
   },
-  folders(id) {
-    const box = getElement(id), root = getHtmlElement(id), picker = document.createElement('input');
-    const name = () => {
-      root.querySelector('.q-uploader__header a.q-btn')?.setAttribute('aria-label', 'Choose files');
-      root.querySelector('input[type=file]')?.setAttribute('aria-label', 'Files');
+  name(id, button, input) {  // the parts of an uploader, for a screen reader
+    const root = getHtmlElement(id), name = () => {
+      root.querySelector('.q-uploader__header a.q-btn')?.setAttribute('aria-label', button);
+      root.querySelector('input[type=file]')?.setAttribute('aria-label', input);
     };
     new MutationObserver(name).observe(root, { childList: true, subtree: true });
     name();
+  },
+  folders(id) {
+    const box = getElement(id), root = getHtmlElement(id), picker = document.createElement('input');
+    this.name(id, 'Choose files', 'Files');
     picker.setAttribute('aria-label', 'Folder');
     const add = files => box.$refs.qRef.addFiles([...files].filter(f => !f.name.startsWith('.')));
     const all = async reader => {

@@ -107,7 +107,7 @@ async def _steps(user: User) -> None:
 
     data.build(on_data=came, on_result=results)
     await asyncio.sleep(0)  # yield between the steps
-    columns.build(on_confirmed=fit.show, on_edit=fit.refresh, on_doubt=fit.doubt)
+    columns.build(on_confirmed=fit.show, on_edit=fit.refresh, on_doubt=fit.doubt, on_file=data.show)
     fit.build(on_result=results)
     await asyncio.sleep(0)
     outcome.build()

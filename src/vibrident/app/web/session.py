@@ -64,6 +64,16 @@ class Session:
         shutil.rmtree(self.folder, ignore_errors=True)
         self._sizes, self._result_sizes, self._written = {}, {}, False
 
+    @property
+    def logo(self) -> Path:
+        """The laboratory's logo, where there is one."""
+        return self.folder / "logo"
+
+    def keep_logo(self, image: bytes) -> None:
+        """Replace the laboratory's logo."""
+        self.open()
+        self.logo.write_bytes(image)
+
     def clear(self) -> None:
         """Remove the data, keep their results."""
         shutil.rmtree(self.data, ignore_errors=True)

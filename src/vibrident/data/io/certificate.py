@@ -13,7 +13,7 @@ from pydantic import BeforeValidator, ConfigDict, Field, model_validator
 from vibrident.base.errors import InputError
 from vibrident.data.io.schema_errors import validated
 from vibrident.data.io.sections import FileSection, NotNegative, Number, Positive, Text
-from vibrident.data.io.toml_text import read_toml
+from vibrident.data.io.toml_text import read_toml, toml_section
 
 Language = Literal["en", "de", "fr", "zh"]
 
@@ -206,6 +206,11 @@ def certificate_data(files: Sequence[Path]) -> CertificateData:
         stated |= own
         sensor |= {key: str(value) for key, value in (found.sensor.model_extra or {}).items()}
     return CertificateData(stated, sensor, **named)
+
+
+def certificate_text(data: CertificateData) -> str:
+    """What is stated, as the text of a certificate file; without the files that it names."""
+    return "\n".join((toml_section("sensor", data.sensor), toml_section("certificate", data.certificate)))
 
 
 def certificate_section(values: Mapping[str, Any], where: str) -> Mapping[str, Any]:

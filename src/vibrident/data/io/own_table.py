@@ -10,6 +10,7 @@ import numpy as np
 from vibrident.base.errors import InputError
 from vibrident.data.io.columns import library
 from vibrident.data.io.csv_layout import BLANKS, detect_layout
+from vibrident.data.io.guess import guess_columns
 from vibrident.data.io.header_units import seconds_per_unit
 from vibrident.data.io.readers import open_columns, sha256
 from vibrident.data.io.sampling import sampling_from_times
@@ -24,7 +25,7 @@ def read_signal(path: Path, column: str, time: str | None, rate_hz: float | None
     Args:
         path: the table.
         column: name, or number from 1, of the signal.
-        time: the same of the times, in s or the unit in its name; None where there is none.
+        time: the same of the times, in s or the unit in its name; None for one whose name says so, if any.
         rate_hz: samples per second, where there are no times and the file states no rate.
         scale: response unit per unit of the column.
 
@@ -35,8 +36,11 @@ def read_signal(path: Path, column: str, time: str | None, rate_hz: float | None
     place = source.position_of(_key(column), "--column")
     (values,) = source.load((place,))
     clock = source.clock(place)
-    if time is not None:
-        at = source.position_of(_key(time), "--time")
+    times_in = _key(time) if time is not None else None
+    if times_in is None and rate_hz is None and clock is None:
+        times_in = guess_columns(path).time
+    if times_in is not None:
+        at = source.position_of(times_in, "--time")
         (times,) = source.load((at,))
         rate = sampling_from_times(times * seconds_per_unit(source, at), lambda row: source.locate(at, row)).rate_hz
     elif rate_hz is not None or clock is not None:

@@ -27,7 +27,9 @@ def correct(
         "--track", help="Track the sensor through the records, and correct each with its own parameters."
     ),
     column: str | None = option("--column", "NAME|N", "TABLE: the column of the sensor's signal."),
-    time: str | None = option("--time", "NAME|N", "TABLE: the column of the times, in s or the unit of its name."),
+    time: str | None = option(
+        "--time", "NAME|N", "TABLE: column of the times, in s or the unit of its name; else by name."
+    ),
     rate: float | None = option("--rate", "HZ", "TABLE: sampling rate, where it has no times."),
     scale: float = option("--scale", "X", "TABLE: response unit per unit of the column.", 1.0),
     no_plots: bool = flag("--no-pictures", "--no-plots", help="Draw no picture."),

@@ -1,0 +1,56 @@
+"""The calibration file as text on the page: all that the file can say and the form does not ask."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+from nicegui import ui
+
+from vibrident.app.web import frame
+from vibrident.app.web.looks import calibration, readable
+from vibrident.app.web.users import User
+from vibrident.base.errors import InputError
+
+_HINT = (
+    "Each [[records]] entry may have its own excitation, frequency_hz, start_s, stop_s, reference_file, run, mounting, "
+    "axis, temperature_c; [reference] and [response] a full_scale; [[uncertainty]] and [[cmc]] what the laboratory "
+    "declares. To come back to the form, remove the file above."
+)
+#: Name under which a text is read before it takes the place of a file.
+_TRIED = ".tried.toml"
+
+
+def edited(
+    user: User, name: str, text: str, on_taken: Callable[[], Awaitable[Any]], on_back: Callable[[], Awaitable[Any]]
+) -> None:
+    """Show a text to be edited; taken, it is a file of the user, as if it had been uploaded."""
+    ui.label(_HINT).classes("hint")
+    written = ui.textarea("Calibration file", value=text).classes("written w-full")
+    written.props("dense outlined stack-label autogrow")
+    errors = ui.element("div").props("aria-live=assertive")
+
+    async def take() -> None:
+        errors.clear()
+        session, content = user.session, (written.value or "").encode()
+        session.open()
+        tried = session.data / _TRIED
+        try:
+            user.require("identify", "write files")
+            tried.write_bytes(content)
+            for look in (calibration, readable):
+                await user.look(look, session.data, _TRIED)
+            session.place_for(name, len(content)).write_bytes(content)
+        except InputError as error:
+            said = {key: part.replace(_TRIED, name) for key, part in vars(error).items()}
+            frame.show_error(errors, type(error)(**said), session)
+        except Exception as error:
+            frame.show_error(errors, error, session)
+        else:
+            await on_taken()
+        finally:
+            tried.unlink(missing_ok=True)
+
+    with ui.element("div").classes("actions"):
+        ui.button("Use this file", on_click=take).props("id=use-text")
+        ui.button("Back", on_click=on_back).props("outline")

@@ -1,0 +1,130 @@
+"""A certificate is filled in on the page after the fit: what is missing, what is stated, and what is remembered."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from dataclasses import replace
+from pathlib import Path
+
+import pypdf
+import pytest
+from tests.support.contrast import too_faint
+from tests.support.sample_results import table2
+from tests.support.serving import choose, field, upload
+from tests.support.shell import printed
+
+from vibrident.app.web.certify import _PROFILE
+from vibrident.data.io.certificate import CertificateSection
+
+WAIT_MS = 120_000
+LOGO = b'<svg xmlns="http://www.w3.org/2000/svg" width="40" height="20"><rect width="40" height="20"/></svg>'
+STATED = {
+    "Serial number *": "ACS_001",
+    "Certificate number *": "2026-CALS_0042",
+    "Date of issue *": "2026-11-24",
+    "Date of calibration *": "2026-11-23",
+    "Laboratory *": "Labor für Schwingung",
+    "Address of the laboratory *": "Weg 1\n12345 Ort",
+    "Approved by *": "A. Berg",
+    "Customer *": "C. <b>Kunde</b>",
+    "Address of the customer *": "Gasse 2",
+    "Place *": "laboratory",
+    "Procedure *": "ISO 16063-11, method 3",
+    "Traceability *": "to the SI",
+    "Temperature, °C *": "23.1",
+    "Remarks": "one\ntwo",
+}
+
+
+@pytest.fixture
+def results(tmp_path) -> list[Path]:
+    """Two results whose U covers gain and phase too."""
+    made = replace(table2(), uncertainty={"covers": ["noise", "gain", "phase"]})
+    return [replace(made, provenance={"time": day}).save(tmp_path / f"{day}.json") for day in ("first", "second")]
+
+
+def opened(page):
+    page.locator("#lacking").wait_for(timeout=WAIT_MS)
+    page.get_by_text("What the certificate states").click()
+    page.locator("#save-certificate").wait_for(timeout=WAIT_MS)
+
+
+def taken(page, name: str) -> bytes:
+    with page.expect_download(timeout=WAIT_MS) as waiting:
+        page.locator(f"#get-{name}").click()
+    return Path(waiting.value.path()).read_bytes()
+
+
+def text(pdf: bytes) -> str:
+    return "\n".join(sheet.extract_text() for sheet in pypdf.PdfReader(io.BytesIO(pdf)).pages)
+
+
+def test_a_certificate_is_filled_in_after_the_fit_and_the_laboratory_is_remembered(
+    visit, looks, violations, results, tmp_path
+):
+    page = visit()
+    upload(page, results[0])
+    page.locator("#lacking").wait_for(timeout=WAIT_MS)
+    assert "draft until these are stated: Certificate number, Laboratory" in page.locator("#lacking").inner_text()
+    assert "DRAFT" in text(taken(page, "pdf"))
+    opened(page)
+    for label, words in STATED.items():
+        field(page, label).fill(words)
+    field(page, "Country").fill("Germany")
+    page.locator("#save-certificate").press("Enter")
+    alert = page.locator("#certificate").get_by_role("alert")
+    alert.wait_for(timeout=WAIT_MS)
+    assert "two capitals (ISO 3166-1), such as DE" in alert.inner_text()
+    field(page, "Country").fill("DE")
+    page.get_by_role("button", name="Add instrument").press("Enter")
+    page.get_by_role("group", name="Instrument 1").get_by_label("Name").fill("Laser vibrometer")
+    page.get_by_role("button", name="Add requirement").press("Enter")
+    choose(page, "Quantity", "natural_frequency")
+    page.get_by_role("group", name="Requirement 1").get_by_label("Low limit").fill("600")
+    choose(page, "Second language", "German")
+    with page.expect_file_chooser() as chooser:
+        page.get_by_role("button", name="Choose the logo").click()
+    chooser.value.set_files({"name": "logo.svg", "mimeType": "image/svg+xml", "buffer": LOGO})
+    page.get_by_text("The logo is here.").wait_for(timeout=WAIT_MS)
+    for _ in looks(page, "certificate"):
+        assert violations(page) == []
+        assert too_faint(page) == []
+        page.wait_for_function("document.documentElement.scrollWidth <= window.innerWidth")  # charts are fitted
+    page.locator("#save-certificate").press("Enter")
+    page.get_by_text("Saved: reports").wait_for(timeout=WAIT_MS)
+    assert page.locator("#lacking").inner_text() == "Nothing is missing in the PDF."
+
+    issued = taken(page, "pdf")
+    said = text(issued)
+    assert "DRAFT" not in said
+    for words in (*STATED.values(), "Laser vibrometer", "Kalibrierschein"):
+        assert all(line in said for line in words.split("\n")) or words in ("2026-11-24", "2026-11-23"), words
+    (tmp_path / "certificate.toml").write_bytes(taken(page, "certificate-toml"))
+    (tmp_path / "logo.svg").write_bytes(LOGO)
+    (tmp_path / "logo.toml").write_text('[certificate]\nlogo = "logo.svg"\n')
+    both = ("--certificate", "certificate.toml", "--certificate", "logo.toml")
+    printed("report", "first.json", "--format", "pdf", *both, "--out", "shell.pdf", folder=tmp_path)
+    assert text((tmp_path / "shell.pdf").read_bytes()) == said
+    with zipfile.ZipFile(io.BytesIO(taken(page, "everything"))) as packed:
+        assert text(packed.read("certificate.pdf")) == said
+        assert b"2026-CALS_0042" in packed.read("certificate.toml")
+
+    page.reload()
+    opened(page)
+    assert field(page, "Certificate number *").input_value() == "2026-CALS_0042"
+    upload(page, results[1])
+    page.get_by_text("The PDF is a draft").wait_for(timeout=WAIT_MS)
+    opened(page)
+    assert field(page, "Laboratory *").input_value() == STATED["Laboratory *"]
+    assert field(page, "Certificate number *").input_value() == ""
+    choose(page, "Before adjustment", "first")
+    page.locator("#save-certificate").press("Enter")
+    page.get_by_text("Saved: reports").wait_for(timeout=WAIT_MS)
+    said = text(taken(page, "pdf"))
+    assert "Before and after adjustment" in said
+    assert "DRAFT" in said
+
+
+def test_the_profile_is_of_entries_that_there_are():
+    assert set(_PROFILE) <= set(CertificateSection.model_fields)
