@@ -85,19 +85,22 @@ def beside_departures(first: Attempt) -> Attempt:
         if not other.adequate and not now.adequate:  # a misfit has tones and drifts, too
             break
         now = replace(other, told=(*now.told, found.told_as_nuisance(now.judgement)))
-    return now if now.examined is None else _beside_drift(now, now.examined)
+    return now
 
 
-def _beside_drift(first: Attempt, found: Examined) -> Attempt:
-    """Where the model lacks something: the fit with a drift in every record, if that explains all; else the first.
+def beside_drift(first: Attempt) -> Attempt:
+    """Where the model lacks something, and none is named: the fit with a drift in every record, if that explains all.
 
     A sensor whose free motion is as slow takes a drift for that, and leaves what looks like another model.
     """
     evidence = first.evidence
     records = tuple(DRIFT.beside(record) for record in evidence.records if record.reference is not None)
     possible = evidence.model.is_linear and bool(records) and len(records) == len(evidence.records)
-    if not possible or not found.lacks(first.judgement):
+    if not possible or first.judgement.remedied is not None:
         return first
+    found = first.examined or Examined.of(evidence, first.estimate, first.judgement)
+    if not found.lacks(first.judgement):
+        return replace(first, examined=found)
     start = first.estimate.coordinates.values(first.estimate.z)
     other = first.once(replace(evidence.with_records(records), start=start))
     if not other.adequate:
