@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import time
 import traceback
 import warnings
@@ -15,6 +16,7 @@ from scipy.stats import norm, t
 
 from bench.adversary.trial import Trial
 from vibrident import Result, VibridentError, identify
+from vibrident.physics.naming import in_words
 
 LIMIT = 4.0  # A parameter further from the truth than this many standard uncertainties is wrong
 ROUNDING = 1e-8  # errors below this part of the truth are rounding
@@ -84,25 +86,27 @@ def of_result(trial: Trial, result: Result) -> dict[str, Any]:
     }
 
 
+#: What a warning says of the parameter that a departure moves most.
+IMPACT = re.compile(r"Without (?:it|them) the (?P<name>.+) would be .+ in place of .+ \((?P<size>[^ ()]+) u\)")
+
+
 def told_impact(trial: Trial, result: Result) -> dict[str, Any] | None:
-    """The parameter that the first said departure moves most: how far it moved, and how far that is said to move it.
+    """The parameter that the first said departure moves most: how far it moved, and how far the warning says.
 
     Both in stated standard uncertainties. It moved from where the same recordings without what is wrong lead to; where
     there are none, from the truth. None where no departure is said, or the model does not explain the data.
     """
     for warning in result.warnings if result.fit.adequate else ():
-        own = [one for one in result.findings if one.code == warning.code and "Without " in warning.message]
-        told = {
-            name: sum(finding.impact.get(name, 0.0) for finding in own) / float(parameter.standard_uncertainty or 1.0)
-            for name in trial.truth
-            if own and (parameter := result.parameters.get(name)) and parameter.standard_uncertainty
-        }
-        if told:
-            worst = max(told, key=lambda name: abs(told[name]))
-            stated = result.parameters[worst]
-            off = (stated.value - _without(trial, worst)) / float(stated.standard_uncertainty or 1.0)
-            true = abs(off - told[worst]) <= max(IMPACT_WITHIN * abs(off), 1.0)
-            return {"code": warning.code, "parameter": worst, "off": off, "told": told[worst], "true": true}
+        found = IMPACT.search(warning.message)
+        name = None if found is None else next((n for n in trial.truth if in_words(n) == found["name"]), None)
+        stated = None if name is None else result.parameters.get(name)
+        if found is None or name is None or stated is None or not stated.standard_uncertainty:
+            continue
+        way = sum(finding.impact.get(name, 0.0) for finding in result.findings if finding.code == warning.code)
+        told = math.copysign(float(found["size"]), way)
+        off = (stated.value - _without(trial, name)) / stated.standard_uncertainty
+        true = abs(off - told) <= max(IMPACT_WITHIN * abs(off), 1.0)
+        return {"code": warning.code, "parameter": name, "off": off, "told": told, "true": true}
     return None
 
 

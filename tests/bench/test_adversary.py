@@ -137,16 +137,15 @@ TRUE = {"natural_frequency": 100.0}
 
 @pytest.mark.parametrize(("said", "true"), [(5.0, True), (7.0, False), (-5.0, False)])
 def test_a_stated_impact_is_true_where_the_parameter_is_as_far_off(said: float, true: bool):
-    """The value lies 4 u off: what is said is within 30 % of that, or one u."""
-    result = made_up(104.0, 1.0, ("regimes", "Without it the natural frequency would be 100 Hz."))
-    result.findings = tuple(
-        SimpleNamespace(code="regimes", impact={"natural_frequency": part * said}) for part in (0.4, 0.6)
-    )
+    """The value lies 4 u off: what the warning says is within 30 % of that, or one u."""
+    text = f"Without it the natural frequency would be {104 - said:g} Hz in place of 104 Hz ({abs(said):g} u)."
+    result = made_up(104.0, 1.0, ("regimes", text))
+    result.findings = (SimpleNamespace(code="regimes", impact={"natural_frequency": 0.4 * said}),)
     found = judge.told_impact(Trial(lambda: None, "accelerometer", TRUE, cause="step"), result)
     assert found is not None
     assert found["true"] is true
     assert found["off"] == pytest.approx(4.0)
-    result.findings = ()
+    result.warnings = ()
     assert judge.told_impact(Trial(lambda: None, "accelerometer", TRUE, cause="step"), result) is None
 
 
