@@ -73,7 +73,7 @@ class Examined:
         return cls(evidence, estimate, tuple(groups))
 
     def beside(self, judgement: Judgement) -> tuple[Record, ...]:
-        """The records with hum, and departures that matter and can be so, as nuisance parameters.
+        """The records with hum, and departures that can be so, as nuisance parameters.
 
         Themselves where they have all.
         """
@@ -111,14 +111,17 @@ class Examined:
     def told_as_nuisance(self, judgement: Judgement) -> Told:
         """The same of those that :meth:`beside` makes nuisance parameters: the values stated are then without them."""
         words, own = replace(self._words, admitted=True), self._nuisances(judgement)
-        return words.told(own, own)
+        matter = self._matter(judgement, self._words)
+        return words.told(own, [group for group in own if group in matter])
 
     @property
     def _words(self) -> _Words:
         return _Words(self.evidence, self.estimate, _deviation(self.estimate.covariance))
 
     def _nuisances(self, judgement: Judgement) -> list[Together]:
-        return [one for one in self._matter(judgement, self._words) if one.found[0].departure.nuisance]
+        """What the fit can have as nuisance parameters; beside a tone, where they cost most, only what matters."""
+        groups = self.groups if self.estimate.criterion == "samples" else self._matter(judgement, self._words)
+        return [one for one in groups if one.found[0].departure.nuisance]
 
     def _matter(self, judgement: Judgement, words: _Words) -> list[Together]:
         unexplained = not judgement.adequacy.adequate and judgement.adequacy.degrees_of_freedom > 0
