@@ -202,7 +202,7 @@ class _Words:
         coordinates, z = self.estimate.coordinates, self.estimate.z
         stated, without = coordinates.values(z), coordinates.values(z - one.score.shift)
         impact = {name: 0.0 if self.admitted else float(value - without[name]) for name, value in stated.items()}
-        message = f"{_said(one)} {self._without(one.score.shift, 'it')}"
+        message = f"{_said(one)} {self._without(one, one.score.shift, 'it')}"
         return Finding(one.code, one.record, one.candidate.time_s, one.chance, impact, message)
 
     def warning(self, group: Together) -> ResultWarning:
@@ -212,7 +212,7 @@ class _Words:
         if others:
             text = f"{text} So it is in {others} more record{'s' if others > 1 else ''}."
             them = "them"
-        text = f"{text} {self._without(group.shift, them)}"
+        text = f"{text} {self._without(first, group.shift, them)}"
         if first.code == "nonlinear" and not self.evidence.model.is_linear:
             text += f" {BESIDE_ITS_MIDDLE}"
         return ResultWarning(first.code, text)
@@ -220,13 +220,15 @@ class _Words:
     def _sizes(self, shift: FloatArray) -> FloatArray:
         return np.asarray(np.abs(shift) / np.maximum(self.uncertainty, np.finfo(float).tiny))
 
-    def _without(self, shift: FloatArray, it: str) -> str:
+    def _without(self, one: Found, shift: FloatArray, it: str) -> str:
         """What the parameter that moves most would be."""
         coordinates, z = self.estimate.coordinates, self.estimate.z
         size = self._sizes(shift)
         name = coordinates.model.parameter_names[int(np.argmax(size))]
         unit = parameter_units(self.evidence.model, self.evidence.calibration)[name]
         stated, without = coordinates.values(z)[name], coordinates.values(z - shift)[name]
+        if one.departure.own_columns:  # the data do not tell which of them is wrong
+            return f"What one band says by itself moves the {in_words(name)} by {plain(float(np.max(size)), 2)} u."
         if self.admitted:
             return (
                 f"The fit has {it} as nuisance parameters; without these the {in_words(name)} would be "
