@@ -78,7 +78,7 @@ def test_edits_after_confirm_reach_identify_and_files_added_wipe_no_form(visit, 
     assert page.locator("#start").is_enabled()
 
     upload(page, tmp_path / "0.csv")  # it comes first now, and its names say something else
-    page.get_by_text("2 files").wait_for(timeout=WAIT_MS)
+    page.locator("#files").get_by_text("2 files").wait_for(timeout=WAIT_MS)
     page.get_by_text("your settings are kept").wait_for(timeout=WAIT_MS)
     page.locator("#start").wait_for(state="hidden")
     page.locator("#confirm").wait_for()

@@ -156,7 +156,7 @@ def test_what_was_confirmed_does_not_pass_for_a_calibration_file_of_the_user(vis
         page.locator("#confirm").click(timeout=WAIT_MS)
         page.locator("#start").wait_for()
     upload(page, tmp_path / "b.csv")
-    page.get_by_text("2 files").wait_for()
+    page.locator("#files").get_by_text("2 files").wait_for()
     page.locator("#start").wait_for(state="hidden")
     page.get_by_text("Guessed from the names in a.csv").wait_for()
     assert "calibration.toml" not in page.locator("#data").get_by_role("list").inner_text()
