@@ -228,7 +228,7 @@ class _Words:
         unit = parameter_units(self.evidence.model, self.evidence.calibration)[name]
         stated, without = coordinates.values(z)[name], coordinates.values(z - shift)[name]
         if one.departure.own_columns:  # the data do not tell which of them is wrong
-            return f"What one band says by itself moves the {in_words(name)} by {plain(float(np.max(size)), 2)} u."
+            return f"Where it is largest, it moves the {in_words(name)} by {plain(float(np.max(size)), 2)} u."
         if self.admitted:
             return (
                 f"The fit has {it} as nuisance parameters; without these the {in_words(name)} would be "

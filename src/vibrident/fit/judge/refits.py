@@ -1,4 +1,4 @@
-"""Fits of other data than were given: without dead records, drift or hum, and with a scatter that was not stated.
+"""Fits without dead records, with drift and hum as nuisance parameters, and with a scatter that was not stated.
 
 Each step takes the attempt so far and returns it, or a better one.
 """
@@ -99,8 +99,9 @@ def beside_drift(first: Attempt) -> Attempt:
     if not possible or first.judgement.remedied is not None:
         return first
     found = first.examined or Examined.of(evidence, first.estimate, first.judgement)
+    first = replace(first, examined=found)
     if not found.lacks(first.judgement):
-        return replace(first, examined=found)
+        return first
     start = first.estimate.coordinates.values(first.estimate.z)
     other = first.once(replace(evidence.with_records(records), start=start))
     if not other.adequate:
