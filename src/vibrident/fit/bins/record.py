@@ -165,7 +165,6 @@ class RecordBins:
         amounts = inverse_where_shown(gram[:-1, :-1]) @ gram[:-1, -1]
         for part in blocks:
             self.residual[part] -= amounts @ columns(part)
-        self.residual[:1] = np.abs(self.residual[1:2])  # an offset is no noise: its bin is as the next one
         return self
 
     def where_used(self, lines: ComplexArray) -> ComplexArray:
