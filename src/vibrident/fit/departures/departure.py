@@ -59,6 +59,7 @@ class Departure(ABC):
         of_light: whether it is looked for in a sine by an interferometer's raw light, whose noise is filtered around
             the tone as no spectrum of a record shows.
         joint: whether what several move is what the fit beside all of them moves; else it is the sum.
+        within: whether it is told within a record, beside parameters that are the record's alone.
         nuisance: whether the fit of a record can have it as nuisance parameters (:meth:`beside`).
     """
 
@@ -68,6 +69,7 @@ class Departure(ABC):
     own_columns: ClassVar[bool] = False
     of_light: ClassVar[bool] = False
     joint: ClassVar[bool] = True
+    within: ClassVar[bool] = False
     nuisance: ClassVar[bool] = False
 
     @abstractmethod

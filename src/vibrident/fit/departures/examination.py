@@ -8,9 +8,9 @@ other way round.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import reduce
+from functools import partial, reduce
 from operator import add
 from typing import TypeGuard
 
@@ -106,7 +106,19 @@ def _among_records(parts: list[Part], uncertainty: FloatArray, rounds: int) -> l
                 parts[place] = parts[place].beside(columns)
         fit = LinearFit.of(parts, uncertainty)
         found.append(_together(now, before - _optimum(fit, parts), tested))
-    return found
+    return _of_one_kind(found, fit)
+
+
+def _of_one_kind(every: list[Together], fit: LinearFit) -> list[Together]:
+    """Those of a kind told record by record are one, whatever the round: some records show it better than others."""
+    found = dict[Departure | int, Together]()
+    for number, one in enumerate(every):
+        kind = number if one.found[0].departure.pooled else one.found[0].departure
+        if kind in found:
+            shift = found[kind].shift + one.shift
+            one = Together((*found[kind].found, *one.found), shift, fit.impact(shift))
+        found[kind] = one
+    return list(found.values())
 
 
 def _among_points(points: PointsPart, uncertainty: FloatArray, rounds: int) -> list[Together]:
@@ -166,7 +178,8 @@ def _of_records(fit: LinearFit, parts: Sequence[Part]) -> list[Found]:
             continue
         for place, part in enumerate(parts):
             own = departure.places(part, scale, parameters)
-            best = _best(fit, departure, own, len(kinds) * len(parts))
+            inside = partial(Sums.within, part=part, inverse=fit.inverse) if departure.within else None
+            best = _best(fit, departure, own, len(kinds) * len(parts), inside)
             found += [] if best is None else [Found(departure, *best, place, part.name)]
     return found
 
@@ -188,10 +201,18 @@ def _joined(each: Sequence[Places]) -> Places:
 
 
 def _best(
-    fit: LinearFit, departure: Departure, places: Sequence[Places], several: int
+    fit: LinearFit,
+    departure: Departure,
+    places: Sequence[Places],
+    several: int,
+    inside: Callable[[Sums], Sums] | None = None,
 ) -> tuple[Candidate, Score, float, float] | None:
-    """The most significant candidate with its test, chance and impact; None where that is noise."""
+    """The most significant candidate with its test, chance and impact; None where that is noise.
+
+    ``inside``: makes sums of those beside the record's own parameters.
+    """
     several *= sum(len(some.candidates) for some in places)
+    seen = inside or (lambda sums: sums)
 
     def sure(score: Score | None, among: int = 1) -> TypeGuard[Score]:
         return score is not None and score.chance * several * among < FALSE_ALARMS
@@ -199,13 +220,13 @@ def _best(
     tests = [
         (candidate, some.sums.at(place), score)
         for some in places
-        for place, (candidate, score) in enumerate(zip(some.candidates, fit.test(some.sums), strict=True))
+        for place, (candidate, score) in enumerate(zip(some.candidates, fit.test(seen(some.sums)), strict=True))
         if sure(score)
     ]
     tests.sort(key=lambda test: -test[2].explained)
     for candidate, sums, score in tests[:MOST_EXACT]:
         own = sums if candidate.exactly is None else candidate.exactly()
-        exact = score if candidate.exactly is None else fit.test(Sums.stacked([own]))[0]
+        exact = score if candidate.exactly is None else fit.test(seen(Sums.stacked([own])))[0]
         if not sure(exact):
             continue
         shift = exact.shift

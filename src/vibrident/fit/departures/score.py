@@ -80,6 +80,18 @@ class Sums:
         """The same with the record's own parameters projected out, where it has any."""
         if part.pull is None:
             return self
+        return self._without_own(part, self.cross @ part.inverse @ part.pull.T, parameters)
+
+    def within(self, part: Part, inverse: FloatArray) -> Sums:
+        """The same beside parameters that are the record's alone: what differs within it (Chow 1960).
+
+        ``inverse``: of the Jacobians of all records, shape (P, P), by which what is found moves the coordinates.
+        """
+        if part.pull is not None:
+            return self
+        return self._without_own(part, self.cross @ inverse, len(inverse))
+
+    def _without_own(self, part: Part, shift: FloatArray, parameters: int) -> Sums:
         gradient, loud, common = part.own
         share = self.cross @ part.inverse
         both = share @ self.cross_spread.mT
@@ -91,7 +103,7 @@ class Sums:
             nothing,
             nothing,
             self.common - share @ common,
-            share @ part.pull.T,
+            shift,
             self.least,
             self.steps,
         )

@@ -207,11 +207,10 @@ class _Words:
 
     def warning(self, group: Together) -> ResultWarning:
         """One for all records of a group."""
-        first, others = group.found[0], len(group.found) - 1
-        text, them = _said(first), "it"
+        first, others = group.found[0], len({one.record for one in group.found}) - 1
+        text, them = _said(first), "it" if len(group.found) == 1 else "them"
         if others:
             text = f"{text} So it is in {others} more record{'s' if others > 1 else ''}."
-            them = "them"
         text = f"{text} {self._without(first, group.shift, them)}"
         if first.code == "nonlinear" and not self.evidence.model.is_linear:
             text += f" {BESIDE_ITS_MIDDLE}"

@@ -28,6 +28,7 @@ class Change(Departure):
     name: ClassVar[str] = "change"
     code: ClassVar[WarningCode] = "regimes"
     pooled: ClassVar[bool] = False
+    within: ClassVar[bool] = True
 
     def columns(self, part: Part, scale: Scale) -> Iterable[tuple[str, FloatArray]]:
         """By sums over blocks instead."""
@@ -37,9 +38,10 @@ class Change(Departure):
         """Steps with enough of the motion on either side, and the ramp."""
         changes = in_steps(part, BLOCKS, parameters)
         steps = np.flatnonzero((changes.behind > LEAST) & (changes.behind < 1.0 - LEAST)).tolist()
-        sets = {GAIN: ([0], [*steps, BLOCKS - 1]), CHANNEL: ([0, 1], [*steps, BLOCKS - 1])}
-        if steps and len(part.changing) > 2:
-            sets[SENSOR] = list(range(1, len(part.changing))), steps
+        numbers = [*steps, BLOCKS - 1]
+        sets = {GAIN: ([0], numbers), CHANNEL: ([0, 1], numbers)}
+        if len(part.changing) > 2:
+            sets[SENSOR] = list(range(1, len(part.changing))), numbers
         return [
             Places(
                 tuple(_candidate(part, changes, number, kept, words, parameters) for number in numbers),
