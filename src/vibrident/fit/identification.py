@@ -21,7 +21,6 @@ from vibrident.fit.judge import (
     Told,
     Uncertainty,
     beside_departures,
-    beside_drift,
     document,
     linearised,
     own_rows,
@@ -142,7 +141,7 @@ def fit(
         evidence = with_free_decays(Evidence.gather(calibration, sensor_model))
         chosen, reason = _estimator(evidence, estimator, uncertainty)
         found = Attempt.at(evidence, chosen, progress)
-        for step in (without_dead_records, with_phase_scatter, beside_departures, with_remedy, beside_drift):
+        for step in (without_dead_records, with_phase_scatter, beside_departures, with_remedy):
             found = step(found)
     data = found.evidence, found.estimate, found.judgement
     how = chosen, reason, found.told, found.phase_by_scatter, found.examined

@@ -157,6 +157,19 @@ def test_noise_of_the_reference_bends_no_characteristic(sensor):
     assert result.findings == ()
 
 
+@pytest.mark.parametrize("run", [23, 24, 27])
+def test_the_leakage_of_a_tone_is_no_motion_beside_it(run):
+    """It is above the noise of the reference in all bins, and the residual is coherent with that noise."""
+    result = vibrident.identify(BY_NAME["clean/pickup-below-damped+delay/sine/reference 1 %"].trial(run).calibration())
+    assert result.findings == ()
+
+
+def test_an_offset_is_no_noise_of_the_reference():
+    """A displacement at 1 MHz: |H|² grows by eleven decades from the lowest bin, where the offset is, to the tone."""
+    result = vibrident.identify(BY_NAME["extreme/scale response 1e+06/sine"].trial(8).calibration())
+    assert result.findings == ()
+
+
 @pytest.mark.parametrize("repeats", [1, 6])
 @pytest.mark.parametrize(("change", "begin"), [("step", 0.4), ("step", 0.53), ("ramp", 0.0)])
 def test_a_change_in_quiet_noise_is_as_large_as_it_is(change: str, begin: float, repeats: int):

@@ -165,6 +165,7 @@ class RecordBins:
         amounts = inverse_where_shown(gram[:-1, :-1]) @ gram[:-1, -1]
         for part in blocks:
             self.residual[part] -= amounts @ columns(part)
+        without_offset(self.residual)
         return self
 
     def where_used(self, lines: ComplexArray) -> ComplexArray:
@@ -172,6 +173,11 @@ class RecordBins:
         if self.used.all():
             return lines
         return np.asarray(fft.rfft(np.asarray(fft.irfft(lines, self.samples)) * self.used))
+
+
+def without_offset(residual: ComplexArray) -> None:
+    """Set bin 0, in place, to the size of the next: an offset is no noise."""
+    residual[:1] = np.abs(residual[1:2])
 
 
 def free_of_run(samples: int, denominator: FloatArray) -> FreeLines:

@@ -60,6 +60,7 @@ class Departure(ABC):
             the tone as no spectrum of a record shows.
         joint: whether what several move is what the fit beside all of them moves; else it is the sum.
         within: whether it is told within a record, beside parameters that are the record's alone.
+        together: whether all records, each with amounts of its own, are tested together, too.
         nuisance: whether the fit of a record can have it as nuisance parameters (:meth:`beside`).
     """
 
@@ -70,6 +71,7 @@ class Departure(ABC):
     of_light: ClassVar[bool] = False
     joint: ClassVar[bool] = True
     within: ClassVar[bool] = False
+    together: ClassVar[bool] = False
     nuisance: ClassVar[bool] = False
 
     @abstractmethod

@@ -176,12 +176,32 @@ def _of_records(fit: LinearFit, parts: Sequence[Part]) -> list[Found]:
             best = _best(fit, departure, _pooled(departure, parts, scale, parameters), len(kinds))
             found += [] if best is None else [Found(departure, *best, None, None)]
             continue
-        for place, part in enumerate(parts):
-            own = departure.places(part, scale, parameters)
+        every, own = [departure.places(part, scale, parameters) for part in parts], list[Found]()
+        shared = len(kinds) * (2 if departure.together else 1)
+        for place, (part, places) in enumerate(zip(parts, every, strict=True)):
             inside = partial(Sums.within, part=part, inverse=fit.inverse) if departure.within else None
-            best = _best(fit, departure, own, len(kinds) * len(parts), inside)
-            found += [] if best is None else [Found(departure, *best, place, part.name)]
+            best = _best(fit, departure, places, shared * len(parts), inside)
+            own += [] if best is None else [Found(departure, *best, place, part.name)]
+        found += (departure.together and _of_all(fit, departure, parts, every, shared)) or own
     return found
+
+
+def _of_all(
+    fit: LinearFit, departure: Departure, parts: Sequence[Part], every: Sequence[Sequence[Places]], several: int
+) -> list[Found]:
+    """All records, where these show a departure together that has one place in each; else none."""
+    own = [places.sums.at(0) for (places,) in every]
+    (score,) = fit.test(Sums.stacked([Sums.side_by_side(own)]))
+    if score is None or score.chance * several > FALSE_ALARMS:
+        return []
+    alone = (
+        (places.candidates[0], *fit.test(Sums.stacked([sums]))) for (places,), sums in zip(every, own, strict=True)
+    )
+    return [
+        Found(departure, candidate, one, score.chance * several, fit.impact(one.shift), place, part.name)
+        for place, (part, (candidate, one)) in enumerate(zip(parts, alone, strict=True))
+        if one is not None
+    ]
 
 
 def _pooled(departure: Departure, parts: Sequence[Part], scale: Scale, parameters: int) -> list[Places]:

@@ -17,6 +17,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from vibrident.base.tails import f_tail
 from vibrident.data.records import FloatArray
@@ -75,6 +76,17 @@ class Sums:
     def stacked(cls, every: Sequence[Sums]) -> Sums:
         """Of places with as many columns each."""
         return cls(*(np.stack([getattr(one, each.name) for one in every]) for each in fields(cls)))
+
+    @classmethod
+    def side_by_side(cls, every: Sequence[Sums]) -> Sums:
+        """Of all columns of several records together."""
+
+        def joined(name: str) -> FloatArray:
+            return np.concatenate([getattr(one, name) for one in every])
+
+        grams = (block_diag(*(getattr(one, name) for one in every)) for name in ("gram", "spread"))
+        rest = (joined(each.name) for each in fields(cls)[3:-1])
+        return cls(joined("score"), *grams, *rest, np.sum([one.steps for one in every]))
 
     def beside(self, part: Part, parameters: int) -> Sums:
         """The same with the record's own parameters projected out, where it has any."""

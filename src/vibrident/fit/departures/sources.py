@@ -14,6 +14,7 @@ from numpy import fft
 
 from vibrident.base.fft_lengths import fast_below
 from vibrident.data.records import BoolArray, FloatArray, Record
+from vibrident.fit.bins import without_offset
 from vibrident.fit.departures.part import Part
 from vibrident.fit.departures.signals import Signals, projected
 from vibrident.fit.descent.iterate import beside_hum, likelier, with_edges
@@ -238,13 +239,16 @@ def _in_time(
     floor = (np.finfo(float).eps * float(np.max(np.abs(record.response[span]))) / unit) ** 2
     beside = nuisance if pull is None else np.concatenate([nuisance, columns])  # a misfit of the tone is no noise
     freed = projected(own, beside, np.sqrt(one_sided))
+    without_offset(freed)
     spectrum = noise_spectrum(freed, _beside_harmonics(seen, n, turns), floor)
     if spectrum.tones:
         nuisance = np.concatenate([nuisance, np.asarray(fft.rfft(waves(spectrum.tones, n) * used, axis=1))])
     spectrum = replace(spectrum, tones=(*known, *spectrum.tones))
     if pull is not None:
-        heard = power_of(over) > HEARD * np.asarray(spectrum.psd) * float(used.sum())
-        nuisance = np.concatenate([nuisance, _beside_tone(evidence, estimate, over * heard, transfer, hz, turns)])
+        # less the tone itself, whose leakage is above the noise of the reference in all bins, and hides it in none
+        other = np.asarray(fft.rfft(motion - jacobian[0]), dtype=complex) / unit
+        heard = power_of(other) > HEARD * np.asarray(spectrum.psd) * float(used.sum())
+        nuisance = np.concatenate([nuisance, _beside_tone(evidence, estimate, other * heard, transfer, hz, turns)])
     signals = left, bins, motion, columns, transfer, nuisance
     return Signals(record, span, used, *signals, spectrum, unit, one_sided, pull, turns)
 

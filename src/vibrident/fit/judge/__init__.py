@@ -11,7 +11,7 @@ from vibrident.fit.judge.attempts import Attempt, Fitted
 from vibrident.fit.judge.document import Uncertainty, document, own_rows
 from vibrident.fit.judge.examined import Told
 from vibrident.fit.judge.points import linearised
-from vibrident.fit.judge.refits import beside_departures, beside_drift, with_phase_scatter, without_dead_records
+from vibrident.fit.judge.refits import beside_departures, with_phase_scatter, without_dead_records
 from vibrident.fit.judge.remedy import with_remedy
 
 __all__ = [
@@ -20,7 +20,6 @@ __all__ = [
     "Told",
     "Uncertainty",
     "beside_departures",
-    "beside_drift",
     "document",
     "linearised",
     "own_rows",

@@ -83,18 +83,10 @@ class Examined:
             tones, known = hum_tones(records, judgement.predicted, own), self.estimate.findings.hum_hz or own
             if lacking(tones, known, records):
                 records = tuple(replace(one, hum_hz=hz) for one, hz in zip(records, tones, strict=True))
-        matter, admitted = self._nuisances(judgement), list[Record]()
-        for record in records:
-            freer = record
-            for one in (one for group in matter for one in group.found if one.record == record.name):
-                freer = one.departure.beside(freer)
-            admitted.append(freer)
-        return tuple(admitted)
-
-    def lacks(self, judgement: Judgement) -> bool:
-        """Whether the model does not explain the data, or lacks something that matters."""
-        matter = self._matter(judgement, self._words)
-        return not judgement.adequacy.adequate or any(one.found[0].code == "lack_of_fit" for one in matter)
+        for group in self._nuisances(judgement):  # what is shown by some is in all: it is of the channel
+            freer = group.found[0].departure.beside
+            records = tuple(one if one.reference is None else freer(one) for one in records)
+        return records
 
     def told(self, judgement: Judgement, total: FloatArray) -> Told:
         """Findings of all, and warnings of those that matter.

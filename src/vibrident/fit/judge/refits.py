@@ -9,14 +9,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from vibrident.fit.departures.kinds.drift import DRIFT
 from vibrident.fit.judge.attempts import Attempt
-from vibrident.fit.judge.examined import Examined, Told
+from vibrident.fit.judge.examined import Examined
 from vibrident.fit.problem import Evidence
 from vibrident.fit.problem.frequency_domain import response_residual
 from vibrident.fit.response.explained import part_left
 from vibrident.fit.uncertainty.adequacy import looks_random
-from vibrident.result import ResultWarning
 
 #: Records that seem dead are left out where the model explains the others so many times better.
 MUCH_BETTER = 4.0
@@ -86,33 +84,3 @@ def beside_departures(first: Attempt) -> Attempt:
             break
         now = replace(other, told=(*now.told, found.told_as_nuisance(now.judgement)))
     return now
-
-
-def beside_drift(first: Attempt) -> Attempt:
-    """Where the model lacks something, and none is named: the fit with a drift in every record, if that explains all.
-
-    A sensor whose free motion is as slow takes a drift for that, and leaves what looks like another model.
-    """
-    evidence = first.evidence
-    records = tuple(DRIFT.beside(record) for record in evidence.records if record.reference is not None)
-    possible = evidence.model.is_linear and bool(records) and len(records) == len(evidence.records)
-    if not possible or first.judgement.remedied is not None:
-        return first
-    found = first.examined or Examined.of(evidence, first.estimate, first.judgement)
-    first = replace(first, examined=found)
-    if not found.lacks(first.judgement):
-        return first
-    start = first.estimate.coordinates.values(first.estimate.z)
-    other = first.once(replace(evidence.with_records(records), start=start))
-    if not other.adequate:
-        return first
-    again = Examined.of(other.evidence, other.estimate, other.judgement)
-    if again.lacks(other.judgement):
-        return first
-    text = (
-        "The zero of the response drifts: the data are explained with smooth curves as nuisance parameters of every "
-        f"record, and not without these. {first.judgement.lack_of_fit if not first.adequate else ''}"
-    )
-    told = Told((), (ResultWarning(DRIFT.code, text.strip()),))
-    kept = replace(other.evidence, start=evidence.start)
-    return replace(other, evidence=kept, told=(*first.told, told), examined=again)

@@ -94,12 +94,10 @@ def noise_spectra(
     """Read the spectra of residuals.
 
     Args:
-        lines: the residuals' transforms, shape (samples // 2 + 1,) each; line 0, an offset, is set to the next's size.
+        lines: the residuals' real transforms, each of shape (samples // 2 + 1,).
         motions: what the model says of the same records.
         floors: lower limits of the residuals' levels.
     """
-    for rest in lines:
-        rest[:1] = np.abs(rest[1:2])
     noises = [incoherent(rest, motion) for rest, motion in zip(lines, motions, strict=True)]
     powers = [power_of(rest) for rest in noises]
     for power, motion in zip(powers, motions, strict=True):

@@ -27,6 +27,7 @@ class Drift(WithoutMotion):
     name: ClassVar[str] = "drift"
     code: ClassVar[WarningCode] = "drift"
     pooled: ClassVar[bool] = False
+    together: ClassVar[bool] = True
     nuisance: ClassVar[bool] = True
 
     def columns(self, part: Part, scale: Scale) -> Iterable[tuple[str, FloatArray]]:
