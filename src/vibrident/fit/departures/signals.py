@@ -68,11 +68,9 @@ class Signals:
     @functools.cached_property
     def likely(self) -> ComplexArray:
         """Response to the most likely motion, zero where noise may be all of it, shape (bins,)."""
-        share = np.minimum(self.spectrum.input_noise_at * power_of(self.transfer) * self.unit**2 / self.level, 1.0)
-        predicted = np.where(np.arange(self.rest.size) > 0, self.predicted, 0.0)
-        likely = predicted + share * projected(self.rest, self.nuisance, np.sqrt(self.one_sided))
-        unsure = np.where(share > 0.0, share * (1.0 - share), 1.0) * self.level * float(self.used.sum())
-        return np.asarray(likely * (self.counted & (power_of(likely) > HEARD * unsure)))
+        predicted = np.where(np.arange(self.rest.size) > 0, self.predicted, 0.0) / self.unit
+        rest = projected(self.rest / self.unit, self.nuisance, np.sqrt(self.one_sided))
+        return most_likely(predicted, rest, self.transfer, self.spectrum, self.used) * self.counted * self.unit
 
     @property
     def motion(self) -> FloatArray:
@@ -139,6 +137,27 @@ class Signals:
         """Part of the noise that one standard uncertainty of σx² makes, behind the sensor, shape (bins,)."""
         found = np.asarray(self.spectrum.doubt()) * power_of(transfer) * self.unit**2 / (DOUBT * self.level)
         return np.asarray(np.minimum(found, 1.0))
+
+
+def most_likely(
+    predicted: ComplexArray, rest: ComplexArray, transfer: ComplexArray, spectrum: NoiseSpectrum, used: BoolArray
+) -> ComplexArray:
+    """Response to the most likely motion, zero where noise may be all of it, shape (bins,).
+
+    X̂ = X + σx² H* R/S: its error is independent of the residual R, as that of the reference X is not.
+
+    Args:
+        predicted: response to the reference, in the unit of the spectrum, shape (bins,).
+        rest: residual less nuisance parameters, likewise.
+        transfer: of the sensor, shape (bins,).
+        spectrum: of the noise.
+        used: samples that count, shape (n,).
+    """
+    level = np.asarray(spectrum.psd)
+    share = np.minimum(spectrum.input_noise_at * power_of(transfer) / level, 1.0)
+    likely = predicted + share * rest
+    unsure = np.where(share > 0.0, share * (1.0 - share), 1.0) * level * float(used.sum())
+    return np.asarray(likely * (power_of(likely) > HEARD * unsure))
 
 
 def projected(bins: ComplexArray, columns: ComplexArray, root: FloatArray) -> ComplexArray:

@@ -16,11 +16,10 @@ from vibrident.base.fft_lengths import fast_below
 from vibrident.data.records import BoolArray, FloatArray, Record
 from vibrident.fit.bins import without_offset
 from vibrident.fit.departures.part import Part
-from vibrident.fit.departures.signals import Signals, projected
+from vibrident.fit.departures.signals import Signals, most_likely, projected
 from vibrident.fit.descent.iterate import beside_hum, likelier, with_edges
 from vibrident.fit.estimators import Estimate
 from vibrident.fit.information import inverse_normal
-from vibrident.fit.noise.incoherent import HEARD
 from vibrident.fit.noise.motion import Motion, motion_of
 from vibrident.fit.noise.spectrum import noise_spectrum
 from vibrident.fit.problem import BinProblem, Evidence
@@ -247,8 +246,8 @@ def _in_time(
     if pull is not None:
         # less the tone itself, whose leakage is above the noise of the reference in all bins, and hides it in none
         other = np.asarray(fft.rfft(motion - jacobian[0]), dtype=complex) / unit
-        heard = power_of(other) > HEARD * np.asarray(spectrum.psd) * float(used.sum())
-        nuisance = np.concatenate([nuisance, _beside_tone(evidence, estimate, other * heard, transfer, hz, turns)])
+        other = most_likely(other, freed, transfer, spectrum, used)
+        nuisance = np.concatenate([nuisance, _beside_tone(evidence, estimate, other, transfer, hz, turns)])
     signals = left, bins, motion, columns, transfer, nuisance
     return Signals(record, span, used, *signals, spectrum, unit, one_sided, pull, turns)
 
