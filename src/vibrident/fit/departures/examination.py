@@ -94,9 +94,9 @@ def examine(
 
 
 def _among_records(parts: list[Part], uncertainty: FloatArray, rounds: int) -> list[Together]:
-    found, fit = list[Together](), LinearFit.of(parts, uncertainty)
+    found, fit, scale = list[Together](), LinearFit.of(parts, uncertainty), Scale.of(parts, BANDS)
     for _ in range(rounds):
-        now = _strongest(_of_records(fit, parts))
+        now = _strongest(_of_records(fit, parts, scale))
         if not now:
             break
         before, tested = _optimum(fit, parts), fit
@@ -166,8 +166,8 @@ def _of_points(fit: LinearFit, points: PointsPart) -> list[Found]:
     return found
 
 
-def _of_records(fit: LinearFit, parts: Sequence[Part]) -> list[Found]:
-    scale, kinds, parameters, found = Scale.of(parts, BANDS), DEPARTURES.all(), len(fit.uncertainty), list[Found]()
+def _of_records(fit: LinearFit, parts: Sequence[Part], scale: Scale) -> list[Found]:
+    kinds, parameters, found = DEPARTURES.all(), len(fit.uncertainty), list[Found]()
     narrow = any(part.optical and part.turns is not None for part in parts)
     for departure in kinds.values():
         if narrow and not departure.of_light:
