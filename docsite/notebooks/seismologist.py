@@ -7,13 +7,13 @@
 # of a real SM-3, where they are at hand.
 
 # %%
-import os
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
 
 import vibrident
+from vibrident.app.workflow.real import real_data, write_real
 from vibrident.export import export
 from vibrident.physics.models import parse
 
@@ -127,32 +127,13 @@ axes[1].grid(alpha=0.3)
 # damping of 0.775; their formula lacks a square.
 
 # %%
-data = Path(os.environ.get("VIBRIDENT_DATA", ".")) / "sm3"
-real = None
-if data.is_dir():
-    records = [
-        f'[[records]]\nfile = "{(data / f"{name}Hz.csv").resolve().as_posix()}"\nexcitation = "sine"\n'
-        for name in ("0_3", "0_4", "0_5", "0_6", "0_8", "1_0", "2_0", "3_0")
-    ]
-    Path("sm3.toml").write_text(
-        """[sensor]
-type = "SM-3"
-model = "accelerometer+delay"
-[reference]
-column = "FuncGen"
-quantity = "drive"
-unit = "V"
-scale = 0.9425e-6
-[response]
-column = "Laser"
-unit = "m"
-scale = 0.95066e-9
-[sampling]
-time_column = "Seconds"
-"""
-        + "\n".join(records)
-    )
-    real = vibrident.identify("sm3.toml")
+data, real = real_data(), None
+if data:
+    sm3 = Path("sm3")
+    sm3.mkdir()
+    write_real(data, sm3)  # copies, with the calibration file that says what is what
+    print((sm3 / "calibration.toml").read_text())
+    real = vibrident.identify(sm3 / "calibration.toml")
     print(real.summary())
 else:
     print("Left out: VIBRIDENT_DATA does not name a folder with sm3/.")
