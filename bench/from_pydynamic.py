@@ -41,8 +41,9 @@ def main() -> None:
     if missing:
         raise ValueError(f"{PAGE}: expected every public function of PyDynamic, found none of {', '.join(missing)}")
     rows = [*_fits(theirs, result), *_curves(theirs, result), *_tones(theirs, given), *_shocks(theirs, given, result)]
-    head = ("PyDynamic " + theirs["version"], "ours", "same data", "PyDynamic's figure", "ours", "truth")
-    put_between(PAGE, "pydynamic", "\n" + markdown.table(head, rows) + "\n")
+    head = ("same data", "PyDynamic " + theirs["version"], "ours", "truth")
+    cells = [(what, f"{a}: {x}", f"{b}: {y}", truth) for a, b, what, x, y, truth in rows]
+    put_between(PAGE, "pydynamic", "\n" + markdown.table(head, cells) + "\n")
 
 
 def _response(hz: FloatArray) -> np.ndarray:

@@ -29,7 +29,7 @@ calibration = vibrident.simulate(
     seed=1,
 )
 result = vibrident.identify(calibration)
-result.to_dataframe()
+result
 
 # %% [markdown]
 # One call writes a header and a source file. The comment in it says what the filters cost

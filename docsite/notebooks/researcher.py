@@ -88,11 +88,9 @@ axis.grid(alpha=0.3)
 # %%
 for estimator in ("lsm", "ml", "ipnn"):
     one = vibrident.identify(drawn(1), estimator=estimator)
-    row = ", ".join(
-        f"{name} {one.parameters[name].value:.7g} (u {one.parameters[name].standard_uncertainty:.2g})"
-        for name in NAMES
-    )
-    print(f"{estimator:5}{row}")
+    for name in NAMES:
+        p = one.parameters[name]
+        print(f"{estimator:5}{name:18} {p.value:.7g}, u {p.standard_uncertainty:.2g}")
 
 # %% [markdown]
 # ## What does a wrong model do?

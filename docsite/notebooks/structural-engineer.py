@@ -11,6 +11,8 @@
 # The sensor was moved at 0.4 to 25 Hz beside a reference good to 0.5 %.
 
 # %%
+import textwrap
+
 import matplotlib.pyplot as plt
 import numpy as np
 
@@ -46,11 +48,12 @@ results = {
     for model in ("accelerometer", MODEL)
 }
 for name, each in results.items():
-    print(
-        f"{name}: {', '.join(f'{k} {p.value:.4g}' for k, p in each.parameters.items() if not p.derived)}"
-    )
+    print(name)
+    for parameter, found in each.parameters.items():
+        if not found.derived:
+            print(f"    {parameter:18} {found.value:.4g}")
 print()
-print(recommendation(results).words)
+print(textwrap.fill(recommendation(results).words, 88))
 
 # %% [markdown]
 # The plain model is refused, and it says so itself: its result carries `lack_of_fit`. The
