@@ -16,7 +16,7 @@ WAIT_MS = 240_000
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory) -> list[Path]:
-    return simulated(tmp_path_factory.mktemp("made") / "data")
+    return simulated(tmp_path_factory.mktemp("made") / "data", "--frequencies", "50,100,200,400,600,800,1000")
 
 
 @pytest.fixture
