@@ -11,7 +11,7 @@ DOCS = Path(__file__).resolve().parents[1] / "docs"
 
 
 def main() -> None:
-    """Write every made page, then those with pictures: the gallery, and pages that are programs."""
+    """Write every made page, then those with pictures: the gallery, and the notebooks."""
     for name, content in MADE.items():
         (DOCS / name).write_text(content(), encoding="utf-8")
     gallery.write(DOCS / "gallery")

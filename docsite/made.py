@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from docsite.api import api
 from docsite.calibration_file import calibration_file
 from docsite.commands import commands
-from docsite.executed import EXECUTED
+from docsite.executed import PROGRAMS
 from docsite.first_steps import first_steps
 from docsite.models import models
 
@@ -19,4 +19,4 @@ MADE: Mapping[str, Callable[[], str]] = {
     "api.md": api,
 }
 #: Everything that is not in git; pages with pictures among it.
-MADE_PAGES = (*MADE, "gallery/index.md", *(f"{name}/index.md" for name in EXECUTED))
+MADE_PAGES = (*MADE, "gallery/index.md", *(f"notebooks/{program.stem}.md" for program in sorted(PROGRAMS.glob("*.py"))))

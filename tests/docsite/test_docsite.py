@@ -3,13 +3,12 @@
 import re
 from collections.abc import Iterator
 
+import nbformat
 import pytest
 import yaml
 from docsite.api import api
 from docsite.calibration_file import calibration_file
 from docsite.commands import commands
-from docsite.executed import EXECUTED
-from docsite.executed import page as executed
 from docsite.first_steps import first_steps
 from docsite.gallery import SHOTS
 from docsite.made import MADE, MADE_PAGES
@@ -17,6 +16,7 @@ from docsite.models import models
 from tests.support.sources import ROOT
 
 import vibrident
+from docsite import executed
 from vibrident.data.io.calibration_file import CalibrationFile
 from vibrident.physics.models import ADD_ONS, CORES
 
@@ -107,14 +107,56 @@ def test_every_command_of_the_gallery_exists():
     assert {shot.command.split()[0] for shot in SHOTS} <= typer.main.get_command(app).commands.keys()
 
 
-def test_a_loop_keeps_its_margin_by_the_adaptive_corrector_alone(tmp_path):
-    """The page on closing the loop: a corrector gains margin, and a drift takes it where the corrector stays."""
-    text, names = executed(tmp_path, *EXECUTED["closed-loop"])
-    assert names["fast"] > 2.0 * names["slow"]
-    assert names["at_fast"] < 0.25
-    assert names["gained"] > 0.75
-    assert names["margins"][-1, 0] < 0.25
-    assert names["margins"][:, 1] == pytest.approx(0.5, abs=0.02)
-    for picture in EXECUTED["closed-loop"][1]:
-        assert f"]({picture})" in text
-        assert (tmp_path / picture).stat().st_size > 10000
+@pytest.fixture
+def program(tmp_path):
+    path = tmp_path / "story.py"
+    path.write_text("""# %% [markdown]
+# # A story
+#
+# See [the guide](guide.md#limits).
+
+# %%
+import matplotlib.pyplot as plt
+
+print("said")
+figure, axis = plt.subplots()
+axis.set_title("A line")
+6 * 7
+
+# %% [check]
+assert figure is not None
+print("not shown")
+""")
+    return path
+
+
+def test_a_program_is_a_page_and_a_notebook_by_one_run(program, tmp_path):
+    cells = executed.run(program)
+    page = executed.page(cells, tmp_path, "story")
+    assert page.startswith("# A story\n\n*[This page as a Jupyter notebook](story.ipynb)*")
+    assert "(../guide.md#limits)" in page
+    assert "```text\nsaid\n```" in page
+    assert "```text\n42\n```" in page
+    assert "![A line](story-1.png)" in page
+    assert (tmp_path / "story-1.png").read_bytes().startswith(b"\x89PNG")
+    assert "not shown" not in page
+    made = nbformat.reads(executed.notebook(cells), as_version=4)
+    nbformat.validate(made)
+    assert [cell.cell_type for cell in made.cells] == ["markdown", "code"]
+    assert "(../guide.html#limits)" in made.cells[0].source
+    assert [output.output_type for output in made.cells[1].outputs] == ["stream", "execute_result", "display_data"]
+
+
+def test_a_story_that_is_no_longer_true_ends_the_build(program):
+    program.write_text(program.read_text().replace("is not None", "is None"))
+    with pytest.raises(AssertionError):
+        executed.run(program)
+
+
+@pytest.mark.parametrize("notebook", sorted(executed.PROGRAMS.glob("*.py")), ids=lambda path: path.stem)
+def test_notebooks_check_what_they_tell(notebook):
+    """``make docs`` runs them; here it is held that each begins with its title and has something to check."""
+    cells = executed.parts(notebook.read_text(encoding="utf-8"))
+    assert cells[0][1].startswith("# # ")
+    (check,) = (cell for kind, cell in cells if kind == "check")
+    assert len(re.findall(r"^\s*assert ", check, re.MULTILINE)) >= 3

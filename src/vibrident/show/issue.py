@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -112,7 +113,7 @@ class Issue:
 NOTHING_MORE = Issue()
 
 
-def issued(result: Result, given: Sequence[Path] | CertificateData) -> tuple[Result, Issue]:
+def issued(result: Result, given: Sequence[str | os.PathLike[str]] | CertificateData) -> tuple[Result, Issue]:
     """A result with what certificate files, or a form, state; a later file replaces what an earlier one states.
 
     Raises:

@@ -10,6 +10,7 @@ from vibrident.base.amounts import Scale
 from vibrident.result import Curve, MeasuredCurve, Result
 from vibrident.show import axes, words
 from vibrident.show.curves import bars_of_deviation, column, continuous, expanded, nearest_turn, principal, spread
+from vibrident.show.formulas import Words
 from vibrident.show.numbers import (
     NONE,
     at,
@@ -51,7 +52,7 @@ def sensitivity(result: Result) -> Figure | None:
         "Sensitivity",
         (Stack(panels),),
         subject(result.model, result.sensor),
-        " ".join(_small_print(result)),
+        Words(" ".join(_small_print(result))),
         f"Warnings: {codes}." if codes else "",
     )
 

@@ -6,6 +6,7 @@ import os
 from collections.abc import Iterator
 
 import pytest
+from tests.support.contrast import too_faint
 from tests.support.serving import CHROMIUM_FLAGS, VIBRIDENT, Server, chromium, serving
 from tests.support.sources import ROOT
 
@@ -114,3 +115,35 @@ def violations():
         return [(one["id"], [node["html"][:160] for node in one["nodes"]]) for one in broken]
 
     return found
+
+
+@pytest.fixture(scope="session")
+def sound(looks, violations):
+    """In each look: axe finds nothing, all text can be read, and nothing is wider than the window."""
+
+    def check(page, name: str) -> None:
+        for _ in looks(page, name):
+            assert violations(page) == []
+            assert too_faint(page) == []
+            page.wait_for_function("document.documentElement.scrollWidth <= window.innerWidth")  # charts are fitted
+        page.set_viewport_size({"width": 1280, "height": 900})
+        page.emulate_media(color_scheme="light", reduced_motion="reduce")
+
+    return check
+
+
+@pytest.fixture(scope="session")
+def press():
+    """Go to an element by the tabulator, from the heading of its section, and press Enter."""
+
+    def go(page, wanted: str, section: str) -> None:
+        page.locator(section).wait_for()
+        page.locator(section).evaluate("section => { section.tabIndex = -1; section.focus(); }")
+        for _ in range(60):
+            page.keyboard.press("Tab")
+            if page.evaluate("wanted => document.activeElement.closest(wanted) !== null", wanted):
+                page.keyboard.press("Enter")
+                return
+        raise AssertionError(f"the tabulator does not reach {wanted}")
+
+    return go

@@ -12,7 +12,7 @@ from vibrident.lab.history.store import Store
 WAIT_MS = 60_000
 
 
-def test_results_are_added_and_their_history_is_shown(visit, picture, history_store, tmp_path):
+def test_results_are_added_and_their_history_is_shown(visit, sound, press, history_store, tmp_path):
     life = [calibrated(0.1 * (1 + 0.001 * i), f"{2012 + 2 * i}-05-01", serial="on the page") for i in range(5)]
     history.add(history_store, life[:4])
     for name, result in (("last", life[4]), ("nameless", calibrated(serial=""))):
@@ -20,16 +20,15 @@ def test_results_are_added_and_their_history_is_shown(visit, picture, history_st
     page = visit()
     upload(page, tmp_path / "last.json")
     page.get_by_text("The history holds 4 calibrations of this sensor.").wait_for(timeout=WAIT_MS)
-    page.locator("#add-to-history").click()
+    press(page, "#add-to-history", "#result")
     page.get_by_text("holds 5 calibrations of this sensor.").wait_for(timeout=WAIT_MS)
     page.locator("#history .js-plotly-plot").first.wait_for()
     assert page.locator("#history").get_by_text("2020-05-01").first.is_visible()
-    page.wait_for_timeout(500)  # plotly complains where a plot goes while it is drawn
-    picture(page, "history")
+    sound(page, "history")
     with Store(history_store) as store:
         sensor = query.find(store, "on the page")
         assert len(query.entries(store, sensor.id)[sensor.id]) == 5
-    page.locator("#approve").press("Enter")
+    press(page, "#approve", "#result")
     page.get_by_text("is approved. The history holds 5").wait_for(timeout=WAIT_MS)
     with Store(history_store) as store:
         assert "approved" in str(query.entries(store, sensor.id)[sensor.id][-1])

@@ -16,6 +16,7 @@ from vibrident.app.web.looks import facts
 from vibrident.app.web.session import KNOWN, MEGABYTE, MOST_FILES, safe_name, too_large, unknown_kind
 from vibrident.app.web.users import User
 from vibrident.app.web.worker import simulate_demo
+from vibrident.app.workflow.real import STORY, real_data, write_real
 from vibrident.base.errors import InputError
 from vibrident.show import views
 from vibrident.show.views import count
@@ -66,6 +67,8 @@ class DataStep:
             with ui.element("div").classes("actions"):
                 ui.button("Choose a folder").props("outline id=choose-folder")
                 self.demo_button = ui.button("Load the simulated demo", on_click=self._demo).props("outline")
+                if real_data():
+                    ui.button("Load a real example", on_click=self._real).props("outline id=real")
                 ui.button("Start anew", on_click=self._ask_anew).props("flat")
             self.errors = ui.element("div").props("aria-live=assertive")
             self.left = ui.element("div").props("aria-live=polite")
@@ -167,30 +170,42 @@ class DataStep:
         frame.show_left_out(self.left, {reason: names for reason, names in left_out.items() if names})
 
     async def _demo(self) -> None:
+        doing = "Simulating the calibration of the paper's accelerometer …"
+        await self._example(doing, lambda folder: self.user.worker.run(simulate_demo, folder=folder))
+
+    async def _real(self) -> None:
+        source = real_data()
+        if source and await self._example("Loading …", lambda folder: asyncio.to_thread(write_real, source, folder)):
+            with self.left:
+                ui.label(STORY).classes("hint").props("id=story")
+
+    async def _example(self, doing: str, write: Callable[[Path], Awaitable[object]]) -> bool:
+        """Take an example in place of what there is; whether it is here."""
         self.errors.clear()
         self.left.clear()
         if self.user.busy:
             frame.show_error(self.errors, _busy())
-            return
+            return False
         self.demo_button.disable()
-        self.listing.text = "Simulating the calibration of the paper's accelerometer …"
+        self.listing.text = doing
         session = self.user.session
         try:
             self.user.require("identify", "identify")
             session.clear()
             session.open()
             self.user.form = None
-            await self.user.worker.run(simulate_demo, folder=session.data)
+            await write(session.data)
             session.rescan()
         except asyncio.CancelledError:
-            return
+            return False
         except Exception as error:
             frame.show_error(self.errors, error, session)
-            return
+            return False
         finally:
             self.demo_button.enable()
             self.show()
         await self.on_data()
+        return True
 
     async def _remove(self, name: str) -> None:
         self.errors.clear()
@@ -244,6 +259,6 @@ def _busy() -> InputError:
         "An identification is under way.",
         expected="none",
         found="one",
-        where="the simulated demo",
+        where="examples",
         remedy="wait for it, or cancel it",
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -187,7 +188,7 @@ class CertificateData:
     fonts: Path | None = None
 
 
-def certificate_data(files: Sequence[Path]) -> CertificateData:
+def certificate_data(files: Sequence[str | os.PathLike[str]]) -> CertificateData:
     """Read certificate files; what a later one states replaces the same of an earlier one.
 
     Raises:
@@ -197,7 +198,7 @@ def certificate_data(files: Sequence[Path]) -> CertificateData:
     stated: dict[str, Any] = {}
     sensor: dict[str, str] = {}
     named: dict[str, Path] = {}
-    for file in files:
+    for file in map(Path, files):
         found = validated(_CertificateFile, read_toml(file, "certificate"), str(file), "certificate")
         own = dict(found.certificate.stated())
         for key in (*_FILES, "fonts"):

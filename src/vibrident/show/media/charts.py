@@ -53,8 +53,9 @@ def caption(figure: Figure) -> str:
         len(one.x) for stack in figure.stacks for panel in stack.panels for one in panel.series if one.kind == "points"
     ]
     most = max(sizes, default=0)
-    left_out = f"{MOST_POINTS} of {most} measured points are drawn." if most > MOST_POINTS else ""
-    return " ".join(part for part in (figure.caption, left_out) if part)
+    if most <= MOST_POINTS:
+        return figure.caption
+    return type(figure.caption)(f"{figure.caption} {MOST_POINTS} of {most} measured points are drawn.")
 
 
 def listed(values: FloatArray, digits: int = 9) -> list[float | None]:

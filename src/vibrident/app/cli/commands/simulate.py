@@ -54,7 +54,7 @@ _LIGHT = "Raw light"
 
 def simulate(
     folder: Path = option("--out", "DIR", "Folder for the files.", ..., False),
-    sensor: str = option("--sensor", "NAME", f"Of {', '.join(options.SENSORS)}.", "paper"),
+    sensor: str = choice("--sensor", options.SENSORS, f"Of {', '.join(options.SENSORS)}.", "paper", "NAME"),
     excitation: str = choice(
         "--excitation",
         options.EXCITATIONS,

@@ -1,15 +1,15 @@
-"""Program of the page on closing the loop; see docsite/executed.py."""
-
 # %% [markdown]
 # # Closing the loop
 #
-# A sensor in a control loop adds its own lag, and its resonance, to the loop. This page designs a controller with the
-# model that `identify` found, lets a corrector take the sensor's lag out, and shows what is left of the margin when
-# the sensor drifts: with a corrector that stays as it was, and with one that follows `vibrident track`. It is executed
-# whenever this site is built; all data are simulated.
+# A sensor in a control loop adds its own lag, and its resonance, to the loop. This page
+# designs a controller with the model that `identify` found, lets a corrector take the
+# sensor's lag out, and shows what is left of the margin when the sensor drifts: with a
+# corrector that stays as it was, and with one that follows `vibrident track`. It is
+# executed whenever this site is built; all data are simulated.
 #
-# The loop controls the acceleration of a table: an amplifier and a coil that follow up to 2 kHz, a controller with 100
-# µs of computing time, and an accelerometer whose resonance lies in the band that one would like to control.
+# The loop controls the acceleration of a table: an amplifier and a coil that follow up to
+# 2 kHz, a controller with 100 µs of computing time, and an accelerometer whose resonance
+# lies in the band that one would like to control.
 
 # %%
 import control
@@ -38,18 +38,21 @@ def motion_and_response(values):
 
 
 motion, response = motion_and_response(NEW)
-calibration = vibrident.Calibration.from_arrays(motion, response, RATE_HZ, excitation="random", model="accelerometer")
+calibration = vibrident.Calibration.from_arrays(
+    motion, response, RATE_HZ, excitation="random", model="accelerometer"
+)
 result = vibrident.identify(calibration)
 print("\n".join(f"{name}: {result.parameters[name].value:.6g}" for name in NEW))
 
 # %% [markdown]
 # ## The controller, without and with a corrector
 #
-# The sensor is `result.to_sensor().to_control()`, a transfer function of python-control. The corrector is its inverse,
-# made proper by a filter of second order at 4 kHz. (The corrector of [`export --online`](tracking.md#in-firmware) has
-# a linear phase and is late by a fixed number of samples: it suits records and displays rather than fast loops.) The
-# controller is an integrator, set so that nothing comes nearer to −1 than 0.5: the modulus margin, the least distance
-# |1 + L| of the loop from −1.
+# The sensor is `result.to_sensor().to_control()`, a transfer function of python-control.
+# The corrector is its inverse, made proper by a filter of second order at 4 kHz. (The
+# corrector of [`export --online`](tracking.md#in-firmware) has a linear phase and is late
+# by a fixed number of samples: it suits records and displays rather than fast loops.) The
+# controller is an integrator, set so that nothing comes nearer to −1 than 0.5: the
+# modulus margin, the least distance |1 + L| of the loop from −1.
 
 # %%
 s = control.tf("s")
@@ -82,7 +85,11 @@ def integrator(rest, wanted=0.5):
     low, high = 1.0, 3000.0
     for _ in range(40):
         middle = np.sqrt(low * high)
-        low, high = (middle, high) if modulus_margin(2 * np.pi * middle / s * rest) >= wanted else (low, middle)
+        low, high = (
+            (middle, high)
+            if modulus_margin(2 * np.pi * middle / s * rest) >= wanted
+            else (low, middle)
+        )
     return low
 
 
@@ -91,9 +98,14 @@ plain = table * identified / result.parameters["sensitivity"].value
 fixed = corrector(identified)
 corrected = table * identified * fixed
 slow, fast = integrator(plain), integrator(corrected)
-print(f"crossover without a corrector {slow:.0f} Hz, with it {fast:.0f} Hz, both with a modulus margin of 0.5")
+print(
+    f"crossover without a corrector {slow:.0f} Hz, with it {fast:.0f} Hz, both with a modulus margin of 0.5"
+)
 at_fast = modulus_margin(2 * np.pi * fast / s * plain)
-print(f"at {fast:.0f} Hz without it: " + (f"modulus margin {at_fast:.2f}" if at_fast else "unstable"))
+print(
+    f"at {fast:.0f} Hz without it: "
+    + (f"modulus margin {at_fast:.2f}" if at_fast else "unstable")
+)
 gained = modulus_margin(2 * np.pi * slow / s * corrected)
 print(f"margin gained at {slow:.0f} Hz: {0.5:.2f} -> {gained:.2f}")
 
@@ -105,17 +117,19 @@ for loop, label in ((plain, "without a corrector"), (corrected, "with the correc
     axes[1].semilogx(w / (2 * np.pi), np.rad2deg(np.unwrap(np.angle(values))))
 axes[0].set(ylabel="|L|", ylim=(1e-2, 20), title=f"Open loop, integrator of {slow:.0f} Hz")
 axes[0].legend()
-axes[1].set(xlabel="Frequency in Hz", ylabel="Phase in °", ylim=(-540, 0), yticks=range(-540, 1, 90))
+axes[1].set(
+    xlabel="Frequency in Hz", ylabel="Phase in °", ylim=(-540, 0), yticks=range(-540, 1, 90)
+)
 for axis in axes:
     axis.grid(alpha=0.3)
-figure.savefig("loop.png", dpi=110)
 
 # %% [markdown]
 # ## The sensor drifts
 #
-# In twelve steps the resonance falls by a quarter and the damping by half, and the sensitivity rises by 5 %. At each
-# step the tracker gets 0.8 s of motion with a reference, as a laser gives it, and the adaptive corrector takes its
-# parameters. The loop is the fast one throughout.
+# In twelve steps the resonance falls by a quarter and the damping by half, and the
+# sensitivity rises by 5 %. At each step the tracker gets 0.8 s of motion with a
+# reference, as a laser gives it, and the adaptive corrector takes its parameters. The
+# loop is the fast one throughout.
 
 # %%
 session = Session.of(result, RATE_HZ, "acceleration", 1.0, Settings())
@@ -133,18 +147,31 @@ for part in share:
     margins.append([modulus_margin(rest * each) for each in (fixed, followed)])
 margins = np.array(margins)
 print(f"alarms: {len(session.alarms)}, the first: {session.alarms[0].what}")
-print(f"modulus margin at the end: fixed {margins[-1, 0]:.2f}, adaptive {margins[-1, 1]:.2f}")
+print(
+    f"modulus margin at the end: fixed {margins[-1, 0]:.2f}, adaptive {margins[-1, 1]:.2f}"
+)
 
 # %%
 figure, axis = plt.subplots(figsize=(7, 3.4), layout="constrained")
 axis.plot(100 * share, margins[:, 0], "o-", label="fixed corrector")
 axis.plot(100 * share, margins[:, 1], "s-", label="adaptive corrector")
-axis.set(xlabel="Drift in % of its whole", ylabel="Modulus margin", ylim=(-0.03, 0.6))
+axis.set(
+    xlabel="Drift in % of its whole",
+    ylabel="Modulus margin",
+    ylim=(-0.03, 0.6),
+    title="While the sensor drifts",
+)
 axis.axhline(0, color="0.5")
 axis.legend(loc="lower left")
 axis.grid(alpha=0.3)
-figure.savefig("drift.png", dpi=110)
 
 # %% [markdown]
-# Zero is a loop that is not stable. The tracker says each step of the drift as an alarm, so that a loop whose
-# corrector must not follow can be slowed down in time.
+# Zero is a loop that is not stable. The tracker says each step of the drift as an alarm,
+# so that a loop whose corrector must not follow can be slowed down in time.
+
+# %% [check]
+assert fast > 2 * slow
+assert at_fast < 0.25
+assert gained > 0.75
+assert margins[-1, 0] < 0.25
+assert np.all(np.abs(margins[:, 1] - 0.5) < 0.02)

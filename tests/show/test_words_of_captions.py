@@ -1,0 +1,11 @@
+"""Formulas in the captions of pictures are set, as they are our own words."""
+
+import vibrident
+from vibrident.show import report
+
+
+def test_the_phase_convention_is_set_as_a_formula():
+    result = vibrident.identify(vibrident.simulate("paper", frequencies_hz=[200, 400, 600, 800], samples=512))
+    for page in (result._repr_html_(), report.content(result, "html").decode()):
+        assert "e<sup>jωt</sup>" in page
+        assert "e^{jωt}" not in page
