@@ -58,6 +58,9 @@ def tracked_result(result: Result, session: Session) -> Result:
 
 def _doubts(session: Session) -> tuple[ResultWarning, ...]:
     noise, changing = session.document()["reference_noise"], session.tracker.changing
+    if session.cause.code:
+        text = f"Alarms have this cause, which the model does not have: {session.cause.words}."
+        return (ResultWarning(session.cause.code, text),)
     if changing:
         text = f"Something changed at {changing[0]:.12g} s, and too little motion followed to tell what: "
         return (ResultWarning("regimes", text + "what it may have been has a u as if it were not known."),)

@@ -127,12 +127,12 @@ def _of_records(calibration: Path, known: Any) -> tuple[float | None, float]:
 
 
 def _run(chunks: Iterator[Chunk], session: Session, files: Files, show: Any, *, resumable: bool) -> None:
-    said, changing = (len(session.alarms), len(session.troubles)), session.tracker.changing
+    said, changing = (len(session.alarms), len(session.troubles)), session.changing
     for chunk in chunks:
         rows = session.take(chunk)
         files.write(rows)
-        if session.tracker.changing not in (changing, None):
-            changing = session.tracker.changing
+        if session.changing not in (changing, None):
+            changing = session.changing
             note(f"Something changed at {changing[0]:.12g} s; what it was is said when it is learned.")
         for alarm in session.alarms[said[0] :]:
             change = f"{alarm.parameter} {alarm.before:.6g} → {alarm.after:.6g}"
