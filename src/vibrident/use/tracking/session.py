@@ -135,7 +135,7 @@ class Session:
         samples = np.concatenate(self.behind, axis=1) if self.behind else np.zeros((2, 0))
         self.held, self.behind = [], []
         if samples.shape[1] >= self.tracker.settings.block and np.isfinite(samples).all():
-            found = cause(net.model, *samples, 1.0 / net.interval_s, net.quantity)
+            found = cause(net.model, samples[0], samples[1], 1.0 / net.interval_s, net.quantity)
         explained = [alarm for alarm in held if found and found.explains(alarm, before)]
         if found and explained:
             if found.code != before.code:
