@@ -16,14 +16,13 @@ from vibrident.data.records import Calibration, FloatArray, Quantity
 from vibrident.fit.identification import identify
 from vibrident.physics.models import SensorModel, installed
 from vibrident.result import Result
-from vibrident.use.tracking.state import Alarm
+from vibrident.use.tracking.state import CERTAIN, Alarm
 
 #: Samples behind an alarm that are examined: as a calibration record has, in the time of a second of arithmetic.
 LENGTH = 8192
 #: Findings that name no cause: of a model that is wrong somewhere, and of a change in time, which an alarm is.
 UNNAMED = ("band_sensitive", "regimes")
 INNOVATION = "innovation"
-CERTAIN = 3.0  # standard uncertainties within which a parameter is as it was
 
 
 @dataclass(frozen=True)

@@ -13,14 +13,12 @@ from vibrident.data.sources.source import Chunk
 from vibrident.fit.response.tones import tone_frequency
 from vibrident.result import Result
 from vibrident.use.tracking.causes import LENGTH, Cause, cause
-from vibrident.use.tracking.reference_noise import reference_noise
-from vibrident.use.tracking.state import Alarm, Estimate, Settings
+from vibrident.use.tracking.reference_noise import ReferenceNoise, reference_noise
+from vibrident.use.tracking.state import CERTAIN, Alarm, Estimate, Settings
 from vibrident.use.tracking.tracker import Tracker
 
 #: Longest time by which a chunk may be off and still follows, in sampling intervals.
 FOLLOWS = 0.5
-#: Standard uncertainties from which something is certain: of a chunk's clock beyond that, of the reference's noise.
-CERTAIN = 3.0
 
 
 @dataclass(frozen=True)
@@ -100,14 +98,14 @@ class Session:
             self.samples += count
             self.left -= count
             if not self.left:
-                rows.append(self.tracker.read())
+                rows.append(self.read())
                 self.left = self.every
         return rows
 
     def finish(self) -> list[Estimate]:
         """No chunk follows; returns a last row."""
         self._end_run()
-        return [self.tracker.read()]
+        return [self.read()]
 
     def _listen(self, reference: FloatArray, response: FloatArray) -> None:
         """Alarms wait for samples behind them that tell their cause."""
@@ -181,7 +179,7 @@ class Session:
 
     def document(self) -> dict[str, Any]:
         """What ``track.json`` says: plain values."""
-        read, net = self.tracker.read(), self.tracker.network
+        read, net = self.read(), self.tracker.network
         counts = {what: sum(t.samples for t in self.troubles if t.what == what) for what in ("lost", "late", "doubled")}
         return {
             "model": net.model.name,
@@ -197,14 +195,25 @@ class Session:
             "false_alarms_per_day": self.tracker.settings.false_alarms_per_day,
             "drift_per_year": self.tracker.settings.drift_per_year,
             "noise": self.tracker.noise,
-            "reference_noise": self._reference_noise(read),
+            "reference_noise": self._noise_said(read),
         }
 
-    def _reference_noise(self, read: Estimate) -> dict[str, Any] | None:
-        """Rms of the reference's noise, and the parameters that it moves by more than their u, if it is certain."""
+    def read(self) -> Estimate:
+        """What is known now, corrected for white noise of the reference where that can be."""
+        read, noise = self.tracker.read(), self.reference_noise
+        return noise.corrected(read) if noise and noise.corrects else read
+
+    @property
+    def reference_noise(self) -> ReferenceNoise | None:
+        """White noise of the reference; None where it is not certain."""
         found = reference_noise(self.tracker) if self.tracker.noise else None
-        if found is None or not found.variance > CERTAIN * found.u:
+        return found if found and found.certain else None
+
+    def _noise_said(self, read: Estimate) -> dict[str, Any] | None:
+        """Rms of the reference's noise, what it moves by more than their u, and whether that is corrected."""
+        if not (found := self.reference_noise):
             return None
         by_name = zip(read.values, found.shift.tolist(), strict=True)
         moves = {name: shift for name, shift in by_name if abs(shift) > read.uncertainty[name]}
-        return {"value": found.variance**0.5, "u": 0.5 * found.u / found.variance**0.5, "moves": moves}
+        rms = found.variance**0.5
+        return {"value": rms, "u": 0.5 * found.u / rms, "moves": moves, "corrected": found.corrects}

@@ -18,6 +18,8 @@ TAG = b"VTR2"
 HEAD = 16  # bytes before the numbers
 #: A change that is not named yet: its rows are still to come, or it is being learned.
 SEEN, OPENED = 1.0, 2.0
+#: Standard uncertainties from which something is certain.
+CERTAIN = 3.0
 WAITING = ("reference", "response")  # samples that wait for others
 
 
