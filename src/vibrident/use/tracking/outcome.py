@@ -59,7 +59,7 @@ def tracked_result(result: Result, session: Session) -> Result:
 def _doubts(session: Session) -> tuple[ResultWarning, ...]:
     noise, changing = session.document()["reference_noise"], session.tracker.changing
     if session.cause.code:
-        text = f"Alarms have this cause, which the model does not have: {session.cause.words}."
+        text = f"Alarms have a cause that the model does not have, and the parameters follow it: {session.cause.words}."
         return (ResultWarning(session.cause.code, text),)
     if changing:
         text = f"Something changed at {changing[0]:.12g} s, and too little motion followed to tell what: "

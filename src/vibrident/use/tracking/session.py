@@ -190,6 +190,7 @@ class Session:
             },
             "alarms": [alarm.document() for alarm in self.alarms],
             "changing": dict(zip(("time_s", "detected_s"), self.changing or (), strict=False)) or None,
+            "cause": vars(self.cause) if self.cause.code else None,
             "samples": {"taken": self.samples, **counts},
             "troubles": [vars(trouble) for trouble in self.troubles],
             "false_alarms_per_day": self.tracker.settings.false_alarms_per_day,
