@@ -63,3 +63,25 @@ def test_a_change_of_a_parameter_keeps_its_name(rng):
     session = said(u, [answered(u), softer, answered(u)], [1.0] * 3, rng)
     assert [alarm.what for alarm in session.alarms] == ["natural frequency"] * 2
     assert session.cause.code is None
+
+
+def high_passed(u, y):
+    """As by a high-pass of 5 Hz."""
+    hz = np.fft.rfftfreq(SAMPLES, 1.0 / RATE_HZ)
+    return np.fft.irfft(np.fft.rfft(y) * (1j * hz / (1j * hz + 5.0)), SAMPLES)
+
+
+CAUSES = {
+    "stiffer on one side": lambda u, y: y + 0.03 * answered(y**2 / np.max(np.abs(y)) / TRUTH["sensitivity"]),
+    "a cube of the motion": lambda u, y: y - 0.03 * y**3 / np.max(np.abs(y)) ** 2,
+    "high-pass": high_passed,
+}
+
+
+@pytest.mark.parametrize("words", CAUSES)
+def test_what_the_engine_finds_is_the_cause(words, rng):
+    u = motion("random", SAMPLES, rng)
+    after = CAUSES[words](u, answered(u))
+    session = said(u, [answered(u), after, after], [1.0] * 3, rng)
+    (alarm,) = session.alarms
+    assert words in alarm.what
