@@ -14,7 +14,7 @@ from vibrident.base.errors import VibridentError
 from vibrident.base.warning_kinds import WarningCode
 from vibrident.data.records import Calibration, FloatArray, Quantity
 from vibrident.fit.identification import identify
-from vibrident.physics.models import SensorModel, installed
+from vibrident.physics.models import AddOn, SensorModel, parse
 from vibrident.result import Result
 from vibrident.use.tracking.state import CERTAIN, Alarm
 
@@ -40,8 +40,8 @@ class Cause:
         """Whether the parameter is beside this nearer to what it was ``before`` than to what it seems to be."""
         if alarm.parameter == INNOVATION:
             return True
-        value = self.values[alarm.parameter]
-        return abs(value - before.values[alarm.parameter]) < abs(value - alarm.after)
+        value = self.values.get(alarm.parameter)  # another model may not have it
+        return value is not None and abs(value - before.values[alarm.parameter]) < abs(value - alarm.after)
 
     def left_by(self, alarm: Alarm) -> bool:
         """Whether the parameter is again what it is without this, as in a smaller motion."""
@@ -65,12 +65,12 @@ def cause(
         data = Calibration.from_arrays(reference, response, rate_hz, quantity=quantity, excitation="random")
         found = identify(data, model.name)
         named = next((each for each in found.findings if each.code not in UNNAMED), None)
-        if not found.fit.adequate and "mode2" not in model.name and installed(f"{model.name}+mode2"):
-            further = identify(data, f"{model.name}+mode2")
-            if further.fit.adequate:
-                mode = further.parameters["mode2_frequency"]
-                words = f"a second mode at {amount(mode.value, mode.unit, 4)}, such as of a loose mounting"
-                return Cause("lack_of_fit", words, _values(further))
+        if other := found.settings.get("explained_by"):
+            further = parse(other)
+            added = [part for part in further.add_ons if part not in model.add_ons]
+            values = _values(identify(data, other))
+            at = ", ".join(f"{part.title} at {_first(part, values)}" for part in added)
+            return Cause("lack_of_fit", at or f"the model {other} explains the response", values)
     except VibridentError:
         return None
     if named is None:
@@ -82,3 +82,9 @@ def cause(
 
 def _values(result: Result) -> dict[str, float]:
     return {name: each.value for name, each in result.parameters.items() if not each.derived}
+
+
+def _first(part: AddOn, values: dict[str, float]) -> str:
+    """Its first parameter, which tells where it is."""
+    spec = part.parameters[0]
+    return amount(values[spec.name], spec.unit, 4)
