@@ -14,8 +14,11 @@ import numpy as np
 from bench.figures import Figure, steps
 from bench.scenario_cells import SENSORS
 from vibrident.data.records import FloatArray
+from vibrident.data.sources.source import Chunk
 from vibrident.physics.models import parse
 from vibrident.physics.simulation import Sensor, sensor_named
+from vibrident.use.tracking.causes import Cause
+from vibrident.use.tracking.session import Session
 from vibrident.use.tracking.state import Settings
 from vibrident.use.tracking.tracker import Tracker
 
@@ -99,25 +102,47 @@ def ramp(one: Motion) -> float:
     return late / float(np.cbrt((BETWEEN + np.log(one.rate_hz)) / information))
 
 
-def spring() -> Figure:
-    """Alarms of a spring that softens, when the motion grows threefold: 5 % of the force at the largest response."""
-    one = Motion(sensor_named("paper"), np.random.default_rng(0))
-    alarms: dict[str, float] = {}
+def softened(one: Motion, level: float) -> FloatArray:
+    """The response of a spring that softens by BENDS of the force at the largest response, with noise."""
     hz = np.where(one.hz > 0.0, one.hz, one.hz[1])
     shape = one.model.frequency_response(one.values, hz) / one.values[one.model.gain_name]
     most = float(np.max(np.abs(one.response)))
     bent = np.fft.irfft(np.fft.rfft((one.response / most) ** 3) * shape, SAMPLES) * BENDS * most
-    tracked, named = one.tracker(), []
+    return one.noisy(level * one.response + level**3 * bent)
+
+
+def named() -> list[Figure]:
+    """Alarms of a session, and what they say: of a spring that softens where the motion grows threefold, and of a
+    second mode that appears."""
+    bends, modes, said = dict[str, float](), dict[str, float](), list[str]()
+    one = Motion(sensor_named("paper"), np.random.default_rng(0))
+    session = _session(one)
     for label, level in (("before", 1.0 / 3.0), ("after", 1.0)):
         for _ in range(4):
-            tracked.feed(level * one.reference, one.noisy(level * one.response + level**3 * bent))
-        tracked.finish()
-        alarms[label] = float(len(tracked.alarms)) - sum(alarms.values())
-        named = [alarm.what.split(",")[0] for alarm in tracked.alarms]
-    note = (
-        "motion " + " · ".join(alarms) + " it grows threefold; said: " + (", ".join(dict.fromkeys(named)) or "nothing")
-    )
-    return Figure("alarms of a spring that softens by 5 %", alarms, "plain", note=note)
+            session.take(Chunk(level * one.reference, softened(one, level)))
+        session.finish()
+        bends[label] = float(len(session.alarms)) - sum(bends.values())
+    note = f"motion before · after it grows threefold; said: {_said(session)}"
+    for name in SENSORS:
+        one = Motion(sensor_named(name), np.random.default_rng(0))
+        session = _session(one)
+        for response in [one.response] + 4 * [one.changed(STEPS[3])]:
+            session.take(Chunk(one.reference, one.noisy(response)))
+        session.finish()
+        modes[name] = float(len(session.alarms))
+        said.append(f"{name}, {2.2 * one.natural:.5g} Hz: {_said(session)}")
+    return [
+        Figure("alarms of a spring that softens by 5 %", bends, "plain", note=note),
+        Figure("alarms of a second mode of 1 %", modes, "plain", note="; ".join(said)),
+    ]
+
+
+def _session(one: Motion) -> Session:
+    return Session(one.tracker(), 1024, {}, Cause(None, "", one.values))
+
+
+def _said(session: Session) -> str:
+    return ", ".join(alarm.what for alarm in session.alarms) or "nothing"
 
 
 def delays(runs: int) -> list[Figure]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -14,6 +15,7 @@ from vibrident.show.numbers import subject
 from vibrident.show.views import BLACK, VERMILION, Figure, FloatArray, K, Look, Panel, Series, Stack
 
 MOST = 2000  # most points of a line
+USUAL = 0.9  # part of the rows whose U the axes show whole
 
 
 def tracking(columns: Mapping[str, FloatArray], document: Mapping[str, Any], sensor: Mapping[str, object]) -> Figure:
@@ -31,13 +33,19 @@ def tracking(columns: Mapping[str, FloatArray], document: Mapping[str, Any], sen
     for name, parameter in document["parameters"].items():
         values, half = columns[name][thin], K * columns[f"{name}_u"][thin]
         known = np.where(np.isfinite(half), half, 0.0)
-        word = in_words(name).capitalize() + (f"\nin {pretty(parameter['unit'])}" if parameter["unit"] else "")
+        known = np.minimum(known, np.quantile(known, USUAL))  # a change that is not named yet would hide all else
+        unit = "" if parameter["unit"] == "1" else parameter["unit"]
+        word = in_words(name).capitalize() + (f"\nin {pretty(unit)}" if unit else "")
         y = axes.linear(word, np.concatenate([values - known, values + known]))
         line = Series(time, values, look=Look(BLACK, width=1.0), half=half, band="± U (k = 2)")
-        marks = tuple((a["time_s"], a["what"].split(",")[0]) for a in document["alarms"] if a["parameter"] == name)
-        panels.append(Panel(x, y, (line,), 1.5, marks=marks))
+        panels.append(Panel(x, y, (line,), 1.5, marks=_alarms(document, name)))
     innovation = columns["innovation"][thin]
-    marks = tuple((a["time_s"], "innovation") for a in document["alarms"] if a["parameter"] == "innovation")
     drawn = Series(time, innovation, look=Look(VERMILION, width=1.0))
-    panels.append(Panel(x, axes.size("Innovation, rms", innovation), (drawn,), 1.0, marks=marks))
+    y, marks = axes.size("Innovation, rms", innovation), _alarms(document, "innovation")
+    panels.append(Panel(x, y, (drawn,), 1.0, marks=marks))
     return Figure("track", "Tracked sensor", (Stack(tuple(panels)),), subject(document["model"], sensor))
+
+
+def _alarms(document: Mapping[str, Any], name: str) -> tuple[tuple[float, str], ...]:
+    """Time of each alarm of a parameter, and its first words."""
+    return tuple((a["time_s"], re.split("[:,]", a["what"])[0]) for a in document["alarms"] if a["parameter"] == name)

@@ -10,9 +10,11 @@ import subprocess
 import sys
 import threading
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.support.lives import calibrated
 from tests.support.random_record import RATE_HZ, TRUTH
 from tests.support.tracked import answered, motion
 
@@ -126,7 +128,7 @@ def test_a_connection_gives_the_same(case, whole):
 
         thread = threading.Thread(target=serve, daemon=True)
         thread.start()
-        same(done(case, "tcp", "--tcp", f"127.0.0.1:{server.getsockname()[1]}")[0], whole[0])
+        same(done(case, "tcp", "--source", f"tcp=127.0.0.1:{server.getsockname()[1]}")[0], whole[0])
         thread.join()
 
 
@@ -172,8 +174,8 @@ def test_chunks_that_are_lost_or_doubled_are_named(case):
     [
         (["--stdin", "csv"], b"1,2,3\n1,x,3\n", "cannot be read"),
         (["--stdin", "xml"], b"", "form of the samples"),
-        (["--tcp", "nowhere"], b"", "address cannot be read"),
-        (["--tcp", "127.0.0.1:1"], b"", "no connection"),
+        (["--source", "tcp=nowhere"], b"", "address cannot be read"),
+        (["--source", "tcp=127.0.0.1:1"], b"", "no connection"),
         (["--source", "nothing"], b"", "not known"),
         (["--stdin", "csv", "--follow"], b"", "More than one source"),
         (["--false-alarms-per-day", "0"], b"", "out of range"),
@@ -194,3 +196,36 @@ def test_bad_input_is_one_message(case, more, given, said, tmp_path):
 def test_tracking_needs_neither_jax_nor_matplotlib():
     code = "import vibrident.use.tracking.session, sys; print([m for m in ('jax', 'matplotlib') if m in sys.modules])"
     assert subprocess.check_output([sys.executable, "-c", code], text=True).strip() == "[]"
+
+
+@pytest.mark.needs("history")
+def test_u_of_what_is_not_excited_grows_by_the_random_walk_of_the_history(case, tmp_path):
+    """Five years between the certificate's time and the motion's, at rest: u² grows by five times the walk's square."""
+    from vibrident.lab import history
+    from vibrident.lab.history.document import random_walks
+    from vibrident.lab.history.store import Store
+
+    result = replace(Result.load(case[0] / "result.json"), sensor=calibrated().sensor)
+    result.save(case[0] / "named.json")
+    lives = [
+        replace(calibrated(0.1 * (1.0 + step), f"{2015 + year}-01-01", noise=1e-4, shared={}), provenance={})
+        for year, step in enumerate((0.0, 0.02, 0.0, 0.025, 0.005, 0.03))
+    ]
+    store = str(tmp_path / "h.db")
+    history.add(store, lives)
+    with Store(store) as opened:
+        walks = random_walks(opened, result)
+    assert walks.keys() == {"sensitivity", "natural_frequency"}
+    assert 0.01 < walks["sensitivity"] < 0.05
+    years = 365.25 * 86400.0 * np.array([0.0, 5.0])
+    rows = np.column_stack([np.repeat(years, 100) + np.tile(np.arange(100) / RATE_HZ, 2), np.zeros((200, 2))])
+    text = "\n".join(",".join(map(repr, row)) for row in rows.tolist())
+    (case[0] / "named.toml").write_text(STAMPED.format(file="none.csv"))
+    ran = command(case, "walk", "--stdin", "csv", "--store", store, cal="named.toml")
+    ran[4] = str(case[0] / "named.json")
+    done = subprocess.run(ran, input=text.encode(), capture_output=True, timeout=60)
+    assert b"no random walk of damping_ratio: 1% a year" in done.stderr
+    found = json.loads((case[0] / "walk" / "track.json").read_text())["parameters"]["sensitivity"]
+    first = result.parameters["sensitivity"]
+    grown = np.sqrt(found["standard_uncertainty"] ** 2 - first.standard_uncertainty**2) / found["value"]
+    assert grown == pytest.approx(walks["sensitivity"] * np.sqrt(5.0), rel=0.01)

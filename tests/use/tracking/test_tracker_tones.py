@@ -54,7 +54,7 @@ def test_tones_are_taken_as_by_a_batch_whatever_their_harmonics(certificate, dra
     c0 = certificate.to_sensor().covariance
     start = np.array([certificate.parameters[name].value for name in NAMES])
     for seed in range(draws):
-        calibration = sines(np.random.default_rng(seed), harmonics=0.05)
+        calibration = sines(np.random.default_rng(seed), samples=4000, harmonics=0.05)
         session = tracked(certificate, calibration)
         assert not session.alarms
         found = session.tracker.read()
@@ -106,9 +106,9 @@ def test_a_shock_that_its_model_does_not_suit_is_a_doubt(tmp_path):
 
 
 @pytest.mark.parametrize("size", [0.0, 0.05])
-def test_noise_of_the_reference_is_told_with_what_it_does(size):
+def test_noise_of_the_reference_is_told_and_taken_out(size):
     """A response with as much noise as 1 %; the gain is then less by about the square of ``size``."""
-    z, moved = [], []
+    z, off = [], []
     for seed in range(10):
         rng = np.random.default_rng(seed)
         u = motion("random", 60000, rng)
@@ -118,7 +118,21 @@ def test_noise_of_the_reference_is_told_with_what_it_does(size):
         found, read = reference_noise(one), one.read()
         assert found is not None
         z.append((found.variance - size**2) / found.u)
-        moved.append((read.values["sensitivity"] - 0.1 - found.shift[0]) / read.uncertainty["sensitivity"])
+        assert found.corrects == (size > 0.0)
         assert (found.shift[0] < -2.0 * read.uncertainty["sensitivity"]) == (size > 0.0)
+        if size > 0.0:
+            read = found.corrected(read)
+        off.append([(read.values[name] - TRUTH[name]) / read.uncertainty[name] for name in NAMES])
     assert np.sum(np.array(z) ** 2) < 35.6  # chi-squared of ten, 1e-4
-    assert np.sum(np.array(moved) ** 2) < 35.6
+    assert np.all(np.sum(np.array(off) ** 2, axis=0) < 38.4)  # of ten, 1e-4 over three parameters
+
+
+def test_a_residual_of_another_colour_is_not_taken_for_noise_of_the_reference(rng):
+    from scipy.signal import lfilter
+
+    u = motion("random", 60000, rng)
+    y = answered(u)
+    red = lfilter([1.0], [1.0, -0.95], rng.normal(size=2 * len(y)))[len(y) :]
+    one = fed(tracker(None, u=0.1), u, y + 0.01 * np.std(y) * red / np.std(red))
+    found = reference_noise(one)
+    assert found is None or not found.corrects

@@ -53,6 +53,7 @@ class Files:
         return position
 
     def _resumed(self) -> int:
+        from vibrident.use.tracking.causes import Cause
         from vibrident.use.tracking.session import Trouble
         from vibrident.use.tracking.state import Alarm
 
@@ -75,6 +76,8 @@ class Files:
         session.samples, session.left, session.started = known["samples"], known["left"], True
         session.troubles.extend(Trouble(**each) for each in known["troubles"])
         session.alarms.extend(Alarm(**each) for each in known["alarms"])
+        session.held.extend(Alarm(**each) for each in known["held"])
+        session.cause = Cause(**known["cause"])
         os.truncate(self._folder / "track.csv", known["csv_bytes"])
         return int(known["position"])
 
@@ -98,6 +101,8 @@ class Files:
             "left": session.left,
             "troubles": [vars(trouble) for trouble in session.troubles],
             "alarms": [vars(alarm) for alarm in session.alarms],
+            "held": [vars(alarm) for alarm in session.held],
+            "cause": vars(session.cause),
         }
         with whole(self._folder / CHECKPOINT) as partial:
             partial.write_bytes(json.dumps(head).encode() + b"\n" + session.tracker.state.save())

@@ -75,7 +75,7 @@ int @N@_changing(const @N@_tracker *t);
 /* Values and standard uncertainties; whether the motion since the last reading told each by itself. Returns the rms
  * of the innovation since then, negative where nothing moved. */
 double @N@_read(@N@_tracker *t, double value[@P@], double u[@P@], int excited[@P@]);
-/* The acceleration behind the response so many samples ago, with the parameters of the moment. */
+/* The acceleration @GUARD@_CORRECTOR_LATENCY samples ago, with the parameters of the moment. */
 @N@_real @N@_correct(@N@_tracker *t, @N@_real response);
 /* The state as bytes, with a CRC-32; returns their number. The Python tracker reads and writes the same. */
 unsigned long @N@_save(const @N@_tracker *t, unsigned char *bytes);

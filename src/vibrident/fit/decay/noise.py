@@ -13,6 +13,7 @@ from numpy import fft
 
 from vibrident.base.fft_lengths import fast_length
 from vibrident.data.records import BoolArray, FloatArray
+from vibrident.fit.noise.autoregression import yule_walker
 
 MOST_ORDER = 64  # highest order of the autoregression
 ORDER_SHARE = 20  # fewest samples for each order
@@ -120,18 +121,4 @@ def autoregression(residual: FloatArray) -> FloatArray:
     lags = np.asarray(fft.irfft(np.abs(np.asarray(fft.rfft(residual, size))) ** 2, size))[: most + 1] / count
     if lags[0] <= 0.0 or most < 1:
         return np.ones(1)
-    best, least, variance = 0, 0.0, float(lags[0])
-    filters = np.zeros(most + 1)
-    filters[0] = 1.0
-    for order in range(1, most + 1):  # Levinson
-        reflection = -float(filters[:order] @ lags[order:0:-1]) / variance
-        filters[1 : order + 1] += reflection * filters[order - 1 :: -1][:order]
-        variance *= max(1.0 - reflection**2, 1e-12)
-        cost = count * np.log(variance / lags[0]) + order * np.log(count)
-        if cost < least:
-            best, least = order, cost
-    if best == 0:
-        return np.ones(1)
-    from scipy import linalg  # slow to load
-
-    return np.concatenate([[1.0], -linalg.solve_toeplitz(lags[:best], lags[1 : best + 1])])
+    return yule_walker(lags, count)[0]

@@ -60,8 +60,8 @@ class Judgement:
         points: what the adequacy is made of, those of the tones first.
         found: systematic effects that were found in the data.
         effects: stated and found ones, and how much of each the data show, in its standard uncertainties.
-        remedied: χ²/ν of another model that explains the data, so that all else in the residual is misfit; None
-            where none does.
+        remedied: χ²/ν of another model that explains the data, so that all else is misfit; None where none does.
+        explained_by: name of that model.
     """
 
     adequacy: Adequacy
@@ -76,6 +76,7 @@ class Judgement:
     found: tuple[SystematicEffect, ...] = ()
     effects: tuple[tuple[SystematicEffect, float], ...] = ()
     remedied: float | None = None
+    explained_by: str = ""
 
 
 def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:

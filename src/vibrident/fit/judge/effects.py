@@ -147,6 +147,7 @@ def what_is_covered(rows: Sequence[BudgetRow], table: ResponseTable | None) -> l
 
 
 def seen(judgement: Judgement) -> dict[str, Any]:
-    """How much of each stated effect the deviations show, in its standard uncertainties."""
+    """How much of each stated effect the deviations show, in its standard uncertainties; a model that explains all."""
     amounts = [{"source": e.source, "kind": e.kind, "amount_in_u": size} for e, size in judgement.effects]
-    return {"systematic_effects_seen": amounts} if amounts else {}
+    found: dict[str, Any] = {"systematic_effects_seen": amounts} if amounts else {}
+    return {**found, "explained_by": judgement.explained_by} if judgement.explained_by else found

@@ -42,7 +42,7 @@ def with_remedy(found: Attempt) -> Attempt:
         if better.adequate:
             chi2 = better.judgement.adequacy.chi2_reduced or 0.0
             text = f"{judgement.lack_of_fit} The model {other.name} explains them (χ²/dof = {plain(chi2, 3)})."
-            judgement = replace(judgement, lack_of_fit=text, remedied=chi2)
+            judgement = replace(judgement, lack_of_fit=text, remedied=chi2, explained_by=other.name)
             return replace(found, judgement=judgement)
     return found
 

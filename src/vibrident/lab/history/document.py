@@ -79,6 +79,20 @@ def of_result(store: Store, result: Result) -> dict[str, Any] | None:
     return None if sensor is None else of_sensor(store, sensor)
 
 
+def random_walks(store: Store, result: Result) -> dict[str, float]:
+    """Parameter of a result → its random walk in a year, relative; of those of which the store tells one."""
+    sensor = None if store.revision() is None else query.known(store, result.sensor)
+    found = dict[str, float]()
+    if sensor is None:
+        return found
+    for name in result.parameters:
+        entries = query.entries(store, sensor.id, name).get(sensor.id, [])
+        drift = life(entries, query.events(store, sensor.id).get(sensor.id, [])).drift if entries else None
+        if drift is not None:
+            found[name] = drift.wandering() / abs(result.parameters[name].value)
+    return found
+
+
 def _no_such_quantity(store: Store, sensor: StoredSensor, question: Question) -> InputError:
     at = question.frequency_hz
     known = (

@@ -34,7 +34,7 @@ def correct_tracked(
     parts = []
     for record, chunk in zip(calibration.records, chunks, strict=True):
         session.take(chunk)
-        session.tracker.finish()
+        session.finish()
         now = tracked_result(result, session)
         parts.append(correct(now, replace(calibration, records=(record,)), band_hz=band_hz, noise=noise))
     findings = tuple(finding for part in parts for finding in part.findings)

@@ -50,7 +50,7 @@ class Knowledge:
         """What is known now, the random walk since the last time included."""
         s, net = self.state, self.network
         k = net.nuisances
-        rate = self.settings.drift_per_year**2 / SECONDS_A_YEAR
+        rate = np.square(self.settings.drift_per_year) / SECONDS_A_YEAR
         size = np.where([spec.kind == "time" for spec in net.model.parameters], 1.0, s.point[k:])
         variance = rate * size**2 * max(0.0, self.time_s - s.clock[3])
         return information.walk(s.known, variance, k)

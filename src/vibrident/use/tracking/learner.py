@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from vibrident.data.records import FloatArray
+from vibrident.fit.noise.autoregression import yule_walker
 from vibrident.use.tracking import information
 from vibrident.use.tracking.changes import Changes
 from vibrident.use.tracking.knowledge import Knowledge
@@ -88,30 +89,15 @@ class Learner:
         return True
 
     def _learn_whitening(self, lags: FloatArray, rows: float) -> None:
-        """The autoregression of the residual anew, whenever the number of blocks has doubled.
-
-        By Levinson's recursion, of the order with the least information criterion (Schwarz 1978).
-        """
+        """The autoregression of the residual anew, whenever the number of blocks has doubled."""
         s = self.knowledge.state
         s.lags += np.concatenate([[rows, 1.0], lags])
         blocks = int(s.lags[1])
         if blocks & (blocks - 1):
             return
         rows = s.lags[0]
-        r = s.lags[2:] / rows
-        a, left, kept = np.zeros(0), r[0], (0.0, np.zeros(0), r[0])
-        for order in range(1, len(r)):
-            reflection = -(r[order] + a @ r[order - 1 : 0 : -1]) / left
-            if not reflection**2 < 1.0:  # a residual of pure tones: the estimate is no autocovariance any more
-                break
-            a = np.concatenate([a + reflection * a[::-1], [reflection]])
-            left *= 1.0 - reflection**2
-            criterion = rows * np.log(left / r[0]) + order * np.log(rows)
-            if criterion < kept[0]:
-                kept = criterion, a, left
-        _, a, left = kept
-        s.whitening[:] = 0.0
-        s.whitening[: len(a)] = a
+        white, left = yule_walker(s.lags[2:] / rows, rows)
+        s.whitening[:] = np.append(white[1:], np.zeros(len(s.whitening) - len(white) + 1))
         if s.noise[1] > 0.0:
             ratio = left / (s.noise[0] / s.noise[1])
             s.noise[0] *= ratio

@@ -23,7 +23,7 @@ UNLIMITED = 1e9  # degrees of freedom where their number is not known
 def tracked_result(result: Result, session: Session) -> Result:
     """The result that the session began with, with the values, uncertainties and curve of its end."""
     tracker, frequency_hz = session.tracker, result.response.frequency_hz
-    read, model = tracker.read(), tracker.network.model
+    read, model = session.read(), tracker.network.model
     coordinates = Coordinates.at(model, read.values, (float(frequency_hz[0]), float(frequency_hz[-1])))
     z = coordinates.first
     slopes = coordinates.slopes(z)
@@ -58,13 +58,17 @@ def tracked_result(result: Result, session: Session) -> Result:
 
 def _doubts(session: Session) -> tuple[ResultWarning, ...]:
     noise, changing = session.document()["reference_noise"], session.tracker.changing
+    if session.cause.code:
+        text = f"Alarms have a cause that the model does not have, and the parameters follow it: {session.cause.words}."
+        return (ResultWarning(session.cause.code, text),)
     if changing:
         text = f"Something changed at {changing[0]:.12g} s, and too little motion followed to tell what: "
         return (ResultWarning("regimes", text + "what it may have been has a u as if it were not known."),)
-    if not noise or not noise["moves"]:
+    if not noise or noise["corrected"] or not noise["moves"]:
         return ()
     moved = ", ".join(
         f"the {in_words(name)} by {shift:.2g} {session.units[name]}" for name, shift in noise["moves"].items()
     )
-    text = f"The reference has white noise of {noise['value']:.2g} (rms, its unit): it moves {moved}."
+    text = f"The reference has white noise of {noise['value']:.2g} (rms, its unit): it moves {moved}, "
+    text += "which is not corrected, as the residual is not white noise of either channel alone."
     return (ResultWarning("reference_noise", text),)

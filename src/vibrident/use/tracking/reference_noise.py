@@ -1,4 +1,4 @@
-"""Noise of the reference, from the part of the residual that has passed the sensor, and what it does.
+"""Noise of the reference, from the part of the residual that has passed the sensor, what it does, and values without.
 
 White noise of variance b in the reference, seen through a sensor H, and white noise of variance a in the response give
 a residual of the spectrum a + b |H|². Both are estimated from its autocovariance, weighted by Bartlett's (1946) for
@@ -12,13 +12,15 @@ I the information, N rows, A the whitening, σ² the whitened variance, ⟨⟩ t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from vibrident.data.records import FloatArray
 from vibrident.physics.models.slopes import response_and_slopes
 from vibrident.use.tracking import information
+from vibrident.use.tracking.detection import FURTHER
+from vibrident.use.tracking.state import CERTAIN, Estimate
 from vibrident.use.tracking.tracker import Tracker
 
 POINTS = 512  # frequencies of the means
@@ -26,17 +28,48 @@ POINTS = 512  # frequencies of the means
 
 @dataclass(frozen=True, eq=False)
 class ReferenceNoise:
-    """Variance b of the reference's noise and its standard uncertainty, squared reference units; what b does to the
-    parameters, in the model's order and their units, shape (P,)."""
+    """White noise of the reference.
+
+    Attributes:
+        variance: b, in squared reference units.
+        u: its standard uncertainty.
+        shift: what b does to the parameters, in the model's order and their units, shape (P,).
+        chance: of a residual as far from white noise of both channels as this.
+    """
 
     variance: float
     u: float
     shift: FloatArray
+    chance: float
+
+    @property
+    def certain(self) -> bool:
+        """Whether it is there."""
+        return self.variance > CERTAIN * self.u
+
+    @property
+    def corrects(self) -> bool:
+        """Whether values can be corrected for it: it is there, and the residual is of such noise."""
+        return self.certain and self.chance > FURTHER
+
+    def corrected(self, read: Estimate) -> Estimate:
+        """Values without its shift, the uncertainty of that included."""
+        spread = np.outer(self.shift, self.shift) * (self.u / self.variance) ** 2
+        covariance = read.covariance + spread
+        values = np.array(list(read.values.values())) - self.shift
+        return replace(
+            read,
+            values=dict(zip(read.values, values.tolist(), strict=True)),
+            uncertainty=dict(zip(read.values, np.sqrt(np.diag(covariance)).tolist(), strict=True)),
+            covariance=covariance,
+        )
 
 
 def reference_noise(tracker: Tracker) -> ReferenceNoise | None:
     """Of what was seen since the last alarm; None where nothing was."""
     s, net = tracker.state, tracker.network
+    from scipy.stats import chi2  # slow to load
+
     rows, k = s.lags[0], net.nuisances
     if not (rows > 0.0 and s.noise[1] > 0.0):
         return None
@@ -55,4 +88,6 @@ def reference_noise(tracker: Tracker) -> ReferenceNoise | None:
     whitened = np.abs(1.0 + np.exp(-2j * np.pi * np.outer(turns, np.arange(1, len(r)))) @ s.whitening) ** 2
     pull = np.mean((np.conj(slopes) * h).real * whitened, axis=1) * net.scale * s.noise[1] ** 2 / s.noise[0]
     shift = -information.covariance(s.known, k) @ pull * found[1] * net.scale
-    return ReferenceNoise(float(found[1]), float(np.sqrt(covariance[1, 1])), shift)
+    left = r - design @ found
+    chance = float(chi2.sf(left @ weight @ left, len(r) - 2))
+    return ReferenceNoise(float(found[1]), float(np.sqrt(covariance[1, 1])), shift, chance)

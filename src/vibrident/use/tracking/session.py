@@ -12,14 +12,13 @@ from vibrident.data.records import FloatArray, Quantity, Record
 from vibrident.data.sources.source import Chunk
 from vibrident.fit.response.tones import tone_frequency
 from vibrident.result import Result
-from vibrident.use.tracking.reference_noise import reference_noise
-from vibrident.use.tracking.state import Alarm, Estimate, Settings
+from vibrident.use.tracking.causes import LENGTH, Cause, cause
+from vibrident.use.tracking.reference_noise import ReferenceNoise, reference_noise
+from vibrident.use.tracking.state import CERTAIN, Alarm, Estimate, Settings
 from vibrident.use.tracking.tracker import Tracker
 
 #: Longest time by which a chunk may be off and still follows, in sampling intervals.
 FOLLOWS = 0.5
-#: Standard uncertainties from which something is certain: of a chunk's clock beyond that, of the reference's noise.
-CERTAIN = 3.0
 
 
 @dataclass(frozen=True)
@@ -39,18 +38,25 @@ class Session:
         tracker: what learns.
         every: samples a row.
         units: unit of each parameter.
+        cause: what departs from the model, since an alarm that it explained.
         samples: taken so far.
         left: samples until the next row.
         troubles: with the chunks, the first of each kind by name, and their counts.
+        alarms: what changed so far.
+        held: alarms whose cause is looked for in the samples behind them.
     """
 
     tracker: Tracker
     every: int
     units: Mapping[str, str]
+    cause: Cause
     samples: int = 0
     left: int = 0
     started: bool = False
     troubles: list[Trouble] = field(default_factory=list)
+    alarms: list[Alarm] = field(default_factory=list)
+    held: list[Alarm] = field(default_factory=list)
+    behind: list[FloatArray] = field(default_factory=list)  # samples behind the first, each of shape (2, samples)
 
     @classmethod
     def of(cls, result: Result, rate_hz: float, quantity: Quantity, every_s: float, settings: Settings) -> Session:
@@ -73,12 +79,12 @@ class Session:
         tracker = Tracker(sensor.model, sensor.values, sensor.covariance, rate_hz, quantity, settings)
         units = {name: result.parameters[name].unit for name in sensor.model.parameter_names}
         every = max(1, round(every_s * rate_hz))
-        return cls(tracker, every, units, left=every)
+        return cls(tracker, every, units, Cause(None, "", tracker.values), left=every)
 
     @property
-    def alarms(self) -> list[Alarm]:
-        """What changed so far."""
-        return self.tracker.alarms
+    def changing(self) -> tuple[float, float] | None:
+        """Time of a change that is certain but not named yet, and of its detection, s."""
+        return (self.held[0].time_s, self.held[0].detected_s) if self.held else self.tracker.changing
 
     def take(self, chunk: Chunk) -> list[Estimate]:
         """Samples; returns the rows that are complete with them."""
@@ -87,18 +93,57 @@ class Session:
         while len(response):
             count = min(self.left, len(response))
             self.tracker.feed(reference[:count], response[:count])
+            self._listen(reference[:count], response[:count])
             reference, response = reference[count:], response[count:]
             self.samples += count
             self.left -= count
             if not self.left:
-                rows.append(self.tracker.read())
+                rows.append(self.read())
                 self.left = self.every
         return rows
 
     def finish(self) -> list[Estimate]:
         """No chunk follows; returns a last row."""
+        self._end_run()
+        return [self.read()]
+
+    def _listen(self, reference: FloatArray, response: FloatArray) -> None:
+        """Alarms wait for samples behind them that tell their cause."""
+        if self.held:
+            self.behind.append(np.stack([reference, response]))
+        self._hold()
+        if sum(each.shape[1] for each in self.behind) >= LENGTH:
+            self._explain()
+
+    def _hold(self) -> None:
+        self.held += self.tracker.alarms
+        self.tracker.alarms.clear()
+        if not (self.changing or self.cause.code):
+            self.cause = Cause(None, "", self.tracker.values)
+
+    def _end_run(self) -> None:
+        """No sample follows those before."""
         self.tracker.finish()
-        return [self.tracker.read()]
+        self._hold()
+        self._explain()
+
+    def _explain(self) -> None:
+        """Say what was held; where it has one cause, that, once."""
+        net, found, held, before = self.tracker.network, None, self.held, self.cause
+        samples = np.concatenate(self.behind, axis=1) if self.behind else np.zeros((2, 0))
+        self.held, self.behind = [], []
+        if samples.shape[1] >= self.tracker.settings.block and np.isfinite(samples).all():
+            found = cause(net.model, samples[0], samples[1], 1.0 / net.interval_s, net.quantity)
+        explained = [alarm for alarm in held if found and found.explains(alarm, before)]
+        if found and explained:
+            if found.code != before.code:
+                self.alarms.append(replace(explained[0], what=found.words))
+            self.cause = found
+        for alarm in held:
+            if alarm not in explained and not before.left_by(alarm):
+                self.alarms.append(alarm)
+                if alarm.parameter in self.cause.values:
+                    self.cause.values[alarm.parameter] = alarm.after
 
     def _placed(self, chunk: Chunk) -> tuple[FloatArray, FloatArray]:
         """The samples of a chunk that are new; a run begins where it does not follow the one before."""
@@ -109,10 +154,12 @@ class Session:
         slack = FOLLOWS + CERTAIN * chunk.clock_s / net.interval_s
         if not self.started or chunk.separate:
             begin = start if not self.started or off > 0.0 else expected
+            self._end_run()
             self.tracker.begin(begin, self._tone_hz(chunk))
             self.started = True
         elif off > slack:
             self.troubles.append(Trouble("lost", expected, round(off)))
+            self._end_run()
             self.tracker.begin(start, self._tone_hz(chunk))
         elif off < -slack:
             known = min(round(-off), len(response))
@@ -132,7 +179,7 @@ class Session:
 
     def document(self) -> dict[str, Any]:
         """What ``track.json`` says: plain values."""
-        read, net = self.tracker.read(), self.tracker.network
+        read, net = self.read(), self.tracker.network
         counts = {what: sum(t.samples for t in self.troubles if t.what == what) for what in ("lost", "late", "doubled")}
         return {
             "model": net.model.name,
@@ -142,20 +189,32 @@ class Session:
                 for name, u in read.uncertainty.items()
             },
             "alarms": [alarm.document() for alarm in self.alarms],
-            "changing": dict(zip(("time_s", "detected_s"), self.tracker.changing or (), strict=False)) or None,
+            "changing": dict(zip(("time_s", "detected_s"), self.changing or (), strict=False)) or None,
+            "cause": vars(self.cause) if self.cause.code else None,
             "samples": {"taken": self.samples, **counts},
             "troubles": [vars(trouble) for trouble in self.troubles],
             "false_alarms_per_day": self.tracker.settings.false_alarms_per_day,
             "drift_per_year": self.tracker.settings.drift_per_year,
             "noise": self.tracker.noise,
-            "reference_noise": self._reference_noise(read),
+            "reference_noise": self._noise_said(read),
         }
 
-    def _reference_noise(self, read: Estimate) -> dict[str, Any] | None:
-        """Rms of the reference's noise, and the parameters that it moves by more than their u, if it is certain."""
+    def read(self) -> Estimate:
+        """What is known now, corrected for white noise of the reference where that can be."""
+        read, noise = self.tracker.read(), self.reference_noise
+        return noise.corrected(read) if noise and noise.corrects else read
+
+    @property
+    def reference_noise(self) -> ReferenceNoise | None:
+        """White noise of the reference; None where it is not certain."""
         found = reference_noise(self.tracker) if self.tracker.noise else None
-        if found is None or not found.variance > CERTAIN * found.u:
+        return found if found and found.certain else None
+
+    def _noise_said(self, read: Estimate) -> dict[str, Any] | None:
+        """Rms of the reference's noise, what it moves by more than their u, and whether that is corrected."""
+        if not (found := self.reference_noise):
             return None
         by_name = zip(read.values, found.shift.tolist(), strict=True)
         moves = {name: shift for name, shift in by_name if abs(shift) > read.uncertainty[name]}
-        return {"value": found.variance**0.5, "u": 0.5 * found.u / found.variance**0.5, "moves": moves}
+        rms = found.variance**0.5
+        return {"value": rms, "u": 0.5 * found.u / rms, "moves": moves, "corrected": found.corrects}

@@ -18,6 +18,8 @@ TAG = b"VTR2"
 HEAD = 16  # bytes before the numbers
 #: A change that is not named yet: its rows are still to come, or it is being learned.
 SEEN, OPENED = 1.0, 2.0
+#: Standard uncertainties from which something is certain.
+CERTAIN = 3.0
 WAITING = ("reference", "response")  # samples that wait for others
 
 
@@ -27,7 +29,8 @@ class Settings:
 
     Attributes:
         false_alarms_per_day: expected of noise alone, in a day of motion.
-        drift_per_year: random walk of each parameter, relative, in one year: its u grows by it where nothing is seen.
+        drift_per_year: random walk of the parameters, relative, in one year, of each or of all: their u grows by it
+            where nothing is seen.
         reference_uncertainty: relative standard uncertainty of the reference, systematic; part of the gain's u.
         model_error: relative error of the model at a tone beside the noise, as the certificate states it.
         block: steps in a block, a power of two.
@@ -36,7 +39,7 @@ class Settings:
     """
 
     false_alarms_per_day: float = 0.01
-    drift_per_year: float = 0.01
+    drift_per_year: float | tuple[float, ...] = 0.01
     reference_uncertainty: float = 0.0
     model_error: float = 0.0
     block: int = 1024
@@ -73,15 +76,7 @@ class Alarm:
 
     def document(self) -> dict[str, float | str]:
         """As in ``track.json``."""
-        return {
-            "time_s": self.time_s,
-            "detected_s": self.detected_s,
-            "parameter": self.parameter,
-            "from": self.before,
-            "to": self.after,
-            "u": self.u,
-            "what": self.what,
-        }
+        return {{"before": "from", "after": "to"}.get(name, name): value for name, value in vars(self).items()}
 
 
 @dataclass(eq=False)

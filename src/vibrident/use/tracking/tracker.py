@@ -117,14 +117,12 @@ class Tracker:
     def read(self) -> Estimate:
         """What is known after the last whole block."""
         s, net = self.state, self.network
-        names, k = net.model.parameter_names, net.nuisances
-        move = information.solve(self.knowledge.walked())[k:]
-        values = net.moved(s.point[k:], move) * net.scale
+        k, values = net.nuisances, np.array(list(self.values.values()))
         covariance = information.covariance(self.knowledge.walked(), k) * np.outer(net.scale, net.scale)
         covariance[net.gain, net.gain] += (self.settings.reference_uncertainty * values[net.gain]) ** 2
         gram, squares, rows = s.row[:-2].reshape(s.part.shape[1:]), s.row[-2], s.row[-1]
         seen = information.triangle(information.without_nuisances(gram, k))[k:-1, k:-1]
-        excited: tuple[str, ...] = ()
+        names, excited = net.model.parameter_names, tuple[str, ...]()
         if (np.diag(seen) > 0.0).all():
             inverse = np.linalg.inv(seen)
             alone = 1.0 / np.sum(inverse**2, axis=1)
@@ -134,12 +132,19 @@ class Tracker:
         s.row[:] = 0.0
         return Estimate(
             self.knowledge.time_s,
-            dict(zip(names, values.tolist(), strict=True)),
+            self.values,
             dict(zip(names, u.tolist(), strict=True)),
             covariance,
             float(np.sqrt(squares / rows)) if rows > 0.0 else float("nan"),
             excited,
         )
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Name → value of each parameter now."""
+        s, net = self.state, self.network
+        now = net.moved(s.point[net.nuisances :], information.solve(s.known)[net.nuisances :]) * net.scale
+        return dict(zip(net.model.parameter_names, now.tolist(), strict=True))
 
     @property
     def changing(self) -> tuple[float, float] | None:

@@ -16,6 +16,7 @@ from vibrident.base.errors import InputError
 if TYPE_CHECKING:
     from vibrident.app.workflow.tracking import Files
     from vibrident.data.sources.source import Chunk
+    from vibrident.result import Result
     from vibrident.use.tracking.session import Session
     from vibrident.use.tracking.state import Estimate
 
@@ -25,6 +26,8 @@ RECORDS = "calibration-records"
 ROWS = 100
 #: Time between rows of a stream, s, where --every does not say.
 EVERY_S = 1.0
+#: Random walk of a parameter in a year, relative, where no history tells it: a choice.
+WALK = 0.01
 
 
 def track(
@@ -33,8 +36,7 @@ def track(
     folder: Path = option("--out", "DIR", "Folder for track.csv, track.json and the picture.", Path("vibrident-track")),
     follow: bool = flag("--follow", help="The record's file grows: go on as it does, and after an interruption."),
     stdin: str | None = option("--stdin", "csv|float32", "Take the samples from standard input."),
-    tcp: str | None = option("--tcp", "HOST:PORT[#float32]", "Take the samples from a TCP connection."),
-    source: str | None = option("--source", "NAME[=ADDRESS]", "Take them from this source or plug-in."),
+    source: str | None = option("--source", "NAME[=ADDRESS]", "Take them from tcp=HOST:PORT, or a plug-in."),
     idle: float | None = between("--idle", "SECONDS", "End after so long without samples.", 0.0, 1e9, default="wait"),
     every: float | None = between(
         "--every", "SECONDS", "Time between rows.", 1e-6, 1e9, default=f"{EVERY_S:g}, or a hundredth of the records"
@@ -42,13 +44,8 @@ def track(
     rate: float = between(
         "--false-alarms-per-day", "RATE", "False alarms expected in a day of motion.", 1e-9, 1e3, 0.01
     ),
-    drift: float = between(
-        "--drift",
-        "PERCENT",
-        "Random walk of each parameter in a year: where nothing is seen, u grows by it.",
-        0.0,
-        1e3,
-        1.0,
+    store: str | None = option(
+        "--store", "URL", "History of the sensor, by whose random walk u grows.", default=f"{WALK:.0%} a year"
     ),
     no_plots: bool = flag("--no-pictures", "--no-plots", help="Draw no picture."),
 ) -> None:
@@ -58,7 +55,7 @@ def track(
     end, the alarms and what was wrong with the samples in track.json, and the sensor as it is now in
     result.json, for other commands.
     """
-    name, address = _chosen(follow=follow, stdin=stdin, tcp=tcp, source=source)
+    name, address = _chosen(follow=follow, stdin=stdin, source=source)
     known = load_result(result)
     from vibrident.app.workflow.tracking import Files
     from vibrident.data.io.calibration_file import read_calibration_file
@@ -82,7 +79,7 @@ def track(
             where=str(calibration),
             remedy="add rate_hz = … (samples per second)",
         )
-    settings = Settings(rate, drift / 100.0, described.reference.standard_uncertainty)
+    settings = Settings(rate, _walks(store, known), described.reference.standard_uncertainty)
     seconds = every or (max(settings.block / rate_hz, min(EVERY_S, length_s / ROWS)) if length_s else EVERY_S)
     session = Session.of(known, rate_hz, described.reference.quantity, seconds, settings)
     key = {"result": known.to_json(), "file": calibration.read_text(encoding="utf-8"), "source": [name, address]}
@@ -101,15 +98,30 @@ def track(
     wrote(written)
 
 
-def _chosen(*, follow: bool, stdin: str | None, tcp: str | None, source: str | None) -> tuple[str, str]:
+def _walks(store: str | None, known: Result) -> float | tuple[float, ...]:
+    """Relative random walk of each parameter in a year, as the history tells it."""
+    if store is None:
+        return WALK
+    from vibrident.lab.history.document import random_walks
+    from vibrident.lab.history.store import Store
+
+    with Store(store) as opened:
+        told = random_walks(opened, known)
+    names = known.to_sensor().model.parameter_names
+    if untold := [name for name in names if name not in told]:
+        note(f"The history tells no random walk of {', '.join(untold)}: {WALK:.0%} a year is taken.")
+    return tuple(told.get(name, WALK) for name in names)
+
+
+def _chosen(*, follow: bool, stdin: str | None, source: str | None) -> tuple[str, str]:
     """Name and address of the source."""
     name, _, address = (source or "").partition("=")
-    asked = (("follow", "" if follow else None), ("stdin", stdin), ("tcp", tcp), (name, address if source else None))
+    asked = (("follow", "" if follow else None), ("stdin", stdin), (name, address if source else None))
     given = [(name, address) for name, address in asked if address is not None]
     if len(given) > 1:
         raise InputError(
             "More than one source is given.",
-            expected="one of --follow, --stdin, --tcp, --source",
+            expected="one of --follow, --stdin, --source",
             found=", ".join(name for name, _ in given),
             where="options",
             remedy="leave the others out",
@@ -117,7 +129,7 @@ def _chosen(*, follow: bool, stdin: str | None, tcp: str | None, source: str | N
     return given[0] if given else (RECORDS, "")
 
 
-def _of_records(calibration: Path, known: Any) -> tuple[float | None, float]:
+def _of_records(calibration: Path, known: Result) -> tuple[float | None, float]:
     """Sampling rate and length of the records, which must be in the unit of the result."""
     from vibrident.data.io import read_guarded
 
@@ -127,12 +139,12 @@ def _of_records(calibration: Path, known: Any) -> tuple[float | None, float]:
 
 
 def _run(chunks: Iterator[Chunk], session: Session, files: Files, show: Any, *, resumable: bool) -> None:
-    said, changing = (len(session.alarms), len(session.troubles)), session.tracker.changing
+    said, changing = (len(session.alarms), len(session.troubles)), session.changing
     for chunk in chunks:
         rows = session.take(chunk)
         files.write(rows)
-        if session.tracker.changing not in (changing, None):
-            changing = session.tracker.changing
+        if session.changing not in (changing, None):
+            changing = session.changing
             note(f"Something changed at {changing[0]:.12g} s; what it was is said when it is learned.")
         for alarm in session.alarms[said[0] :]:
             change = f"{alarm.parameter} {alarm.before:.6g} → {alarm.after:.6g}"
@@ -149,8 +161,6 @@ def _run(chunks: Iterator[Chunk], session: Session, files: Files, show: Any, *, 
 @contextlib.contextmanager
 def _live(session: Session) -> Iterator[Any]:
     """What shows a row: a table that is renewed, on a terminal."""
-    from vibrident.show import terminal
-
     console = out()
     if not console.is_terminal:
         yield lambda row: None
@@ -160,42 +170,35 @@ def _live(session: Session) -> Iterator[Any]:
     with Live(console=console, transient=True, refresh_per_second=4) as live:
 
         def show(row: Estimate) -> None:
-            live.update(terminal.inspection_table(_rows(row, session.units), f"Tracked, {row.time_s:.6g} s"))
+            excited = {name: name in row.excited for name in row.values}
+            live.update(_table(f"Tracked, {row.time_s:.6g} s", row.values, row.uncertainty, session.units, excited))
 
         yield show
 
 
-def _rows(row: Estimate, units: Any) -> list[dict[str, object]]:
+def _table(title: str, values: Any, u: Any, units: Any, excited: Any = None) -> Any:
+    """Parameters by name, with what is said of them."""
+    from vibrident.show import terminal
     from vibrident.show.numbers import pair
 
-    shown = []
-    for name, value in row.values.items():
-        number, u = pair(value, row.uncertainty[name])
-        excited = "yes" if name in row.excited else "no"
-        shown.append({"parameter": name, "value": number, "u": u, "unit": units[name], "excited": excited})
-    return shown
+    rows = []
+    for name, value in values.items():
+        number, rounded = pair(value, u[name])
+        more = {"excited": excited[name]} if excited else {}
+        rows.append({"parameter": name, "value": number, "u": rounded, "unit": units[name], **more})
+    return terminal.inspection_table(rows, title)
 
 
 def _say(document: dict[str, Any]) -> None:
     from vibrident.show import terminal
-    from vibrident.show.numbers import pair
 
-    console, rows = out(), []
-    for name, each in document["parameters"].items():
-        value, u = pair(each["value"], each["standard_uncertainty"])
-        rows.append({"parameter": name, "value": value, "u": u, "unit": each["unit"]})
-    console.print(terminal.inspection_table(rows, f"Tracked sensor, {document['time_s']:.12g} s"))
-    alarms = [
-        {
-            "time / s": f"{a['time_s']:.12g}",
-            "parameter": a["parameter"],
-            "from": a["from"],
-            "to": a["to"],
-            "what": a["what"],
-        }
-        for a in document["alarms"]
-    ]
-    if alarms:
+    console, shown = out(), ("time_s", "parameter", "from", "to", "what")
+    value, u, units = (
+        {name: each[key] for name, each in document["parameters"].items()}
+        for key in ("value", "standard_uncertainty", "unit")
+    )
+    console.print(_table(f"Tracked sensor, {document['time_s']:.12g} s", value, u, units))
+    if alarms := [{key: alarm[key] for key in shown} for alarm in document["alarms"]]:
         console.print(terminal.inspection_table(alarms, "Alarms"))
     if changing := document["changing"]:
         said = f"something changed at {changing['time_s']:.12g} s; too little motion followed to tell what"
