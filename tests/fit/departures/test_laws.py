@@ -198,3 +198,13 @@ def test_a_change_in_quiet_noise_is_as_large_as_it_is(change: str, begin: float,
     true = vibrident.identify(made).parameters["sensitivity"].value
     without = float(re.search(r"sensitivity would be ([\d.]+) mV", result.warnings[0].message)[1]) / 1000.0
     assert value - without == pytest.approx(value - true, rel=0.1)
+
+
+def test_a_harmonic_of_a_sine_leaks_into_no_parameter():
+    """A square of the response: found, and the fit of each tone has its harmonics beside it."""
+    trial = BY_NAME["defect/square:0.1/sine/far-light/0.01 %"].trial(1)
+    bent, straight = (vibrident.identify(one(), trial.model) for one in (trial.calibration, trial.sound))
+    assert {finding.code for finding in bent.findings} == {"nonlinear"}
+    assert "nonlinear" not in bent.warning_codes
+    for name, one in bent.parameters.items():
+        assert abs(one.value - straight.parameters[name].value) < one.standard_uncertainty, name

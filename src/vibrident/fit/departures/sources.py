@@ -138,11 +138,12 @@ def _of_sines(
         record, series = evidence.records[index], predicted[index]
         for span in _spans(record, series):
             used = (record.mask & np.isfinite(series))[span]
-            motion = _about_mean(series[span], used)
             turns = float(tones.frequency_hz[place]) / record.sampling_rate_hz
-            wave = np.exp(2j * np.pi * turns * np.arange(motion.size)) * used
-            columns = np.stack([wave.real, wave.imag])
-            share = np.linalg.lstsq(columns @ columns.T, columns @ motion, rcond=None)[0]
+            wave = np.exp(2j * np.pi * turns * np.arange(used.size)) * used
+            columns = np.stack([wave.real, wave.imag, used])
+            moved = np.where(used, series[span], 0.0)
+            share = np.linalg.lstsq(columns @ columns.T, columns @ moved, rcond=None)[0]
+            motion = moved - share[2] * used  # the mean of what is no whole number of periods is not where it rests
             tone = (share[0] - 1j * share[1]) * wave
             rest = np.where(used, record.response[span] - series[span], 0.0)
             rows = np.stack([linear.matrix[place], linear.matrix[count + place]], axis=1) * linear.weight[place]
