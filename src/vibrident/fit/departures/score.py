@@ -17,7 +17,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from vibrident.base.tails import f_tail
 from vibrident.data.records import FloatArray
@@ -84,9 +83,24 @@ class Sums:
         def joined(name: str) -> FloatArray:
             return np.concatenate([getattr(one, name) for one in every])
 
-        grams = (block_diag(*(getattr(one, name) for one in every)) for name in ("gram", "spread"))
-        rest = (joined(each.name) for each in fields(cls)[3:-1])
-        return cls(joined("score"), *grams, *rest, np.sum([one.steps for one in every]))
+        def apart(name: str) -> FloatArray:
+            found, first = np.zeros((count := sum(len(one.score) for one in every), count)), 0
+            for one in every:
+                own = slice(first, first := first + len(one.score))
+                found[own, own] = getattr(one, name)
+            return found
+
+        return cls(
+            joined("score"),
+            apart("gram"),
+            apart("spread"),
+            joined("cross"),
+            joined("cross_spread"),
+            joined("common"),
+            joined("shift"),
+            joined("least"),
+            np.sum([one.steps for one in every], axis=0),
+        )
 
     def beside(self, part: Part, parameters: int) -> Sums:
         """The same with the record's own parameters projected out, where it has any."""

@@ -70,7 +70,7 @@ class Signals:
     @functools.cached_property
     def likely(self) -> ComplexArray:
         """Response to the most likely motion, zero where noise may be all of it, shape (bins,)."""
-        predicted = np.where(np.arange(self.rest.size) > 0, self.predicted, 0.0) / self.unit
+        predicted: ComplexArray = np.where(np.arange(self.rest.size) > 0, self.predicted, 0j) / self.unit
         rest = projected(self.rest / self.unit, self.nuisance, np.sqrt(self.one_sided))
         return most_likely(predicted, rest, self.transfer, self.spectrum, self.used) * self.counted * self.unit
 
@@ -140,7 +140,7 @@ class Signals:
         """Bins of the harmonics that the fit of a tone has, shape (m, bins)."""
         turns, n = self.turns or 0.0, self.used.size
         orders = [order for order in range(2, HARMONICS + 1) if order * turns < USABLE_BAND]
-        waves = np.exp(2j * np.pi * turns * np.outer(orders, np.arange(n))) * self.used
+        waves: ComplexArray = np.exp(2j * np.pi * turns * np.outer(orders, np.arange(n))) * self.used
         return np.asarray(fft.rfft(np.concatenate([waves.real, waves.imag]), axis=1), dtype=complex)
 
     def _doubt(self, transfer: ComplexArray) -> FloatArray:
