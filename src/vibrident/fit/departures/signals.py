@@ -70,8 +70,9 @@ class Signals:
     @functools.cached_property
     def likely(self) -> ComplexArray:
         """Response to the most likely motion, zero where noise may be all of it, shape (bins,)."""
-        predicted: ComplexArray = np.where(np.arange(self.rest.size) > 0, self.predicted, 0j) / self.unit
-        rest = projected(self.rest / self.unit, self.nuisance, np.sqrt(self.one_sided))
+        predicted, left = (np.asarray(bins / self.unit, dtype=complex) for bins in (self.predicted, self.rest))
+        predicted[0] = 0.0
+        rest = projected(left, self.nuisance, np.sqrt(self.one_sided))
         return most_likely(predicted, rest, self.transfer, self.spectrum, self.used) * self.counted * self.unit
 
     @property

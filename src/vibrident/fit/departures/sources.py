@@ -246,7 +246,7 @@ def _in_time(
     spectrum = replace(spectrum, tones=(*known, *spectrum.tones))
     if pull is not None:
         # less the tone itself, whose leakage is above the noise of the reference in all bins, and hides it in none
-        other: ComplexArray = np.asarray(fft.rfft(motion - jacobian[0]), dtype=complex) / unit
+        other = np.asarray(fft.rfft(motion - jacobian[0]) / unit, dtype=complex)
         other = most_likely(other, freed, transfer, spectrum, used)
         nuisance = np.concatenate([nuisance, _beside_tone(evidence, estimate, other, transfer, hz, turns)])
     signals = left, bins, motion, columns, transfer, nuisance
