@@ -44,7 +44,6 @@ class Found:
         candidate: the place, and its words.
         score: the test there.
         chance: that noise shows it anywhere.
-        impact: largest shift of a coordinate, in its stated standard uncertainty.
         place: number of the part; None where it concerns all.
         record: name of the record; None likewise.
     """
@@ -53,7 +52,6 @@ class Found:
     candidate: Candidate
     score: Score
     chance: float
-    impact: float
     place: int | None
     record: str | None
 
@@ -74,7 +72,6 @@ class Together:
 
     found: tuple[Found, ...]
     shift: FloatArray
-    impact: float
 
 
 def examine(
@@ -99,24 +96,23 @@ def _among_records(parts: list[Part], uncertainty: FloatArray, rounds: int) -> l
         now = _strongest(_of_records(fit, parts, scale))
         if not now:
             break
-        before, tested = _optimum(fit, parts), fit
+        before = _optimum(fit, parts)
         for one in now:
             places = range(len(parts)) if one.place is None else [one.place]
             for place, columns in zip(places, one.candidate.white(), strict=True):
                 parts[place] = parts[place].beside(columns)
         fit = LinearFit.of(parts, uncertainty)
-        found.append(_together(now, before - _optimum(fit, parts), tested))
-    return _of_one_kind(found, fit)
+        found.append(_together(now, before - _optimum(fit, parts)))
+    return _of_one_kind(found)
 
 
-def _of_one_kind(every: list[Together], fit: LinearFit) -> list[Together]:
+def _of_one_kind(every: list[Together]) -> list[Together]:
     """Those of a kind told record by record are one, whatever the round: some records show it better than others."""
     found = dict[Departure | int, Together]()
     for number, one in enumerate(every):
         kind = number if one.found[0].departure.pooled else one.found[0].departure
         if kind in found:
-            shift = found[kind].shift + one.shift
-            one = Together((*found[kind].found, *one.found), shift, fit.impact(shift))
+            one = Together((*found[kind].found, *one.found), found[kind].shift + one.shift)
         found[kind] = one
     return list(found.values())
 
@@ -127,18 +123,18 @@ def _among_points(points: PointsPart, uncertainty: FloatArray, rounds: int) -> l
         now = _strongest(_of_points(fit, points))
         if not now:
             break
-        before, tested = _optimum(fit), fit
+        before = _optimum(fit)
         points = reduce(PointsPart.beside, (one.candidate.white()[0] for one in now), points)
         fit = points.fit(uncertainty)
-        found.append(_together(now, before - _optimum(fit), tested))
+        found.append(_together(now, before - _optimum(fit)))
     return found
 
 
-def _together(found: Sequence[Found], shift: FloatArray, fit: LinearFit) -> Together:
+def _together(found: Sequence[Found], shift: FloatArray) -> Together:
     """``shift``: of the fit beside all of them."""
     if not found[0].departure.joint:
         shift = np.sum([one.score.shift for one in found], axis=0)
-    return Together(tuple(found), shift, fit.impact(shift))
+    return Together(tuple(found), shift)
 
 
 def _optimum(fit: LinearFit, parts: Sequence[Part] = ()) -> FloatArray:
@@ -198,7 +194,7 @@ def _of_all(
         (places.candidates[0], *fit.test(Sums.stacked([sums]))) for (places,), sums in zip(every, own, strict=True)
     )
     return [
-        Found(departure, candidate, one, score.chance * several, fit.impact(one.shift), place, part.name)
+        Found(departure, candidate, one, score.chance * several, place, part.name)
         for place, (part, (candidate, one)) in enumerate(zip(parts, alone, strict=True))
         if one is not None
     ]
@@ -226,8 +222,8 @@ def _best(
     places: Sequence[Places],
     several: int,
     inside: Callable[[Sums], Sums] | None = None,
-) -> tuple[Candidate, Score, float, float] | None:
-    """The most significant candidate with its test, chance and impact; None where that is noise.
+) -> tuple[Candidate, Score, float] | None:
+    """The most significant candidate with its test and chance; None where that is noise.
 
     ``inside``: makes sums of those beside the record's own parameters.
     """
@@ -254,5 +250,5 @@ def _best(
             pairs = [own.some([first, first + 1]) for first in range(0, len(own.score), 2)]
             alone = [pair for pair in fit.test(Sums.stacked(pairs)) if sure(pair, len(pairs))]
             shift = max((pair.shift for pair in alone), key=fit.impact, default=np.zeros_like(shift))
-        return candidate, replace(exact, shift=shift), exact.chance * several, fit.impact(shift)
+        return candidate, replace(exact, shift=shift), exact.chance * several
     return None

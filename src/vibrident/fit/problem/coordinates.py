@@ -146,7 +146,3 @@ class Coordinates:
             own["positive"] = -1.0 if z[index] < 0 else 1.0
             found.append(own.get(spec.kind, scale.get(spec.kind, 1.0)))
         return np.where((low < z) & (z < high), np.array(found, dtype=float), 0.0)
-
-    def vector(self, z: Any) -> Any:
-        """Physical values in the model's order, shape (parameters,)."""
-        return array_library(z).stack(list(self.physical(z).values()))
