@@ -203,10 +203,11 @@ class _Words:
         text, them = _said(first), "it" if len(group.found) == 1 else "them"
         if others:
             text = f"{text} So it is in {others} more record{'s' if others > 1 else ''}."
-        text = f"{text} {self._without(first, group.shift, them)}"
-        if first.code == "nonlinear" and not self.evidence.model.is_linear:
-            text += f" {BESIDE_ITS_MIDDLE}"
-        return ResultWarning(first.code, text)
+        # beside its middle, a spring moves the parameters by the square of what shows it: to first order by nothing
+        beside = first.code == "nonlinear" and not self.evidence.model.is_linear
+        return ResultWarning(
+            first.code, f"{text} {BESIDE_ITS_MIDDLE if beside else self._without(first, group.shift, them)}"
+        )
 
     def _sizes(self, shift: FloatArray) -> FloatArray:
         return np.asarray(np.abs(shift) / np.maximum(self.uncertainty, np.finfo(float).tiny))
