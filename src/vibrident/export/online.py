@@ -109,13 +109,14 @@ def _numbers(sensor: ExportedSensor, made: Tracker, rate: float, name: str) -> d
     delay = float(sensor.model.delay_s(sensor.values)) if net.model.has_delay else 0.0
     late = round(delay * rate)
     start = [sensor.values[each] for each in net.model.parameter_names]
-    rate_of_walk = settings.drift_per_year**2 / SECONDS_A_YEAR
+    drift = float(np.max(settings.drift_per_year))  # the C tracker has one for all
+    rate_of_walk = drift**2 / SECONDS_A_YEAR
     about = [
         *identity(sensor),
         "",
         f"tracker at {rate!r} Hz: {net.parameters} parameters, blocks of {settings.block} samples,",
         f"{settings.false_alarms_per_day:g} false alarms a day of motion,",
-        f"random walk {settings.drift_per_year:g} a year",
+        f"random walk {drift:g} a year",
         f"corrector: late by {REACH + late} samples, for a band up to {sensor.band_hz[1]:.6g} Hz",
         "",
         "IEEE 754 arithmetic is needed: do not compile with -ffast-math.",
