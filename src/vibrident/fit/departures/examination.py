@@ -178,7 +178,8 @@ def _of_records(fit: LinearFit, parts: Sequence[Part], scale: Scale) -> list[Fou
             inside = partial(Sums.within, part=part, inverse=fit.inverse) if departure.within else None
             best = _best(fit, departure, places, shared * len(parts), inside)
             own += [] if best is None else [Found(departure, *best, place, part.name)]
-        found += (departure.together and _of_all(fit, departure, parts, every, shared)) or own
+        alike = _of_all(fit, departure, parts, every, shared) if departure.together else []
+        found += alike or own
     return found
 
 

@@ -12,6 +12,8 @@ from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.information import inverse_where_shown
 from vibrident.fit.response.response import LEAST_DEVIATION, ComplexArray
 from vibrident.fit.response.rounding import TRIALS
+from vibrident.fit.response.tones import HARMONICS
+from vibrident.physics.discretisation.inputs import USABLE_BAND
 
 #: Rounding of columns that others span, in squares; and of what is left of rows that are spanned.
 ROUNDING, LOST = 1e-13, 1e-12
@@ -160,6 +162,16 @@ def without(rows: FloatArray, basis: FloatArray) -> FloatArray:
     found = rows - (rows @ basis.T) @ basis
     size = np.einsum("ij,ij->i", rows, rows)
     return np.where((np.einsum("ij,ij->i", found, found) > LOST * size)[:, None], found, 0.0)
+
+
+def harmonics_of(turns: float, samples: int) -> FloatArray:
+    """Cosine and sine of the harmonics of a tone that its fit has, from the second on, shape (harmonics, 2, samples).
+
+    ``turns``: of the tone from sample to sample.
+    """
+    orders = [order for order in range(2, HARMONICS + 1) if order * turns < USABLE_BAND]
+    angle = 2.0 * np.pi * turns * np.outer(orders, np.arange(samples))
+    return np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
 def orthonormal(columns: FloatArray) -> FloatArray:

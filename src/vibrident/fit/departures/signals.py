@@ -10,15 +10,13 @@ from numpy import fft
 
 from vibrident.data.records import BoolArray, FloatArray, Record
 from vibrident.fit.departures.noise import slow_profile
-from vibrident.fit.departures.part import ROUNDING, Part, orthonormal, without
+from vibrident.fit.departures.part import ROUNDING, Part, harmonics_of, orthonormal, without
 from vibrident.fit.information import inverse_normal
 from vibrident.fit.noise.incoherent import HEARD
 from vibrident.fit.noise.spectrum import DOUBT, NoiseSpectrum
 from vibrident.fit.response.response import ComplexArray
-from vibrident.fit.response.tones import HARMONICS
 from vibrident.fit.response.transform import power_of
 from vibrident.fit.uncertainty.steps import rounding_in_residual
-from vibrident.physics.discretisation.inputs import USABLE_BAND
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +99,8 @@ class Signals:
         residual, whitened = white(self.rest), white(jacobian)
         beside = residual
         if pull is not None:
-            whitened = without(whitened, orthonormal(white(self._harmonics())))  # as the fit of the tone has them
+            harmonics = harmonics_of(self.turns or 0.0, n).reshape(-1, n) * self.used  # as the fit of the tone has them
+            whitened = without(whitened, orthonormal(white(np.asarray(fft.rfft(harmonics, axis=1), dtype=complex))))
             beside = residual - (residual @ whitened.T) @ inverse_normal(whitened @ whitened.T) @ whitened
         transfer = np.where(counted, self.transfer, 0.0)
         doubt = self._doubt(transfer)
@@ -136,13 +135,6 @@ class Signals:
             self.turns,
             self.record.optical is not None,
         )
-
-    def _harmonics(self) -> ComplexArray:
-        """Bins of the harmonics that the fit of a tone has, shape (m, bins)."""
-        turns, n = self.turns or 0.0, self.used.size
-        orders = [order for order in range(2, HARMONICS + 1) if order * turns < USABLE_BAND]
-        waves: ComplexArray = np.exp(2j * np.pi * turns * np.outer(orders, np.arange(n))) * self.used
-        return np.asarray(fft.rfft(np.concatenate([waves.real, waves.imag]), axis=1), dtype=complex)
 
     def _doubt(self, transfer: ComplexArray) -> FloatArray:
         """Part of the noise that one standard uncertainty of σx² makes, behind the sensor, shape (bins,)."""

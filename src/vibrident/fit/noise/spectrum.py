@@ -41,9 +41,9 @@ ROUNDS = 150
 SIGNIFICANT = 4.0
 #: The remaining uncertainty of σx² is this many standard deviations.
 DOUBT = 2.0
-#: A line is without motion where the prediction is less than so many times what noise makes there; …
+#: A line is without motion where the prediction is less than so many times what noise makes there.
 QUIET = 4.0
-#: … so many lines must be.
+#: So many lines must be without motion.
 FEWEST_QUIET = 48
 #: Fewest lines for a level.
 MANY = 16
@@ -114,7 +114,8 @@ def _read(
     lines: ComplexArray, noise: ComplexArray, power: FloatArray, motion: Motion, floor: float, binned: _Levels | None
 ) -> NoiseSpectrum:
     """The spectrum of a residual, of its incoherent part, the power of that at each line, and the levels in bins."""
-    shape = (parts := _parts(noise, power, motion, binned)).shape
+    parts = _parts(noise, power, motion, binned)
+    shape = parts.shape
     relative = np.divide(power, shape, out=power)
     smooth = _surroundings(relative)
     hum = (relative > OUTSTANDING * smooth) & ~motion.alone
@@ -192,7 +193,7 @@ def _parts(lines: ComplexArray, power: FloatArray, motion: Motion, binned: _Leve
         return _Parts(np.ones_like(power), 0.0, 0.0, functools.partial(np.broadcast_to, 0.0, power.shape), False)
     edges, wide, order, _ = bins_of(len(power))
     level, shapes, amounts, spread = binned
-    seen, scale = motion.seen, np.max(motion.seen)
+    seen, scale = motion.seen, float(np.max(motion.seen))
     variance, spread = amounts[2] / scale, spread / scale
     sure = variance > SIGNIFICANT * spread
     # All of the level at most; a bin of a few lines is low by chance.
@@ -256,7 +257,8 @@ def _unfelt(rest: ComplexArray, motion: Motion, through: FloatArray, last: int) 
 
     Noise n of the reference appears in the prediction as H n and in the residual as −H n, so −Re Ŷ* R has the mean
     |H|² σx². Lines without excitation determine it best, and each line is weighted by its scatter with motion. An
-    error of the model gives a share of |Ŷ|², with a slope in f². White and 1/f noise are separated.
+    error of the model gives a share of |Ŷ|², with a slope in f². White and 1/f noise are
+    separated.
     """
     share, (own, ordinary), found = through[1:last], motion.level(), np.zeros(4)
     common, left = np.empty(last - 1), np.empty(last - 1)

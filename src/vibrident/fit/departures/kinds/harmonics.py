@@ -14,12 +14,9 @@ from vibrident.base.warning_kinds import WarningCode
 from vibrident.data.records import FloatArray
 from vibrident.fit.departures.candidate import Candidate, Places
 from vibrident.fit.departures.departure import Scale, WithoutMotion
-from vibrident.fit.departures.part import Part
+from vibrident.fit.departures.part import Part, harmonics_of
 from vibrident.fit.departures.score import Score
-from vibrident.physics.discretisation.inputs import USABLE_BAND
 
-#: Highest order.
-HIGHEST = 5
 #: A harmonic is of the light where the response has less than this part of what the prediction leaves.
 OWN = 0.5
 
@@ -49,10 +46,9 @@ class Harmonics(WithoutMotion):
     def columns(self, part: Part, scale: Scale) -> Iterable[tuple[str, FloatArray]]:
         """Cosine and sine of each order, as large as the motion of the part."""
         size = float(np.max(np.abs(part.motion), initial=0.0))
-        for order in range(2, HIGHEST + 1):
-            if part.turns is not None and order * part.turns < USABLE_BAND and size > 0.0:
-                angle = 2.0 * np.pi * order * part.turns * np.arange(part.samples)
-                yield f"{order}", size * np.stack([np.cos(angle), np.sin(angle)])
+        if part.turns is not None and size > 0.0:
+            for order, waves in enumerate(harmonics_of(part.turns, part.samples), start=2):
+                yield f"{order}", size * waves
 
     def places(self, part: Part, scale: Scale, parameters: int) -> list[Places]:
         """Each order."""
