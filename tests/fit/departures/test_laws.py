@@ -206,5 +206,6 @@ def test_a_harmonic_of_a_sine_leaks_into_no_parameter():
     bent, straight = (vibrident.identify(one(), trial.model) for one in (trial.calibration, trial.sound))
     assert {finding.code for finding in bent.findings} == {"nonlinear"}
     assert "nonlinear" not in bent.warning_codes
+    assert all(finding.message.endswith("No parameter moves by 0.01 u.") for finding in bent.findings)
     for name, one in bent.parameters.items():
         assert abs(one.value - straight.parameters[name].value) < one.standard_uncertainty, name

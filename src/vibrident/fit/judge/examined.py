@@ -30,6 +30,8 @@ BESIDE_ITS_MIDDLE = (
 )
 #: A finding matters where it moves a parameter by its stated standard uncertainty.
 MATTERS = 1.0
+#: A smaller shift, in the same unit, is rounding or next to nothing, and is not told by its number.
+TOLD_FROM = 0.01
 
 
 @dataclass(frozen=True)
@@ -219,6 +221,8 @@ class _Words:
         name = coordinates.model.parameter_names[int(np.argmax(size))]
         unit = parameter_units(self.evidence.model, self.evidence.calibration)[name]
         stated, without = coordinates.values(z)[name], coordinates.values(z - shift)[name]
+        if np.max(size) < TOLD_FROM:
+            return f"No parameter moves by {TOLD_FROM:g} u."
         if one.departure.own_columns:  # the data do not tell which of them is wrong
             return f"Where it is largest, it moves the {in_words(name)} by {plain(float(np.max(size)), 2)} u."
         if self.admitted:
