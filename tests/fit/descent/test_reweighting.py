@@ -190,7 +190,7 @@ def test_free_motion_above_half_the_sampling_rate_tells_nothing() -> None:
     coordinates = Coordinates.at(model, true, (10.0, 400.0), 0.1)
     ends = []
     for begin in (0.0, 0.03):
-        end = reweighted(problem, coordinates, coordinates.first + np.array([0.0, begin, 0.0]), noise)
+        end = reweighted(problem, coordinates, [coordinates.first + np.array([0.0, begin, 0.0])], noise)
         assert end is not None
         ends.append((end.z - coordinates.first) / np.sqrt(np.diag(end.covariance)))
     assert np.all(np.abs(ends[0]) < 4.0)
@@ -246,5 +246,5 @@ def test_a_descent_ends_where_it_comes_no_closer_or_what_is_left_is_no_noise(mon
     made = iter(rest)
     monkeypatch.setattr(reweighting, "iterate_at", lambda *_: next(made))
     monkeypatch.setattr(reweighting, "motion_of", lambda _: None)
-    end = reweighting._down(first, [], lambda _: [SimpleNamespace(samples=100)], np.inf, None)
+    end = reweighting._down(first, [], lambda _: [SimpleNamespace(samples=100)], None)
     assert end is rest[taken - 1]

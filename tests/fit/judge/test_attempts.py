@@ -36,13 +36,20 @@ def fitted(values, weights, chi2_reduced, adequate=True):
 
 
 class Promising:
-    """An estimator that would try any start, or none."""
+    """An estimator that finds a better fit from any start, or from none."""
 
     def __init__(self, promising):
-        self.promising = promising
+        self.promising, self.starts = promising, []
 
-    def may_improve(self, evidence, estimate, progress):
-        return self.promising
+    def fit(self, evidence, progress):
+        self.starts.append(evidence.start)
+        return fitted(FIRST, "white", 50.0, adequate=False)[0]
+
+    def improved(self, evidence, estimate, progress):
+        return self.fit(evidence, progress) if self.promising else None
+
+    def where_rejected(self, evidence, estimate, progress):
+        return None
 
 
 def chosen(monkeypatch, first, second):
@@ -65,35 +72,30 @@ def test_a_fit_of_equal_weights_gives_way_to_one_that_reached_its_optimum_in_the
 
 
 @pytest.mark.parametrize("promising", [True, False])
-def test_another_start_is_fitted_to_the_end_only_where_it_may_improve_the_fit(monkeypatch, promising):
+def test_another_start_is_fitted_to_the_end_only_where_it_improves_the_fit(monkeypatch, promising):
     """A shock that no model fits took four times as long: every start led back to the same misfit."""
-    starts = []
-
-    def once(evidence, *_):
-        starts.append(evidence.start)
-        return fitted(FIRST, "white", 50.0, adequate=False)
-
-    monkeypatch.setattr(attempts, "_once", once)
+    monkeypatch.setattr(attempts, "judged", lambda *_: fitted(FIRST, "white", 50.0, adequate=False)[1])
     bands = measure_bands(simulate(("accelerometer", FIRST), "random", samples=1000, seed=1).records)
     evidence = Evidence(None, parse("accelerometer"), (), None, bands, ())  # type: ignore[arg-type]
     monkeypatch.setattr(attempts, "_weighed_start", lambda *_: None)
     monkeypatch.setattr(attempts, "_searched_again", lambda best: None)
-    attempts.Attempt.at(evidence, Promising(promising), silent)  # type: ignore[arg-type]
-    assert starts == ([None, SECOND] if promising else [None])
+    estimator = Promising(promising)
+    attempts.Attempt.at(evidence, estimator, silent)  # type: ignore[arg-type]
+    assert estimator.starts == ([None, SECOND] if promising else [None])
 
 
-def test_a_start_may_improve_the_fit_where_training_leaves_less():
+def test_a_start_improves_the_fit_where_training_leaves_less():
     """Not where it leads back to the optimum that is known, whatever the way there."""
     made = simulate(("accelerometer", FIRST), "random", samples=1500, response_noise=1e-3, seed=1)
     evidence = Evidence.gather(made, parse("accelerometer"))
     known = IPNN.fit(evidence)
     values = known.coordinates.values(known.z)
     elsewhere = replace(evidence, start={**values, "natural_frequency": 1.1 * values["natural_frequency"]})
-    assert not IPNN.may_improve(elsewhere, known)
+    assert IPNN.improved(elsewhere, known) is None
     network = known.findings.network
     assert network is not None
     worse = replace(known, findings=replace(known.findings, network=replace(network, noise=1.01 * network.noise)))
-    assert IPNN.may_improve(elsewhere, worse)
+    assert IPNN.improved(elsewhere, worse) is not None
 
 
 def test_noise_of_the_reference_does_not_lead_shocks_to_a_resonance_at_infinity():
@@ -124,6 +126,6 @@ def test_a_fit_that_leaves_most_of_the_response_is_no_better_for_the_few_bands_i
     evidence = Evidence(None, parse("accelerometer"), made.records, None, bands, ())  # type: ignore[arg-type]
     estimate, judgement = fitted(SECOND, "spectrum", 0.6)
     other = estimate, replace(judgement, predicted=tuple((1.0 - left**0.5) * r.response for r in made.records))
-    monkeypatch.setattr(attempts, "_once", lambda *_: other)
-    best = attempts.Attempt(evidence, *fitted(FIRST, "white", 9.0, adequate=False), None, silent)  # type: ignore[arg-type]
-    assert (attempts._fitted_from(SECOND, best) is best) == (left > 0.5)
+    monkeypatch.setattr(attempts, "judged", lambda *_: other[1])
+    best = attempts.Attempt(evidence, *fitted(FIRST, "white", 9.0, adequate=False), Promising(True), silent)  # type: ignore[arg-type]
+    assert (attempts._tried(SECOND, best) is best) == (left > 0.5)

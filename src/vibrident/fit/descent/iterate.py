@@ -21,9 +21,9 @@ from vibrident.fit.noise.spectrum import TONES, NoiseSpectrum, noise_spectra
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import in_blocks, mean_around, power_of
 
-#: No descent goes on where the sum of squares in the noise is so many times the number of samples, nor begins where
-#: that with equal weights is so many times its least.
-FARTHEST = 100.0
+#: What is left is no noise to weigh by where it is mostly misfit: the noise, which is read from what has nothing in
+#: common with the motion, would make the sum of squares about the number of samples, and it is so many times that.
+MISFIT = 2.0
 #: A step of more standard deviations than this must lower the weighted sum of squares.
 LONG_STEP = 1.0
 #: Noise of the reference at another place is at least this part of the level here.
@@ -106,17 +106,15 @@ class Iterate:
         return any(spectrum.input_noise > 0 for spectrum in self.spectra)
 
     def astray(self, lines: Sequence[RecordBins]) -> bool:
-        """Whether what is left there is no noise to weigh by."""
-        return not self.cost <= FARTHEST * sum(record.count for record in lines)
+        """Whether what the step would leave is no noise to weigh by."""
+        left = self.cost - float(self.gradient @ self.inverse @ self.gradient)
+        return not left <= MISFIT * sum(record.count for record in lines)
 
-    def leads_to(self, lines: Sequence[RecordBins], most: float) -> bool:
+    def leads_to(self, lines: Sequence[RecordBins]) -> bool:
         """Whether a step to where these lines were evaluated leads down.
 
-        A long one does where the sum of squares in the weighting of this iterate is less. Where no noise of the
-        reference is seen, that of equal weights is ``most`` at most.
+        A long one does where the sum of squares in the weighting of this iterate is less.
         """
-        if not self.seen and not equal_cost(lines) <= most:
-            return False
         if self.far <= LONG_STEP:
             return True
         return sum(_cost(*pair, self.z) for pair in zip(lines, self.spectra, strict=True)) < self.cost
@@ -178,11 +176,6 @@ def together(lines: Sequence[RecordBins]) -> list[slice]:
             begin, samples = number, 0
         samples += record.samples
     return [slice(*pair) for pair in itertools.pairwise([0, *ends, len(lines)])]
-
-
-def equal_cost(lines: Sequence[RecordBins]) -> float:
-    """Sum of squares with equal weights."""
-    return sum(float(equal(record) @ power_of(record.residual)) for record in lines)
 
 
 @dataclass(frozen=True, eq=False)
@@ -386,8 +379,3 @@ def _inverse_root(information: FloatArray, whole: FloatArray) -> FloatArray:
     whitening = np.linalg.inv(np.linalg.cholesky(base))
     values, rotation = np.linalg.eigh(whitening @ (information / np.outer(scale, scale)) @ whitening.T)
     return (whitening.T @ rotation) / np.sqrt(np.maximum(values, LEAST_INFORMATION)) / scale[:, None]
-
-
-def equal(record: RecordBins) -> FloatArray:
-    """Equal weights of the lines that count, shape (lines,)."""
-    return record.one_sided / max(record.samples, 1)

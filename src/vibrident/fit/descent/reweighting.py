@@ -25,27 +25,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from vibrident.base.memory import give_back_after
-from vibrident.base.tails import chi2_tail
 from vibrident.data.records import FloatArray
 from vibrident.fit.bins import RecordBins
 from vibrident.fit.descent.iterate import (
-    FARTHEST,
     SETTLED,
     SHARE,
     Iterate,
     beside_hum,
-    equal,
-    equal_cost,
     iterate_at,
-    products,
 )
 from vibrident.fit.descent.optimise import Bent
-from vibrident.fit.descent.sandwich import sandwich, width
+from vibrident.fit.descent.sandwich import width
 from vibrident.fit.noise.found import SpectralNoise, doubtful
 from vibrident.fit.noise.motion import NEAREST, motion_of
 from vibrident.fit.noise.spectrum import DOUBT, NoiseSpectrum
 from vibrident.fit.problem import Coordinates, NetworkProblem
-from vibrident.fit.response.response import ComplexArray
 
 #: Evaluations of the network at most, straight on and along a valley.
 EVALUATIONS, ALONG_A_VALLEY = 16, 30
@@ -61,10 +55,6 @@ MOST_DAMPED = 1e12
 CLOSER, MOST_SLOW = 0.97, 3
 #: The steps are halved where one leaves more than this part of the way.
 BACK = 0.7
-#: Weights by noise are not used if the model does not explain the data: the sum of squares grows by this factor …
-COSTLIER = 2.0
-#: … or the shift of the estimate has a probability below this under equal weights.
-DIFFERENT = 1e-6
 
 
 @dataclass(frozen=True)
@@ -88,56 +78,55 @@ class Reweighted:
 def reweighted(
     problem: NetworkProblem,
     coordinates: Coordinates,
-    z: FloatArray,
+    begins: Sequence[FloatArray],
     noise: FloatArray,
-    start: FloatArray | None = None,
     bent: Bent | None = None,
 ) -> Reweighted | None:
-    """Go from the optimum of equal weights to that of the noise as it is; None where the misfit is no noise.
+    """Go to the optimum of the noise as it is; None where the misfit is no noise.
 
     Args:
         problem: the records.
         coordinates: the map from z to parameters.
-        z: the optimum of equal weights, shape (p,).
+        begins: where to begin, each of shape (p,): the optimum of equal weights; if nothing leads on from there, the
+            next: noise of the reference may draw equal weights far aside.
         noise: standard deviation by which each record was weighted, shape (records,).
-        start: where to begin in place of ``z``, shape (p,). Where parameters trade against each other along a curved
-            valley, noise of the reference draws equal weights so far that no step leads back.
         bent: where a damped step leads to if not straight on.
     """
-    lines = problem.lines(z, coordinates, noise)
-    cost, motions = equal_cost(lines), [motion_of(record) for record in lines]
-    spectra = beside_hum(lines, motions)
-    # What equal weights say is needed only where the way leads on from here, or begins elsewhere.
-    first, alike = tuple(spectra), None
-    if start is not None:
-        alike = _spread(lines, spectra), _equal_information(lines)
-        lines = problem.lines(start, coordinates, noise)
-        if not equal_cost(lines) <= FARTHEST * cost:
-            return None
-        motions = [motion_of(record) for record in lines]
-        spectra = beside_hum(lines, motions)
-    here = iterate_at(lines, motions, spectra, z if start is None else start)
-    del motions, spectra  # of a long record each copy counts
-    if here is None or here.astray(lines):
-        return None
-    if here.end is None and alike is None:
-        alike = _spread(lines, first), _equal_information(lines)
     evaluate = functools.partial(problem.lines, coordinates=coordinates, noise=noise)
-    here = _down(here, lines, evaluate, COSTLIER * cost, bent)
-    end = here.end
-    if here.astray(lines) or (end is None and not here.far <= ASTRAY):
-        return None
+    for z in begins:
+        lines = evaluate(z)
+        motions = [motion_of(record) for record in lines]
+        here = iterate_at(lines, motions, beside_hum(lines, motions), z)
+        del motions  # of a long record each copy counts
+        if here is None:
+            continue
+        if here.astray(lines):
+            return None
+        here = _down(here, lines, evaluate, bent)
+        if here.astray(lines):
+            return None
+        if here.end is not None or here.far <= ASTRAY:
+            return _arrived(here, lines, evaluate, problem, noise)
+    return None
+
+
+def _arrived(
+    here: Iterate,
+    lines: list[RecordBins],
+    evaluate: Callable[[FloatArray], list[RecordBins]],
+    problem: NetworkProblem,
+    noise: FloatArray,
+) -> Reweighted:
+    """The estimate at the last iterate; ``lines``: the records there, or where a step was tried last."""
     if lines[0].z is not here.z:
-        lines = problem.lines(here.z, coordinates, noise)
-    end = here.z if end is None else end
-    if alike is not None and not here.seen and _improbable(end - z, equal_cost(lines) - cost, *alike):
-        return None  # noise of the reference alone draws equal weights aside
+        lines = evaluate(here.z)
+    end = here.z if here.end is None else here.end
     inverse, covariance, spectra = here.inverse, here.covariance, here.spectra
     pulls = [inverse @ _draw(record, spectrum) / DOUBT for record, spectrum in zip(lines, spectra, strict=True)]
     covariance = covariance + np.sum([np.outer(pull, pull) for pull in pulls], axis=0)
     give_back_after(max(record.samples for record in lines))
     untold = np.array([pull for pull, spectrum in zip(pulls, spectra, strict=True) if not spectrum.free])
-    untold = untold.reshape(-1, len(z))
+    untold = untold.reshape(-1, len(here.z))
     return Reweighted(
         end,
         covariance,
@@ -158,7 +147,6 @@ def _down(
     here: Iterate,
     lines: list[RecordBins],
     evaluate: Callable[[FloatArray], list[RecordBins]],
-    most: float,
     bent: Bent | None,
 ) -> Iterate:
     """The last iterate of a descent; ``lines`` hold the records at the last iterate that was tried."""
@@ -177,7 +165,7 @@ def _down(
             lines.clear()  # of long records they are most of the memory
             lines += evaluate(trial)
             give_back_after(max(record.samples for record in lines))
-            if here.leads_to(lines, most):
+            if here.leads_to(lines):
                 there = iterate_at(lines, [motion_of(record) for record in lines], list(here.spectra), trial, SETTLED)
         if there is None:
             damping = max(DAMPED, damping * MORE_DAMPED * 2.0**rejected)
@@ -191,36 +179,6 @@ def _down(
                 break
             damping = damping * LESS_DAMPED if damping > DAMPED else 0.0
     return here
-
-
-def _equal_information(lines: Sequence[RecordBins]) -> FloatArray:
-    def slopes_of(record: RecordBins) -> Callable[[slice], list[ComplexArray]]:
-        return lambda part: [record.jacobian[:, part]]
-
-    return np.sum([products(slopes_of(record), equal(record)) for record in lines], axis=0)
-
-
-def _improbable(shift: FloatArray, more: float, spread: FloatArray, information: FloatArray) -> bool:
-    """Whether equal weights would end so far from the optimum by chance in fewer than one of a million cases.
-
-    By the shift, and by what it costs: along a curved valley it is far for little.
-
-    Args:
-        shift: of the coordinates, shape (p,).
-        more: sum of squares with equal weights, beyond its least.
-        spread: covariance of the estimate with equal weights, shape (p, p).
-        information: with equal weights, shape (p, p).
-    """
-    far = float(shift @ np.linalg.pinv(spread, hermitian=True) @ shift)
-    # More than each part of the sum: the largest part times a sum of p squares.
-    largest = float(np.max(np.abs(np.linalg.eigvals(information @ spread))))
-    return chi2_tail(len(shift), far) < DIFFERENT and chi2_tail(len(shift), more / largest) < DIFFERENT
-
-
-def _spread(lines: list[RecordBins], spectra: Sequence[NoiseSpectrum]) -> FloatArray:
-    """Covariance of the estimate with equal weights in the noise that is there."""
-    levels = [spectrum.psd for spectrum in spectra]
-    return sandwich([(record.jacobian, equal(record), level) for record, level in zip(lines, levels, strict=True)])
 
 
 def _draw(record: RecordBins, spectrum: NoiseSpectrum) -> FloatArray:

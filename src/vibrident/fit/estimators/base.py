@@ -125,10 +125,13 @@ class Estimator(ABC):
         """
         return None
 
-    def may_improve(self, evidence: Evidence, estimate: Estimate, progress: Progress = silent) -> bool:
-        """Whether the start stated in the evidence may lead to a better fit than a rejected estimate, as far as that
-        can be told for a part of the work."""
-        return True
+    def improved(self, evidence: Evidence, estimate: Estimate, progress: Progress = silent) -> Estimate | None:
+        """The estimate from the start stated in the evidence; None where it is no better than a rejected one.
+
+        Raises:
+            NotConverged: the start leads to no finite fit.
+        """
+        return self.fit(evidence, progress)
 
     def suits(self, evidence: Evidence) -> str:
         """Reason to choose this estimator for these data; empty: it is not chosen automatically."""

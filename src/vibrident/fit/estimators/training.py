@@ -39,8 +39,17 @@ NOISE_SETTLED = 1e-3
 LIKELIER = 9.0
 
 
-def fit(network: NetworkSettings, evidence: Evidence, progress: Progress) -> Estimate:
+def fit(
+    network: NetworkSettings, evidence: Evidence, progress: Progress, beside: Estimate | None = None
+) -> Estimate | None:
     """Train the network.
+
+    Args:
+        network: its settings.
+        evidence: the data.
+        progress: called after each step.
+        beside: an estimate from another start. None is returned where training with equal weights leaves no less
+            residual than that of this estimate did.
 
     Raises:
         ModelError: there are no records, or no record has a reference.
@@ -55,24 +64,21 @@ def fit(network: NetworkSettings, evidence: Evidence, progress: Progress) -> Est
             remedy="use the estimator 'auto' for a table; add a record with a reference to free decays",
         )
     trained = _trained(network, evidence, progress)
+    if beside is not None and _by_lines(network, evidence) and not _likelier(trained, beside, evidence):
+        return None
     if network.weights == "free":
         return _freed(network, evidence, trained, progress)
     # A nonlinear model has no residual line by line, and Adam trains as the paper does.
     return trained.in_the_noise_found(evidence) if _by_lines(network, evidence) else trained.with_equal_weights()
 
 
-def leads_further(network: NetworkSettings, evidence: Evidence, estimate: Estimate, progress: Progress) -> bool:
-    """Whether another start leads to less residual with equal weights than the estimate's training left.
-
-    Training takes a tenth of the time of the steps weighted by the noise, which come to nothing where the model
-    does not explain the data. True where it is not known.
-    """
-    before = estimate.findings.network
-    if before is None or not _by_lines(network, evidence):
+def _likelier(after: _Trained, before: Estimate, evidence: Evidence) -> bool:
+    """Whether training with equal weights leaves less residual than an estimate's; True where it is not known."""
+    network = before.findings.network
+    if network is None:
         return True
-    after = _trained(network, evidence, progress)
     samples = np.array([record.mask.sum() for record in evidence.records], dtype=float)
-    return float(np.sum(2.0 * samples * np.log(before.noise / after.network.noise))) > LIKELIER
+    return float(np.sum(2.0 * samples * np.log(network.noise / after.network.noise))) > LIKELIER
 
 
 def with_equal_weights(estimate: Estimate) -> Estimate | None:
@@ -220,12 +226,13 @@ class _Trained:
 
     def in_the_noise_found(self, evidence: Evidence) -> Estimate:
         """The last step of training: every line of the residual weighted by its own noise."""
-        at = (self.problem, self.coordinates, self.trace.last, self.network.noise)
         two_modes = bool(self.coordinates.model.shares)  # they trade against each other along a curved valley
-        bent = GeodesicSteps.of_records(evidence, self.coordinates, self.network.noise) if two_modes else None
-        end = reweighted(*at, bent=bent)
-        if end is None:  # equal weights were drawn aside; the points' start knows the noise of both channels
-            end = reweighted(*at, start=self.coordinates.place(self.begin.values), bent=bent)
+        begins, bent, noise = [self.trace.last], None, self.network.noise
+        if two_modes:
+            bent = GeodesicSteps.of_records(evidence, self.coordinates, noise)
+        if two_modes or evidence.start is not None:  # which knows the noise of both channels
+            begins.append(self.coordinates.place(self.begin.values))
+        end = reweighted(self.problem, self.coordinates, begins, noise, bent)
         if end is None:
             return self.with_equal_weights()
         found = Findings(replace(self.network, weights="spectrum"), end.noise)

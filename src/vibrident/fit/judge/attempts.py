@@ -75,7 +75,7 @@ class Attempt:
             # Too few points to search in, or noise of the reference leads the search to the end of its range: another
             # weighting, and the other optima of the first search.
             weighed = _weighed_start(best)
-            best = best if weighed is None else _fitted_from(weighed, best)
+            best = best if weighed is None else _tried(weighed, best, weighed=True)
             for start, cost in begin.others[:MORE_STARTS]:
                 if cost > COMPARABLE * begin.costs[-1] or best.adequate:
                     break
@@ -188,31 +188,29 @@ def _chi2(judgement: Judgement) -> float:
     return float(judgement.adequacy.chi2_reduced or 0.0) * judgement.adequacy.degrees_of_freedom
 
 
-def _tried(start: Mapping[str, float], best: Attempt) -> Attempt:
+def _tried(start: Mapping[str, float], best: Attempt, *, weighed: bool = False) -> Attempt:
     """The fit from another start if it is better, else the best so far.
 
-    A start may lead to no fit: a delay beyond the record, for one.
+    A start may lead to no fit: a delay beyond the record, for one. A fit that predicts less of the response is tested
+    in fewer bands, and meets those that are left the better. Of a start that was ``weighed``, equal weights say
+    nothing: noise of the reference draws these aside.
     """
-    begun = replace(best.evidence, start=dict(start))
+    evidence, estimator = replace(best.evidence, start=dict(start)), best.estimator
     try:
-        promising = best.estimator.may_improve(begun, best.estimate, best.progress)
+        if weighed:
+            found: Estimate | None = estimator.fit(evidence, best.progress)
+        else:
+            found = estimator.improved(evidence, best.estimate, best.progress)
+        if found is None:
+            return best
+        estimate, judgement = _judged(evidence, estimator, found, best.progress)
     except (NotConverged, InputError):
         return best
-    return _fitted_from(start, best) if promising else best
-
-
-def _fitted_from(start: Mapping[str, float], best: Attempt) -> Attempt:
-    """The same, whatever equal weights say of the start: noise of the reference draws these aside.
-
-    A fit that predicts less of the response is tested in fewer bands, and meets those that are left the better.
-    """
-    try:
-        other = best.begun_at(start)
-    except (NotConverged, InputError):
+    before, after = (one.adequacy.chi2_reduced for one in (best.judgement, judgement))
+    lost = part_left(evidence.records, judgement.predicted) > MOST_LEFT
+    if lost or not (after or np.inf) < CLEARLY_LESS * (before or 0.0):
         return best
-    before, after = (one.judgement.adequacy.chi2_reduced for one in (best, other))
-    lost = part_left(other.evidence.records, other.judgement.predicted) > MOST_LEFT
-    return best if lost or not (after or np.inf) < CLEARLY_LESS * (before or 0.0) else other
+    return replace(best, estimate=estimate, judgement=judgement, examined=None)
 
 
 def _weighed_start(found: Attempt) -> Mapping[str, float] | None:
@@ -288,15 +286,24 @@ def judged(evidence: Evidence, estimate: Estimate) -> Judgement:
 
 
 def _once(evidence: Evidence, estimator: Estimator, progress: Progress) -> tuple[Estimate, Judgement]:
-    longest = max((record.samples for record in evidence.records), default=0)
-    give_back_after(longest)
-    found = estimator.fit(evidence, progress)
+    give_back_after(_longest(evidence))
+    return _judged(evidence, estimator, estimator.fit(evidence, progress), progress)
+
+
+def _judged(
+    evidence: Evidence, estimator: Estimator, found: Estimate, progress: Progress
+) -> tuple[Estimate, Judgement]:
+    """An estimate, or what takes its place where it is rejected, and what it says of the data."""
     found = found if found.problem is None else replace(found, problem=found.problem.idle())
-    give_back_after(longest)
+    give_back_after(_longest(evidence))
     estimate = canonically_labelled(found)
     judgement = judged(evidence, estimate)
-    give_back_after(longest)
+    give_back_after(_longest(evidence))
     if judgement.adequacy.adequate or (other := estimator.where_rejected(evidence, found, progress)) is None:
         return estimate, judgement
     estimate = canonically_labelled(other)
     return estimate, judged(evidence, estimate)
+
+
+def _longest(evidence: Evidence) -> int:
+    return max((record.samples for record in evidence.records), default=0)

@@ -60,15 +60,18 @@ def _may_be_the_model(found: Attempt) -> bool:
 
 
 def _tried(found: Attempt) -> Iterator[tuple[SensorModel, dict[str, float]]]:
-    """The models worth a fit of the records, with their values at the points: those of one thing more come first."""
+    """The models worth a fit of the records, with their values at the points: those of fewest parameters come first."""
     problem = _problem(found)
     if problem is None:
         return
     values = found.estimate.coordinates.values(found.estimate.z)
     own = (found.judgement.adequacy.chi2_reduced or 0.0, found.evidence.model, values)
-    for others in _others(found.evidence):
-        likely = sorted(_likely(problem, others, *own), key=lambda one: len(one[1]))
-        yield from likely
+    for level in _others(found.evidence):
+        likely = False
+        for alike in level:
+            for other in _likely(problem, alike, *own):
+                likely = True
+                yield other
         if likely:
             break
 
@@ -117,8 +120,11 @@ def _inside(problem: FrequencyProblem, other: SensorModel, values: dict[str, flo
     return all(low[k] < z[k] < high[k] for k, spec in enumerate(other.parameters) if spec.kind == "log")
 
 
-def _others(evidence: Evidence) -> Iterator[list[SensorModel]]:
-    """Linear models of another core or with one more add-on; then those with one more and a delay."""
+def _others(evidence: Evidence) -> Iterator[list[list[SensorModel]]]:
+    """Linear models of another core or with one more add-on; then those with one more and a delay.
+
+    Of either those with as many parameters together, the fewest first.
+    """
     own, possible = evidence.model.name.split("+"), [addon for addon in ADD_ONS.values() if addon.force is None]
     if evidence.bands is not None:  # broadband motion needs a network
         possible = [addon for addon in possible if addon.factor is None]
@@ -128,4 +134,10 @@ def _others(evidence: Evidence) -> Iterator[list[SensorModel]]:
     two = [[*own, name, delay] for delay in delays for name in more if not ADD_ONS[name].is_delay]
     for names in (one, two):
         models = (installed("+".join(parts)) for parts in names)
-        yield [model for model in models if model is not None and model.is_linear]
+        linear = [model for model in models if model is not None and model.is_linear]
+        linear.sort(key=_parameters)
+        yield [list(alike) for _, alike in itertools.groupby(linear, _parameters)]
+
+
+def _parameters(model: SensorModel) -> int:
+    return len(model.parameter_names)

@@ -20,9 +20,8 @@ from vibrident.fit.problem.coordinates import searched
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import median
 from vibrident.physics.models import SensorModel
+from vibrident.physics.models.slopes import response_and_slopes
 
-#: Step of the differences in coordinates near one.
-STEP = 1e-7
 #: Damping of Levenberg–Marquardt at the start.
 DAMPING = 1e-2
 #: Factor on the damping after a step that lowers the cost.
@@ -42,7 +41,7 @@ UNCOMMON = 8.0
 #: What is positive stays above this part of one unit.
 LEAST = 1e-9
 
-#: Residual of candidates' responses, (C, n) → (C, m), and its derivative, (C, n, P) → (C, m, P), from ∂ log H.
+#: Residual of candidates' responses, (C, n) → (C, m), and its derivative, (C, P, n) → (C, P, m), from ∂ log H.
 Residual = Callable[[ComplexArray, ComplexArray], tuple[FloatArray, FloatArray]]
 
 
@@ -148,18 +147,22 @@ class LogCoordinates:
             found = self.model.frequency_response(self.values(u, sign), self.frequency_hz, self.quantity)
         return np.broadcast_to(found, (u.shape[0], self.frequency_hz.size))
 
-    def log_slopes(self, u: FloatArray, sign: FloatArray, response: ComplexArray) -> ComplexArray:
-        """∂ log H by the coordinates, shape (C, n, P)."""
-        slopes = np.empty((*response.shape, u.shape[1]), dtype=complex)
+    def response_and_slopes(self, u: FloatArray, sign: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+        """Responses of the candidates, shape (C, n), and ∂ log H by the coordinates, shape (C, P, n)."""
+        values, ends = self.values(u, sign), searched(self.band_hz)
+        with np.errstate(all="ignore"):
+            response, slopes = response_and_slopes(self.model, values, self.frequency_hz, self.quantity)
+            logarithmic = np.moveaxis(slopes, 0, 1) / response[:, None]
         for index, spec in enumerate(self.model.parameters):
+            value = values[spec.name]
             if spec.kind == "gain":
-                slopes[..., index] = 1.0
-                continue
-            moved = u.copy()
-            moved[:, index] += STEP
-            with np.errstate(all="ignore"):
-                slopes[..., index] = (self.response(moved, sign) / response - 1.0) / STEP
-        return slopes
+                logarithmic[:, index] = 1.0
+            elif spec.kind in ends:
+                low, high = ends[spec.kind]
+                logarithmic[:, index] *= np.where((low < value) & (value < high), value, 0.0)
+            elif spec.kind in ("positive", "time"):
+                logarithmic[:, index] *= value if spec.kind == "positive" else self.time_unit_s
+        return response, logarithmic
 
 
 def magnitudes(sought: TargetFRF, least: float) -> Residual:
@@ -167,7 +170,7 @@ def magnitudes(sought: TargetFRF, least: float) -> Residual:
     goal, weight = np.log(np.abs(sought.response)), 1.0 / np.maximum(sought.deviation, least)
 
     def residual(h: ComplexArray, slopes: ComplexArray) -> tuple[FloatArray, FloatArray]:
-        return (np.log(np.abs(h)) - goal) * weight, slopes.real * weight[:, None]
+        return (np.log(np.abs(h)) - goal) * weight, slopes.real * weight
 
     return residual
 
@@ -180,7 +183,7 @@ def logarithms(sought: TargetFRF, least: float) -> Residual:
         ratio = h / sought.response
         return (
             np.concatenate([np.log(np.abs(ratio)) * radial, np.angle(ratio) * turning], axis=1),
-            np.concatenate([slopes.real * radial[:, None], slopes.imag * turning[:, None]], axis=1),
+            np.concatenate([slopes.real * radial, slopes.imag * turning], axis=2),
         )
 
     return residual
@@ -193,8 +196,8 @@ def differences(sought: TargetFRF) -> Residual:
     scale = 1.0 / (np.abs(sought.response) * sought.deviation)
 
     def residual(h: ComplexArray, slopes: ComplexArray) -> tuple[FloatArray, FloatArray]:
-        off, turn = (h - sought.response) * scale, slopes * (h * scale)[..., None]
-        return np.concatenate([off.real, off.imag], axis=1), np.concatenate([turn.real, turn.imag], axis=1)
+        off, turn = (h - sought.response) * scale, slopes * (h * scale)[:, None]
+        return np.concatenate([off.real, off.imag], axis=1), np.concatenate([turn.real, turn.imag], axis=2)
 
     return residual
 
@@ -205,13 +208,13 @@ def _polar_differences(sought: TargetFRF) -> Residual:
 
     def residual(h: ComplexArray, slopes: ComplexArray) -> tuple[FloatArray, FloatArray]:
         radial = (np.abs(h) - size) * scale
-        outward = slopes.real * (np.abs(h) * scale)[..., None]
+        outward = slopes.real * (np.abs(h) * scale)[:, None]
         if not sought.has_phase:
             return radial, outward
         turn = np.angle(h / sought.response) * turning
         return (
             np.concatenate([radial, turn], axis=1),
-            np.concatenate([outward, slopes.imag * turning[:, None]], axis=1),
+            np.concatenate([outward, slopes.imag * turning], axis=2),
         )
 
     return residual
@@ -268,7 +271,7 @@ def descend(
         held: coordinates that stay as they are, shape (C, P); None: none does.
     """
     u, damping = u.copy(), np.full(len(u), DAMPING)
-    free = np.ones((len(u), 1, 1)) if held is None else np.where(held, 0.0, 1.0)[:, None, :]
+    free = np.ones((len(u), 1, 1)) if held is None else np.where(held, 0.0, 1.0)[:, :, None]
     places, costs = [], []
     for part in (rounds - rounds // 2, rounds // 2):  # what is out of the common is told better half-way
         off, slopes = _evaluated(chart, u, sign, residual)
@@ -307,7 +310,7 @@ def descend(
 def information_at(chart: LogCoordinates, u: FloatArray, sign: FloatArray, residual: Residual) -> FloatArray:
     """JᵀJ of the residual at each candidate, by the coordinates, shape (C, P, P)."""
     _, slopes = _evaluated(chart, u, sign, residual)
-    return np.einsum("cmp,cmq->cpq", slopes, slopes)
+    return slopes @ slopes.swapaxes(1, 2)
 
 
 def _limit(off: FloatArray) -> FloatArray:
@@ -324,15 +327,15 @@ def _bounded(off: FloatArray, slopes: FloatArray, limit: FloatArray) -> tuple[Fl
         factor = np.where(np.abs(off) > 1e-6 * limit, off / (bounded * root), 1.0)
     small = np.abs(off) <= 1e-6 * limit
     bounded = np.where(small, off, bounded)
-    return bounded, slopes * np.where(np.isfinite(factor), factor, 0.0)[..., None]
+    return bounded, slopes * np.where(np.isfinite(factor), factor, 0.0)[:, None]
 
 
 def _evaluated(
     chart: LogCoordinates, u: FloatArray, sign: FloatArray, residual: Residual
 ) -> tuple[FloatArray, FloatArray]:
-    response = chart.response(u, sign)
+    response, logarithmic = chart.response_and_slopes(u, sign)
     with np.errstate(all="ignore"):
-        off, slopes = residual(response, chart.log_slopes(u, sign, response))
+        off, slopes = residual(response, logarithmic)
     lost = ~np.all(np.isfinite(off), axis=1)
     off[lost] = np.inf
     return off, np.where(np.isfinite(slopes), slopes, 0.0)
@@ -341,8 +344,8 @@ def _evaluated(
 def _steps(off: FloatArray, slopes: FloatArray, damping: FloatArray) -> FloatArray:
     """Damped Gauss–Newton steps, none longer than ``LONGEST`` in a coordinate; shape (C, P)."""
     off = np.where(np.isfinite(off), off, 0.0)
-    matrix = np.einsum("cmp,cmq->cpq", slopes, slopes)
-    gradient = np.einsum("cmp,cm->cp", slopes, off)
+    matrix = slopes @ slopes.swapaxes(1, 2)
+    gradient = (slopes @ off[..., None])[..., 0]
     diagonal = np.einsum("cpp->cp", matrix)
     # A coordinate of which nothing is known stays; the others are scaled to one.
     scale = np.sqrt(np.maximum(diagonal, 1e-20 * np.max(diagonal, axis=1, keepdims=True) + 1e-300))

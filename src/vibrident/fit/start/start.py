@@ -136,12 +136,16 @@ def _whole(values: Mapping[str, float], model: SensorModel) -> dict[str, float]:
 
 
 def _shortest_delay_first(rows: np.ndarray, front: Population, model: SensorModel) -> list[int]:
-    """The rows in order of cost; among those that fit as well as the best, the shortest delay comes first."""
+    """The rows in order of cost; of those that fit as well as the best, the first of the shortest delay comes first.
+
+    Delays that turn the phases by whole turns fit alike; within half a turn it is one and the same.
+    """
     if not model.has_delay:
         return rows.tolist()
     index = [spec.kind for spec in model.parameters].index("time")
     alike = [row for row in rows.tolist() if front.cost[row] <= front.cost[rows[0]] + ALIKE]
-    first = min(alike, key=lambda row: round(abs(float(front.u[row, index])), 1))
+    delays = {row: abs(float(front.u[row, index])) for row in alike}  # rad at the highest frequency
+    first = next(row for row in alike if delays[row] <= min(delays.values()) + np.pi)
     return [first, *(row for row in rows.tolist() if row != first)]
 
 

@@ -74,13 +74,15 @@ class Ipnn(NetworkSettings, Estimator):
         """
         from vibrident.fit.estimators import training
 
-        return training.fit(self, evidence, progress)
+        found = training.fit(self, evidence, progress)
+        assert found is not None  # there is nothing that it would have to be better than
+        return found
 
-    def may_improve(self, evidence: Evidence, estimate: Estimate, progress: Progress = silent) -> bool:
-        """Whether training with equal weights leads to less residual."""
+    def improved(self, evidence: Evidence, estimate: Estimate, progress: Progress = silent) -> Estimate | None:
+        """None where training with equal weights leaves no less residual."""
         from vibrident.fit.estimators import training
 
-        return training.leads_further(self, evidence, estimate, progress)
+        return training.fit(self, evidence, progress, beside=estimate)
 
     def where_rejected(self, evidence: Evidence, estimate: Estimate, progress: Progress = silent) -> Estimate | None:
         """The best overall fit: equal weights for all samples of a record."""
