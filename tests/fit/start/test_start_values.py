@@ -247,7 +247,7 @@ def test_the_shortest_delay_comes_first_whatever_the_size_of_the_cost(cost):
 
 
 def test_of_delays_within_half_a_turn_the_best_fit_comes_first():
-    """They are one and the same; the shorter one missed the optimum of a band below the resonance in 6 of 180 tables."""
+    """They are one and the same: the shorter one missed the optimum of 6 of 180 tables below the resonance."""
     assert _first_of(delays_rad=(-0.985, -0.669), costs=(61.9, 68.3)) == 0
 
 
