@@ -23,6 +23,7 @@ from vibrident.show.certificate_tables import reference as reference
 from vibrident.show.certificate_tables import sensitivity as sensitivity
 from vibrident.show.coverage import coverage, parameter_factor, unstated
 from vibrident.show.findings import findings
+from vibrident.show.formulas import Mixed
 from vibrident.show.history import date_of
 from vibrident.show.issue import NOTHING_MORE, Issue, missing
 from vibrident.show.language import ENGLISH, Say
@@ -157,7 +158,7 @@ def groups(result: Result, say: Say = ENGLISH) -> tuple[Facts, ...]:
     method = [
         *always("procedure"),
         *given("deviations", "external_results"),
-        (say("label", "reference_quantity"), str(quantity)),
+        (say("label", "reference_quantity"), Mixed(quantity)),
         (say("label", "measured_band"), _band(result, say)),
         (say("label", "evaluation"), say("text", "evaluation", model=result.model, estimator=result.estimator)),
     ]
@@ -209,7 +210,7 @@ def statements(result: Result, say: Say = ENGLISH) -> tuple[str, ...]:
     verdict = "adequate" if result.fit.adequate else "not_adequate"
     found = [
         say.each(lambda one: _uncertainty(result, one)),
-        str(say.each(lambda one: f"{one('text', 'covers')} {_sources(str(covers), one)}.")) if covers else "",
+        Mixed(say.each(lambda one: f"{one('text', 'covers')} {_sources(str(covers), one)}.")) if covers else "",
         say("text", "reference", percent=plain(100.0 * relative, 3)) if relative else "",
         say("text", "cmc") if result.settings.get("cmc") else "",
         say.each(lambda one: f"{one('text', verdict)} {_worst(result, one)}".strip()),

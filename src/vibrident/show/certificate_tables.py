@@ -14,7 +14,7 @@ from vibrident.physics.naming import parameter_name
 from vibrident.result import Parameter, Result
 from vibrident.show import figures, tables
 from vibrident.show.coverage import parameter_factor, unstated
-from vibrident.show.formulas import Words
+from vibrident.show.formulas import Mixed, Words
 from vibrident.show.language import ENGLISH, Say
 from vibrident.show.numbers import (
     COVERAGE_FACTOR,
@@ -164,7 +164,7 @@ def parameters(result: Result, say: Say = ENGLISH) -> Table:
         for row in kept.rows
     )
     number = tables.per_g_value(result)
-    notes = (str(say("text", "per_g", g=tables.STANDARD_GRAVITY, value=number)),) if number else ()
+    notes = (Mixed(say("text", "per_g", g=tables.STANDARD_GRAVITY, value=number)),) if number else ()
     return replace(kept, columns=heads, rows=rows, notes=notes).telling()
 
 
@@ -186,9 +186,10 @@ def point_budgets(result: Result, say: Say = ENGLISH) -> tuple[Table, ...]:
     for table in point_budget(result):
         heads = [replace(one, title=say.known(one.title) if say.has(one.title) else one.title) for one in table.columns]
         unit = table.columns[-1].unit
-        title = say.each(lambda one, table=table, unit=unit: f"{one('head', table.name)}, u / ({unit})")
+        unit = f"({unit})" if "/" in unit else unit
+        title = say.each(lambda one, table=table, unit=unit: f"{one('head', table.name)}, u / {unit}")
         step = max(1, -(-len(table.rows) // MOST_POINTS))
-        found.append(replace(table, columns=tuple(heads), rows=table.rows[::step], title=str(title)))
+        found.append(replace(table, columns=tuple(heads), rows=table.rows[::step], title=Mixed(title)))
     return tuple(found)
 
 
@@ -222,11 +223,25 @@ def _judged(result: Result, row: Judged, say: Say) -> tuple[str, ...]:
     else:
         scale = parameter_scale(result, result.parameters[row.quantity])
         name, factor, unit = say.known(parameter_name(row.quantity).words), scale.factor, scale.printed or "1"
-    ends = [NONE if math.isinf(end) else plain(end * factor) for end in (row.low, row.high)]
+    low, high = (plain(end * factor) for end in (row.low, row.high))
+    limits = (
+        f"≤ {high}"
+        if math.isinf(row.low)
+        else f"≥ {low}"
+        if math.isinf(row.high)
+        else f"{low}\N{NO-BREAK SPACE}…\N{NO-BREAK SPACE}{high}"
+    )
     value, expanded = with_u(row.value if math.isfinite(row.value) else None, row.u, factor)
     word = "not_judged" if row.met is None else "pass" if row.met else "fail"
-    chance = NONE if row.probability is None else f"{100.0 * row.probability:.2f} %"
-    return name, row.source, f"{ends[0]} … {ends[1]}", value, expanded, unit, chance, say("text", word)
+    chance = NONE if row.probability is None else _chance(row.probability)
+    return name, row.source, limits, value, expanded, unit, chance, say("text", word)
+
+
+def _chance(probability: float) -> str:
+    """A probability in percent: rounded, none is certain and none impossible."""
+    if probability < 5e-5:
+        return "< 0.01 %"
+    return "> 99.99 %" if probability >= 1.0 - 5e-5 else f"{100.0 * probability:.2f} %"
 
 
 def adjustment(result: Result, before: Result | None, say: Say = ENGLISH) -> Table | None:
@@ -265,13 +280,15 @@ def temperature(result: Result, say: Say = ENGLISH) -> Table | None:
         return None
     rows = []
     for name, line in found["coefficients"].items():
-        scale = parameter_scale(result, result.parameters[name])
-        coefficient = with_u(line["per_k"], line["standard_uncertainty"], 1.0)
-        value = f"{plain(line['value_at_reference'] * scale.factor)} {scale.printed}".strip()
+        parameter = result.parameters[name]
+        scale = parameter_scale(result, parameter)
+        coefficient = with_u(line["per_k"], line["standard_uncertainty"], 1e6)
+        number, _ = with_u(line["value_at_reference"], parameter.standard_uncertainty, scale.factor)
+        value = f"{number} {scale.printed}".strip()
         rows.append((say.known(parameter_name(name).words), value, *coefficient, plain(line["probability"], 2)))
     reference = printed(f"{found['reference_c']:g}")
     heads = (Column(say("head", "parameter")), Column(say("head", "at_reference", reference=reference), "number"))
-    heads += (Column(say("head", "coefficient"), "number"), Column("U / (1/K)", "number"), Column("p", "number"))
+    heads += (Column(say("head", "coefficient"), "number"), Column("U / (10⁻⁶/K)", "number"), Column("p", "number"))
     measured_at = ", ".join(printed(f"{t:g}") for t in found["temperatures_c"])
     own = printed(f"{found['of_result_c']:g}")
     note = say("text", "temperature", temperatures=measured_at, reference=reference, own=own)

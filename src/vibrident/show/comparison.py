@@ -106,7 +106,11 @@ def _magnitudes(label: str, points: Sequence[Point | None], results: Sequence[Re
     values = (
         None
         if point is None
-        else Value(point.magnitude, point.magnitude_uncertainty, shared_sources(result, sensitivity=point.magnitude))
+        else Value(
+            point.magnitude,
+            point.magnitude_uncertainty,
+            shared_sources(result, sensitivity=(point.frequency_hz, point.magnitude)),
+        )
         for point, result in zip(points, results, strict=True)
     )
     return ComparedQuantity(label, sensitivity_scale(results[0]), tuple(values))
@@ -304,5 +308,5 @@ def beside(results: Sequence[Result], names: Sequence[str]) -> Figure | None:
         for part, y, height, title in zip(parts, y_axes, (2.0, 1.3, 1.2, 1.2), titles, strict=True)
     ]
     shown = tuple(panel for panel, value in zip(panels, values, strict=True) if np.isfinite(value).any())
-    caption = f"Sensitivity of each result's model, and its difference from {names[0]}. {words.PHASE}"
+    caption = Words(f"Sensitivity of each result's model, and its difference from the first. {words.PHASE}")
     return Figure("curves", "Sensitivity", (Stack(shown),), "", caption)

@@ -18,6 +18,12 @@ class Words(str):
     __slots__ = ()
 
 
+class Mixed(str):
+    """Our own words, in a line a language, with text of others among them: no formula is set."""
+
+    __slots__ = ()
+
+
 def symbol(name: str) -> Words:
     """Symbol of a parameter: ``f_n``; empty if it has no symbol."""
     known = parameter_name(name).symbol

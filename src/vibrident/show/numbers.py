@@ -14,7 +14,7 @@ from typing import Any, TypeGuard
 
 from vibrident.base import amounts
 from vibrident.base.amounts import NONE, PLAIN_DIGITS, SUPERSCRIPTS, Scale, pretty, scaled
-from vibrident.base.nominal import nominal_name
+from vibrident.base.nominal import nominal_name, same
 from vibrident.data.records import REFERENCE_UNITS, FloatArray
 from vibrident.result import Parameter, Result
 
@@ -235,7 +235,10 @@ def sensor_name(sensor: Mapping[str, object]) -> str:
 
 
 def nominal_frequency(frequency_hz: float) -> str | None:
-    """Nominal ISO 266 name (Hz) of an exact base-10 one-third-octave frequency; None for any other frequency."""
+    """Nominal ISO 266 name (Hz) of a nominal or an exact base-10 one-third-octave frequency; None for any other."""
+    nearest = nominal_name(frequency_hz, math.inf)
+    if nearest is not None and same(float(nearest), frequency_hz):
+        return nearest
     return nominal_name(frequency_hz, 5e-4)
 
 

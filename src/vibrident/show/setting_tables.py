@@ -10,7 +10,7 @@ import numpy as np
 from vibrident.base.amounts import Scale, pretty
 from vibrident.physics.naming import parameter_name
 from vibrident.result import Result
-from vibrident.show.numbers import COVERAGE_FACTOR, NONE, parameter_scale, plain, sensitivity_scale, uncertainty
+from vibrident.show.numbers import COVERAGE_FACTOR, NONE, parameter_scale, plain, sensitivity_scale, uncertainty, with_u
 from vibrident.show.views import Column, Table, columns
 
 _BUDGET_NOTE = (
@@ -80,9 +80,11 @@ def repeats(result: Result) -> Table | None:
         return None
     names = [name for name in found["values"][0] if name in result.parameters]
     scales = [parameter_scale(result, result.parameters[name]) for name in names]
+    runs = found["values"]
+    scatter = [float(np.std([row[name] for row in runs])) or None for name in names]
+    printed = list(zip(names, scatter, scales, strict=True))
     rows = tuple(
-        (row["mounting"], row["run"], *(plain(scale.times(row[n]), 7) for n, scale in zip(names, scales, strict=True)))
-        for row in found["values"]
+        (row["mounting"], row["run"], *(with_u(row[n], u, scale.factor)[0] for n, u, scale in printed)) for row in runs
     )
     heads = [Column(parameter_name(n).words, "number", scale.printed) for n, scale in zip(names, scales, strict=True)]
     return Table((*columns("mounting", "run"), *heads), rows).telling()

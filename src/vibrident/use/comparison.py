@@ -10,6 +10,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from vibrident.base.errors import InputError
 from vibrident.physics.naming import in_words, is_gain
 from vibrident.result import Parameter, Result
@@ -77,7 +79,7 @@ REFERENCE_SOURCE = "calibration of the reference"  # the row of the budget for t
 
 
 def shared_sources(
-    result: Result, *, parameter: str | None = None, sensitivity: float | None = None
+    result: Result, *, parameter: str | None = None, sensitivity: tuple[float, float] | None = None
 ) -> dict[str, float]:
     """The systematic contributions that another calibration may share, by what identifies each.
 
@@ -89,8 +91,8 @@ def shared_sources(
     Args:
         result: the result.
         parameter: of this parameter; in its unit.
-        sensitivity: of the sensitivity at the reference frequency instead, whose value this is; in its unit. A gain
-            acts on it as it is, other sources as on the parameter for the gain.
+        sensitivity: of the sensitivity at a frequency instead: frequency in Hz, and value in its unit. A gain acts on
+            it as it is at that frequency, other sources as on the parameter for the gain.
 
     Returns:
         key to standard uncertainty, larger than zero.
@@ -99,7 +101,7 @@ def shared_sources(
     for row in result.settings.get("uncertainty_budget") or ():
         kind = str(row.get("kind", ""))
         if kind in LASTING_KINDS:
-            u = _sensitivity_share(result, row, sensitivity) if sensitivity is not None else _share(row, parameter)
+            u = _sensitivity_share(result, row, *sensitivity) if sensitivity is not None else _share(row, parameter)
             if math.isfinite(u) and u > 0:
                 key = _identity(result, row)
                 found[key] = math.hypot(found.get(key, 0.0), u)
@@ -115,13 +117,27 @@ def _share(row: Mapping[str, Any], parameter: str | None) -> float:
     return abs(float((row.get("contributions") or {}).get(parameter) or 0.0))
 
 
-def _sensitivity_share(result: Result, row: Mapping[str, Any], sensitivity: float) -> float:
+def _sensitivity_share(result: Result, row: Mapping[str, Any], frequency_hz: float, sensitivity: float) -> float:
     if row.get("kind") == "gain":
-        return abs(float(row.get("standard_uncertainty") or 0.0) * sensitivity)
+        return abs(_relative_gain(result, row, frequency_hz) * sensitivity)
     for name, parameter in result.parameters.items():
         if is_gain(name) and parameter.value:
             return _share(row, name) / abs(result.parameters[name].value) * abs(sensitivity)
     return 0.0
+
+
+def _relative_gain(result: Result, row: Mapping[str, Any], frequency_hz: float) -> float:
+    """Relative u of a gain at a frequency: the row holds the largest of one that is stated by frequency."""
+    largest = float(row.get("standard_uncertainty") or 0.0)
+    points, measured = result.settings.get("point_budget") or {}, result.measured
+    for source in points.get("sources") or ():
+        if source.get("source") == row.get("source"):
+            f = np.asarray(points["frequency_hz"], dtype=float)
+            order, known = np.argsort(f), np.argsort(measured.frequency_hz)
+            size = np.interp(f, measured.frequency_hz[known], np.abs(measured.magnitude[known]))
+            relative = np.asarray(source["magnitude"], dtype=float) / size
+            return min(largest, float(np.interp(frequency_hz, f[order], relative[order])))
+    return largest
 
 
 def _identity(result: Result, row: Mapping[str, Any]) -> str:

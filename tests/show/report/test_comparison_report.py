@@ -17,7 +17,7 @@ from vibrident.base.errors import InputError
 from vibrident.show import report
 from vibrident.show.comparison import ComparedQuantity, Value, comparison_tables, difference, quantities
 from vibrident.show.history import date_of, drift_table, histories
-from vibrident.use.comparison import normalized_error, not_comparable
+from vibrident.use.comparison import normalized_error, not_comparable, shared_sources
 
 FACTORS = (1.0, 1.0012, 1.0031, 0.9990)
 DATES = ("2021-03-01", "2022-04-11", "2023-03-02", "2025-03-31")
@@ -33,6 +33,20 @@ def test_normalized_error_of_a_known_case():
     assert normalized_error(10.3, 0.3, 10.0, 0.4) == pytest.approx(0.6)
     assert normalized_error(10.0, 0.4, 10.3, 0.3) == pytest.approx(-0.6)
     assert normalized_error(1.0, 0.0, 1.0, 0.0) is None
+
+
+def test_a_gain_that_depends_on_frequency_is_shared_as_it_is_at_each():
+    """The row of the budget holds the largest; with that, the difference of two equal sensors had U² < 0 and no E_n."""
+    made = table2()
+    f, size = made.measured.frequency_hz, made.measured.magnitude
+    relative = np.linspace(0.001, 0.003, len(f))
+    gain = {"source": "gain", "type": "B", "magnitude": list(relative * size), "phase_deg": [0.0] * len(f)}
+    row = {"source": "gain", "kind": "gain", "standard_uncertainty": 0.003, "contributions": {}}
+    points = {"frequency_hz": list(f), "sources": [gain]}
+    made = replace(made, settings={**made.settings, "uncertainty_budget": [row], "point_budget": points})
+    for i in (0, 7, len(f) - 1):
+        (u,) = shared_sources(made, sensitivity=(f[i], 2.0)).values()
+        assert u == pytest.approx(2.0 * relative[i])
 
 
 def test_normalized_error_of_independent_noise_is_below_one_as_often_as_the_coverage_says():

@@ -180,6 +180,10 @@ def test_conformity_is_judged_where_u_covers_the_chain(tmp_path):
     rule, table = parts.conformity(result)
     assert "guarded" in rule.text
     assert [row[-1] for row in table.rows] == ["met", "not met"]
+    certain = {"quantity": "natural_frequency", "low": 1.0}
+    one_sided = replace(result, certificate={**result.certificate, "requirements": [certain]})
+    assert parts.conformity(one_sided)[1].rows[0][1] == "≥ 1"
+    assert parts.conformity(one_sided)[1].rows[0][5] == "> 99.99 %"
     scatter = replace(result, uncertainty={"covers": ["noise"]})
     (sentence,) = parts.conformity(scatter)
     assert "No statement of conformity" in sentence.text

@@ -55,7 +55,7 @@ class ColumnsStep:
     ) -> None:
         """Build the section, hidden until there are data; ``on_file`` is called when the user has a file more."""
         self.on_confirmed, self.on_edit, self.on_doubt, self.on_file = on_confirmed, on_edit, on_doubt, on_file
-        self.section = frame.step(2, "Columns, units and model", "columns")
+        self.section = frame.step("Columns, units and model", "columns")
         with self.section:
             self.body = ui.element("div")
         self.section.visible = False

@@ -23,7 +23,7 @@ class CompareStep:
 
     def build(self) -> None:
         """Build the section, hidden until there are two results."""
-        self.section = frame.step(5, "Compare", "compare")
+        self.section = frame.step("Compare", "compare")
         with self.section:
             self.choice = ui.select([], label="Results", multiple=True)
             self.choice.props("dense outlined stack-label use-chips").classes("w-full")

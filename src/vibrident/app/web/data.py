@@ -42,7 +42,7 @@ class DataStep:
         """Build the section; ``on_data`` is called after files have arrived, ``on_result`` after an earlier result."""
         self.on_data, self.on_result = on_data, on_result
         limit_mb = self.user.session.limit_mb
-        with frame.step(1, "Data", "data"):
+        with frame.step("Data", "data"):
             ui.label(
                 "Records of a calibration (CSV, HDF5, MATLAB, WAV, …), one file a record or several, or one table of "
                 "magnitude and phase; with calibration.toml, if you have one. An earlier result.json can be compared."

@@ -43,7 +43,7 @@ class FitStep:
     def build(self, on_result: Callable[[], Awaitable[Any]]) -> None:
         """Build the section, hidden until the columns are confirmed."""
         self.on_result = on_result
-        self.section = frame.step(3, "Identify", "identify")
+        self.section = frame.step("Identify", "identify")
         with self.section:
             with ui.expansion("The calibration file: as confirmed above").classes("w-full"):
                 self.text = frame.Text("calibration-text")

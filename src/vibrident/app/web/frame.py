@@ -97,12 +97,12 @@ def listed(names: Sequence[str]) -> str:
     return ", ".join(names[:kept]) + (f" and {len(names) - kept} more" if len(names) > kept else "")
 
 
-def step(number: int | str, title: str, name: str) -> ui.element:
-    """A section of the page with its heading."""
+def step(title: str, name: str, mark: str = "") -> ui.element:
+    """A section of the page with its heading; its number is its place among those that are shown, or ``mark``."""
     section = ui.element("section").classes("step").props(f'aria-labelledby="{name}-title" id="{name}"')
     with section:
         ui.html(
-            f'<h2 id="{name}-title" tabindex="-1"><span aria-hidden="true">{number}</span>{title}</h2>', sanitize=False
+            f'<h2 id="{name}-title" tabindex="-1"><span aria-hidden="true">{mark}</span>{title}</h2>', sanitize=False
         )
     return section
 

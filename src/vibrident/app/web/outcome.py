@@ -33,7 +33,7 @@ class OutcomeStep:
 
     def build(self) -> None:
         """Build the section, hidden until there is a result."""
-        self.section = frame.step(4, "Result", "result")
+        self.section = frame.step("Result", "result")
         with self.section:
             self.choice = ui.select([], label="Shown").props("dense outlined stack-label").classes("w-full")
             self.choice.on_value_change(lambda: None if self.showing else self._draw())

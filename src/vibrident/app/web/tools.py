@@ -107,7 +107,7 @@ class ToolsStep:
     def build(self, on_result: Callable[..., Awaitable[Any]]) -> None:
         """Build the section, hidden until there are data or results."""
         self.on_result = on_result
-        self.section = frame.step("+", "More with these data", "more")
+        self.section = frame.step("More with these data", "more", mark="+")
         with self.section:
             self.tool = ui.select({name: tool.title for name, tool in TOOLS.items()}, value="compare", label="Task")
             self.tool.props("dense outlined stack-label").classes("w-full").on_value_change(self._renew)

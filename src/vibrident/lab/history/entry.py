@@ -121,7 +121,7 @@ def _reference_sensitivity(result: Result) -> list[DatabaseRow]:
             "identifiable": True,
             "derived": True,
             "frequency_hz": chosen.frequency_hz,
-            "shared": json.dumps(shared_sources(result, sensitivity=chosen.magnitude)),
+            "shared": json.dumps(shared_sources(result, sensitivity=(chosen.frequency_hz, chosen.magnitude))),
         }
     ]
 

@@ -14,7 +14,7 @@ from vibrident.base.errors import InputError
 from vibrident.base.escaping import typst_data
 from vibrident.base.extras import library
 from vibrident.base.version import __version__
-from vibrident.show.formulas import Words, formulas
+from vibrident.show.formulas import Mixed, Words, formulas
 from vibrident.show.media import drawing
 from vibrident.show.views import Beside, Block, Document, Facts, Figure, Folded, Sentence, Signatures, Table
 
@@ -117,8 +117,8 @@ def _block(block: Block) -> dict[str, Any]:
 
 def _marked(value: Any) -> Any:
     """The same, with our words apart from all other text: formulas are set in them alone."""
-    if isinstance(value, Words):
-        return {"words": str(value)}
+    if isinstance(value, Words | Mixed):
+        return {"words": str(value), "mixed": isinstance(value, Mixed)}
     if isinstance(value, dict):
         return {key: _marked(item) for key, item in value.items()}
     return [_marked(item) for item in value] if isinstance(value, (list, tuple)) else value
