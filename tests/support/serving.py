@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 import time
+import urllib.error
 import urllib.request
 from collections.abc import Coroutine, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -89,8 +90,11 @@ def _ready(process: subprocess.Popen[str], begin: float, log: Path, folder: Path
     assert found, line + process.stdout.read() + log.read_text()
     while time.monotonic() < begin + 20.0:
         try:
-            with urllib.request.urlopen(found.group(), timeout=5) as answer:
-                answer.read()
+            with (
+                contextlib.suppress(urllib.error.HTTPError),
+                urllib.request.urlopen(found.group(), timeout=5) as answer,
+            ):
+                answer.read()  # a refusal is an answer too
             return Server(process, found.group(), _busy_s(process.pid, time.monotonic() - begin), log, folder)
         except OSError:
             time.sleep(0.05)

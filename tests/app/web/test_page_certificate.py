@@ -120,5 +120,33 @@ def test_a_certificate_is_filled_in_after_the_fit_and_the_laboratory_is_remember
     assert "DRAFT" in said
 
 
+def test_the_laboratorys_own_template_is_chosen_and_removed(visit, results):
+    """It reads no file of the server, and typst fetches nothing for it."""
+    page = visit()
+    upload(page, results[0])
+    opened(page)
+    own = "#let doc = json(bytes(sys.inputs.document))\nOwn form of #doc.title.words"
+    for template, said in (
+        (own, ""),
+        ('#read("/etc/passwd")', "template"),
+        ('#import ("@preview" + "/a:1.0.0"): *', "Connection refused"),
+    ):
+        with page.expect_file_chooser() as chooser:
+            page.get_by_role("button", name="Choose the template").click()
+        chooser.value.set_files({"name": "own.typ", "mimeType": "text/plain", "buffer": template.encode()})
+        page.get_by_text("The template is here.").wait_for(timeout=WAIT_MS)
+        if not said:
+            assert text(taken(page, "pdf")).startswith("Own form of Calibration certificate")
+            continue
+        page.wait_for_timeout(500)
+        page.locator("#get-pdf").click()
+        alert = page.get_by_role("alert").filter(has_text="own template or logo")
+        alert.wait_for(timeout=WAIT_MS)
+        assert said in alert.inner_text()
+    page.get_by_role("button", name="Remove the template").click()
+    page.get_by_text("The template is here.").wait_for(state="hidden")
+    assert "DRAFT" in text(taken(page, "pdf"))
+
+
 def test_the_profile_is_of_entries_that_there_are():
     assert set(_PROFILE) <= set(CertificateSection.model_fields)

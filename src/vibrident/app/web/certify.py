@@ -21,8 +21,10 @@ from vibrident.data.io.certificate import CertificateData, certificate_section, 
 from vibrident.show.issue import FormField, form, lacking
 from vibrident.show.language import ENGLISH
 
-#: Most bytes of a logo, and most characters of all entries.
-_MOST_LOGO, _MOST_TEXT = 200_000, 100_000
+#: Most bytes of a logo or a template, and most characters of all entries.
+_MOST_OWN, _MOST_TEXT = 200_000, 100_000
+#: The laboratory's own files: what they are, and their endings.
+_OWN = {"logo": ("PNG, JPEG or SVG", ".png,.jpg,.jpeg,.svg"), "template": ("a typst file in place of ours", ".typ")}
 _SENSOR = ("manufacturer", "type", "serial_number")
 #: What is the same on every certificate of a laboratory: kept by the browser, and offered where nothing else is stated.
 _PROFILE = (
@@ -67,10 +69,10 @@ class CertificateForm:
         self.place.on_value_change(self._open)
 
     def given(self) -> CertificateData:
-        """What is stated beside the result, with the logo."""
-        own, logo = self.named.stated or CertificateData(), self.user.session.logo
+        """What is stated beside the result, with logo and template."""
+        own = self.named.stated or CertificateData()
         before = own.before if own.before and own.before.exists() else None
-        return replace(own, before=before, logo=logo if logo.exists() else None)
+        return replace(own, before=before, **{kind: self.user.session.own(kind) for kind in _OWN})
 
     def _stated(self) -> tuple[dict[str, Any], dict[str, Any]]:
         own = self.named.stated or CertificateData()
@@ -122,38 +124,53 @@ class CertificateForm:
         return Rows("Requirement", _REQUIREMENT, values, ("sensitivity_deviation", *self.known["parameters"]))
 
     def _more(self) -> None:
-        """The result before an adjustment, and the logo."""
+        """The result before an adjustment, and the laboratory's own files."""
         others = {str(one.path): one.name for one in self.user.results if one.path != self.named.path}
-        with frame.group("Adjustment and logo", 4):
+        with frame.group("Adjustment, logo and template", 4):
             own = self.named.stated
             value = str(own.before) if own and own.before else None
             self.before = _plain(
                 ui.select({None: "none", **others}, value=value if value in others else None, label="Before adjustment")
             )
-            logo = ui.upload(
-                label="Logo: PNG, JPEG or SVG", auto_upload=True, max_file_size=_MOST_LOGO, on_upload=self._logo
+            for kind in _OWN:
+                self._own(kind)
+
+    def _own(self, kind: str) -> None:
+        """One of the laboratory's own files: to choose, and to remove."""
+        words, endings = _OWN[kind]
+
+        async def keep(event: events.UploadEventArguments) -> None:
+            self.user.session.keep_own(kind, await event.file.read())
+            here.visible = True
+
+        def remove() -> None:
+            self.user.session.keep_own(kind, b"")
+            here.visible = False
+
+        with ui.element("div"):
+            chosen = ui.upload(
+                label=f"{kind.capitalize()}: {words}", auto_upload=True, max_file_size=_MOST_OWN, on_upload=keep
             )
-            logo.classes("uploader").props('flat bordered accept=".png,.jpg,.jpeg,.svg"')
-            logo.on("uploaded", js_handler=f"() => vibrident.sent({logo.id})")
-            has = "The logo is here." if self.user.session.logo.exists() else ""
-            self.has_logo = ui.label(has).classes("hint").props("role=status")
-        ui.run_javascript(f"vibrident.name({logo.id}, 'Choose the logo', 'Logo')")
+            chosen.classes("uploader").props(f'flat bordered accept="{endings}"')
+            chosen.on("uploaded", js_handler=f"() => vibrident.sent({chosen.id})")
+            with ui.element("div").classes("actions") as here:
+                ui.label(f"The {kind} is here.").classes("hint").props("role=status")
+                ui.button(f"Remove the {kind}", on_click=remove).props("flat")
+            here.visible = self.user.session.own(kind) is not None
+        ui.run_javascript(f"vibrident.name({chosen.id}, 'Choose the {kind}', '{kind.capitalize()}')")
 
     async def _remembered(self) -> dict[str, Any]:
-        """The laboratory's part as the browser has it; a logo is taken up where there is none."""
+        """The laboratory's part as the browser has it; a logo or template is taken up where there is none."""
         with suppress(TimeoutError, ValueError, binascii.Error, InputError):
             kept = json.loads(await ui.run_javascript("localStorage.vibridentLaboratory ?? '{}'", timeout=5.0))
             if isinstance(kept, dict):
-                image = base64.b64decode(str(kept.pop("logo", "")), validate=True)
-                if 0 < len(image) <= _MOST_LOGO and not self.user.session.logo.exists():
-                    self.user.session.keep_logo(image)
+                for kind in _OWN:
+                    content = base64.b64decode(str(kept.pop(kind, "")), validate=True)
+                    if 0 < len(content) <= _MOST_OWN and self.user.session.own(kind) is None:
+                        self.user.session.keep_own(kind, content)
                 profile = {key: value for key, value in kept.items() if key in _PROFILE}
                 return dict(certificate_section(profile, "remembered profile"))
         return {}
-
-    async def _logo(self, event: events.UploadEventArguments) -> None:
-        self.user.session.keep_logo(await event.file.read())
-        self.has_logo.text = "The logo is here."
 
     def _read(self) -> CertificateData:
         """What is in the form, checked; None for what the result states and the form leaves empty.
@@ -192,8 +209,8 @@ class CertificateForm:
         self.user.changed()
         self._say()
         profile = {key: stated.certificate[key] for key in _PROFILE if stated.certificate.get(key)}
-        if self.user.session.logo.exists():
-            profile["logo"] = base64.b64encode(self.user.session.logo.read_bytes()).decode()
+        own = {kind: self.user.session.own(kind) for kind in _OWN}
+        profile |= {kind: base64.b64encode(path.read_bytes()).decode() for kind, path in own.items() if path}
         ui.run_javascript(f"localStorage.vibridentLaboratory = {json.dumps(json.dumps(profile))}")
         self.said.text = "Saved: reports and exports of this result state it."
         return True

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import io
 import json
+import os
 import time
 import zipfile
 from collections import Counter
@@ -31,7 +32,7 @@ from vibrident.show import certificate, document, figures, tables
 from vibrident.show.comparison import beside, comparison_tables
 from vibrident.show.coverage import scatter_only
 from vibrident.show.findings import told
-from vibrident.show.issue import issued
+from vibrident.show.issue import Issue, issued
 from vibrident.show.media import charts, html
 from vibrident.show.report import content, file_name
 from vibrident.show.views import Figure, count
@@ -237,11 +238,17 @@ def _fitting(drawn: Sequence[tuple[str, Any]], most: int) -> tuple[list[tuple[st
     return found, most
 
 
+def _issued(path: Path, stated: CertificateData) -> tuple[Result, Issue]:
+    """A result with what is stated for its certificate, in the process of this task."""
+    os.environ["HTTPS_PROXY"] = "http://127.0.0.1:9"  # nobody's: an uploaded template has typst fetch no packages
+    return issued(Result.load(path), stated)
+
+
 def report(paths: Sequence[Path], form: Any, names: Sequence[str], stated: CertificateData) -> bytes:
     """The file of a report of one result, with what is stated for its certificate, or of several."""
     if len(paths) > 1:
         return content([Result.load(path) for path in paths], form, names)
-    result, issue = issued(Result.load(paths[0]), stated)
+    result, issue = _issued(paths[0], stated)
     return content(result, form, issue=issue)
 
 
@@ -266,7 +273,7 @@ def everything(path: Path, calibration: Path | None, folder: Path, stated: Certi
     from vibrident.export import export
     from vibrident.export.registry import EXPORTS
 
-    result, issue = issued(Result.load(path), stated)
+    result, issue = _issued(path, stated)
     archive = io.BytesIO()
     with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as packed:
         packed.write(path, "result.json")

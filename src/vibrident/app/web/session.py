@@ -64,15 +64,19 @@ class Session:
         shutil.rmtree(self.folder, ignore_errors=True)
         self._sizes, self._result_sizes, self._written = {}, {}, False
 
-    @property
-    def logo(self) -> Path:
-        """The laboratory's logo, where there is one."""
-        return self.folder / "logo"
+    def own(self, kind: str) -> Path | None:
+        """The laboratory's own ``logo`` or ``template``, where there is one."""
+        path = self.folder / f"own-{kind}"
+        return path if path.exists() else None
 
-    def keep_logo(self, image: bytes) -> None:
-        """Replace the laboratory's logo."""
+    def keep_own(self, kind: str, content: bytes) -> None:
+        """Replace one of these; nothing removes it."""
         self.open()
-        self.logo.write_bytes(image)
+        path = self.folder / f"own-{kind}"
+        if content:
+            path.write_bytes(content)
+        else:
+            path.unlink(missing_ok=True)
 
     def clear(self) -> None:
         """Remove the data, keep their results."""
