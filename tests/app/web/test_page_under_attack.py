@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import http.client
 import json
-import os
 import socket
 import statistics
 import sys
@@ -191,16 +190,18 @@ def test_a_bomb_goes_off_elsewhere(visit, server, tmp_path):
     (tmp_path / "calibration.toml").write_text("a = " + "[" * 50_000)
     assert (tmp_path / "bomb.h5").stat().st_size < 10_000
     page = visit()
+    (tmp_path / "data.csv").write_text("t,a,v\n" + "".join(f"{i / 100},{i % 7},{i % 5}\n" for i in range(50)))
     for name in ("bomb.h5", "declared.h5", "deep.json", "calibration.toml"):
-        upload(page, tmp_path / name)
+        upload(page, tmp_path / name, *([tmp_path / "data.csv"] if name == "calibration.toml" else []))
         page.get_by_role("alert").first.wait_for(timeout=WAIT_MS)
         assert "Traceback" not in page.content()
+        print(f"{name}: {page.get_by_role('alert').first.inner_text().splitlines()[0]}")
         start_anew(page)
         page.get_by_text("No data yet.").wait_for()
         page.get_by_role("alert").first.wait_for(state="detached")
     assert server.process.poll() is None
+    print(f"most memory that the server ever had: {peak_memory(server.process.pid) / 1e6:.0f} MB")
     assert peak_memory(server.process.pid) < MOST_MEMORY
-    assert os.getpid() != server.process.pid
 
 
 def test_twenty_uploads_at_once_starve_nobody(server, tmp_path):
@@ -218,6 +219,9 @@ def test_twenty_uploads_at_once_starve_nobody(server, tmp_path):
             begin = time.monotonic()
             assert asked(server.address, "GET", "/", Host=here.netloc) == 200
             taken.append(time.monotonic() - begin)
+        print(
+            f"twenty uploads at once; the page meanwhile: median {statistics.median(taken):.3f} s, {max(taken):.3f} s"
+        )
         assert statistics.median(taken) < 0.5
     assert asked(server.address, "GET", "/", Host=here.netloc) == 200
     assert peak_memory(server.process.pid) < MOST_MEMORY
