@@ -21,7 +21,7 @@ from vibrident.show.certificate_tables import instruments as instruments
 from vibrident.show.certificate_tables import parameters as parameters
 from vibrident.show.certificate_tables import reference as reference
 from vibrident.show.certificate_tables import sensitivity as sensitivity
-from vibrident.show.coverage import coverage, parameter_factor, unstated
+from vibrident.show.coverage import coverage, parameter_factor, scatter_only, unstated
 from vibrident.show.findings import findings
 from vibrident.show.formulas import Mixed
 from vibrident.show.history import date_of
@@ -85,7 +85,7 @@ def certificate(result: Result, issue: Issue = NOTHING_MORE) -> Document:
         part("remarks", *map(Sentence, remarks(result))),
         section("signatures", "", Signatures(signatures(result, say))),
     ]
-    head = (*_draft(result, say), *_scatter(result, say), *_amendment(result, say), Beside(groups(result, say)))
+    head = (*_draft(result, say), *scatter_only(result, say), *_amendment(result, say), Beside(groups(result, say)))
     return replace(
         document(title(result, say), head, sections),
         letterhead=letterhead(result, say, issue.logo),
@@ -213,7 +213,7 @@ def statements(result: Result, say: Say = ENGLISH) -> tuple[str, ...]:
         Mixed(say.each(lambda one: f"{one('text', 'covers')} {_sources(str(covers), one)}.")) if covers else "",
         say("text", "reference", percent=plain(100.0 * relative, 3)) if relative else "",
         say("text", "cmc") if result.settings.get("cmc") else "",
-        say.each(lambda one: f"{one('text', verdict)} {_worst(result, one)}".strip()),
+        say.each(lambda one: f"{one('text', verdict)} {tables.worst(result.measured, one)}".strip()),
         tables.small_signals(result),
         say("text", "unstated") if _unstated(result) else "",
         say("text", "no_reproduction"),
@@ -224,27 +224,16 @@ def statements(result: Result, say: Say = ENGLISH) -> tuple[str, ...]:
 def _uncertainty(result: Result, say: Say) -> str:
     """What U is and what it covers with which probability."""
     known, k = coverage(result), parameter_factor(result)
-    percent, freedom = f"{100 * known.probability:.1f}", known.degrees_of_freedom
-    kind = "normal" if freedom is None else "student" if np.isfinite(freedom) else "normal_infinite"
-    of_nu = plain(freedom, 3)
-    lines = [say("text", "uncertainty"), say("text", kind, percent=percent, freedom=of_nu)]
+    lines = [say("text", "uncertainty"), known.text(say)]
     if k != COVERAGE_FACTOR:
-        lines.append(say("text", "student_parameters", factor=plain(k, 3), freedom=of_nu))
+        freedom = plain(known.degrees_of_freedom, 3)
+        lines.append(say("text", "student_parameters", factor=plain(k, 3), freedom=freedom))
     return " ".join(lines)
 
 
 def _sources(covers: str, say: Say) -> str:
     """The sources of an uncertainty; our own words for them in the language."""
     return "; ".join(say.known(source) for source in covers.split("; "))
-
-
-def _worst(result: Result, say: Say) -> str:
-    off = np.abs(result.measured.deviation_percent)
-    if not off.size or np.isnan(off).all():
-        return ""
-    place = int(np.nanargmax(off))
-    mean, largest = plain(float(np.nanmean(off)), 2), plain(float(off[place]), 2)
-    return say("text", "worst", mean=mean, largest=largest, frequency=f"{result.measured.frequency_hz[place]:.5g}")
 
 
 def _unstated(result: Result) -> bool:
@@ -257,18 +246,6 @@ def _draft(result: Result, say: Say) -> tuple[Sentence, ...]:
     lacking = missing(result)
     names = say.each(lambda one: f"{one('text', 'draft')} " + ", ".join(one("label", key) for key in lacking) + ".")
     return (Sentence(names, "doubt", say("title", "draft")),) if lacking else ()
-
-
-def _scatter(result: Result, say: Say) -> tuple[Sentence, ...]:
-    """That U covers scatter only; nothing where gain and phase are stated."""
-    lacking = unstated(result)
-    if not lacking:
-        return ()
-    lead = say("text", "scatter_of_phase" if lacking == ("phase",) else "scatter")
-    why = say.each(
-        lambda one: f"{one('text', 'scatter_why')} {'; '.join(one('text', f'state_{part}') for part in lacking)}."
-    )
-    return (Sentence(why, "doubt", lead),)
 
 
 def _amendment(result: Result, say: Say) -> tuple[Block, ...]:

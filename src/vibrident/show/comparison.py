@@ -12,9 +12,10 @@ from vibrident.base.amounts import Scale, pretty, scaled
 from vibrident.base.nominal import Nominal
 from vibrident.physics.naming import described, parameter_name
 from vibrident.result import Result
-from vibrident.show import axes, words
+from vibrident.show import axes
 from vibrident.show.curves import continuous, numbers, principal
 from vibrident.show.formulas import Words
+from vibrident.show.language import ENGLISH
 from vibrident.show.numbers import (
     COVERAGE_FACTOR,
     NONE,
@@ -308,5 +309,6 @@ def beside(results: Sequence[Result], names: Sequence[str]) -> Figure | None:
         for part, y, height, title in zip(parts, y_axes, (2.0, 1.3, 1.2, 1.2), titles, strict=True)
     ]
     shown = tuple(panel for panel, value in zip(panels, values, strict=True) if np.isfinite(value).any())
-    caption = Words(f"Sensitivity of each result's model, and its difference from the first. {words.PHASE}")
+    phase = ENGLISH("text", "phase")
+    caption = Words(f"Sensitivity of each result's model, and its difference from the first. {phase}")
     return Figure("curves", "Sensitivity", (Stack(shown),), "", caption)

@@ -10,16 +10,11 @@ import numpy as np
 from vibrident.base.tails import f_tail
 from vibrident.result import Result
 from vibrident.show.formulas import Words
+from vibrident.show.language import ENGLISH, Say
 from vibrident.show.numbers import COVERAGE_FACTOR, plain
 from vibrident.show.views import Sentence
 
 _KEY = "effective_degrees_of_freedom"
-#: What to state of the measuring chain, for U to hold it.
-_TO_STATE = {
-    "gain": "the standard uncertainty of the reference (standard_uncertainty of [reference], or an [[uncertainty]] of "
-    "kind gain)",
-    "phase": "that of the phase (an [[uncertainty]] of kind phase or timing)",
-}
 _NEARLY_NORMAL = 60.0  # effective degrees of freedom from which k = 2 covers 95 %
 
 
@@ -27,34 +22,25 @@ _NEARLY_NORMAL = 60.0  # effective degrees of freedom from which k = 2 covers 95
 class Coverage:
     """Coverage of an expanded uncertainty."""
 
-    factor: float  # k
     degrees_of_freedom: float | None  # effective ones; infinite where the distribution is normal, None where not stated
     probability: float  # of the interval value ± U
 
-    @property
-    def text(self) -> Words:
+    def text(self, say: Say = ENGLISH) -> Words:
         """All of it in a sentence."""
-        return Words(self._said())
-
-    def _said(self) -> str:
-        percent = f"{100 * self.probability:.1f} %"
-        if self.degrees_of_freedom is None:
-            return f"k = {self.factor:g}: coverage probability {percent} for a normal distribution."
-        if math.isinf(self.degrees_of_freedom):
-            return f"k = {self.factor:g}: coverage probability {percent} (normal distribution, ν_eff = ∞)."
-        freedom = plain(self.degrees_of_freedom, 3)
-        return f"k = {self.factor:g}: coverage probability {percent} (Student's t with ν_eff = {freedom})."
+        freedom = self.degrees_of_freedom
+        kind = "normal" if freedom is None else "student" if math.isfinite(freedom) else "normal_infinite"
+        return say("text", kind, percent=f"{100 * self.probability:.1f}", freedom=plain(freedom, 3))
 
 
 def coverage(result: Result) -> Coverage:
     """Coverage of every U of a result."""
     k = COVERAGE_FACTOR
     if _KEY not in result.settings:
-        return Coverage(k, None, math.erf(k / math.sqrt(2.0)))
+        return Coverage(None, math.erf(k / math.sqrt(2.0)))
     freedom = result.settings[_KEY]
     if freedom is None or not math.isfinite(freedom) or freedom > 1e6:  # JSON has no infinity: it is written as null
-        return Coverage(k, math.inf, math.erf(k / math.sqrt(2.0)))
-    return Coverage(k, float(freedom), 1.0 - f_tail(1.0, float(freedom), k**2))
+        return Coverage(math.inf, math.erf(k / math.sqrt(2.0)))
+    return Coverage(float(freedom), 1.0 - f_tail(1.0, float(freedom), k**2))
 
 
 def parameter_factor(result: Result) -> float:
@@ -82,15 +68,13 @@ def unstated(result: Result) -> tuple[str, ...]:
     return tuple(part for part in parts if part not in (result.uncertainty.get("covers") or ()))
 
 
-def scatter_only(result: Result) -> tuple[Sentence, ...]:
+def scatter_only(result: Result, say: Say = ENGLISH) -> tuple[Sentence, ...]:
     """That U covers scatter only, and what to state; nothing where gain and phase are stated."""
-    missing = unstated(result)
-    if not missing:
+    lacking = unstated(result)
+    if not lacking:
         return ()
-    of = f"of the {missing[0]} " if missing == ("phase",) else ""
-    lead = f"U {of}covers scatter only."
-    text = (
-        f"No uncertainty of the {' and of the '.join(missing)} of the measuring chain is stated. To include it, state "
-        f"in the calibration file {', and '.join(_TO_STATE[part] for part in missing)}, then identify again."
+    lead = say("text", "scatter_of_phase" if lacking == ("phase",) else "scatter")
+    why = say.each(
+        lambda one: f"{one('text', 'scatter_why')} {'; '.join(one('text', f'state_{part}') for part in lacking)}."
     )
-    return (Sentence(text, "doubt", lead),)
+    return (Sentence(why, "doubt", lead),)

@@ -11,9 +11,10 @@ import numpy as np
 from vibrident.base.amounts import scaled
 from vibrident.data.records import Calibration, Record, ResponseTable
 from vibrident.result import Curve
-from vibrident.show import axes, words
+from vibrident.show import axes
 from vibrident.show.curves import envelope, from_start, spread
 from vibrident.show.formulas import Words
+from vibrident.show.language import ENGLISH
 from vibrident.show.numbers import frequency_text, magnitude_scale, sensitivity_unit, subject
 from vibrident.show.response_figures import response_panels
 from vibrident.show.views import BLACK, BLUE, LINES, VERMILION, Figure, FloatArray, Look, Panel, Series, Stack
@@ -55,7 +56,7 @@ def _table(calibration: Calibration, table: ResponseTable) -> Figure:
     unit = sensitivity_unit(calibration.response_unit, calibration.reference_unit)
     panels = response_panels(None, points, magnitude_scale(unit, points.magnitude), calibration.quantity, "table")
     bars = "Bars: expanded uncertainty U, k = 2. " if table.magnitude_uncertainty is not None else ""
-    caption = Words(f"{bars}{words.PHASE if table.phase_rad is not None else ''}")
+    caption = Words(f"{bars}{ENGLISH('text', 'phase') if table.phase_rad is not None else ''}")
     return Figure(
         "inspect", "Calibration data", (Stack(panels),), subject(calibration.model, calibration.sensor), caption
     )

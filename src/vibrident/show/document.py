@@ -11,6 +11,7 @@ from vibrident.show.comparison import beside, comparison_tables
 from vibrident.show.coverage import parameter_factor, scatter_only
 from vibrident.show.findings import findings
 from vibrident.show.history import drift, drift_table, histories
+from vibrident.show.language import ENGLISH
 from vibrident.show.numbers import NONE, parameter_scale, plain, sensor_name, stated
 from vibrident.show.residual_tests import residual_tests
 from vibrident.show.setting_tables import budget, light, point_budget, repeats
@@ -32,7 +33,6 @@ from vibrident.show.views import (
     section,
 )
 
-CMC = "No U of the sensitivity is stated below the laboratory's capability (CMC)."
 _SHOWN = ("interferometer", "temperature", "repeats")  # settings with a section of their own
 MOST_FILES = 100  # data files listed in a report; the result lists them all
 
@@ -132,7 +132,7 @@ def _budget(result: Result) -> Sequence[Block]:
     """The contribution of each source; a budget of another form is shown unchanged."""
     if (table := budget(result)) is not None:
         points = point_budget(result)
-        said = (Sentence(CMC),) if result.settings.get("cmc") else ()
+        said = (Sentence(ENGLISH("text", "cmc")),) if result.settings.get("cmc") else ()
         return (table, *said, *([Folded("Budget of the measured points", points)] if points else []))
     return tables.values({key: value for key, value in result.settings.items() if "budget" in key and value})
 

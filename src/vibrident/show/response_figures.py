@@ -8,9 +8,10 @@ import numpy as np
 
 from vibrident.base.amounts import Scale
 from vibrident.result import Curve, MeasuredCurve, Result
-from vibrident.show import axes, words
+from vibrident.show import axes
 from vibrident.show.curves import bars_of_deviation, column, continuous, expanded, nearest_turn, principal, spread
 from vibrident.show.formulas import Words
+from vibrident.show.language import ENGLISH
 from vibrident.show.numbers import (
     NONE,
     at,
@@ -65,7 +66,7 @@ def _small_print(result: Result) -> list[str]:
         drawn.append("band")
     parts = [f"{' and '.join(drawn).capitalize()}: expanded uncertainty U, k = 2."] if drawn else []
     if _any(result.response.phase_deg) or _any(result.measured.phase_deg):
-        parts.append(words.PHASE)
+        parts.append(ENGLISH("text", "phase"))
     return parts
 
 

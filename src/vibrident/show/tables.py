@@ -16,6 +16,7 @@ from vibrident.result import MeasuredCurve, Parameter, Result
 from vibrident.show import words
 from vibrident.show.coverage import coverage, interval_text, parameter_factor
 from vibrident.show.formulas import Words, symbol
+from vibrident.show.language import ENGLISH, Say
 from vibrident.show.numbers import (
     COVERAGE_FACTOR,
     NONE,
@@ -96,7 +97,7 @@ def parameters(result: Result) -> Table:
         *columns("value", "u", "k", "U", kind="number"),
         *columns("unit", "95 % interval", "remark"),
     )
-    notes = (per_g(result), small_signals(result), words.COVERAGE, coverage(result).text, interval_text(result))
+    notes = (per_g(result), small_signals(result), words.COVERAGE, coverage(result).text(), interval_text(result))
     return Table(heads, tuple(rows), notes=tuple(note for note in notes if note))
 
 
@@ -201,15 +202,15 @@ def measured(result: Result, most_rows: int = MOST_ROWS) -> Table | None:
     heads += [("deviation", "°"), (Words("E_n of phase"), "")]
     thinned = f" Every {step}th of {total} points is listed." if step > 1 else ""
     lead = f"Deviation is model − measured, of the magnitude relative to the measured one; U with k = 2.{thinned}"
+    notes = [*(["phase"] if phases else []), *(["unstated"] if np.isnan(points.magnitude_uncertainty).any() else [])]
     return Table(
         (*(Column(title, "number", unit) for title, unit in heads), Column("record")),
         tuple(rows),
         tuple(text for text in (lead, worst(points), _APART if apart else "") if text),
-        (*((words.PHASE,) if phases else ()), *((UNSTATED,) if np.isnan(points.magnitude_uncertainty).any() else ())),
+        tuple(ENGLISH("text", note) for note in notes),
     ).telling()
 
 
-UNSTATED = f"{NONE} in the place of an uncertainty: not stated, the data do not tell it."
 _APART = Words(
     "U is of noise and stated systematic effects together, noise the U of the point's noise alone. E_n is the "
     "deviation over its own U, which is not that of the point: the model follows what is common to all points."
@@ -235,16 +236,14 @@ def _turned(deviation_deg: float | None, u_deg: float | None) -> str:
     return with_sign(rounded(deviation_deg, _twice(u_deg))[0])
 
 
-def worst(points: MeasuredCurve) -> str:
+def worst(points: MeasuredCurve, say: Say = ENGLISH) -> str:
     """Mean and largest deviation of the magnitude in a sentence; empty if no deviation is known."""
     off = np.abs(points.deviation_percent)
     if np.isnan(off).all():
         return ""
     place = int(np.nanargmax(off))
-    mean, largest, where = float(np.nanmean(off)), float(off[place]), float(points.frequency_hz[place])
-    return (
-        f"Mean absolute deviation {plain(mean, 2)} %, largest {plain(largest, 2)} % at {where:.5g}\N{NO-BREAK SPACE}Hz."
-    )
+    mean, largest = plain(float(np.nanmean(off)), 2), plain(float(off[place]), 2)
+    return say("text", "worst", mean=mean, largest=largest, frequency=f"{points.frequency_hz[place]:.5g}")
 
 
 def training(result: Result) -> str:

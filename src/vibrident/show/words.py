@@ -9,7 +9,6 @@ from types import MappingProxyType
 
 from vibrident.base.warning_kinds import explain as explain
 from vibrident.result import Parameter
-from vibrident.show.formulas import Words
 
 
 def remark(parameter: Parameter) -> str:
@@ -54,7 +53,4 @@ COVERAGE = (
     "unless another is stated, which for a normal distribution has a coverage probability of about 95 %. The 95 % "
     "interval is stated as computed and need not be symmetric. Uncertainties are rounded to two significant "
     "digits, values to the place of u (GUM 7.2.6)."
-)
-PHASE = Words(
-    "Phase is φ(response) − φ(reference) for e^{jωt}: lag is negative. A positive delay means a later response."
 )

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import os
+import shutil
 import socket
 
 import pytest
-from tests.support.tasks import names_in, reached, written
+from tests.support.tasks import killed, names_in, priority, reached, written
 
 from vibrident.app.web.confinement import confined, possible
-from vibrident.base.process import Process, WorkerError
+from vibrident.base.process import Died, Process, WorkerError
 
-pytestmark = pytest.mark.skipif(not possible(), reason="bubblewrap is not installed, or not allowed here")
+walled = pytest.mark.skipif(not possible(), reason="bubblewrap is not installed, or not allowed here")
 
 
 @pytest.fixture
@@ -23,6 +24,7 @@ def reader(tmp_path):
         yield process
 
 
+@walled
 def test_it_sees_its_folder_and_nobody_elses_files(reader, tmp_path):
     assert reader.call(names_in, str(tmp_path / "mine")) == ["a.csv"]
     assert reader.call(names_in, str(tmp_path)) == ["mine"]
@@ -31,6 +33,7 @@ def test_it_sees_its_folder_and_nobody_elses_files(reader, tmp_path):
         reader.call(written, str(tmp_path / "mine" / "b.csv"))
 
 
+@walled
 def test_it_reaches_no_network(reader):
     with socket.create_server(("127.0.0.1", 0)) as server:
         with pytest.raises(WorkerError, match=r"ConnectionRefusedError|Network is unreachable"):
@@ -38,7 +41,17 @@ def test_it_reaches_no_network(reader):
         reached(server.getsockname()[1])
 
 
+@walled
 def test_an_identification_may_write_in_its_own_folder(tmp_path):
     with Process(folder=tmp_path, wrapper=confined(tmp_path, writable=True)) as process:
         process.call(written, "result.json")
     assert (tmp_path / "result.json").exists()
+
+
+@pytest.mark.skipif(not shutil.which("nice"), reason="the system has no nice")
+def test_the_server_goes_first(tmp_path):
+    with Process(wrapper=confined(tmp_path)) as process:
+        assert process.call(priority) == min(os.nice(0) + 10, 19)
+    with Process(wrapper=confined(tmp_path)) as process, pytest.raises(Died) as death:
+        process.call(killed)
+    assert "signal" in death.value.ending

@@ -15,8 +15,13 @@ _PROBE_S = 20.0
 
 
 def confined(folder: Path, *, writable: bool = False) -> tuple[str, ...]:
-    """What to put before the command of a process that may see this folder; empty where it cannot be confined."""
-    return (*_walls(), "--bind" if writable else "--ro-bind", str(folder), str(folder), "--") if _walls() else ()
+    """What to put before the command of a process that may see this folder, if it can be confined.
+
+    Where the system has it, ``nice`` stands before all: the server, which answers everybody, goes first.
+    """
+    first = ("nice",) if shutil.which("nice") else ()
+    walls = (*_walls(), "--bind" if writable else "--ro-bind", str(folder), str(folder), "--") if _walls() else ()
+    return (*first, *walls)
 
 
 def possible() -> bool:

@@ -15,7 +15,9 @@ from vibrident.data.io.readers import open_columns
 _FREQUENCY = re.compile(r"f|freq.*|frequenz.*", re.IGNORECASE)
 _MAGNITUDE = re.compile(r"mag(nitude)?|abs.*|ampl.*|sens.*|betrag.*", re.IGNORECASE)
 _PHASE = re.compile(r"(phase|phi|arg)", re.IGNORECASE)
-_UNCERTAIN = re.compile(r"unc|sigma|std|(^|_)u(_|$)", re.IGNORECASE)
+_UNCERTAIN = re.compile(r"unc|sigma|std|unsicherheit|(^|[_\s])(?-i:u)([_\s(]|$)", re.IGNORECASE)
+#: Not standard uncertainties, or not in the column's unit.
+_EXPANDED = re.compile(r"expanded|erweitert|%|(^|[_\s])(?-i:U)([_\s(/]|$)", re.IGNORECASE)
 #: Words in a reference's name, the surest first, and their quantities.
 _REFERENCES = (
     (re.compile(r"ref", re.IGNORECASE), None),
@@ -35,7 +37,9 @@ _DETECTORS = tuple(
 )
 _CARRIER = re.compile(r"hetero|beat|carrier", re.IGNORECASE)
 _RESPONSE = re.compile(r"resp|out|dut|sensor|volt|charge|signal|laser|pickup|\bu\b", re.IGNORECASE)
-_BRACKETS = re.compile(r"[\[(]([^\])]+)[\])]")
+_BRACKETS = re.compile(r"[\[(]((?:\([^()]*\)|[^\])])+)[\])]")
+#: A sensitivity's unit: of the response, and of the motion in SI.
+_SENSITIVITY = re.compile(r"(.+?)/\(?(m(?:/s(?:\^?2|²)?)?)\)?")
 #: In brackets, a channel's number is no unit.
 _CHANNEL = re.compile(r"(?:ch(?:an(?:nel)?)?|kanal|ai|in(?:put)?|no|nr|#)?[\s._:#/-]*\d+", re.IGNORECASE)
 _LONGEST_NAME = 200
@@ -114,7 +118,9 @@ def guess_columns(path: Path) -> Columns:
     if reference is None and not detectors and len(free) > 1:
         reference = free[0]
         response = free[1]
-    unit = _unit(names, reference)
+    unit, response_unit = _unit(names, reference), _unit(names, response)
+    if table["frequency"] is not None and (per := _SENSITIVITY.fullmatch(_unit(names, table["magnitude"]))):
+        response_unit, unit = per.groups()
     quantity = quantity_of(unit) or quantity or "acceleration"
     scale = si_scale(quantity, unit)
     chosen = dict(zip(_positions(source), columns, strict=True))
@@ -133,7 +139,7 @@ def guess_columns(path: Path) -> Columns:
         quantity=quantity,
         scale=1.0 if scale is None else scale,
         unit=unit,
-        response_unit=_unit(names, response) or "V",
+        response_unit=response_unit or "V",
         excitation=next((name for name, words in _EXCITATIONS if words.search(path.stem)), None),
         detectors=tuple(chosen[position] for position in detectors),
     )
@@ -188,13 +194,10 @@ def _unit(names: Sequence[str], position: int | None) -> str:
 
 def _table(names: Sequence[str]) -> dict[str, int | None]:
     every = range(len(names))
-    sure = [p for p in every if not _UNCERTAIN.search(names[p])]
-    doubts = [p for p in every if _UNCERTAIN.search(names[p])]
-    keys = {
-        "frequency": (sure, _FREQUENCY),
-        "magnitude": (sure, _MAGNITUDE),
-        "phase": (sure, _PHASE),
-        "magnitude_uncertainty": (doubts, re.compile(_MAGNITUDE.pattern, re.IGNORECASE)),
-        "phase_uncertainty": (doubts, _PHASE),
-    }
-    return {key: next((p for p in which if words.match(names[p])), None) for key, (which, words) in keys.items()}
+    sure = [p for p in every if not (_UNCERTAIN.search(names[p]) or _EXPANDED.search(names[p]))]
+    doubts = [p for p in every if _UNCERTAIN.search(names[p]) and not _EXPANDED.search(names[p])]
+    keys = {"frequency": _FREQUENCY, "magnitude": _MAGNITUDE, "phase": _PHASE}
+    found = {key: next((p for p in sure if words.match(names[p])), None) for key, words in keys.items()}
+    for key, words in (("magnitude", _MAGNITUDE), ("phase", _PHASE)):
+        found[f"{key}_uncertainty"] = next((p for p in doubts if words.search(names[p])), None)
+    return found

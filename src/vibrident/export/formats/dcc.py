@@ -200,7 +200,7 @@ def _statements(tree: Tree, result: Result) -> Iterable[tuple[str, *tuple[Any, .
         ),
     )
     covered = result.settings.get("uncertainty_covers")
-    said = [coverage(result).text, f"Uncertainties cover: {covered}." if covered else "", interval_text(result)]
+    said = [coverage(result).text(), f"Uncertainties cover: {covered}." if covered else "", interval_text(result)]
     said += [f"{sentence.lead} {sentence.text}" for sentence in scatter_only(result)]
     yield "uncertainty", ours(*(line for line in said if line))
     if remark := small_signals(result):
