@@ -31,6 +31,8 @@ def csv(folder, header: str, name: str = "data.csv"):
         ("sensor out,acceleration (m/s2)", None, 1, 0, "acceleration", "m/s2", 1.0),
         ("laser displacement [um],U", None, 0, 1, "displacement", "um", 1e-6),
         ("a,b", None, 0, 1, "acceleration", "", 1.0),
+        ("Nr,Zeit [s],Beschl. [g],Spannung [V]", "Zeit [s]", 2, 3, "acceleration", "g", 9.80665),
+        ("Zeit [s],Geschwindigkeit [mm/s],Ladung [pC]", "Zeit [s]", 1, 2, "velocity", "mm/s", 1e-3),
     ],
 )
 def test_records(tmp_path, header, time, reference, response, quantity, unit, scale):
@@ -56,6 +58,15 @@ def test_the_photodetectors_of_an_interferometer(tmp_path, header, detectors, re
     guess = csv(tmp_path, header)
     assert (guess.detectors, guess.response) == (detectors, response)
     assert (guess.reference is None) == bool(detectors)
+
+
+def test_units_in_a_line_of_their_own(tmp_path):
+    (tmp_path / "a.csv").write_text(
+        "Zeit;Laser;Prüfling\ns;m/s²;mV\n" + "".join(f"{i};{i},5;{i},2\n" for i in range(9))
+    )
+    guess = guess_columns(tmp_path / "a.csv")
+    assert (guess.time, guess.reference, guess.response) == ("Zeit", "Laser", "Prüfling")
+    assert (guess.quantity, guess.unit, guess.response_unit) == ("acceleration", "m/s²", "mV")
 
 
 def test_the_unit_of_the_response(tmp_path):

@@ -20,10 +20,10 @@ _UNCERTAIN = re.compile(r"unc|sigma|std|unsicherheit|(^|[_\s])(?-i:u)([_\s(]|$)"
 _EXPANDED = re.compile(r"expanded|erweitert|%|(^|[_\s])(?-i:U)([_\s(/]|$)", re.IGNORECASE)
 #: Words in a reference's name, the surest first, and their quantities.
 _REFERENCES = (
-    (re.compile(r"ref", re.IGNORECASE), None),
-    (re.compile(r"acc|a_in|m/s[\^]?2|m/s²", re.IGNORECASE), "acceleration"),
-    (re.compile(r"vel|vibrometer", re.IGNORECASE), "velocity"),
-    (re.compile(r"drive|gen|excit|input", re.IGNORECASE), "drive"),
+    (re.compile(r"ref|bezug", re.IGNORECASE), None),
+    (re.compile(r"acc|beschl|a_in|m/s[\^]?2|m/s²", re.IGNORECASE), "acceleration"),
+    (re.compile(r"vel|geschw|vibrometer", re.IGNORECASE), "velocity"),
+    (re.compile(r"drive|gen|excit|anregung|input", re.IGNORECASE), "drive"),
     (re.compile(r"disp|interferom|laser|weg", re.IGNORECASE), "displacement"),
 )
 #: Names of photodetector signals: cos and sin of the phase, each with the name of its partner.
@@ -36,7 +36,11 @@ _DETECTORS = tuple(
     )
 )
 _CARRIER = re.compile(r"hetero|beat|carrier", re.IGNORECASE)
-_RESPONSE = re.compile(r"resp|out|dut|sensor|volt|charge|signal|laser|pickup|\bu\b", re.IGNORECASE)
+_RESPONSE = re.compile(
+    r"resp|out|dut|sensor|volt|charge|signal|laser|pickup|antwort|ausgang|prüfling|spannung|ladung|\bu\b", re.IGNORECASE
+)
+#: Columns that number the rows.
+_INDEX = re.compile(r"(nr|no|nummer|number|index|samples?|row|zeile|#)\.?", re.IGNORECASE)
 _BRACKETS = re.compile(r"[\[(]((?:\([^()]*\)|[^\])])+)[\])]")
 #: A sensitivity's unit: of the response, and of the motion in SI.
 _SENSITIVITY = re.compile(r"(.+?)/\(?(m(?:/s(?:\^?2|²)?)?)\)?")
@@ -101,8 +105,9 @@ def guess_columns(path: Path) -> Columns:
             where=source.file,
             remedy="export the data with a header",
         )
-    names = source.names
-    free = list(range(len(names)))
+    units = [source.stated_unit(p) for p in range(len(source.names))]
+    names = tuple(f"{name} [{unit}]" if unit else name for name, unit in zip(source.names, units, strict=True))
+    free = [p for p, name in enumerate(names) if not _INDEX.fullmatch(name.strip())]
     table = _table(names)
     clock = next((c for c in map(source.clock, free) if c is not None), None)
     time = next((p for p in free if is_time(names[p])), None) if clock is None else None
