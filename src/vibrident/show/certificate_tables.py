@@ -163,8 +163,7 @@ def parameters(result: Result, say: Say = ENGLISH) -> Table:
         (say.known(row[0]), *row[1:-1], say.each(lambda one, row=row: ", ".join(map(one.known, row[-1].split(", ")))))
         for row in kept.rows
     )
-    number = tables.per_g_value(result)
-    notes = (Mixed(say("text", "per_g", g=tables.STANDARD_GRAVITY, value=number)),) if number else ()
+    notes = tuple(filter(None, (tables.per_g(result, say),)))
     return replace(kept, columns=heads, rows=rows, notes=notes).telling()
 
 

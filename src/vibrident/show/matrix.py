@@ -11,8 +11,8 @@ from vibrident.use.triaxial import Matrix
 
 _NOTE = (
     "U with k = 2. Transverse: largest sensitivity across the axis, relative to the main one (ISO 16063-31). "
-    "Misalignment: angle between the axis and the direction of largest sensitivity. Both are of a size, so noise alone "
-    "makes them larger than zero."
+    "Misalignment: angle between the axis and the direction of largest sensitivity. Both are magnitudes, so noise "
+    "alone makes them larger than zero."
 )
 
 

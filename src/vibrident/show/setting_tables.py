@@ -10,13 +10,9 @@ import numpy as np
 from vibrident.base.amounts import Scale, pretty
 from vibrident.physics.naming import parameter_name
 from vibrident.result import Result
+from vibrident.show.language import ENGLISH
 from vibrident.show.numbers import COVERAGE_FACTOR, NONE, parameter_scale, plain, sensitivity_scale, uncertainty, with_u
 from vibrident.show.views import Column, Table, columns
-
-_BUDGET_NOTE = (
-    "A column of a parameter holds the standard uncertainties that the sources contribute, and u of the result below. "
-    "u of a source is stated by its kind: gain, clock and mounting are relative."
-)
 
 
 def budget(result: Result) -> Table | None:
@@ -43,7 +39,7 @@ def budget(result: Result) -> Table | None:
     body.append(("u of the result", "", "", "", "", *together))
     heads = [Column(parameter_name(name).words, "number", units[name].printed) for name in names]
     heads = (*columns("source", "type", "kind"), *columns("u", "ν", kind="number"), *heads)
-    return Table(heads, tuple(body), notes=(_BUDGET_NOTE,))
+    return Table(heads, tuple(body), notes=(ENGLISH("text", "budget_note"),))
 
 
 def point_budget(result: Result) -> tuple[Table, ...]:

@@ -15,7 +15,7 @@ from vibrident.physics.naming import parameter_name
 from vibrident.result import MeasuredCurve, Parameter, Result
 from vibrident.show import words
 from vibrident.show.coverage import coverage, interval_text, parameter_factor
-from vibrident.show.formulas import Words, symbol
+from vibrident.show.formulas import Mixed, Words, symbol
 from vibrident.show.language import ENGLISH, Say
 from vibrident.show.numbers import (
     COVERAGE_FACTOR,
@@ -107,14 +107,8 @@ def small_signals(result: Result) -> str:
     return " ".join(addon.remark for addon in model.add_ons if addon.remark) if model else ""
 
 
-def per_g(result: Result) -> str:
+def per_g(result: Result, say: Say = ENGLISH) -> str:
     """The sensitivity per standard gravity, in a sentence; empty where it is not one to acceleration."""
-    number = per_g_value(result)
-    return f"Per standard gravity (g = {STANDARD_GRAVITY} m/s²) the sensitivity is {number}." if number else ""
-
-
-def per_g_value(result: Result) -> str:
-    """The sensitivity per standard gravity with its U and k; empty where it is not one to acceleration."""
     model = installed(result.model)
     sensitivity = result.parameters.get(model.gain_name) if model else None
     if sensitivity is None or not sensitivity.unit.endswith(("/(m/s^2)", "/(m/s²)")):
@@ -124,7 +118,7 @@ def per_g_value(result: Result) -> str:
     value, u = sensitivity.value * STANDARD_GRAVITY, None if u is None else u * STANDARD_GRAVITY
     number = stated(Parameter(value, unit, u, (None, None)), k)
     bar = f", U = {number.expanded} {number.unit} (k = {plain(k, 3)})" if u else ""
-    return f"{number.value} {number.unit}{bar}"
+    return Mixed(say("text", "per_g", g=STANDARD_GRAVITY, value=f"{number.value} {number.unit}{bar}"))
 
 
 def correlation(result: Result) -> Table | None:
