@@ -86,6 +86,8 @@ def of_result(trial: Trial, result: Result) -> dict[str, Any]:
     }
 
 
+#: Departures by functions without memory.
+SHAPES = {"nonlinear", "clipped"}
 #: What a warning says of the parameter that a departure moves most.
 IMPACT = re.compile(r"Without (?:it|them) the (?P<name>.+) would be .+ in place of .+ \((?P<size>[^ ()]+) u\)")
 
@@ -102,7 +104,8 @@ def told_impact(trial: Trial, result: Result) -> dict[str, Any] | None:
         stated = None if name is None else result.parameters.get(name)
         if found is None or name is None or stated is None or not stated.standard_uncertainty:
             continue
-        way = sum(finding.impact.get(name, 0.0) for finding in result.findings if finding.code == warning.code)
+        alike = SHAPES if warning.code in SHAPES else {warning.code}  # told together
+        way = sum(finding.impact.get(name, 0.0) for finding in result.findings if finding.code in alike)
         told = math.copysign(float(found["size"]), way)
         off = (stated.value - _without(trial, name)) / stated.standard_uncertainty
         true = abs(off - told) <= max(IMPACT_WITHIN * abs(off), 1.0)

@@ -59,6 +59,7 @@ class Departure(ABC):
         of_light: whether it is looked for in a sine by an interferometer's raw light, whose noise is filtered around
             the tone as no spectrum of a record shows.
         joint: whether what several move is what the fit beside all of them moves; else it is the sum.
+        family: kinds of one family stand for one thing, none of them exactly: what several move is told together.
         within: whether it is told within a record, beside parameters that are the record's alone.
         together: whether all records, each with amounts of its own, are tested together, too.
         nuisance: whether the fit of a record can have it as nuisance parameters (:meth:`beside`).
@@ -70,6 +71,7 @@ class Departure(ABC):
     own_columns: ClassVar[bool] = False
     of_light: ClassVar[bool] = False
     joint: ClassVar[bool] = True
+    family: ClassVar[str] = ""
     within: ClassVar[bool] = False
     together: ClassVar[bool] = False
     nuisance: ClassVar[bool] = False
@@ -130,8 +132,11 @@ class Shape(Departure):
         of_reference: whether they are of the reference; the sensor answers them.
         through: whether the sensor answers those of the response, too.
         turned: whether each has its quadrature beside it.
+
+    One function without memory may take several of these: a soft limit is a level and a cube, a dead band two levels.
     """
 
+    family: ClassVar[str] = "shape"
     of_reference: ClassVar[bool] = False
     through: ClassVar[bool] = False
     turned: ClassVar[bool] = False

@@ -107,10 +107,14 @@ def _among_records(parts: list[Part], uncertainty: FloatArray, rounds: int) -> l
 
 
 def _of_one_kind(every: list[Together]) -> list[Together]:
-    """Those of a kind told record by record are one, whatever the round: some records show it better than others."""
-    found = dict[Departure | int, Together]()
+    """Those of a kind told record by record are one, whatever the round, as some records show it better than others.
+
+    So are those of a family.
+    """
+    found = dict[Departure | int | str, Together]()
     for number, one in enumerate(every):
-        kind = number if one.found[0].departure.pooled else one.found[0].departure
+        departure = one.found[0].departure
+        kind = departure.family or (number if departure.pooled else departure)
         if kind in found:
             one = Together((*found[kind].found, *one.found), found[kind].shift + one.shift)
         found[kind] = one
