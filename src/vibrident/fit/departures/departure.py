@@ -91,8 +91,8 @@ class Departure(ABC):
         rows = [range(end - len(columns), end) for end, (_, columns) in zip(last.tolist(), found, strict=True)]
         sums = Sums.of(part, white, parameters, self.doubt(part, scale, len(white)))
         every = [
-            (Candidate(words, partial(_alone, white[own])), sums.some(own))
-            for (words, _), own in zip(found, rows, strict=True)
+            (Candidate(words, partial(_alone, columns)), sums.some(own))
+            for (words, columns), own in zip(found, rows, strict=True)
         ]
         return in_widths(every)
 
@@ -187,7 +187,7 @@ def in_widths(every: Sequence[tuple[Candidate, Sums]]) -> list[Places]:
     return [Places(tuple(one for one, _ in own), Sums.stacked([sums for _, sums in own])) for own in some]
 
 
-def _alone(columns: FloatArray) -> tuple[FloatArray, ...]:
+def _alone(columns: FloatArray | ComplexArray) -> tuple[FloatArray | ComplexArray, ...]:
     """The columns of a departure of one part."""
     return (columns,)
 

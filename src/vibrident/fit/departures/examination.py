@@ -92,17 +92,19 @@ def examine(
 
 def _among_records(parts: list[Part], uncertainty: FloatArray, rounds: int) -> list[Together]:
     found, fit, scale = list[Together](), LinearFit.of(parts, uncertainty), Scale.of(parts, BANDS)
+    before = _optimum(fit, parts)
     for _ in range(rounds):
         now = _strongest(_of_records(fit, parts, scale))
         if not now:
             break
-        before = _optimum(fit, parts)
         for one in now:
             places = range(len(parts)) if one.place is None else [one.place]
-            for place, columns in zip(places, one.candidate.white(), strict=True):
+            for place, columns in zip(places, one.candidate.columns(), strict=True):
                 parts[place] = parts[place].beside(columns)
         fit = LinearFit.of(parts, uncertainty)
-        found.append(_together(now, before - _optimum(fit, parts)))
+        after = _optimum(fit, parts)
+        found.append(_together(now, before - after))
+        before = after
     return _of_one_kind(found)
 
 
@@ -128,7 +130,7 @@ def _among_points(points: PointsPart, uncertainty: FloatArray, rounds: int) -> l
         if not now:
             break
         before = _optimum(fit)
-        points = reduce(PointsPart.beside, (one.candidate.white()[0] for one in now), points)
+        points = reduce(PointsPart.beside, (np.asarray(one.candidate.columns()[0], float) for one in now), points)
         fit = points.fit(uncertainty)
         found.append(_together(now, before - _optimum(fit)))
     return found
@@ -215,7 +217,7 @@ def _pooled(departure: Departure, parts: Sequence[Part], scale: Scale, parameter
 
 def _joined(each: Sequence[Places]) -> Places:
     def one(own: Sequence[Candidate]) -> Candidate:
-        return Candidate(own[0].words, lambda: tuple(columns for every in own for columns in every.white()))
+        return Candidate(own[0].words, lambda: tuple(columns for every in own for columns in every.columns()))
 
     candidates = zip(*(places.candidates for places in each), strict=True)
     return Places(tuple(one(own) for own in candidates), reduce(add, (places.sums for places in each)))

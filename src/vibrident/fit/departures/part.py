@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy import fft
@@ -50,6 +51,8 @@ class Part:
         pull: shift of the fit's coordinates by those of the record, shape (P, p); None where these are the same.
         turns: of the record's sine from sample to sample; None for other motion.
         optical: whether the reference is an interferometer's raw light.
+        slopes: of the response with the coordinates, shape (p, bins).
+        again: makes the part with more nuisance columns by their bins, shape (m, bins), in the noise that is left.
     """
 
     name: str
@@ -73,6 +76,8 @@ class Part:
     pull: FloatArray | None = None
     turns: float | None = None
     optical: bool = False
+    slopes: ComplexArray | None = None
+    again: Callable[[ComplexArray], Part] | None = None
 
     @property
     def samples(self) -> int:
@@ -113,7 +118,18 @@ class Part:
     @functools.cached_property
     def moved(self) -> FloatArray:
         """Motion and its slope, whitened: a gain and a time shift of the response, shape (2, n)."""
-        return self.white(np.stack([self.bins, 1j * self.radians * self.bins]))
+        return self.white(self.moved_bins)
+
+    @property
+    def moved_bins(self) -> ComplexArray:
+        """The same by their bins, shape (2, bins)."""
+        return np.stack([self.bins, 1j * self.radians * self.bins])
+
+    @property
+    def changing_bins(self) -> ComplexArray:
+        """What a change adds to the response by its bins, shape (2 + p, bins)."""
+        assert self.slopes is not None
+        return np.concatenate([self.moved_bins, self.slopes if self.pull is None else self.slopes[:0]])
 
     @functools.cached_property
     def inverse(self) -> FloatArray:
@@ -126,18 +142,14 @@ class Part:
         loud = self.jacobian * self.profile
         return self.jacobian @ self.residual, loud @ self.jacobian.T, self.in_common(self.jacobian)
 
-    def beside(self, columns: FloatArray) -> Part:
-        """The part with more nuisance columns, whitened, shape (m, n)."""
-        basis = orthonormal(self.freed(columns))
-        return replace(
-            self,
-            basis=np.concatenate([self.basis, basis]),
-            residual=without(self.residual[None], basis)[0],
-            jacobian=without(self.jacobian, basis),
-            rounding=without(self.rounding, basis),
-            effects=without(self.effects, basis),
-            freedom=self.freedom - len(basis),
-        )
+    def beside(self, columns: FloatArray | ComplexArray) -> Part:
+        """The part with more nuisance columns, as of :meth:`white`, in the noise that is left beside them."""
+        assert self.again is not None
+        return self.again(self._bins(columns))
+
+    def _bins(self, columns: FloatArray | ComplexArray) -> ComplexArray:
+        bins = columns if np.iscomplexobj(columns) else fft.rfft(columns * self.used, axis=-1)
+        return np.asarray(bins, dtype=complex)
 
     def white(self, columns: FloatArray | ComplexArray) -> FloatArray:
         """Signals whitened and freed from the nuisance parameters, shape (m, n).
@@ -145,8 +157,7 @@ class Part:
         Args:
             columns: in time, shape (m, n), or by their bins, complex, shape (m, bins).
         """
-        bins = columns if np.iscomplexobj(columns) else fft.rfft(columns * self.used, axis=-1)
-        return self.freed(np.asarray(fft.irfft(bins * self.whitening, self.samples, axis=-1)))
+        return self.freed(np.asarray(fft.irfft(self._bins(columns) * self.whitening, self.samples, axis=-1)))
 
     def freed(self, rows: FloatArray) -> FloatArray:
         """Whitened rows less what nuisance parameters make of them, shape (m, n); zero where only rounding is left."""
