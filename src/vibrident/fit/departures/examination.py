@@ -91,21 +91,37 @@ def examine(
 
 
 def _among_records(parts: list[Part], uncertainty: FloatArray, rounds: int) -> list[Together]:
+    """Departures are told apart in the noise that was read without them, which holds what they make of it too.
+
+    How far they move the coordinates is told in the noise that is left beside them.
+    """
     found, fit, scale = list[Together](), LinearFit.of(parts, uncertainty), Scale.of(parts, BANDS)
-    before = _optimum(fit, parts)
+    freer, before = list(parts), _optimum(fit, parts)
     for _ in range(rounds):
         now = _strongest(_of_records(fit, parts, scale))
         if not now:
             break
+        pooled, beside = now[0].departure.pooled, list(freer)
         for one in now:
             places = range(len(parts)) if one.place is None else [one.place]
             for place, columns in zip(places, one.candidate.columns(), strict=True):
                 parts[place] = parts[place].beside(columns)
-        fit = LinearFit.of(parts, uncertainty)
-        after = _optimum(fit, parts)
-        found.append(_together(now, before - after))
+                if pooled:
+                    beside[place] = beside[place].in_noise_beside(columns, admitted=False)
+                freer[place] = freer[place].in_noise_beside(columns, admitted=True)
+        fit, after = LinearFit.of(parts, uncertainty), _optimum(LinearFit.of(freer, uncertainty), freer)
+        shift = _of_common_amounts(now[0].candidate, beside, uncertainty) if pooled else before - after
+        found.append(_together(now, shift))
         before = after
     return _of_one_kind(found)
+
+
+def _of_common_amounts(candidate: Candidate, parts: Sequence[Part], uncertainty: FloatArray) -> FloatArray:
+    """Shift of the coordinates by a departure of which the amounts are those of all parts, shape (P,)."""
+    each = zip(parts, candidate.columns(), strict=True)
+    sums = reduce(add, (Sums.of(part, part.white(columns), len(uncertainty)) for part, columns in each))
+    (score,) = LinearFit.of(parts, uncertainty).test(Sums.stacked([sums]))
+    return np.zeros(len(uncertainty)) if score is None else score.shift
 
 
 def _of_one_kind(every: list[Together]) -> list[Together]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy import fft
@@ -52,7 +52,8 @@ class Part:
         turns: of the record's sine from sample to sample; None for other motion.
         optical: whether the reference is an interferometer's raw light.
         slopes: of the response with the coordinates, shape (p, bins).
-        again: makes the part with more nuisance columns by their bins, shape (m, bins), in the noise that is left.
+        again: makes the part in the noise that is left beside columns by their bins, shape (m, bins), and whether
+            these are nuisance columns of it.
     """
 
     name: str
@@ -77,7 +78,7 @@ class Part:
     turns: float | None = None
     optical: bool = False
     slopes: ComplexArray | None = None
-    again: Callable[[ComplexArray], Part] | None = None
+    again: Callable[[ComplexArray, bool], Part] | None = None
 
     @property
     def samples(self) -> int:
@@ -143,9 +144,22 @@ class Part:
         return self.jacobian @ self.residual, loud @ self.jacobian.T, self.in_common(self.jacobian)
 
     def beside(self, columns: FloatArray | ComplexArray) -> Part:
-        """The part with more nuisance columns, as of :meth:`white`, in the noise that is left beside them."""
+        """The part with more nuisance columns, as of :meth:`white`."""
+        basis = orthonormal(self.white(columns))
+        return replace(
+            self,
+            basis=np.concatenate([self.basis, basis]),
+            residual=without(self.residual[None], basis)[0],
+            jacobian=without(self.jacobian, basis),
+            rounding=without(self.rounding, basis),
+            effects=without(self.effects, basis),
+            freedom=self.freedom - len(basis),
+        )
+
+    def in_noise_beside(self, columns: FloatArray | ComplexArray, *, admitted: bool) -> Part:
+        """The part in the noise beside these columns, which are ``admitted`` as nuisance columns or not."""
         assert self.again is not None
-        return self.again(self._bins(columns))
+        return self.again(self._bins(columns), admitted)
 
     def _bins(self, columns: FloatArray | ComplexArray) -> ComplexArray:
         bins = columns if np.iscomplexobj(columns) else fft.rfft(columns * self.used, axis=-1)

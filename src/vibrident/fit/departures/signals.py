@@ -61,18 +61,17 @@ class Signals:
     seen: Motion | None = None
     floor: float = 0.0
 
-    def beside(self, columns: ComplexArray) -> Signals:
-        """With more nuisance columns, shape (m, bins), and the noise as it is beside them.
+    def beside(self, columns: ComplexArray, admitted: bool) -> Signals:
+        """In the noise as it is beside these columns, shape (m, bins); they are ``admitted`` to the nuisance, or not.
 
         A departure that is no motion's is noise to the spectrum that was read before it was known.
         """
-        nuisance = np.concatenate([self.nuisance, columns])
-        if self.seen is None:
-            return replace(self, nuisance=nuisance)
-        freed = projected(self.rest / self.unit, np.concatenate([nuisance, self.jacobian]), np.sqrt(self.one_sided))
-        without_offset(freed)
-        spectrum = replace(noise_spectrum(freed, self.seen, self.floor), tones=self.spectrum.tones)
-        return replace(self, nuisance=nuisance, spectrum=spectrum)
+        nuisance, spectrum = np.concatenate([self.nuisance, columns]), self.spectrum
+        if self.seen is not None:
+            freed = projected(self.rest / self.unit, np.concatenate([nuisance, self.jacobian]), np.sqrt(self.one_sided))
+            without_offset(freed)
+            spectrum = replace(noise_spectrum(freed, self.seen, self.floor), tones=self.spectrum.tones)
+        return replace(self, nuisance=nuisance if admitted else self.nuisance, spectrum=spectrum)
 
     @property
     def counted(self) -> BoolArray:
@@ -154,7 +153,7 @@ class Signals:
             self.turns,
             self.record.optical is not None,
             self.jacobian,
-            lambda columns: self.beside(columns).part(effects),
+            lambda columns, admitted: self.beside(columns, admitted).part(effects),
         )
 
     def _doubt(self, transfer: ComplexArray) -> FloatArray:
