@@ -154,9 +154,10 @@ class Shape(Departure):
 
     def columns(self, part: Part, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
         """The functions by their bins."""
-        motion, largest = self._series(part)
+        (motion, largest), nothing = self._series(part), np.zeros(part.whitening.size, dtype=complex)
         for words, shape in self.shapes(motion, scale, largest):
-            bins = np.asarray(np.fft.rfft(shape * part.used)) * self._answer(part)
+            there = bool(shape.any())
+            bins = np.asarray(np.fft.rfft(shape * part.used)) * self._answer(part) if there else nothing
             yield words, np.stack([bins, 1j * bins] if self.turned else [bins])
 
     def _answer(self, part: Part) -> ComplexArray | float:

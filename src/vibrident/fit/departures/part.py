@@ -13,7 +13,7 @@ from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.information import inverse_where_shown
 from vibrident.fit.response.response import LEAST_DEVIATION, ComplexArray
 from vibrident.fit.response.rounding import TRIALS
-from vibrident.fit.response.tones import HARMONICS
+from vibrident.fit.response.tones import HARMONICS, turning
 from vibrident.physics.discretisation.inputs import USABLE_BAND
 
 #: Rounding of columns that others span, in squares; and of what is left of rows that are spanned.
@@ -185,8 +185,8 @@ class Part:
 def without(rows: FloatArray, basis: FloatArray) -> FloatArray:
     """Rows, shape (m, n), less their projections on orthonormal ones; zero where only rounding is left."""
     found = rows - (rows @ basis.T) @ basis
-    size = np.einsum("ij,ij->i", rows, rows)
-    return np.where((np.einsum("ij,ij->i", found, found) > LOST * size)[:, None], found, 0.0)
+    found[np.einsum("ij,ij->i", found, found) <= LOST * np.einsum("ij,ij->i", rows, rows)] = 0.0
+    return found
 
 
 def harmonics_of(turns: float, samples: int) -> FloatArray:
@@ -195,8 +195,8 @@ def harmonics_of(turns: float, samples: int) -> FloatArray:
     ``turns``: of the tone from sample to sample.
     """
     orders = [order for order in range(2, HARMONICS + 1) if order * turns < USABLE_BAND]
-    angle = 2.0 * np.pi * turns * np.outer(orders, np.arange(samples))
-    return np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    waves = np.array([turning(samples, 2.0 * np.pi * turns * order) for order in orders]).reshape(-1, samples)
+    return np.stack([waves.real, waves.imag], axis=1)
 
 
 def orthonormal(columns: FloatArray) -> FloatArray:
