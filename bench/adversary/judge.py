@@ -87,7 +87,10 @@ def of_result(trial: Trial, result: Result) -> dict[str, Any]:
 
 
 #: What a warning says of the parameter that a departure moves most.
-IMPACT = re.compile(r"Without (?:it|them) the (?P<name>.+) would be .+ in place of .+ \((?P<size>[^ ()]+) u\)")
+IMPACT = re.compile(
+    r"Without (?:it|them) the (?P<name>.+) would be (?P<without>\S+)(?P<unit>.*) in place of (?P<stated>\S+)"
+    r"(?P<same>.*) \((?P<size>[^ ()]+) u\)"
+)
 
 
 def told_impact(trial: Trial, result: Result) -> dict[str, Any] | None:
@@ -102,8 +105,10 @@ def told_impact(trial: Trial, result: Result) -> dict[str, Any] | None:
         stated = None if name is None else result.parameters.get(name)
         if found is None or name is None or stated is None or not stated.standard_uncertainty:
             continue
-        way = sum(finding.impact.get(name, 0.0) for finding in result.findings if finding.code == warning.code)
-        told = math.copysign(float(found["size"]), way)
+        less = abs(float(found["stated"])) - abs(float(found["without"]))
+        if found["unit"] != found["same"]:  # 999 Hz and 1.01 kHz
+            less = -less
+        told = math.copysign(float(found["size"]), less * stated.value)
         off = (stated.value - _without(trial, name)) / stated.standard_uncertainty
         true = abs(off - told) <= max(IMPACT_WITHIN * abs(off), 1.0)
         return {"code": warning.code, "parameter": name, "off": off, "told": told, "true": true}

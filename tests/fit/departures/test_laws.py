@@ -71,8 +71,6 @@ def test_the_impact_is_the_shift_of_the_fit_with_the_departure_admitted():
     assert found is not None
     assert found.shift == pytest.approx(alone - beside[:2], rel=1e-9)
     assert found.amounts == pytest.approx(beside[2:], rel=1e-9)
-    freer = part.beside(white)
-    assert LinearFit.of([freer], np.ones(2)).inverse @ (freer.jacobian @ freer.residual) == pytest.approx(beside[:2])
 
 
 def test_a_column_within_the_span_of_the_parameters_tells_nothing():
@@ -99,7 +97,7 @@ def test_a_defect_is_named_with_the_value_that_the_sensor_has_without_it(code):
     off, told = stated.value - TRUTH["sensitivity"], sum(f.impact["sensitivity"] for f in named)
     if code != "clipped":  # one level of a few stands for a soft limit
         assert abs(off - told) < max(0.3 * abs(off), 2.0 * stated.standard_uncertainty)
-    assert "Without it the" in next(w.message for w in result.warnings if w.code == code)
+    assert re.search("Without (it|them) the", next(w.message for w in result.warnings if w.code == code))
 
 
 def test_what_is_clean_has_no_finding_and_no_unit_matters():

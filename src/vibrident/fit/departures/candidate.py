@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from vibrident.data.records import FloatArray
 from vibrident.fit.departures.score import Sums
+from vibrident.fit.response.response import ComplexArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -15,14 +16,14 @@ class Candidate:
 
     Attributes:
         words: what it is there.
-        white: its whitened columns, one set a part that has them.
+        columns: makes its columns, one set a part that has them: in time, by bins, or of points.
         time_s: where in the record; None where it has no place.
         record: name of the record; None for that of the part, or all.
         exactly: sums of its columns whitened one by one, where those of the place approximate that; None where not.
     """
 
     words: str
-    white: Callable[[], tuple[FloatArray, ...]]
+    columns: Callable[[], tuple[FloatArray | ComplexArray, ...]]
     time_s: float | None = None
     record: str | None = None
     exactly: Callable[[], Sums] | None = None

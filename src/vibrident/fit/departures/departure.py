@@ -59,6 +59,7 @@ class Departure(ABC):
         of_light: whether it is looked for in a sine by an interferometer's raw light, whose noise is filtered around
             the tone as no spectrum of a record shows.
         joint: whether what several move is what the fit beside all of them moves; else it is the sum.
+        family: kinds of one family stand for one thing, none of them exactly: what several move is told together.
         within: whether it is told within a record, beside parameters that are the record's alone.
         together: whether all records, each with amounts of its own, are tested together, too.
         nuisance: whether the fit of a record can have it as nuisance parameters (:meth:`beside`).
@@ -70,6 +71,7 @@ class Departure(ABC):
     own_columns: ClassVar[bool] = False
     of_light: ClassVar[bool] = False
     joint: ClassVar[bool] = True
+    family: ClassVar[str] = ""
     within: ClassVar[bool] = False
     together: ClassVar[bool] = False
     nuisance: ClassVar[bool] = False
@@ -89,8 +91,8 @@ class Departure(ABC):
         rows = [range(end - len(columns), end) for end, (_, columns) in zip(last.tolist(), found, strict=True)]
         sums = Sums.of(part, white, parameters, self.doubt(part, scale, len(white)))
         every = [
-            (Candidate(words, partial(_alone, white[own])), sums.some(own))
-            for (words, _), own in zip(found, rows, strict=True)
+            (Candidate(words, partial(_alone, columns)), sums.some(own))
+            for (words, columns), own in zip(found, rows, strict=True)
         ]
         return in_widths(every)
 
@@ -130,8 +132,11 @@ class Shape(Departure):
         of_reference: whether they are of the reference; the sensor answers them.
         through: whether the sensor answers those of the response, too.
         turned: whether each has its quadrature beside it.
+
+    One function without memory may take several of these: a soft limit is a level and a cube, a dead band two levels.
     """
 
+    family: ClassVar[str] = "shape"
     of_reference: ClassVar[bool] = False
     through: ClassVar[bool] = False
     turned: ClassVar[bool] = False
@@ -149,9 +154,10 @@ class Shape(Departure):
 
     def columns(self, part: Part, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
         """The functions by their bins."""
-        motion, largest = self._series(part)
+        (motion, largest), nothing = self._series(part), np.zeros(part.whitening.size, dtype=complex)
         for words, shape in self.shapes(motion, scale, largest):
-            bins = np.asarray(np.fft.rfft(shape * part.used)) * self._answer(part)
+            there = bool(shape.any())
+            bins = np.asarray(np.fft.rfft(shape * part.used)) * self._answer(part) if there else nothing
             yield words, np.stack([bins, 1j * bins] if self.turned else [bins])
 
     def _answer(self, part: Part) -> ComplexArray | float:
@@ -182,7 +188,7 @@ def in_widths(every: Sequence[tuple[Candidate, Sums]]) -> list[Places]:
     return [Places(tuple(one for one, _ in own), Sums.stacked([sums for _, sums in own])) for own in some]
 
 
-def _alone(columns: FloatArray) -> tuple[FloatArray, ...]:
+def _alone(columns: FloatArray | ComplexArray) -> tuple[FloatArray | ComplexArray, ...]:
     """The columns of a departure of one part."""
     return (columns,)
 

@@ -91,26 +91,48 @@ def examine(
 
 
 def _among_records(parts: list[Part], uncertainty: FloatArray, rounds: int) -> list[Together]:
+    """Departures are told apart in the noise that was read without them, which holds what they make of it too.
+
+    How far they move the coordinates is told in the noise that is left beside them.
+    """
     found, fit, scale = list[Together](), LinearFit.of(parts, uncertainty), Scale.of(parts, BANDS)
+    freer, before = list(parts), _optimum(fit, parts)
     for _ in range(rounds):
         now = _strongest(_of_records(fit, parts, scale))
         if not now:
             break
-        before = _optimum(fit, parts)
+        pooled, beside = now[0].departure.pooled, list(freer)
         for one in now:
             places = range(len(parts)) if one.place is None else [one.place]
-            for place, columns in zip(places, one.candidate.white(), strict=True):
+            for place, columns in zip(places, one.candidate.columns(), strict=True):
                 parts[place] = parts[place].beside(columns)
-        fit = LinearFit.of(parts, uncertainty)
-        found.append(_together(now, before - _optimum(fit, parts)))
+                if pooled:
+                    beside[place] = beside[place].in_noise_beside(columns, admitted=False)
+                freer[place] = freer[place].in_noise_beside(columns, admitted=True)
+        fit, after = LinearFit.of(parts, uncertainty), _optimum(LinearFit.of(freer, uncertainty), freer)
+        shift = _of_common_amounts(now[0].candidate, beside, uncertainty) if pooled else before - after
+        found.append(_together(now, shift))
+        before = after
     return _of_one_kind(found)
 
 
+def _of_common_amounts(candidate: Candidate, parts: Sequence[Part], uncertainty: FloatArray) -> FloatArray:
+    """Shift of the coordinates by a departure of which the amounts are those of all parts, shape (P,)."""
+    each = zip(parts, candidate.columns(), strict=True)
+    sums = reduce(add, (Sums.of(part, part.white(columns), len(uncertainty)) for part, columns in each))
+    (score,) = LinearFit.of(parts, uncertainty).test(Sums.stacked([sums]))
+    return np.zeros(len(uncertainty)) if score is None else score.shift
+
+
 def _of_one_kind(every: list[Together]) -> list[Together]:
-    """Those of a kind told record by record are one, whatever the round: some records show it better than others."""
-    found = dict[Departure | int, Together]()
+    """Those of a kind told record by record are one, whatever the round, as some records show it better than others.
+
+    So are those of a family.
+    """
+    found = dict[Departure | int | str, Together]()
     for number, one in enumerate(every):
-        kind = number if one.found[0].departure.pooled else one.found[0].departure
+        departure = one.found[0].departure
+        kind = departure.family or (number if departure.pooled else departure)
         if kind in found:
             one = Together((*found[kind].found, *one.found), found[kind].shift + one.shift)
         found[kind] = one
@@ -124,7 +146,7 @@ def _among_points(points: PointsPart, uncertainty: FloatArray, rounds: int) -> l
         if not now:
             break
         before = _optimum(fit)
-        points = reduce(PointsPart.beside, (one.candidate.white()[0] for one in now), points)
+        points = reduce(PointsPart.beside, (np.asarray(one.candidate.columns()[0], float) for one in now), points)
         fit = points.fit(uncertainty)
         found.append(_together(now, before - _optimum(fit)))
     return found
@@ -211,7 +233,7 @@ def _pooled(departure: Departure, parts: Sequence[Part], scale: Scale, parameter
 
 def _joined(each: Sequence[Places]) -> Places:
     def one(own: Sequence[Candidate]) -> Candidate:
-        return Candidate(own[0].words, lambda: tuple(columns for every in own for columns in every.white()))
+        return Candidate(own[0].words, lambda: tuple(columns for every in own for columns in every.columns()))
 
     candidates = zip(*(places.candidates for places in each), strict=True)
     return Places(tuple(one(own) for own in candidates), reduce(add, (places.sums for places in each)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,7 +13,7 @@ from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.information import inverse_where_shown
 from vibrident.fit.response.response import LEAST_DEVIATION, ComplexArray
 from vibrident.fit.response.rounding import TRIALS
-from vibrident.fit.response.tones import HARMONICS
+from vibrident.fit.response.tones import HARMONICS, turning
 from vibrident.physics.discretisation.inputs import USABLE_BAND
 
 #: Rounding of columns that others span, in squares; and of what is left of rows that are spanned.
@@ -50,6 +51,9 @@ class Part:
         pull: shift of the fit's coordinates by those of the record, shape (P, p); None where these are the same.
         turns: of the record's sine from sample to sample; None for other motion.
         optical: whether the reference is an interferometer's raw light.
+        slopes: of the response with the coordinates, shape (p, bins).
+        again: makes the part in the noise that is left beside columns by their bins, shape (m, bins), and whether
+            these are nuisance columns of it.
     """
 
     name: str
@@ -73,6 +77,8 @@ class Part:
     pull: FloatArray | None = None
     turns: float | None = None
     optical: bool = False
+    slopes: ComplexArray | None = None
+    again: Callable[[ComplexArray, bool], Part] | None = None
 
     @property
     def samples(self) -> int:
@@ -113,7 +119,18 @@ class Part:
     @functools.cached_property
     def moved(self) -> FloatArray:
         """Motion and its slope, whitened: a gain and a time shift of the response, shape (2, n)."""
-        return self.white(np.stack([self.bins, 1j * self.radians * self.bins]))
+        return self.white(self.moved_bins)
+
+    @property
+    def moved_bins(self) -> ComplexArray:
+        """The same by their bins, shape (2, bins)."""
+        return np.stack([self.bins, 1j * self.radians * self.bins])
+
+    @property
+    def changing_bins(self) -> ComplexArray:
+        """What a change adds to the response by its bins, shape (2 + p, bins)."""
+        assert self.slopes is not None
+        return np.concatenate([self.moved_bins, self.slopes if self.pull is None else self.slopes[:0]])
 
     @functools.cached_property
     def inverse(self) -> FloatArray:
@@ -126,9 +143,9 @@ class Part:
         loud = self.jacobian * self.profile
         return self.jacobian @ self.residual, loud @ self.jacobian.T, self.in_common(self.jacobian)
 
-    def beside(self, columns: FloatArray) -> Part:
-        """The part with more nuisance columns, whitened, shape (m, n)."""
-        basis = orthonormal(self.freed(columns))
+    def beside(self, columns: FloatArray | ComplexArray) -> Part:
+        """The part with more nuisance columns, as of :meth:`white`."""
+        basis = orthonormal(self.white(columns))
         return replace(
             self,
             basis=np.concatenate([self.basis, basis]),
@@ -139,14 +156,22 @@ class Part:
             freedom=self.freedom - len(basis),
         )
 
+    def in_noise_beside(self, columns: FloatArray | ComplexArray, *, admitted: bool) -> Part:
+        """The part in the noise beside these columns, which are ``admitted`` as nuisance columns or not."""
+        assert self.again is not None
+        return self.again(self._bins(columns), admitted)
+
+    def _bins(self, columns: FloatArray | ComplexArray) -> ComplexArray:
+        bins = columns if np.iscomplexobj(columns) else fft.rfft(columns * self.used, axis=-1)
+        return np.asarray(bins, dtype=complex)
+
     def white(self, columns: FloatArray | ComplexArray) -> FloatArray:
         """Signals whitened and freed from the nuisance parameters, shape (m, n).
 
         Args:
             columns: in time, shape (m, n), or by their bins, complex, shape (m, bins).
         """
-        bins = columns if np.iscomplexobj(columns) else fft.rfft(columns * self.used, axis=-1)
-        return self.freed(np.asarray(fft.irfft(bins * self.whitening, self.samples, axis=-1)))
+        return self.freed(np.asarray(fft.irfft(self._bins(columns) * self.whitening, self.samples, axis=-1)))
 
     def freed(self, rows: FloatArray) -> FloatArray:
         """Whitened rows less what nuisance parameters make of them, shape (m, n); zero where only rounding is left."""
@@ -160,8 +185,8 @@ class Part:
 def without(rows: FloatArray, basis: FloatArray) -> FloatArray:
     """Rows, shape (m, n), less their projections on orthonormal ones; zero where only rounding is left."""
     found = rows - (rows @ basis.T) @ basis
-    size = np.einsum("ij,ij->i", rows, rows)
-    return np.where((np.einsum("ij,ij->i", found, found) > LOST * size)[:, None], found, 0.0)
+    found[np.einsum("ij,ij->i", found, found) <= LOST * np.einsum("ij,ij->i", rows, rows)] = 0.0
+    return found
 
 
 def harmonics_of(turns: float, samples: int) -> FloatArray:
@@ -170,8 +195,8 @@ def harmonics_of(turns: float, samples: int) -> FloatArray:
     ``turns``: of the tone from sample to sample.
     """
     orders = [order for order in range(2, HARMONICS + 1) if order * turns < USABLE_BAND]
-    angle = 2.0 * np.pi * turns * np.outer(orders, np.arange(samples))
-    return np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    waves = np.array([turning(samples, 2.0 * np.pi * turns * order) for order in orders]).reshape(-1, samples)
+    return np.stack([waves.real, waves.imag], axis=1)
 
 
 def orthonormal(columns: FloatArray) -> FloatArray:

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy import fft
 
 from vibrident.data.records import BoolArray, FloatArray, Record
+from vibrident.fit.bins import without_offset
 from vibrident.fit.departures.noise import slow_profile
 from vibrident.fit.departures.part import ROUNDING, Part, harmonics_of, orthonormal, without
 from vibrident.fit.information import inverse_normal
 from vibrident.fit.noise.incoherent import HEARD
-from vibrident.fit.noise.spectrum import DOUBT, NoiseSpectrum
+from vibrident.fit.noise.motion import Motion
+from vibrident.fit.noise.spectrum import DOUBT, NoiseSpectrum, noise_spectrum
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import power_of
 from vibrident.fit.uncertainty.steps import rounding_in_residual
@@ -38,6 +40,8 @@ class Signals:
         one_sided: how often a bin counts, shape (bins,).
         pull: as of :class:`Part`.
         turns: as of :class:`Part`.
+        seen: motion, as the analysis of the noise sees it; None of too few bins for that.
+        floor: lower limit of the noise, in the square of ``unit``.
     """
 
     record: Record
@@ -54,6 +58,20 @@ class Signals:
     one_sided: FloatArray
     pull: FloatArray | None = None
     turns: float | None = None
+    seen: Motion | None = None
+    floor: float = 0.0
+
+    def beside(self, columns: ComplexArray, admitted: bool) -> Signals:
+        """In the noise as it is beside these columns, shape (m, bins); they are ``admitted`` to the nuisance, or not.
+
+        A departure that is no motion's is noise to the spectrum that was read before it was known.
+        """
+        nuisance, spectrum = np.concatenate([self.nuisance, columns]), self.spectrum
+        if self.seen is not None:
+            freed = projected(self.rest / self.unit, np.concatenate([nuisance, self.jacobian]), np.sqrt(self.one_sided))
+            without_offset(freed)
+            spectrum = replace(noise_spectrum(freed, self.seen, self.floor), tones=self.spectrum.tones)
+        return replace(self, nuisance=nuisance if admitted else self.nuisance, spectrum=spectrum)
 
     @property
     def counted(self) -> BoolArray:
@@ -134,6 +152,8 @@ class Signals:
             pull,
             self.turns,
             self.record.optical is not None,
+            self.jacobian,
+            lambda columns, admitted: self.beside(columns, admitted).part(effects),
         )
 
     def _doubt(self, transfer: ComplexArray) -> FloatArray:

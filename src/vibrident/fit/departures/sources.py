@@ -94,9 +94,10 @@ def _of_bins(
                 signals = (rest * noise, motion, np.array(jacobian) * noise)
                 yield _in_time(given, evidence, estimate, there, used[piece], *signals)
             continue
-        if index in tones and (own := motion_at()) is not None:
-            beside = _beside_harmonics(own, record.samples, tones[index])
-            spectrum = noise_spectrum(record.residual, beside, record.floor)
+        seen = motion_at()
+        if index in tones and seen is not None:
+            seen = _beside_harmonics(seen, record.samples, tones[index])
+            spectrum = noise_spectrum(record.residual, seen, record.floor)
         nuisance = record.nuisances(edges=with_edges(record, spectrum), tones=spectrum.tones)(slice(None))
         jacobian = record.jacobian
         if spectrum.input_noise > 0.0:  # at the most likely motion
@@ -116,6 +117,8 @@ def _of_bins(
             noise,
             record.one_sided,
             turns=tones.get(index),
+            seen=seen,
+            floor=record.floor,
         )
 
 
@@ -240,7 +243,8 @@ def _in_time(
     beside = nuisance if pull is None else np.concatenate([nuisance, columns])  # a misfit of the tone is no noise
     freed = projected(own, beside, np.sqrt(one_sided))
     without_offset(freed)
-    spectrum = noise_spectrum(freed, _beside_harmonics(seen, n, turns), floor)
+    seen = _beside_harmonics(seen, n, turns)
+    spectrum = noise_spectrum(freed, seen, floor)
     if spectrum.tones:
         nuisance = np.concatenate([nuisance, np.asarray(fft.rfft(waves(spectrum.tones, n) * used, axis=1))])
     spectrum = replace(spectrum, tones=(*known, *spectrum.tones))
@@ -250,7 +254,7 @@ def _in_time(
         other = most_likely(other, freed, transfer, spectrum, used)
         nuisance = np.concatenate([nuisance, _beside_tone(evidence, estimate, other, transfer, hz, turns)])
     signals = left, bins, motion, columns, transfer, nuisance
-    return Signals(record, span, used, *signals, spectrum, unit, one_sided, pull, turns)
+    return Signals(record, span, used, *signals, spectrum, unit, one_sided, pull, turns, seen, floor)
 
 
 def _free_motion(model: SensorModel, values: dict[str, float], rate_hz: float, used: BoolArray) -> FloatArray:

@@ -202,7 +202,9 @@ class _Words:
     def warning(self, group: Together) -> ResultWarning:
         """One for all records of a group."""
         first, others = group.found[0], len({one.record for one in group.found}) - 1
-        text, them = _said(first), "it" if len(group.found) == 1 else "them"
+        kinds = {one.departure: one for one in reversed(group.found)}  # the most significant of each
+        text = " ".join(_said(one) for one in sorted(kinds.values(), key=group.found.index))
+        them = "it" if len(group.found) == 1 else "them"
         if others:
             text = f"{text} So it is in {others} more record{'s' if others > 1 else ''}."
         # beside its middle, a spring moves the parameters by the square of what shows it: to first order by nothing

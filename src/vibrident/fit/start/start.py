@@ -47,12 +47,8 @@ SECOND, LAST = 12, 6
 BESIDE = 32
 #: Candidates whose delays two modes are fitted with by linear algebra.
 BY_ALGEBRA = 3
-#: Steps of the first stage, of all combinations.
-FEW_STEPS = 6
-#: Steps of the stages between.
-STEPS = 25
-#: Steps of the last stage.
-LAST_STEPS = 40
+#: Steps of the first stage, of all combinations; of the stages between; and of the last.
+FEW_STEPS, STEPS, LAST_STEPS = 6, 25, 40
 #: No point counts for more than this relative deviation would allow: first the grid is coarse, then the way is long.
 LEAST_DEVIATION = 0.01
 #: Candidates on their way that differ by less in every coordinate are one.
@@ -136,16 +132,13 @@ def _whole(values: Mapping[str, float], model: SensorModel) -> dict[str, float]:
 
 
 def _shortest_delay_first(rows: np.ndarray, front: Population, model: SensorModel) -> list[int]:
-    """The rows in order of cost; of those that fit as well as the best, the first of the shortest delay comes first.
-
-    Delays that turn the phases by whole turns fit alike; within half a turn it is one and the same.
-    """
+    """The rows in order of cost; of those that fit as well as the best, one of the shortest delay."""
     if not model.has_delay:
         return rows.tolist()
     index = [spec.kind for spec in model.parameters].index("time")
     alike = [row for row in rows.tolist() if front.cost[row] <= front.cost[rows[0]] + ALIKE]
-    delays = {row: abs(float(front.u[row, index])) for row in alike}  # rad at the highest frequency
-    first = next(row for row in alike if delays[row] <= min(delays.values()) + np.pi)
+    delays = np.abs(front.u[alike, index])  # rad at the highest frequency
+    first = alike[int(np.argmax(delays <= np.min(delays) + np.pi))]
     return [first, *(row for row in rows.tolist() if row != first)]
 
 

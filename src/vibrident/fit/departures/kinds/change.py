@@ -28,6 +28,7 @@ class Change(Departure):
     name: ClassVar[str] = "change"
     code: ClassVar[WarningCode] = "regimes"
     pooled: ClassVar[bool] = False
+    family: ClassVar[str] = "change"
     within: ClassVar[bool] = True
 
     def columns(self, part: Part, scale: Scale) -> Iterable[tuple[str, FloatArray]]:
@@ -68,14 +69,15 @@ class Change(Departure):
 def _candidate(part: Part, changes: InTime, number: int, kept: Sequence[int], words: str, parameters: int) -> Candidate:
     factor = np.repeat(changes.factors[number], np.diff(changes.edges))
 
-    def white() -> FloatArray:
-        return part.freed(part.changing[kept] * factor)
+    def columns() -> tuple[FloatArray]:
+        return (np.asarray(np.fft.irfft(part.changing_bins[kept], part.samples, axis=-1) * factor),)
 
     def exactly() -> Sums:
-        return Sums.of(part, white(), parameters, float(np.mean(factor)) * part.in_common(part.changing[kept])[:, -1])
+        white = part.freed(part.changing[kept] * factor)
+        return Sums.of(part, white, parameters, float(np.mean(factor)) * part.in_common(part.changing[kept])[:, -1])
 
     time_s = float(changes.time_s[number]) if number < BLOCKS - 1 else None
-    return Candidate(words, lambda: (white(),), time_s, exactly=exactly)
+    return Candidate(words, columns, time_s, exactly=exactly)
 
 
 CHANGE = Change()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterable
 from dataclasses import replace
 from typing import ClassVar
@@ -32,8 +33,7 @@ class Drift(WithoutMotion):
 
     def columns(self, part: Part, scale: Scale) -> Iterable[tuple[str, FloatArray]]:
         """The polynomials, as large as the largest motion."""
-        time = np.linspace(-1.0, 1.0, part.samples)
-        yield "", scale.motion * np.asarray(np.polynomial.legendre.legvander(time, DEGREE).T[1:], dtype=float)
+        yield "", scale.motion * _polynomials(part.samples)
 
     def beside(self, record: Record) -> Record:
         """With a tone of half a turn over the record, the size of which changes with time, as a nuisance parameter.
@@ -47,6 +47,12 @@ class Drift(WithoutMotion):
         """How far."""
         size = 100.0 * float(np.max(np.abs(score.amounts)))
         return f"the response drifts by about {plain(size, 2)} % of its largest, which the motion does not explain"
+
+
+@functools.lru_cache(maxsize=2)
+def _polynomials(samples: int) -> FloatArray:
+    time = np.linspace(-1.0, 1.0, samples)
+    return np.ascontiguousarray(np.polynomial.legendre.legvander(time, DEGREE).T[1:], dtype=float)
 
 
 DRIFT = Drift()

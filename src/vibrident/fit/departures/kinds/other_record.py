@@ -23,6 +23,7 @@ class OtherRecord(Departure):
     name: ClassVar[str] = "other-record"
     code: ClassVar[WarningCode] = "regimes"
     pooled: ClassVar[bool] = False
+    family: ClassVar[str] = "change"
 
     def columns(self, part: Part, scale: Scale) -> Iterable[tuple[str, FloatArray]]:
         """Motion and slope of the whole part."""
@@ -32,7 +33,7 @@ class OtherRecord(Departure):
         """The whole part; a sine has an amplitude and phase of its own, which its points compare."""
         if part.pull is not None or scale.parts < 2:
             return []
-        return in_widths([(Candidate("", lambda: (part.moved,)), Sums.of(part, part.moved, parameters))])
+        return in_widths([(Candidate("", lambda: (part.moved_bins,)), Sums.of(part, part.moved, parameters))])
 
     def at_points(self, points: PointsPart) -> list[tuple[Candidate, Sums]]:
         """A complex factor of each record's points."""
