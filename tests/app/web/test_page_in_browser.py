@@ -186,6 +186,8 @@ def test_by_keyboard_alone_from_files_to_a_result_that_agrees_with_the_command(v
     press(page, "#start", "#identify")
     page.get_by_text("Identified.").wait_for(timeout=WAIT_MS)
     page.locator("#result .js-plotly-plot").first.wait_for()
+    page.get_by_text("How it was found").click()
+    page.locator("#how .js-plotly-plot").wait_for(timeout=WAIT_MS)
     picture(page, f"simulated-{width}")
     assert not too_faint(page)
     assert page.evaluate("document.documentElement.scrollWidth <= window.innerWidth")

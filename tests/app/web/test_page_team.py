@@ -35,12 +35,14 @@ def sign_in(page, team, name: str, password: str = SECRET) -> None:
     page.keyboard.press("Enter")
 
 
-def test_signing_in_by_keyboard(browser, team, sound):
+def test_signing_in_by_keyboard(browser, team, looks, violations, sound):
     context = browser.new_context(reduced_motion="reduce")
     page = context.new_page()
     sign_in(page, team, "bob", "wrong")
     page.get_by_role("alert").wait_for()
-    sound(page, "sign-in")
+    for _ in looks(page, "sign-in"):
+        assert violations(page) == []
+    page.get_by_label("Name").wait_for()
     sign_in(page, team, "bob")
     page.get_by_text("No data yet.").wait_for(timeout=WAIT_MS)
     assert page.get_by_text("bob", exact=True).is_visible()
