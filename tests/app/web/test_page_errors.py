@@ -154,8 +154,8 @@ def many_datasets(folder: Path) -> Path:
     return place
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [many_columns, many_datasets])
-@pytest.mark.quick("many_columns")
 def test_what_is_beyond_all_measure_is_told_of_and_the_page_goes_on(visit, tmp_path, make):
     page = visit()
     upload(page, make(tmp_path))

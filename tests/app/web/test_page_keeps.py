@@ -83,7 +83,7 @@ def start_anew_asks(page, picture) -> None:
 
 
 @pytest.mark.parametrize("ending", [signal.SIGKILL, signal.SIGTERM])
-@pytest.mark.quick("9")
+@pytest.mark.slow
 def test_a_server_that_ended_in_the_middle_of_a_fit_is_followed_by_one_that_has_it_all(
     browser, picture, tmp_path, ending
 ):
