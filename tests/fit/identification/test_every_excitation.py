@@ -104,7 +104,7 @@ def test_delay_of_either_sign(delay: float, excitation: str) -> None:
     calibration = simulate(
         ("accelerometer+delay", truth),
         excitation,
-        frequencies_hz=10.0 ** (np.arange(10, 31) / 10),
+        frequencies_hz=10.0 ** (np.arange(10, 31, 2) / 10),
         sampling_rate_hz=51200.0,
         amplitude=9.8,
         samples=8000,
@@ -122,7 +122,7 @@ def test_heavy_damping_is_normal(damping: float) -> None:
     calibration = simulate(
         ("accelerometer", truth),
         "sine",
-        frequencies_hz=10.0 ** (np.arange(10, 37) / 10),
+        frequencies_hz=10.0 ** (np.arange(10, 37, 2) / 10),
         sampling_rate_hz=51200.0,
         amplitude=9.8,
         samples=8000,
