@@ -29,7 +29,7 @@ COMPILE_ALL = $(COMPILE) && { $(BIN)/python -m compileall -qq -j 0 -x '/tests?/'
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help demo reproduce install test test-plain nightly lint format bench clean
+.PHONY: help demo reproduce install install-plain test test-plain nightly lint format bench clean
 
 help:  ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -52,9 +52,11 @@ test: $(DEV)  ## every law once
 	$(COMPILE)
 	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal $(if $(CI),--durations=10) $(PYTEST_ARGS)
 
-# The way of a linear sensor from file to certificate data; tests/test_loading.py imports every module.
-PLAIN := tests/test_loading.py tests/app/cli tests/result
-test-plain: $(PLAIN_VENV)/.installed  ## tests of linear sensors on the plain install: no JAX, no extra
+# The way of a linear sensor from file to certificate data; tests/test_loading.py imports every module. How a shell ends
+# a command and which process draws does not depend on extras.
+PLAIN := tests/test_loading.py tests/result $(filter-out %_shell.py %_drawing.py,$(wildcard tests/app/cli/test_*.py))
+install-plain: $(PLAIN_VENV)/.installed
+test-plain: install-plain  ## tests of linear sensors on the plain install: no JAX, no extra
 	$(PLAIN_VENV)/bin/python -m pytest -n $(JOBS) --dist worksteal $(PYTEST_ARGS) $(PLAIN)
 
 nightly: export JAX_DISABLE_MOST_OPTIMIZATIONS := false

@@ -90,7 +90,7 @@ class Registry(Generic[T]):
 
     @functools.cached_property
     def _points(self) -> list[EntryPoint]:
-        return sorted(_entry_points().get(self.group, ()), key=lambda point: (point.name, _package(point)))
+        return sorted(installed().get(self.group, ()), key=lambda point: (point.name, _package(point)))
 
     def names(self) -> tuple[str, ...]:
         """Every name; nothing is loaded. A plug-in that turns out not to be usable is left out from then on."""
@@ -187,15 +187,12 @@ class _Unusable(Exception):
 
 
 @functools.cache
-def _entry_points() -> dict[str, list[EntryPoint]]:
+def installed() -> dict[str, list[EntryPoint]]:
     """Entry points by group, of the groups of this package."""
     from importlib.metadata import entry_points
 
-    found: dict[str, list[EntryPoint]] = {}
-    for group in entry_points().groups:
-        if group.startswith("vibrident."):
-            found[group] = list(entry_points(group=group))
-    return found
+    points = entry_points()
+    return {group: list(points.select(group=group)) for group in points.groups if group.startswith("vibrident.")}
 
 
 def _package(point: EntryPoint) -> str:

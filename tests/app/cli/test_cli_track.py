@@ -16,11 +16,12 @@ import numpy as np
 import pytest
 from tests.support.lives import calibrated
 from tests.support.random_record import RATE_HZ, TRUTH
+from tests.support.shell import printed, run
 from tests.support.tracked import answered, motion
 
 from vibrident import Calibration, Result, identify
 
-SAMPLES = 40000
+SAMPLES = 20000
 TEXT = """[sensor]
 model = "accelerometer"
 [reference]
@@ -54,16 +55,31 @@ def case(tmp_path_factory):
     return folder, table
 
 
-def command(case, name, *more, cal="cal.toml"):
+def track(case, name, *more, cal="cal.toml", result="result.json", given=()):
+    """The command in this process; ``given`` are the pieces that come by standard input."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("vibrident.data.sources.kinds.stdin._pieces", lambda: iter(given))
+        return run(*arguments(case, name, *more, cal=cal, result=result))
+
+
+def arguments(case, name, *more, cal, result="result.json"):
     folder = case[0]
-    base = [sys.executable, "-m", "vibrident", "track", str(folder / "result.json"), str(folder / cal)]
-    return [*base, "--out", str(folder / name), "--no-pictures", "--every", "0.1", *more]
+    files = (str(folder / result), str(folder / cal), "--out", str(folder / name))
+    return ["track", *files, "--no-pictures", "--every", "0.1", *more]
 
 
-def done(case, name, *more, cal="cal.toml", given=None):
-    ran = subprocess.run(command(case, name, *more, cal=cal), input=given, capture_output=True, timeout=120)
-    assert ran.returncode == 0, ran.stderr.decode()
+def shell(case, name, *more, cal):
+    return [sys.executable, "-m", "vibrident", *arguments(case, name, *more, cal=cal)]
+
+
+def written(case, name):
     return json.loads((case[0] / name / "track.json").read_text()), (case[0] / name / "track.csv").read_text()
+
+
+def done(case, name, *more, **given):
+    ran = track(case, name, *more, **given)
+    assert ran.exit_code == 0, ran.output
+    return written(case, name)
 
 
 @pytest.fixture(scope="module")
@@ -84,7 +100,7 @@ def test_records_give_rows_parameters_and_the_alarm(whole):
     lines = rows.splitlines()
     assert lines[0].split(",")[:3] == ["time_s", "sensitivity", "sensitivity_u"]
     assert lines[0].split(",")[-2:] == ["innovation", "excited"]
-    assert len(lines) == 1 + 20 + 1  # one each 0.1 s, and the end
+    assert len(lines) == 1 + SAMPLES / RATE_HZ / 0.1 + 1  # one each 0.1 s, and the end
     (alarm,) = document["alarms"]
     assert (alarm["parameter"], alarm["what"]) == ("sensitivity", "gain")
     assert abs(alarm["to"] - 0.101) < 5.0 * alarm["u"]
@@ -99,20 +115,18 @@ def test_the_end_is_a_result_that_other_commands_take(case, whole):
     assert result.estimator == "tracked"
     for name in TRUTH:
         assert result.parameters[name].value == pytest.approx(whole[0]["parameters"][name]["value"], rel=1e-12)
-    store = f"sqlite:///{folder / 'history.sqlite'}"
-    base = [sys.executable, "-m", "vibrident", "history"]
-    more = ["--serial", "4711", "--store", store]
-    added = subprocess.run([*base, "add", str(folder / "whole" / "result.json"), *more], capture_output=True, text=True)
-    assert added.returncode == 0, added.stderr
-    asked = [*base, "show", "4711", "--quantity", "sensitivity", "--format", "json", "--store", store]
-    assert '"tracked"' in subprocess.check_output(asked, text=True)
+    store = ("--store", f"sqlite:///{folder / 'history.sqlite'}")
+    printed("history", "add", folder / "whole" / "result.json", "--serial", "4711", *store)
+    assert '"tracked"' in printed("history", "show", "4711", "--quantity", "sensitivity", "--format", "json", *store)
 
 
 def test_standard_input_gives_the_same_in_either_form(case, whole):
     text = (case[0] / "record.csv").read_bytes()
-    same(done(case, "csv", "--stdin", "csv", given=text)[0], whole[0])
+    ran = subprocess.run(shell(case, "csv", "--stdin", "csv", cal="cal.toml"), input=text, capture_output=True)
+    assert ran.returncode == 0, ran.stderr.decode()
+    same(written(case, "csv")[0], whole[0])
     raw = case[1].astype("<f4").tobytes()
-    same_float = done(case, "raw", "--stdin", "float32", given=raw)[0]
+    same_float = done(case, "raw", "--stdin", "float32", given=[raw])[0]
     for name in TRUTH:
         u = whole[0]["parameters"][name]["standard_uncertainty"]
         assert abs(same_float["parameters"][name]["value"] - whole[0]["parameters"][name]["value"]) < 0.2 * u
@@ -135,9 +149,9 @@ def test_a_connection_gives_the_same(case, whole):
 def test_a_killed_session_goes_on_and_says_nothing_twice(case, whole):
     lines = (case[0] / "record.csv").read_text().splitlines(keepends=True)
     growing = case[0] / "growing.csv"
-    growing.write_text("".join(lines[:28000]) + lines[28000][:7])  # within a line, behind the alarm
+    growing.write_text("".join(lines[:14000]) + lines[14000][:7])  # within a line, behind the alarm
     running = subprocess.Popen(
-        command(case, "killed", "--follow", cal="stream.toml"), stdout=subprocess.PIPE, stderr=subprocess.PIPE
+        shell(case, "killed", "--follow", cal="stream.toml"), stdout=subprocess.PIPE, stderr=subprocess.PIPE
     )
     state = case[0] / "killed" / "track.state"
     for _ in range(600):
@@ -148,7 +162,7 @@ def test_a_killed_session_goes_on_and_says_nothing_twice(case, whole):
     os.kill(running.pid, signal.SIGKILL)
     running.communicate()
     with growing.open("a") as stream:
-        stream.write(lines[28000][7:] + "".join(lines[28001:]))
+        stream.write(lines[14000][7:] + "".join(lines[14001:]))
     with (case[0] / "killed" / "track.csv").open("a") as stream:
         stream.write("what was half writt")
     document, rows = done(case, "killed", "--follow", "--idle", "0.3", cal="stream.toml")
@@ -160,8 +174,8 @@ def test_a_killed_session_goes_on_and_says_nothing_twice(case, whole):
 
 def test_chunks_that_are_lost_or_doubled_are_named(case):
     lines = (case[0] / "record.csv").read_text().splitlines(keepends=True)
-    given = "".join([*lines[:10000], *lines[9000:15000], *lines[16000:20000], *lines[2000:2500], *lines[20000:]])
-    document, _ = done(case, "broken", "--stdin", "csv", cal="stream.toml", given=given.encode())
+    given = "".join([*lines[:5000], *lines[4000:7000], *lines[8000:10000], *lines[2000:2500], *lines[10000:]])
+    document, _ = done(case, "broken", "--stdin", "csv", cal="stream.toml", given=[given.encode()])
     samples = document["samples"]
     assert (samples["lost"], samples["doubled"], samples["late"]) == (1000, 1000, 500)
     assert samples["taken"] == SAMPLES - 1000
@@ -187,10 +201,10 @@ def test_bad_input_is_one_message(case, more, given, said, tmp_path):
     if more == ["--follow"]:
         cal = "missing.toml"
         (case[0] / cal).write_text(STAMPED.format(file="missing.csv"))
-    ran = subprocess.run(command(case, tmp_path.name, *more, cal=cal), input=given, capture_output=True, timeout=60)
-    assert ran.returncode == 2
-    assert said in ran.stderr.decode()
-    assert "Traceback" not in ran.stderr.decode()
+    ran = track(case, tmp_path.name, *more, cal=cal, given=[given])
+    assert ran.exit_code == 2
+    assert said in ran.stderr
+    assert "Traceback" not in ran.stderr
 
 
 def test_tracking_needs_neither_jax_nor_matplotlib():
@@ -221,10 +235,9 @@ def test_u_of_what_is_not_excited_grows_by_the_random_walk_of_the_history(case, 
     rows = np.column_stack([np.repeat(years, 100) + np.tile(np.arange(100) / RATE_HZ, 2), np.zeros((200, 2))])
     text = "\n".join(",".join(map(repr, row)) for row in rows.tolist())
     (case[0] / "named.toml").write_text(STAMPED.format(file="none.csv"))
-    ran = command(case, "walk", "--stdin", "csv", "--store", store, cal="named.toml")
-    ran[4] = str(case[0] / "named.json")
-    done = subprocess.run(ran, input=text.encode(), capture_output=True, timeout=60)
-    assert b"no random walk of damping_ratio: 1% a year" in done.stderr
+    given = {"result": "named.json", "cal": "named.toml", "given": [text.encode()]}
+    ran = track(case, "walk", "--stdin", "csv", "--store", store, **given)
+    assert "no random walk of damping_ratio: 1% a year" in ran.stderr
     found = json.loads((case[0] / "walk" / "track.json").read_text())["parameters"]["sensitivity"]
     first = result.parameters["sensitivity"]
     grown = np.sqrt(found["standard_uncertainty"] ** 2 - first.standard_uncertainty**2) / found["value"]

@@ -6,6 +6,7 @@ import json
 import shutil
 import subprocess
 import time
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -39,9 +40,18 @@ async def page(scope: Any, receive: Any, send: Any) -> None:
     await send({"type": "http.response.body", "body": f"<script>{scope[OWNER]} {account and account.role}".encode()})
 
 
+@pytest.fixture(scope="module", autouse=True)
+def cheap():
+    """A hash takes long, on purpose; here it takes what the algorithm needs at least."""
+    from argon2 import PasswordHasher
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("argon2.PasswordHasher", partial(PasswordHasher, time_cost=1, memory_cost=8, parallelism=1))
+        yield
+
+
 @pytest.fixture(scope="module")
 def hashed(tmp_path_factory):
-    """A hash takes long, on purpose: made once."""
     file = tmp_path_factory.mktemp("accounts") / "accounts"
     for name, role in (("eve", "look"), ("ina", "identify"), ("bob", "approve")):
         add(file, name, role, SECRET)

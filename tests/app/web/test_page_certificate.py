@@ -100,10 +100,6 @@ def test_a_certificate_is_filled_in_after_the_fit_and_the_laboratory_is_remember
     both = ("--certificate", "certificate.toml", "--certificate", "logo.toml")
     printed("report", "first.json", "--format", "pdf", *both, "--out", "shell.pdf", folder=tmp_path)
     assert text((tmp_path / "shell.pdf").read_bytes()) == said
-    with zipfile.ZipFile(io.BytesIO(taken(page, "everything"))) as packed:
-        assert text(packed.read("certificate.pdf")) == said
-        assert b"2026-CALS_0042" in packed.read("certificate.toml")
-
     page.reload()
     opened(page)
     assert field(page, "Certificate number *").input_value() == "2026-CALS_0042"
@@ -112,12 +108,24 @@ def test_a_certificate_is_filled_in_after_the_fit_and_the_laboratory_is_remember
     opened(page)
     assert field(page, "Laboratory *").input_value() == STATED["Laboratory *"]
     assert field(page, "Certificate number *").input_value() == ""
+
+
+@pytest.mark.slow
+def test_a_certificate_before_and_after_adjustment_is_among_everything(visit, results):
+    page = visit()
+    upload(page, *results)
+    page.locator("#compare").wait_for(timeout=WAIT_MS)
+    opened(page)
+    field(page, "Certificate number *").fill("2026-CALS_0042")
     choose(page, "Before adjustment", "first")
     page.locator("#save-certificate").press("Enter")
     page.get_by_text("Saved: reports").wait_for(timeout=WAIT_MS)
     said = text(taken(page, "pdf"))
     assert "Before and after adjustment" in said
     assert "DRAFT" in said
+    with zipfile.ZipFile(io.BytesIO(taken(page, "everything"))) as packed:
+        assert text(packed.read("certificate.pdf")) == said
+        assert b"2026-CALS_0042" in packed.read("certificate.toml")
 
 
 def test_the_laboratorys_own_template_is_chosen_and_removed(visit, results):

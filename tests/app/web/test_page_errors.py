@@ -11,7 +11,6 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from tests.support.sample_results import table2
 from tests.support.serving import choose, field, simulated, start_anew, upload
 
 WAIT_MS = 120_000
@@ -46,11 +45,13 @@ def test_of_a_folder_what_is_not_known_is_left_out_and_listed(visit, picture, tm
     assert {"notes.docx", "photo.JPG"} <= set(re.findall(r"[\w.]+", told))
     picture(page, "left-out")
 
-    many = tmp_path / "many"
-    many.mkdir()
-    for i in range(490):
-        (many / f"{i}.csv").write_text(ROWS)
-    upload(page, *sorted(many.iterdir()))
+
+@pytest.mark.slow
+def test_of_more_files_than_a_page_takes_the_rest_is_left_out_and_listed(visit, tmp_path):
+    for i in range(507):
+        (tmp_path / f"{i}.csv").write_text(ROWS)
+    page = visit()
+    upload(page, *sorted(tmp_path.iterdir()))
     page.get_by_text("7 files were left out").wait_for(timeout=WAIT_MS)
     page.get_by_text("500 files:").wait_for()
     page.locator("#confirm").wait_for(timeout=WAIT_MS)
@@ -111,26 +112,6 @@ def test_edits_after_confirm_reach_identify_and_files_added_wipe_no_form(visit, 
     assert field(page, "Serial number").input_value() == "4711"
 
 
-def test_start_anew_asks_and_removes_the_result_too(visit, picture, tmp_path):
-    (tmp_path / "a.csv").write_text(ROWS)
-    result = table2().save(tmp_path / "earlier.json")
-    page = visit()
-    upload(page, tmp_path / "a.csv", result)
-    page.locator("#confirm").wait_for(timeout=WAIT_MS)
-    page.locator("#result .verdict").first.wait_for(timeout=WAIT_MS)
-    for answer in ("Keep", "Remove all"):
-        page.get_by_role("button", name="Start anew").click()
-        page.get_by_text("Remove 1 file, the form and 1 result from the page?").wait_for()
-        picture(page, f"anew-{answer[:4]}")
-        page.get_by_role("button", name=answer, exact=True).click()
-        page.get_by_text("Remove 1 file").wait_for(state="detached")
-        assert page.locator("#result").is_visible() == (answer == "Keep")
-    page.get_by_text("No data yet.").wait_for()
-    assert not page.locator("#columns").is_visible()
-    page.get_by_role("button", name="Start anew").click()  # there is nothing to ask for
-    page.get_by_text("No data yet.").wait_for()
-
-
 @pytest.mark.slow
 def test_a_worker_that_is_killed_is_told_of_and_can_be_repeated(visit, picture, server, tmp_path):
     page = visit()
@@ -173,13 +154,8 @@ def many_datasets(folder: Path) -> Path:
     return place
 
 
-def deep_json(folder: Path) -> Path:
-    (place := folder / "result.json").write_text('{"a":' * 100_000)
-    return place
-
-
-@pytest.mark.parametrize("make", [many_columns, many_datasets, deep_json])
-@pytest.mark.quick("many_columns", "deep_json")
+@pytest.mark.slow
+@pytest.mark.parametrize("make", [many_columns, many_datasets])
 def test_what_is_beyond_all_measure_is_told_of_and_the_page_goes_on(visit, tmp_path, make):
     page = visit()
     upload(page, make(tmp_path))

@@ -31,12 +31,13 @@ def test_everything_has_a_name_can_be_reached_and_can_be_read_in_light_and_dark(
     upload(page, tmp_path / "a.csv", table2().save(tmp_path / "earlier.json"))
     page.locator("#columns .js-plotly-plot").wait_for(timeout=WAIT_MS)
     page.locator("#result .js-plotly-plot").first.wait_for(timeout=WAIT_MS)
-    for scheme in looks(page, "filled"):
+    for number, scheme in enumerate(looks(page, "filled")):
         dark = "matches" if scheme == "dark" else "!matches"
         page.wait_for_function(f"(matches => {dark})(document.body.classList.contains('body--dark'))")
         assert page.evaluate(UNNAMED) == []
         assert page.evaluate(UNREACHABLE) == []
-        assert violations(page) == []
+        if number in (0, 3):  # axe takes seconds: both widths and both schemes, each once
+            assert violations(page) == []
         assert too_faint(page) == []
         ground = page.locator("#data").evaluate("e => getComputedStyle(e).backgroundColor")
         assert (sum(map(int, ground[4:-1].split(","))) < 200) == (scheme == "dark")

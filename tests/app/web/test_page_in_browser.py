@@ -147,6 +147,7 @@ def test_a_broken_calibration_file_gets_the_message_of_the_command_line(visit, t
     page.get_by_text("calibration.toml came with the data").wait_for(timeout=WAIT_MS)
 
 
+@pytest.mark.slow
 def test_what_was_confirmed_does_not_pass_for_a_calibration_file_of_the_user(visit, tmp_path):
     for name in ("a.csv", "b.csv"):
         (tmp_path / name).write_text("time,reference,response\n0.0,1.0,2.0\n0.1,1.5,2.0\n0.2,1.0,2.5\n")
@@ -186,6 +187,8 @@ def test_by_keyboard_alone_from_files_to_a_result_that_agrees_with_the_command(v
     press(page, "#start", "#identify")
     page.get_by_text("Identified.").wait_for(timeout=WAIT_MS)
     page.locator("#result .js-plotly-plot").first.wait_for()
+    page.get_by_text("How it was found").click()
+    page.locator("#how .js-plotly-plot").wait_for(timeout=WAIT_MS)
     picture(page, f"simulated-{width}")
     assert not too_faint(page)
     assert page.evaluate("document.documentElement.scrollWidth <= window.innerWidth")

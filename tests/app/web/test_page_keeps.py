@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import signal
 
 import pytest
@@ -31,9 +30,16 @@ def is_there(page) -> None:
     page.locator("#result .js-plotly-plot").first.wait_for(timeout=WAIT_MS)
 
 
-def test_a_reload_and_the_way_back_ask_nothing_and_lose_nothing(visit, tmp_path):
-    page, asked = visit(), []
+@pytest.mark.parametrize("width", [1280, 390])
+@pytest.mark.quick("1280")
+def test_a_reload_loses_nothing_a_closed_tab_is_offered_in_the_next_and_to_start_anew_asks(
+    browser, server, picture, tmp_path, width
+):
+    contexts = [browser.new_context(viewport={"width": width, "height": 844}) for _ in range(2)]
+    mine, other = contexts
+    page, asked = mine.new_page(), []
     page.on("dialog", lambda dialog: (asked.append(dialog.type), dialog.accept()))
+    page.goto(server.address)
     filled(page, tmp_path)
     page.reload()
     is_there(page)
@@ -42,18 +48,6 @@ def test_a_reload_and_the_way_back_ask_nothing_and_lose_nothing(visit, tmp_path)
     is_there(page)
     assert not asked
     assert page.locator("#gone").count() == 0
-
-
-@pytest.mark.parametrize("width", [1280, 390])
-@pytest.mark.quick("1280")
-def test_work_in_a_tab_that_was_closed_is_offered_in_the_next_of_that_browser(
-    browser, server, picture, tmp_path, width
-):
-    contexts = [browser.new_context(viewport={"width": width, "height": 844}) for _ in range(2)]
-    mine, other = contexts
-    page = mine.new_page()
-    page.goto(server.address)
-    filled(page, tmp_path)
     page.close()
     stranger = other.new_page()
     stranger.goto(server.address)
@@ -68,12 +62,28 @@ def test_work_in_a_tab_that_was_closed_is_offered_in_the_next_of_that_browser(
     page.keyboard.press("Enter")
     is_there(page)
     assert page.locator("#left-work").count() == 0
+    start_anew_asks(page, picture)
     for context in contexts:
         context.close()
 
 
+def start_anew_asks(page, picture) -> None:
+    """And removes the result too."""
+    for answer in ("Keep", "Remove all"):
+        page.get_by_role("button", name="Start anew").click()
+        page.get_by_text("Remove 1 file, the form and 1 result from the page?").wait_for()
+        picture(page, f"anew-{answer[:4]}")
+        page.get_by_role("button", name=answer, exact=True).click()
+        page.get_by_text("Remove 1 file").wait_for(state="detached")
+        assert page.locator("#result").is_visible() == (answer == "Keep")
+    page.get_by_text("No data yet.").wait_for()
+    assert not page.locator("#columns").is_visible()
+    page.get_by_role("button", name="Start anew").click()  # there is nothing to ask for
+    page.get_by_text("No data yet.").wait_for()
+
+
 @pytest.mark.parametrize("ending", [signal.SIGKILL, signal.SIGTERM])
-@pytest.mark.quick("9")
+@pytest.mark.slow
 def test_a_server_that_ended_in_the_middle_of_a_fit_is_followed_by_one_that_has_it_all(
     browser, picture, tmp_path, ending
 ):
@@ -98,8 +108,7 @@ def test_a_server_that_ended_in_the_middle_of_a_fit_is_followed_by_one_that_has_
         assert field(page, "Serial number").input_value() == "4711"
         assert len(page.locator("#data").get_by_role("listitem").all()) == len(list((tmp_path / "made").glob("*.csv")))
         page.locator("#repeat").click()
-        page.locator("#compare").wait_for(timeout=WAIT_MS)
-        assert re.search(r"^Identified\.$", page.locator("#status").inner_text())
+        page.locator("#status").get_by_text("Identified.", exact=True).wait_for(timeout=WAIT_MS)
     context.close()
 
 
@@ -110,7 +119,9 @@ def test_where_nothing_is_kept_the_page_says_what_is_lost(browser, picture, tmp_
         port = first.address.rstrip("/").rpartition(":")[2]
         page.goto(first.address)
         page.get_by_role("heading", name="Data").wait_for()
-        filled(page, tmp_path)
+        (tmp_path / "a.csv").write_text(ROWS)
+        upload(page, tmp_path / "a.csv")
+        page.locator("#confirm").wait_for(timeout=WAIT_MS)
     with serving(tmp_path, *VIBRIDENT, "serve", "--keep", "0", "--port", port):
         page.locator("#gone").wait_for(timeout=WAIT_MS)
         page.get_by_text("No data yet.").wait_for(timeout=WAIT_MS)

@@ -176,7 +176,7 @@ def test_an_offset_is_no_noise_of_the_reference():
     assert result.findings == ()
 
 
-@pytest.mark.parametrize("repeats", [1, 6])
+@pytest.mark.parametrize("repeats", [1, 3])
 @pytest.mark.parametrize(("change", "begin"), [("step", 0.4), ("step", 0.53), ("ramp", 0.0)])
 def test_a_change_in_quiet_noise_is_as_large_as_it_is(change: str, begin: float, repeats: int):
     """One per cent in noise of 0.01 %, in one record or in all: told within each, whatever the mean of the others.

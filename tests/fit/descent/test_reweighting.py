@@ -58,7 +58,7 @@ def with_equal_weights(calibration: Calibration, monkeypatch: pytest.MonkeyPatch
     ids=["reference", "both", "flicker"],
 )
 @pytest.mark.quick("few-reference")
-@pytest.mark.draws(10, 24)
+@pytest.mark.draws(6, 24)
 def test_no_bias_and_u_is_the_scatter(noise: dict, draws: int) -> None:
     found, _ = deviations(random_motion(), draws, **noise)
     assert np.all(np.abs(found.mean(axis=0)) < 3.0 / np.sqrt(draws))

@@ -51,7 +51,7 @@ def test_the_truth_lies_within_its_uncertainty(sensor: str, excitation: str) -> 
 
 @pytest.mark.parametrize("estimator", ["ml", "ipnn"])
 @pytest.mark.parametrize("rate", [2560.0, 16000.0, 51200.0])
-@pytest.mark.quick("2560.0-ipnn", "16000.0-ml", "51200.0-ipnn")
+@pytest.mark.quick("2560.0-ipnn", "16000.0-ml")
 def test_without_channel_noise_the_parameters_are_exact(rate: float, estimator: str) -> None:
     """The paper's excitation, 20 dB of felt noise included: relative error at most 1e-6 at any sampling rate."""
     calibration = simulate("paper", "sine", sampling_rate_hz=rate, excitation_snr_db=20.0, samples=8000, seed=2)
@@ -89,7 +89,7 @@ def test_euler_costs_what_the_project_found() -> None:
 @pytest.mark.parametrize("quantity", ["velocity", "displacement"])
 @pytest.mark.parametrize("estimator", ["ml", "ipnn"])
 @pytest.mark.parametrize("sensor", ["paper", "geophone"])
-@pytest.mark.quick("paper-ml-velocity", "paper-ipnn-displacement", "geophone-ml-displacement", "geophone-ipnn-velocity")
+@pytest.mark.quick("paper-ml-velocity", "paper-ipnn-displacement", "geophone-ml-displacement")
 def test_reference_in_velocity_or_displacement(sensor: str, estimator: str, quantity: str) -> None:
     calibration = simulate(sensor, "sine", quantity=quantity, response_noise=0.01, start="steady", samples=8000, seed=4)
     result = vibrident.identify(calibration, estimator=estimator)
@@ -104,7 +104,7 @@ def test_delay_of_either_sign(delay: float, excitation: str) -> None:
     calibration = simulate(
         ("accelerometer+delay", truth),
         excitation,
-        frequencies_hz=10.0 ** (np.arange(10, 31) / 10),
+        frequencies_hz=10.0 ** (np.arange(10, 31, 2) / 10),
         sampling_rate_hz=51200.0,
         amplitude=9.8,
         samples=8000,
@@ -122,7 +122,7 @@ def test_heavy_damping_is_normal(damping: float) -> None:
     calibration = simulate(
         ("accelerometer", truth),
         "sine",
-        frequencies_hz=10.0 ** (np.arange(10, 37) / 10),
+        frequencies_hz=10.0 ** (np.arange(10, 37, 2) / 10),
         sampling_rate_hz=51200.0,
         amplitude=9.8,
         samples=8000,
@@ -148,7 +148,7 @@ def test_records_of_different_kind_length_and_rate_in_one_fit() -> None:
 
 def test_offset_and_start_in_mid_motion_do_no_harm() -> None:
     noise = ChannelNoise(white=0.01, offset=3.0)
-    calibration = simulate("seismometer", "sine", start="rest", response_noise=noise, samples=8000, seed=9)
+    calibration = simulate("seismometer", "sine", start="rest", response_noise=noise, samples=4000, seed=9)
     result = vibrident.identify(calibration, estimator="ipnn")
     assert max(abs(z) for z in deviations(result, dict(SENSORS["seismometer"].parameters)).values()) < 4.0
 
@@ -187,7 +187,7 @@ def test_add_ons_are_found_and_missed_when_left_out(model: str, more: dict[str, 
     calibration = simulate(
         (model, truth),
         "sine",
-        frequencies_hz=10.0 ** (np.arange(10, 31) / 10),
+        frequencies_hz=10.0 ** (np.arange(11, 31, 2) / 10),
         sampling_rate_hz=51200.0,
         amplitude=9.8,
         samples=4000,

@@ -9,7 +9,7 @@ import vibrident
 from vibrident.base.errors import InputError
 from vibrident.physics.simulation import simulate, with_noise
 
-CLEAN = simulate("paper", frequencies_hz=[100.0, 250.0, 400.0, 630.0, 1000.0], samples=3000, start="steady", seed=1)
+CLEAN = simulate("paper", frequencies_hz=[100.0, 250.0, 400.0, 630.0, 1000.0], samples=1000, start="steady", seed=1)
 
 
 def calibrations(count, taken=None):

@@ -72,7 +72,7 @@ def test_cross_validation_is_one_for_the_right_model_and_large_for_a_wrong_one()
 
 def test_cross_validation_of_records_knows_whose_points_they_are():
     calibration = vibrident.simulate(
-        "paper", "sine", frequencies_hz=[100.0, 250.0, 400.0, 550.0, 630.0, 700.0, 850.0, 1000.0], samples=4000,
+        "paper", "sine", frequencies_hz=[100.0, 250.0, 400.0, 550.0, 630.0, 700.0, 850.0, 1000.0], samples=2000,
         sampling_rate_hz=20_000.0, start="steady", response_noise=0.003, seed=3,
     )  # fmt: skip
     backwards = replace(calibration, records=calibration.records[::-1])

@@ -50,8 +50,7 @@ def in_units(kind: str, reference: float, response: float, rate: float = 1.0) ->
 def test_results_do_not_depend_on_the_units_of_either_channel_and_of_time(kind: str, estimator: str) -> None:
     plain = vibrident.identify(calibration(kind), estimator=estimator)
     for reference, response, rate in (
-        (2.0**-60, 2.0**-43, 1.0),
-        (1e12, 1e-12, 1e-3),
+        (2.0**-60, 2.0**-43, 1e-3),
         (1e-20, 1e20, 1e3),
     ):
         other = vibrident.identify(in_units(kind, reference, response, rate), estimator=estimator)

@@ -47,6 +47,7 @@ def test_the_step_is_read_of_numbers_of_single_precision(bits):
 
 @pytest.mark.parametrize("bits", [8, 12])
 @pytest.mark.draws(4, 8)
+@pytest.mark.quick("few-8")
 def test_steps_repeat_with_a_sweep_and_their_uncertainty_holds(bits, draws):
     """Six sweeps of one motion are rounded alike, which noise alone does not tell: z was 2.4 rms and up to 5.2."""
     distances = []
@@ -100,11 +101,12 @@ IN_STEP = (20, 40, 80, 160, 200, 320, 400, 640, 800, 1280, 1600)
 
 
 @pytest.mark.parametrize(("bits", "noise"), [(8, 1e-6), (12, 1e-6), (8, 6e-3)])
-@pytest.mark.quick("8-1e-06", "8-0.006")
-def test_sines_in_step_with_the_sampling_are_rounded_alike_in_every_period(bits, noise):
+@pytest.mark.draws(1, 2)
+@pytest.mark.quick("few-8-1e-06", "few-8-0.006")
+def test_sines_in_step_with_the_sampling_are_rounded_alike_in_every_period(bits, noise, draws):
     """A few samples a period have a few errors, which no longer record averages: they passed for a bent sensor."""
     distances = []
-    for seed in range(2):
+    for seed in range(draws):
         result = vibrident.identify(sines(IN_STEP, bits, seed, noise))
         assert result.warning_codes == ()
         found = result.parameters

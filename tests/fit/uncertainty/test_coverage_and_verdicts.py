@@ -44,7 +44,7 @@ def tones() -> Calibration:
     ids=["ml-response", "ipnn-response", "lsm-response", "ipnn-coloured"],
 )
 @pytest.mark.quick("few-ml-response")
-@pytest.mark.draws(12, 60)
+@pytest.mark.draws(8, 60)
 def test_scatter_and_coverage_are_as_stated(tones: Calibration, estimator: str, noise: dict, draws: int) -> None:
     deviations, chi2 = study(tones, draws, estimator, **noise)
     scatter = deviations.std(axis=0, ddof=1)

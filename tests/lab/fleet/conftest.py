@@ -27,7 +27,13 @@ def run_fleet() -> Run:
 
 
 @pytest.fixture
-def here(monkeypatch) -> None:
+def hashed_here(monkeypatch) -> None:
+    """Calibrations are hashed in this process: a run that computes nothing starts none."""
+    monkeypatch.setattr(Identifier, "fingerprints", lambda self, paths: worker.fingerprints(paths, self.orders))
+
+
+@pytest.fixture
+def here(monkeypatch, hashed_here) -> None:
     """Calibrations are identified in this process: for what does not depend on where that is."""
     monkeypatch.setattr(Identifier, "identify", lambda self, tasks: worker.identified(tasks, self.orders)[0])
 

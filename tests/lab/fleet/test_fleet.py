@@ -120,7 +120,7 @@ def test_the_page_shows_text_as_text_and_asks_for_nothing(outcome, table):
         assert f"broken/{way}/c.toml" in page
 
 
-def test_the_same_command_again_computes_nothing(data, outcome, run_fleet, rows):
+def test_the_same_command_again_computes_nothing(data, outcome, run_fleet, rows, hashed_here):
     out = outcome.files[0].parent
     before = rows(out)
     again = run_fleet([data], out, time_limit_s=4.0)
@@ -151,7 +151,9 @@ def test_only_what_changed_is_done_anew(tmp_path, run_fleet, rows, here, pageles
     assert len(list((tmp_path / "out/results").iterdir())) == 3
 
 
-def test_a_wider_limit_tries_again_what_failed_and_nothing_else(tmp_path, deadly_site, run_fleet, pageless):
+def test_a_wider_limit_tries_again_what_failed_and_nothing_else(
+    tmp_path, deadly_site, run_fleet, pageless, hashed_here
+):
     deadly(tmp_path / "data", "slow")
     first = run_fleet([tmp_path / "data"], tmp_path / "out", time_limit_s=0.01)
     assert first.tally.statuses == {"failed": 1}
@@ -177,7 +179,7 @@ def died(*_: object) -> None:
     raise Died("crash", "a process that somebody killed")
 
 
-def test_a_worker_that_somebody_kills_costs_no_row(tmp_path, run_fleet, monkeypatch, pageless):
+def test_a_worker_that_somebody_kills_costs_no_row(tmp_path, run_fleet, monkeypatch, pageless, hashed_here):
     fleet(tmp_path / "data", 4)
     victims, answer = ["s001", "s003"], _Child.answer
 

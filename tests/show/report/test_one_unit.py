@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pypdf
+import pytest
 from tests.support.sample_results import table2
 
 from vibrident.show import report, tables
@@ -31,7 +32,9 @@ def at_the_step_of_a_prefix():
     )
 
 
-def documents(result):
+@pytest.fixture(scope="module")
+def documents():
+    result = at_the_step_of_a_prefix()
     return {
         "terminal": text(result),
         "markdown": report.render(result).replace("\\", ""),
@@ -40,8 +43,8 @@ def documents(result):
     }
 
 
-def test_sensitivities_have_one_unit_in_a_document():
-    for name, words in documents(at_the_step_of_a_prefix()).items():
+def test_sensitivities_have_one_unit_in_a_document(documents):
+    for name, words in documents.items():
         assert set(re.findall(r"[mµn]?V/\(m/s²\)", words)) == {"mV/(m/s²)"}, name
 
 
@@ -51,9 +54,8 @@ def test_rmse_and_mae_have_one_unit():
     assert rows["MAE"] == ("0.81", "mV")
 
 
-def test_no_hyphen_stands_for_a_minus():
-    result = table2()
-    for name, words in documents(result).items():
+def test_no_hyphen_stands_for_a_minus(documents):
+    for name, words in documents.items():
         found = re.findall(r"(?:^|[\s(|>])[-]\d[\d.]*(?=[\s<|°)])", re.sub(r'"[^"]*"|<svg.*?</svg>', "", words))
         assert not found, (name, found[:5])
         assert "−" in words or name == "terminal"

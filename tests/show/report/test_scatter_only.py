@@ -1,6 +1,5 @@
 """A result whose uncertainty covers scatter alone says so in every document, and is no calibration certificate."""
 
-import io
 import re
 from dataclasses import replace
 
@@ -20,46 +19,47 @@ CASES = [
     (["noise", "gain"], "U of the phase covers scatter only.", ("kind phase",)),
     ([], "U covers scatter only.", ("kind gain", "kind phase")),
 ]
-DOCUMENTS = ("page", "terminal", "report", "interactive report", "first page")
 
 
 def covering(result, covers):
     return replace(result, uncertainty={"covers": covers})
 
 
-def first_page(result) -> str:
-    return pypdf.PdfReader(io.BytesIO(report.content(result, "pdf"))).pages[0].extract_text()
-
-
 def said(result, folder) -> dict[str, str]:
-    """What each document says, blanks made one."""
+    """What each document says, blanks made one; and the name of the PDF."""
+    shown, file = looks.outcome(result.save(folder / "result.json")), report.write(result, "pdf", folder)
+    pages = [page.extract_text() for page in pypdf.PdfReader(file).pages]
     found = {
-        "page": looks.outcome(result.save(folder / "result.json"))["verdict"],
+        "page": shown["verdict"],
         "terminal": text(result),
         "report": report.render(result).replace("\\", ""),
         "interactive report": html.printed(report.document.report(result)),
-        "first page": first_page(result),
+        "first page": pages[0],
     }
-    return {name: re.sub(r"\s+", " ", re.sub(r"<[^>]+>|\*\*", "", words)) for name, words in found.items()}
+    plain = {name: re.sub(r"\s+", " ", re.sub(r"<[^>]+>|\*\*", "", words)) for name, words in found.items()}
+    return plain | {"whole PDF": "".join(pages), "its name": file.name, "its title": shown["pdf"][0]}
+
+
+@pytest.mark.parametrize(("covers", "sentence", "to_state"), CASES, ids=[" and ".join(case[0]) for case in CASES])
+@pytest.mark.quick("noise", "noise and gain")
+def test_every_document_says_scatter_only_and_what_to_state_and_is_a_measurement_report(
+    tmp_path, covers, sentence, to_state
+):
+    found = said(covering(table2(), covers), tmp_path)
+    for name in ("page", "terminal", "report", "interactive report", "first page"):
+        assert sentence in found[name], name
+        assert [kind for kind in ("kind gain", "kind phase") if kind in found[name]] == list(to_state), name
+    assert "no warnings" in found["page"]  # nothing is wrong with the data
+    assert "Measurement report" in found["first page"]
+    assert "alibration certificate" not in found["whole PDF"]
+    assert (found["its name"], found["its title"]) == ("measurement-report.pdf", "Measurement report")
 
 
 @pytest.mark.parametrize(("covers", "sentence", "to_state"), CASES)
-def test_every_document_says_scatter_only_and_what_to_state(tmp_path, covers, sentence, to_state):
-    result = covering(table2(), covers)
-    for name, words in said(result, tmp_path).items():
-        assert sentence in words, name
-        assert [kind for kind in ("kind gain", "kind phase") if kind in words] == list(to_state), name
-    assert "no warnings" in said(result, tmp_path)["page"]  # nothing is wrong with the data
-
-
-@pytest.mark.parametrize(("covers", "_sentence", "_to_state"), CASES)
-def test_such_a_document_is_a_measurement_report(tmp_path, covers, _sentence, _to_state):
-    result = covering(table2(), covers)
-    assert "Measurement report" in first_page(result)
-    whole = "".join(page.extract_text() for page in pypdf.PdfReader(io.BytesIO(report.content(result, "pdf"))).pages)
-    assert "alibration certificate" not in whole
-    assert report.write(result, "pdf", tmp_path).name == "measurement-report.pdf"
-    assert looks.outcome(result.save(tmp_path / "result.json"))["pdf"][0] == "Measurement report"
+def test_the_sentence_is_of_what_is_not_covered(covers, sentence, to_state):
+    words = re.sub(r"\s+", " ", text(covering(table2(), covers)))
+    assert sentence in words
+    assert [kind for kind in ("kind gain", "kind phase") if kind in words] == list(to_state)
 
 
 @pytest.mark.parametrize(
@@ -71,9 +71,10 @@ def test_such_a_document_is_a_measurement_report(tmp_path, covers, _sentence, _t
     ids=["all", "no phase"],
 )
 def test_with_gain_and_phase_stated_nothing_is_said_and_it_is_a_certificate(tmp_path, result):
-    assert not [name for name, words in said(result, tmp_path).items() if "scatter only" in words]
-    assert "Calibration certificate" in first_page(result)
-    assert report.write(result, "pdf", tmp_path).name == "certificate.pdf"
+    found = said(result, tmp_path)
+    assert not [name for name, words in found.items() if "scatter only" in words]
+    assert "Calibration certificate" in found["first page"]
+    assert found["its name"] == "certificate.pdf"
 
 
 def test_decays_alone_have_neither_gain_nor_phase():

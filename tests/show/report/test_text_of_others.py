@@ -82,6 +82,7 @@ def test_pdf():
 
 
 @pytest.mark.parametrize("name", SHORT)
+@pytest.mark.quick("2026-CALS_0042", "f_n")
 def test_pdf_has_the_number_and_the_sensor_on_every_page(name):
     pages = in_pdf(named(table2(), name))
     assert all(f"No.{name}" in page and f"{name}{name}no.{name}" in page for page in pages)
@@ -98,6 +99,7 @@ def test_html():
 
 
 @pytest.mark.parametrize("name", SHORT)
+@pytest.mark.quick("2026-CALS_0042", "f_n")
 def test_html_of_one_sensor(name):
     found = Texts(report.content(named(table2(), name), "html").decode()).found
     assert f"Calibration of {name} {name} no. {name}" in found

@@ -18,8 +18,9 @@ def relative(values):
     return np.array([values[name] / TRUTH[name] for name in NAMES])
 
 
-@pytest.mark.draws(12, 100)
+@pytest.mark.draws(8, 100)
 @pytest.mark.parametrize("kind", ["random", "multisine", "sweep"])
+@pytest.mark.quick("few-random", "few-sweep")
 def test_it_scatters_as_a_batch_does_and_covers(kind, draws):
     """The same samples by `identify`: scatter over both, and z within what the number of draws allows at 1e-4."""
     tracked, batch, u = [], [], []

@@ -47,7 +47,7 @@ def certificate():
     return vibrident.identify(sines(np.random.default_rng(99), samples=800), model="accelerometer")
 
 
-@pytest.mark.draws(12, 100)
+@pytest.mark.draws(8, 100)
 def test_tones_are_taken_as_by_a_batch_whatever_their_harmonics(certificate, draws):
     """Against `identify` of the same records with the certificate as what was known before."""
     z, apart = [], []
@@ -79,6 +79,7 @@ def test_a_change_between_tones_is_an_alarm(certificate):
 
 
 @pytest.mark.parametrize("pickup", ["laser", "coil"])
+@pytest.mark.quick("laser")
 def test_the_seismometer_stays_within_the_intervals_of_its_certificate(pickup, tmp_path):
     calibration = vibrident.read(calibration_beside_data(f"sm3-{pickup}.toml", "sm3", tmp_path))
     result = vibrident.identify(calibration)

@@ -36,7 +36,7 @@ class Files:
         self.columns = ["time_s", *pairs, "innovation", "excited"]
 
     def begin(self, *, resumable: bool) -> int:
-        """Make the files, or take them up again; returns the place in the source to go on at.
+        """Open ``rows``, the file of them, anew or where it ended; returns the place in the source to go on at.
 
         Raises:
             InputError: the folder cannot be written, or holds a session of something else.
@@ -44,10 +44,10 @@ class Files:
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
             position = self._resumed() if resumable and (self._folder / CHECKPOINT).exists() else 0
-            self._csv = (self._folder / "track.csv").open("a" if position else "w", encoding="utf-8", newline="\n")
+            self.rows = (self._folder / "track.csv").open("a" if position else "w", encoding="utf-8", newline="\n")
             if not position:
                 (self._folder / CHECKPOINT).unlink(missing_ok=True)
-                self._csv.write(",".join(self.columns) + "\n")
+                self.rows.write(",".join(self.columns) + "\n")
         except OSError as error:
             raise unwritable(error, self._folder) from error
         return position
@@ -87,8 +87,8 @@ class Files:
             pairs = [(row.values[name], row.uncertainty[name]) for name in row.values]
             numbers = [row.time_s, *(number for pair in pairs for number in pair), row.innovation]
             cells = ["" if number != number else repr(float(number)) for number in numbers]
-            self._csv.write(",".join([*cells, " ".join(row.excited)]) + "\n")
-        self._csv.flush()
+            self.rows.write(",".join([*cells, " ".join(row.excited)]) + "\n")
+        self.rows.flush()
 
     def keep(self, position: int) -> None:
         """Everything up to here is done."""
@@ -96,7 +96,7 @@ class Files:
         head = {
             "key": self._key,
             "position": position,
-            "csv_bytes": self._csv.tell(),
+            "csv_bytes": self.rows.tell(),
             "samples": session.samples,
             "left": session.left,
             "troubles": [vars(trouble) for trouble in session.troubles],
@@ -110,7 +110,7 @@ class Files:
     def end(self) -> dict[str, Any]:
         """The last row, and ``track.json``; returns what that says."""
         self.write(self._session.finish())
-        self._csv.close()
+        self.rows.close()
         document = self._session.document()
         write_json(self._folder / "track.json", document)
         return document

@@ -6,10 +6,10 @@ import os
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
+from vibrident.base.registry import installed
 from vibrident.base.version import __version__
 
 TIME_LIMIT_S = 300.0  # default time limit of one calibration, in seconds
@@ -20,7 +20,7 @@ _SHARE = 0.8
 
 def plug_ins() -> tuple[str, ...]:
     """Installed packages, with their versions, that add models, estimators or readers."""
-    points = (point for group in _GROUPS for point in entry_points(group=group))
+    points = (point for group in _GROUPS for point in installed().get(group, ()))
     return tuple(sorted({f"{point.dist.name} {point.dist.version}" for point in points if point.dist}))
 
 

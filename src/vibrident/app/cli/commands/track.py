@@ -86,9 +86,10 @@ def track(
     files = Files(folder, session, {**key, "settings": vars(settings), "every": seconds})
     position = files.begin(resumable=kind.resumable)
     wanted = Wanted(described, calibration, rate_hz, address, position, idle)
-    with _live(session) as show:
-        _run(kind.open(wanted), session, files, show, resumable=kind.resumable)
-    document = files.end()
+    with files.rows:
+        with _live(session) as show:
+            _run(kind.open(wanted), session, files, show, resumable=kind.resumable)
+        document = files.end()
     _say(document)
     from vibrident.use.tracking.outcome import tracked_result
 
