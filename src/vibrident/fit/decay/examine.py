@@ -21,7 +21,7 @@ from vibrident.fit.decay.motion import DecayFit, Stretch, basis_of, fit, free_mo
 from vibrident.fit.decay.noise import WHITE, Noise, autoregression, tones_of
 from vibrident.fit.decay.release import free_stretch, trimmed, without_first
 from vibrident.fit.descent.optimise import Progress, silent
-from vibrident.fit.response.verdict import likelihood_ratio, rejected
+from vibrident.fit.response.verdict import rejected
 from vibrident.fit.screening.drift import significant_rise
 
 #: Stretches of time that are compared: at most this many, of at least so many samples.
@@ -43,11 +43,6 @@ class Parts:
     chi2: float  # their sum in units of the noise
     degrees: int  # of freedom: two a part less what initial state, offset and drift take
     freedom: float  # samples behind the noise
-
-    @property
-    def likelihood_ratio(self) -> float:
-        """χ² were the noise known."""
-        return float(likelihood_ratio(self.chi2, self.freedom, self.degrees))
 
 
 @dataclass(frozen=True)
@@ -121,7 +116,7 @@ def examine(records: Sequence[Record], progress: Progress = silent) -> Decays:
 def verdict(parts: Sequence[Parts], parameters: int = 2) -> tuple[float, int, bool]:
     """χ² of decays, its degrees of freedom, and whether one linear oscillator explains them."""
     chi2, degrees = sum(p.chi2 for p in parts), sum(p.degrees for p in parts) - parameters
-    return chi2, degrees, not rejected(sum(p.likelihood_ratio for p in parts), degrees)
+    return chi2, degrees, not rejected(chi2, degrees, np.array([p.freedom for p in parts]))
 
 
 def weighed(found: DecayFit) -> DecayFit:

@@ -21,9 +21,8 @@ from vibrident.fit.estimators.findings import Findings
 from vibrident.fit.estimators.residual_tones import network_problem, residual_tones, roughly_cleaned
 from vibrident.fit.information import inverse_normal
 from vibrident.fit.problem import Coordinates, Evidence, FrequencyProblem
-from vibrident.fit.problem.frequency_domain import response_residual
 from vibrident.fit.response import MeasuredResponse
-from vibrident.fit.response.verdict import likelihood_ratio, rejected
+from vibrident.fit.response.verdict import rejected
 from vibrident.fit.start.start import find_start
 from vibrident.physics.models import SensorModel
 
@@ -97,10 +96,7 @@ def with_random_effect(evidence: Evidence, estimate: Estimate, progress: Progres
         return None
     problem = solved_problem(estimate, evidence)
     degrees = problem.equations - len(estimate.z)
-    args = (estimate.coordinates, problem.polar, problem.has_phase, evidence.quantity, problem.data)
-    real, imaginary = np.split(np.asarray(response_residual(estimate.z, *args)), 2)
-    ratio = float(np.sum(likelihood_ratio(real**2 + imaginary**2, tones.degrees_of_freedom)))
-    if degrees <= 0 or not rejected(ratio, degrees):
+    if degrees <= 0 or not rejected(_cost(estimate.trace), degrees, tones.degrees_of_freedom):
         return None
 
     def widened(error: float) -> tuple[FrequencyProblem, Trace]:

@@ -14,7 +14,7 @@ from vibrident.fit.estimators import Estimate
 from vibrident.fit.judge.adequacy import Judgement, measured_curve
 from vibrident.fit.judge.points import linearised
 from vibrident.fit.problem import Evidence
-from vibrident.fit.response.verdict import REJECTION, likelihood_ratio, rejected
+from vibrident.fit.response.verdict import REJECTION, rejected
 from vibrident.fit.uncertainty.budget import DATA, BudgetRow, Explained, Weighted, effects_of, explain, patterns
 from vibrident.result import MeasuredCurve
 
@@ -58,12 +58,9 @@ def _judged(
         return allowed
     before = adequacy.chi2_reduced * degrees
     chi2 = max(before - (float(deviations @ deviations) - found.chi2), 0.0)
-    ratio = chi2
-    if judgement.points:
-        more = float(np.sum(_ratio(found.deviations, judgement) - _ratio(deviations, judgement)))
-        ratio = (adequacy.likelihood_ratio or before) + more + float(found.amounts @ found.amounts)
-    explained = not rejected(ratio, degrees) and believed
-    blamed = rejected(adequacy.likelihood_ratio or before, degrees)
+    freedom = np.concatenate([part.freedom for part in judgement.points]) if judgement.points else None
+    explained = not rejected(chi2, degrees, freedom) and believed
+    blamed = rejected(before, degrees, freedom)
     adequate = explained if adequacy.adequate or blamed else False
     text = judgement.lack_of_fit
     if blamed or adequacy.adequate:
@@ -74,18 +71,6 @@ def _judged(
         lack_of_fit=text,
         birge=max(judgement.birge * float(np.sqrt(chi2 / before)), 1.0) if before > 0 else judgement.birge,
     )
-
-
-def _ratio(deviations: FloatArray, judgement: Judgement) -> FloatArray:
-    """Likelihood ratio of each point, from its weighted deviations, shape (2 n,)."""
-    freedom = np.concatenate([part.freedom for part in judgement.points])
-    real, imaginary = np.split(deviations, 2)
-    return likelihood_ratio((real**2 + imaginary**2) / _mean(freedom), freedom)
-
-
-def _mean(freedom: FloatArray) -> FloatArray:
-    """Of a χ² over its degrees of freedom, over that of a sum of squares over an estimated variance."""
-    return np.maximum(1.0 - 2.0 / freedom, 0.1)
 
 
 def _misfit(judgement: Judgement, chi2_reduced: float) -> str:
@@ -129,7 +114,7 @@ def _deviations(evidence: Evidence, estimate: Estimate, judgement: Judgement) ->
         return of_table
     freedom = np.concatenate([part.freedom for part in judgement.points])
     # As the verdict weighs them: noise of ν degrees of freedom makes squares larger by ν/(ν − 2).
-    weight = np.sqrt(_mean(freedom)) / (adequacy.relative_deviation * np.abs(adequacy.measured))
+    weight = np.sqrt(np.maximum(1.0 - 2.0 / freedom, 0.1)) / (adequacy.relative_deviation * np.abs(adequacy.measured))
 
     def of_points(z: FloatArray, change: np.ndarray) -> FloatArray:
         error = weight * (adequacy.measured - model(z, change))

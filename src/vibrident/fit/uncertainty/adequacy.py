@@ -19,7 +19,7 @@ from vibrident.fit.response.remainder import coherent_remainder
 from vibrident.fit.response.response import ComplexArray, MeasuredResponse
 from vibrident.fit.response.rounding import rounding_variance
 from vibrident.fit.response.transform import line_frequencies, reference_colour
-from vibrident.fit.response.verdict import likelihood_ratio, rejected
+from vibrident.fit.response.verdict import rejected
 
 if TYPE_CHECKING:
     from vibrident.fit.decay.beside import DecayDeviation
@@ -42,8 +42,6 @@ class Adequacy:
     adequate: bool  # the verdict
     # standard deviation of the measured phase, rad, shape (n,); None: the relative deviation
     phase_deviation: FloatArray | None = None
-    # the χ² that is judged: χ² were the variances known, where they are estimates; None: χ² itself
-    likelihood_ratio: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,10 +112,9 @@ def assess(parts: Sequence[Points], parameters: int, decays: Sequence[DecayDevia
     freedom = np.concatenate([p.freedom for p in parts])
     # Σ|e|²/s² with s² from ν degrees of freedom has mean 2 ν/(ν − 2): bring it back to χ².
     chi2 = float(np.sum(squares * np.maximum(1.0 - 2.0 / freedom, 0.1)))
-    ratio = float(np.sum(likelihood_ratio(squares, freedom)))
     degrees = 2 * len(squares) - parameters + sum(decay.parts.degrees for decay in decays)
     chi2 += sum(decay.parts.chi2 for decay in decays)
-    ratio += sum(decay.parts.likelihood_ratio for decay in decays)
+    freedom = np.concatenate([freedom, [decay.parts.freedom for decay in decays]])
     return Adequacy(
         np.concatenate([p.frequency_hz for p in parts]),
         np.concatenate([p.measured for p in parts]),
@@ -125,8 +122,7 @@ def assess(parts: Sequence[Points], parameters: int, decays: Sequence[DecayDevia
         tuple(name for p in parts for name in p.record),
         chi2 / degrees if degrees > 0 else None,
         degrees,
-        degrees > 0 and not rejected(ratio, degrees),
-        likelihood_ratio=ratio,
+        degrees > 0 and not rejected(chi2, degrees, freedom),
     )
 
 

@@ -163,7 +163,6 @@ class Explained:
     amounts: FloatArray  # a_k of each effect, in its standard uncertainties, shape (K,)
     chi2: float  # what is left of Σ squares, the a_k counted in
     probability: float  # of a_k at least as large
-    deviations: FloatArray  # over their noise, beside the effects, as of the function that gave them
 
 
 class Place(NamedTuple):
@@ -212,7 +211,7 @@ def explain(
     stated = np.array([effect.kind != "rounding" for effect in effects])  # of the others the size is no claim
     beside = np.concatenate([np.ones(p, dtype=bool), ~stated])
     chance = _chance(amounts[stated], jacobian[:, beside], jacobian[:, ~beside])
-    return Explained(amounts, float(2.0 * found.cost), chance, weighted(z + shift, shape @ amounts))
+    return Explained(amounts, float(2.0 * found.cost), chance)
 
 
 def _chance(amounts: FloatArray, slopes: FloatArray, effects: FloatArray) -> float:
