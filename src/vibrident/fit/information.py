@@ -46,9 +46,11 @@ def inverse_where_shown(matrices: FloatArray, least: float = SMALLEST) -> FloatA
     """Inverse of normal matrices of numbers that are taken out, shape (…, n, n).
 
     Zero along directions that the data show less than ``least`` of the best: what several numbers can imitate alike is
-    left to one of them.
+    left to one of them. So is a number that has next to nothing of its own, as a decay that is over.
     """
-    size = np.sqrt(np.maximum(np.diagonal(matrices, axis1=-2, axis2=-1), np.finfo(float).tiny))
+    power = np.diagonal(matrices, axis1=-2, axis2=-1)
+    some = power > NONE * np.max(power, axis=-1, keepdims=True, initial=0.0)
+    size = np.where(some, np.sqrt(np.where(some, power, 1.0)), np.inf)
     both = size[..., :, None] * size[..., None, :]
     values, vectors = np.linalg.eigh(matrices / both)
     kept = np.where(values > least, 1.0 / np.maximum(values, least), 0.0)

@@ -94,7 +94,10 @@ def reweighted(
     """
     evaluate = functools.partial(problem.lines, coordinates=coordinates, noise=noise)
     for z in begins:
-        lines = evaluate(z)
+        with np.errstate(all="ignore"):  # a start may be where the network is not finite
+            lines = evaluate(z)
+        if not all(np.all(np.isfinite(record.residual)) for record in lines):
+            continue
         motions = [motion_of(record) for record in lines]
         here = iterate_at(lines, motions, beside_hum(lines, motions), z)
         del motions  # of a long record each copy counts
