@@ -8,9 +8,9 @@ other way round.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial, reduce
+from functools import cache, cached_property, partial, reduce
 from operator import add
 from typing import TypeGuard
 
@@ -24,6 +24,7 @@ from vibrident.fit.departures.part import Part
 from vibrident.fit.departures.points import PointsPart
 from vibrident.fit.departures.score import LinearFit, Score, Sums
 from vibrident.fit.registry import DEPARTURES
+from vibrident.fit.response.response import ComplexArray
 
 #: Chance that noise alone shows any departure in a calibration.
 FALSE_ALARMS = 1e-4
@@ -68,10 +69,20 @@ class Found:
 
 @dataclass(frozen=True, eq=False)
 class Together:
-    """Departures of one kind, by record or of all, and how far they move the coordinates together, shape (P,)."""
+    """Departures of one kind, by record or of all.
+
+    Attributes:
+        found: these, the most significant first.
+        moved: makes how far they move the coordinates together.
+    """
 
     found: tuple[Found, ...]
-    shift: FloatArray
+    moved: Callable[[], FloatArray]
+
+    @cached_property
+    def shift(self) -> FloatArray:
+        """How far they move the coordinates together, shape (P,)."""
+        return self.moved()
 
 
 def examine(
@@ -91,34 +102,46 @@ def examine(
 
 
 def _among_records(parts: list[Part], uncertainty: FloatArray, rounds: int) -> list[Together]:
-    """Departures are told apart in the noise that was read without them, which holds what they make of it too.
-
-    How far they move the coordinates is told in the noise that is left beside them.
-    """
-    found, fit, scale = list[Together](), LinearFit.of(parts, uncertainty), Scale.of(parts, BANDS)
-    freer, before = list(parts), _optimum(fit, parts)
+    """Departures are told apart in the noise that was read without them, which holds what they make of it too."""
+    found, fit, scale = list[list[Found]](), LinearFit.of(parts, uncertainty), Scale.of(parts, BANDS)
+    first = list(parts)
     for _ in range(rounds):
         now = _strongest(_of_records(fit, parts, scale))
         if not now:
             break
-        pooled, beside = now[0].departure.pooled, list(freer)
-        for one in now:
-            places = range(len(parts)) if one.place is None else [one.place]
-            for place, columns in zip(places, one.candidate.columns(), strict=True):
-                parts[place] = parts[place].beside(columns)
-                if pooled:
-                    beside[place] = beside[place].in_noise_beside(columns, admitted=False)
-                freer[place] = freer[place].in_noise_beside(columns, admitted=True)
-        fit, after = LinearFit.of(parts, uncertainty), _optimum(LinearFit.of(freer, uncertainty), freer)
-        shift = _of_common_amounts(now[0].candidate, beside, uncertainty) if pooled else before - after
-        found.append(_together(now, shift))
+        for place, columns in _columns(now):
+            parts[place] = parts[place].beside(columns)
+        fit = LinearFit.of(parts, uncertainty)
+        found.append(now)
+    shifts = cache(lambda: _shifts(first, found, uncertainty))
+    return _of_one_kind([_together(now, lambda k=k: shifts()[k]) for k, now in enumerate(found)])
+
+
+def _columns(found: Sequence[Found]) -> Iterator[tuple[int, FloatArray | ComplexArray]]:
+    """Number of a part, and columns of a departure of it."""
+    for one in found:
+        every = one.candidate.columns()
+        yield from zip(range(len(every)) if one.place is None else [one.place], every, strict=True)
+
+
+def _shifts(parts: list[Part], found: Sequence[Sequence[Found]], uncertainty: FloatArray) -> list[FloatArray]:
+    """How far the departures of each round move the coordinates, told in the noise that is left beside them."""
+    shifts, before = list[FloatArray](), _optimum(LinearFit.of(parts, uncertainty), parts)
+    for now in found:
+        pooled, beside = now[0].departure.pooled, list(parts)
+        for place, columns in _columns(now):
+            if pooled:
+                beside[place] = beside[place].in_noise_beside(columns, admitted=False)
+            parts[place] = parts[place].in_noise_beside(columns, admitted=True)
+        after = _optimum(LinearFit.of(parts, uncertainty), parts)
+        shifts.append(_of_common_amounts(now, beside, uncertainty) if pooled else before - after)
         before = after
-    return _of_one_kind(found)
+    return shifts
 
 
-def _of_common_amounts(candidate: Candidate, parts: Sequence[Part], uncertainty: FloatArray) -> FloatArray:
+def _of_common_amounts(now: Sequence[Found], parts: Sequence[Part], uncertainty: FloatArray) -> FloatArray:
     """Shift of the coordinates by a departure of which the amounts are those of all parts, shape (P,)."""
-    each = zip(parts, candidate.columns(), strict=True)
+    each = [(parts[place], columns) for place, columns in _columns(now)]
     sums = reduce(add, (Sums.of(part, part.white(columns), len(uncertainty)) for part, columns in each))
     (score,) = LinearFit.of(parts, uncertainty).test(Sums.stacked([sums]))
     return np.zeros(len(uncertainty)) if score is None else score.shift
@@ -129,14 +152,16 @@ def _of_one_kind(every: list[Together]) -> list[Together]:
 
     So are those of a family.
     """
-    found = dict[Departure | int | str, Together]()
+    kinds = dict[Departure | int | str, list[Together]]()
     for number, one in enumerate(every):
         departure = one.found[0].departure
-        kind = departure.family or (number if departure.pooled else departure)
-        if kind in found:
-            one = Together((*found[kind].found, *one.found), found[kind].shift + one.shift)
-        found[kind] = one
-    return list(found.values())
+        kinds.setdefault(departure.family or (number if departure.pooled else departure), []).append(one)
+    return [_joined_groups(some) for some in kinds.values()]
+
+
+def _joined_groups(some: Sequence[Together]) -> Together:
+    found = tuple(one for group in some for one in group.found)
+    return Together(found, lambda: np.sum([group.shift for group in some], axis=0))
 
 
 def _among_points(points: PointsPart, uncertainty: FloatArray, rounds: int) -> list[Together]:
@@ -148,15 +173,15 @@ def _among_points(points: PointsPart, uncertainty: FloatArray, rounds: int) -> l
         before = _optimum(fit)
         points = reduce(PointsPart.beside, (np.asarray(one.candidate.columns()[0], float) for one in now), points)
         fit = points.fit(uncertainty)
-        found.append(_together(now, before - _optimum(fit)))
+        found.append(_together(now, partial(np.subtract, before, _optimum(fit))))
     return found
 
 
-def _together(found: Sequence[Found], shift: FloatArray) -> Together:
-    """``shift``: of the fit beside all of them."""
+def _together(found: Sequence[Found], moved: Callable[[], FloatArray]) -> Together:
+    """``moved``: makes the shift of the fit beside all of them."""
     if not found[0].departure.joint:
-        shift = np.sum([one.score.shift for one in found], axis=0)
-    return Together(tuple(found), shift)
+        moved = partial(np.sum, [one.score.shift for one in found], axis=0)
+    return Together(tuple(found), moved)
 
 
 def _optimum(fit: LinearFit, parts: Sequence[Part] = ()) -> FloatArray:
