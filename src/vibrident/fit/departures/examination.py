@@ -128,23 +128,12 @@ def _shifts(parts: list[Part], found: Sequence[Sequence[Found]], uncertainty: Fl
     """How far the departures of each round move the coordinates, told in the noise that is left beside them."""
     shifts, before = list[FloatArray](), _optimum(LinearFit.of(parts, uncertainty), parts)
     for now in found:
-        pooled, beside = now[0].departure.pooled, list(parts)
         for place, columns in _columns(now):
-            if pooled:
-                beside[place] = beside[place].in_noise_beside(columns, admitted=False)
-            parts[place] = parts[place].in_noise_beside(columns, admitted=True)
+            parts[place] = parts[place].in_noise_beside(columns)
         after = _optimum(LinearFit.of(parts, uncertainty), parts)
-        shifts.append(_of_common_amounts(now, beside, uncertainty) if pooled else before - after)
+        shifts.append(before - after)
         before = after
     return shifts
-
-
-def _of_common_amounts(now: Sequence[Found], parts: Sequence[Part], uncertainty: FloatArray) -> FloatArray:
-    """Shift of the coordinates by a departure of which the amounts are those of all parts, shape (P,)."""
-    each = [(parts[place], columns) for place, columns in _columns(now)]
-    sums = reduce(add, (Sums.of(part, part.white(columns), len(uncertainty)) for part, columns in each))
-    (score,) = LinearFit.of(parts, uncertainty).test(Sums.stacked([sums]))
-    return np.zeros(len(uncertainty)) if score is None else score.shift
 
 
 def _of_one_kind(every: list[Together]) -> list[Together]:

@@ -52,8 +52,7 @@ class Part:
         turns: of the record's sine from sample to sample; None for other motion.
         optical: whether the reference is an interferometer's raw light.
         slopes: of the response with the coordinates, shape (p, bins).
-        again: makes the part in the noise that is left beside columns by their bins, shape (m, bins), and whether
-            these are nuisance columns of it.
+        again: makes the part with more nuisance columns by their bins, shape (m, bins), in the noise beside these.
     """
 
     name: str
@@ -78,7 +77,7 @@ class Part:
     turns: float | None = None
     optical: bool = False
     slopes: ComplexArray | None = None
-    again: Callable[[ComplexArray, bool], Part] | None = None
+    again: Callable[[ComplexArray], Part] | None = None
 
     @property
     def samples(self) -> int:
@@ -156,10 +155,10 @@ class Part:
             freedom=self.freedom - len(basis),
         )
 
-    def in_noise_beside(self, columns: FloatArray | ComplexArray, *, admitted: bool) -> Part:
-        """The part in the noise beside these columns, which are ``admitted`` as nuisance columns or not."""
+    def in_noise_beside(self, columns: FloatArray | ComplexArray) -> Part:
+        """The same, in the noise that is left beside them."""
         assert self.again is not None
-        return self.again(self._bins(columns), admitted)
+        return self.again(self._bins(columns))
 
     def _bins(self, columns: FloatArray | ComplexArray) -> ComplexArray:
         bins = columns if np.iscomplexobj(columns) else fft.rfft(columns * self.used, axis=-1)

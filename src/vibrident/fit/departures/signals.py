@@ -61,8 +61,8 @@ class Signals:
     seen: Motion | None = None
     floor: float = 0.0
 
-    def beside(self, columns: ComplexArray, admitted: bool) -> Signals:
-        """In the noise as it is beside these columns, shape (m, bins); they are ``admitted`` to the nuisance, or not.
+    def beside(self, columns: ComplexArray) -> Signals:
+        """With more nuisance columns, shape (m, bins), and the noise as it is beside them.
 
         A departure that is no motion's is noise to the spectrum that was read before it was known.
         """
@@ -71,7 +71,7 @@ class Signals:
             freed = projected(self.rest / self.unit, np.concatenate([nuisance, self.jacobian]), np.sqrt(self.one_sided))
             without_offset(freed)
             spectrum = replace(noise_spectrum(freed, self.seen, self.floor), tones=self.spectrum.tones)
-        return replace(self, nuisance=nuisance if admitted else self.nuisance, spectrum=spectrum)
+        return replace(self, nuisance=nuisance, spectrum=spectrum)
 
     @property
     def counted(self) -> BoolArray:
@@ -153,7 +153,7 @@ class Signals:
             self.turns,
             self.record.optical is not None,
             self.jacobian,
-            lambda columns, admitted: self.beside(columns, admitted).part(effects),
+            lambda columns: self.beside(columns).part(effects),
         )
 
     def _doubt(self, transfer: ComplexArray) -> FloatArray:
