@@ -21,7 +21,10 @@ ALWAYS_BYTES = 128 << 20  # allowed for any file: 16 million samples
 #: float64 takes four times the room of 16 bit.
 EXPANSION = 64
 _SHARE_OF_FREE = 1 / 3  # of the free memory for a file's numbers; scaling and the rest need as much again
+_MEGABYTE = 1_000_000
 LONG = 2**18  # records longer than this return unused memory to the system at once
+_KEPT = 64 << 20  # freed bytes that a process keeps
+_LARGEST_KEPT = 4 << 20  # most bytes of an array that is taken from them
 _M_TRIM_THRESHOLD = -1  # glibc's mallopt: freed bytes above which memory returns to the system
 _M_MMAP_THRESHOLD = -3  # glibc's mallopt: bytes above which an array has pages of its own
 
@@ -86,8 +89,8 @@ def keep_freed() -> None:
     """
     with contextlib.suppress(AttributeError, OSError, TypeError):  # not glibc
         library = ctypes.CDLL(None)
-        library.mallopt(_M_MMAP_THRESHOLD, 4 << 20)  # most bytes of an array that is taken from them
-        library.mallopt(_M_TRIM_THRESHOLD, 64 << 20)  # freed bytes that a process keeps
+        library.mallopt(_M_MMAP_THRESHOLD, _LARGEST_KEPT)
+        library.mallopt(_M_TRIM_THRESHOLD, _KEPT)
 
 
 def give_back() -> None:
@@ -110,7 +113,7 @@ def most_bytes(file_bytes: int) -> float:
     """
     stated = os.environ.get(VARIABLE)
     if stated is not None:
-        limit = float(stated) * 1_000_000
+        limit = float(stated) * _MEGABYTE
         if not 0 < limit < math.inf:
             raise ValueError(f"{VARIABLE} is {stated!r}")
         return limit

@@ -35,10 +35,13 @@ _SURROUNDINGS = {
 }
 #: Most bytes of an answer: an error may quote its input.
 _LONGEST_ANSWER = 16_000_000
+_ANY_LENGTH = 1 << 62  # of a call, whose sender is trusted
+_LONGEST_TRACE = 20_000
 #: Bytes of what a process printed last.
 _LAST_BYTES = 20_000
 #: Seconds until a process that closed its output has ended.
 _ENDING_S = 5.0
+_OUT_OF_TIME = -24  # SIGXCPU of Linux and macOS
 #: How an answer fails that was not written by :func:`parcel.send`.
 _UNREADABLE = (ValueError, TypeError, KeyError, RecursionError)
 _T = TypeVar("_T")
@@ -253,7 +256,7 @@ class _Child:
             self.kill()
             code = self.popen.wait()
         code = 128 - code if self._wrapped and code > 128 else code  # how a wrapper says a signal
-        if overdue.is_set() or code == -24:  # SIGXCPU of Linux and macOS
+        if overdue.is_set() or code == _OUT_OF_TIME:
             return Died("time", "a process that was still at work")
         self._listener.join(_ENDING_S)
         ending = f"a process that ended with {_signal(-code) if code < 0 else f'status {code}'}"
@@ -319,7 +322,7 @@ def work() -> None:
 def _take_calls(calls: queue.SimpleQueue[dict[str, Any]]) -> None:
     with contextlib.suppress(EOFError):
         while True:
-            calls.put(parcel.receive(sys.stdin.buffer, 1 << 62))  # of a call, whose sender is trusted
+            calls.put(parcel.receive(sys.stdin.buffer, _ANY_LENGTH))
     os._exit(0)
 
 
@@ -370,7 +373,7 @@ def _told(error: Exception) -> dict[str, Any]:
         return {"input": vars(error)}
     if isinstance(error, VibridentError):
         return {"error": str(error)}
-    return {"unexpected": "".join(traceback.format_exception(error))[-20_000:]}
+    return {"unexpected": "".join(traceback.format_exception(error))[-_LONGEST_TRACE:]}
 
 
 def _error(said: Mapping[str, Any]) -> Exception:

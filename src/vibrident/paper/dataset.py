@@ -36,6 +36,7 @@ SAMPLES = 16000
 SNR_DB = 20.0  # excitation over its noise, as the paper states it
 #: Below this frequency a record is sampled more slowly, so that it holds as many periods as this one does.
 SLOWER_BELOW_HZ = 10.0
+TRAINING_SHARE = 0.8  # share of the records that are trained on
 OUTLYING = 10.0  # robust standard deviations from its neighbours beyond which a sample is an outlier
 LARGEST_STEP = 0.3  # longest step of RK4 in radians of the natural frequency
 
@@ -179,7 +180,7 @@ def prepared(calibration: Calibration, *, seed: int) -> Dataset:
     pairs = [_mended(record) for record in calibration.records]
     records = tuple(record for record, _ in pairs)
     order = np.random.default_rng([seed, count]).permutation(count)
-    first = min(count - 1, round(0.8 * count))  # share of the records that are trained on
+    first = min(count - 1, round(TRAINING_SHARE * count))
     training, test = (tuple(sorted(part.tolist())) for part in (order[:first], order[first:]))
     return Dataset(
         replace(calibration, records=records),

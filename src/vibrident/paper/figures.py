@@ -26,6 +26,7 @@ from vibrident.show.views import BLACK, BLUE, LINES, Axis, Figure, Look, Panel, 
 
 Stacks = tuple[Stack, ...]
 
+TYPICAL_HZ = (10.0, 125.0, 630.0, 1000.0)  # of figure 5
 SHOWN = (methods.PUBLISHED, methods.EXACT, methods.PLAIN)
 _SYMBOLS = {"sensitivity": "S0", "natural_frequency": "fn", "damping_ratio": "δ"}
 _LEAST = 1e-9  # least error drawn; below it is rounding
@@ -55,7 +56,7 @@ def signals(run: Reproduction) -> Stacks:
     section = run.simulation
     records = section.published.calibration.records
     stacks = []
-    for place, frequency in enumerate((10.0, 125.0, 630.0, 1000.0)):  # of figure 5
+    for place, frequency in enumerate(TYPICAL_HZ):
         record = min(records, key=lambda r: abs(np.log((r.frequency_hz or 1.0) / frequency)))
         shown = slice(0, min(record.samples, round(6.0 * record.sampling_rate_hz / frequency)))
         time = 1e3 * record.time_s[shown]

@@ -75,6 +75,7 @@ def normalized_error(
 #: Kinds of contributions that stay the same from one calibration to the next as long as their source does. Others are
 #: new each time: a sensor is mounted anew, and an ellipse is fitted to the signals of the day.
 LASTING_KINDS = ("gain", "timing", "phase", "clock")
+REFERENCE_SOURCE = "calibration of the reference"  # the row of the budget for the calibration of the reference
 
 
 def shared_sources(
@@ -147,7 +148,7 @@ def _identity(result: Result, row: Mapping[str, Any]) -> str:
         for entry in result.certificate.get("instruments") or ()
         if isinstance(entry, Mapping)
     ]
-    if words != "calibration of the reference":  # the row of the budget for the calibration of the reference
+    if words != REFERENCE_SOURCE:
         named = ("name", "serial_number")
         instruments = [entry for entry in instruments if any(entry.get(key) and entry[key] in words for key in named)]
     told = ("name", "manufacturer", "type", "serial_number", "certificate")

@@ -20,6 +20,7 @@ from vibrident.fit.response.response import ComplexArray
 from vibrident.physics.models import parse
 from vibrident.result import MeasuredCurve, Result
 
+FOLDS = 5
 FEWEST = 4  # fewer records or rows than this are not split into folds
 
 
@@ -39,7 +40,7 @@ def cross_validate(
     result: Result,
     estimator: str | Estimator = AUTO,
     *,
-    folds: int = 5,
+    folds: int = FOLDS,
     progress: Progress = silent,
 ) -> CrossValidation | None:
     """Fit the result's model to all but one fold, for each fold in turn, and compare with what was left out.

@@ -19,8 +19,11 @@ from vibrident.data.interferometer.sine import Sine, fit_sine, without_slow_moti
 from vibrident.data.interferometer.summary import OpticalFinding, OpticalSummary
 from vibrident.data.interferometer.survey import Survey
 
+MOST_LEFT_OUT = 0.5  # largest part of a record that may be left out
+MOST_GAPS = 400  # most gaps that are examined one by one
 EXCERPT = 2000  # samples of the excerpt
 POINTS = 4000  # points kept for pictures
+CARRIER_ROUNDS = 4  # rounds of the fits of carrier and sine
 NEARLY_TOO_FAST = 2.3  # where the phase jumps, a larger change elsewhere means that turns are missed there too
 
 
@@ -120,7 +123,7 @@ def _bridged(
     shift, piece = np.zeros(values.shape[0]), np.zeros(values.shape[0], dtype=int)
     for number, gap in enumerate(gaps):
         behind = int(np.searchsorted(position, gap.start))
-        found = turns(signals, choice.ellipse, gap) if number < 400 else None  # most gaps that are examined one by one
+        found = turns(signals, choice.ellipse, gap) if number < MOST_GAPS else None
         if found is None:
             piece[behind:] += 1
         else:
@@ -178,7 +181,7 @@ def _without_carrier(
     design = np.stack([np.ones_like(t), t, 1.5 * t * t - 0.5], axis=1)
     time = np.arange(values.shape[0]) / rate
     wave, total = np.zeros(values.shape), np.zeros(3)
-    for _ in range(1 if near_hz is None else 4):  # rounds of the fits of carrier and sine
+    for _ in range(1 if near_hz is None else CARRIER_ROUNDS):
         found, *_ = np.linalg.lstsq(design[valid], (values - wave)[valid], rcond=None)
         values = values - design @ found
         total += found
@@ -239,7 +242,7 @@ def _require_slow(path: Path, name: str) -> None:
 
 
 def _require_enough(left_out: float, name: str) -> None:
-    if left_out > 0.5:  # largest part of a record that may be left out
+    if left_out > MOST_LEFT_OUT:
         raise InputError(
             "The interferometer's phase cannot be followed.",
             expected="two signals whose amplitude holds, with less than half a turn of phase from sample to sample",

@@ -33,6 +33,7 @@ PIECES = 64  # most pieces of a record
 USUAL = 256  # samples of a piece, at least; of fast motion, fewer …
 SHORTEST = 32  # … but not below this
 LONGEST = 1 << 15  # longest piece, samples
+FRINGES = 5.0  # fringes of a piece
 DEGREE = 11  # degree of the polynomial
 #: Harmonic n of faster motion, rad a sample, is not seen whole: its sidebands, n + 1 times as fast, are filtered out
 #: where a carrier is mixed down.
@@ -49,6 +50,8 @@ _OF_ELLIPSE = np.array([
 ])  # fmt: skip
 BANDS = 16  # bands of motion that is not a sine
 MOST = 1 << 18  # most samples used
+MOST_PATTERNS = 24  # most patterns that are kept, the largest ones
+NEGLIGIBLE = 0.05  # a pattern below this part of the noise of its points is dropped
 SOURCE = "ellipse of the interferometer"
 CYCLIC = "cyclic error of the interferometer"
 
@@ -92,7 +95,7 @@ def cyclic_error(
     a period of it, the polynomial is the motion.
     """
     period = signals.rate_hz / max(highest_hz, 1e-300)
-    length = int(min(max(5.0 / max(fringes_a_sample, 1e-9), USUAL), LONGEST, period))  # fringes of a piece
+    length = int(min(max(FRINGES / max(fringes_a_sample, 1e-9), USUAL), LONGEST, period))
     if length < SHORTEST or signals.samples < 2 * length:
         return None
     starts = np.unique(np.linspace(0, signals.samples - length, min(PIECES, signals.samples // length)).astype(int))
@@ -217,7 +220,7 @@ def effects(
     for some, covariance in cyclic:
         found += _patterns(CYCLIC, "cyclic", [(answer, answer.harmonics) for answer in some], covariance, grid)
     found.sort(key=lambda item: -item[0])
-    return tuple(effect for _, effect in found[:24])  # most patterns that are kept, the largest ones
+    return tuple(effect for _, effect in found[:MOST_PATTERNS])
 
 
 def _patterns(
@@ -237,7 +240,7 @@ def _patterns(
     return [
         (float(value), _pattern(source, kind, [(one.frequency_hz, -(along @ change)) for one, change in members], grid))
         for value, along in zip(values, turned.T, strict=True)
-        if value > 0.05**2  # a pattern below this part of the noise of its points is dropped
+        if value > NEGLIGIBLE**2
     ]
 
 

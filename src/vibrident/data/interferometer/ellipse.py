@@ -29,6 +29,7 @@ LEAST_PART = 0.02  # least part of a direction's apparent information that is ta
 LEAST_SHOWN = 0.08  # an ellipse is not determined where this part is smaller
 ITERATIONS = 100  # most iterations of the fit
 TOLERANCE = 1e-9  # length of a step, relative to the amplitudes, that ends them
+LONGEST_STEP = 0.3  # longest step
 FURTHEST = 10.0  # largest change of the area from the start; beyond it the samples do not determine the ellipse
 FEWEST_BLOCKS = 20  # fewest blocks of samples from which the scatter beyond white noise is estimated
 _EXCESS = np.array([-1.0, 0.0, 0.0, 1.0, 0.0, 1.0])  # |v|² − 1 in the six functions
@@ -160,7 +161,7 @@ def fit(blocks: Sequence[FloatArray], start: Ellipse) -> Ellipse | None:
         except linalg.LinAlgError:  # the samples lie on a line, or nearly
             return None
         length = float(np.max(np.abs(step)))
-        ellipse = ellipse.changed(step * min(1.0, 0.3 / max(length, 1e-300)))  # longest step
+        ellipse = ellipse.changed(step * min(1.0, LONGEST_STEP / max(length, 1e-300)))
         ellipse = replace(ellipse, noise=_noise(whole, ellipse))
         size = float(np.prod(np.diag(ellipse.matrix)) / np.prod(np.diag(start.matrix)))
         if not np.isfinite(size) or not 1.0 / FURTHEST < size < FURTHEST:

@@ -25,6 +25,7 @@ BEYOND = 0.5  # part of its amplitude that a signal must exceed to be counted
 MOST_COUNTED = 1 << 21  # most samples in which fringes are counted
 BESIDE = (1, 4)  # samples on either side, in lengths of the gap, tried in turn
 FEWEST_BESIDE = 24  # fewest samples on either side
+MOST_BESIDE = 1 << 14  # most samples on either side
 DEGREES = (3, 5, 7, 9)  # degrees of the polynomial through both sides
 WHOLE = 0.12  # largest distance of the step from a whole number of turns, turns
 SURE = 0.08  # largest uncertainty of the step, turns
@@ -216,7 +217,7 @@ def turns(signals: Signals, ellipse: Ellipse, gap: Gap) -> int | None:
     """
     length = gap.stop - gap.start
     for times in BESIDE:
-        width = int(np.clip(times * length, FEWEST_BESIDE, 1 << 14))  # most samples on either side
+        width = int(np.clip(times * length, FEWEST_BESIDE, MOST_BESIDE))
         left, right = max(gap.start - width, 0), min(gap.stop + width, signals.samples)
         if gap.start - left < FEWEST_BESIDE // 2 or right - gap.stop < FEWEST_BESIDE // 2:
             return None

@@ -33,6 +33,7 @@ FADES = 8.0  # the amplitude fades if its variance between blocks is this many t
 ALIKE = 0.9999  # signals of a larger correlation are one
 AT_LIMIT = 0.005  # a signal is at a limit where more than this part of its samples has its extreme value …
 PILED = 10.0  # … and so many times as many as have the value beside it
+FEWEST_TO_FADE = 12  # fewest blocks to detect fading
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,7 +195,7 @@ def _steadied(blocks: list[FloatArray], whole: Ellipse) -> list[FloatArray]:
     count = np.array([block[0, 0] for block in blocks])
     excess = np.array([ellipses.excess(block, whole) for block in blocks])
     expected = 4.0 * whole.radial_noise**2 / count
-    if len(blocks) < 12 or np.var(excess) < FADES * float(np.mean(expected)):  # fewest blocks to detect fading
+    if len(blocks) < FEWEST_TO_FADE or np.var(excess) < FADES * float(np.mean(expected)):
         return blocks
     steadied = []
     for block, more in zip(blocks, excess, strict=True):

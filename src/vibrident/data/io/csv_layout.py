@@ -19,6 +19,7 @@ _HEAD_BYTES = LONGEST_LINE
 _HEAD_LINES = 400
 _SAMPLE_LINES = 25
 _BOM = b"\xef\xbb\xbf"
+_COMMENT = ("#", "%")
 _EXPONENT = r"(?:[eE][+-]?\d+)?"
 _NUMBER = {
     ".": re.compile(rf"[+-]?(?:\d+\.?\d*|\.\d+){_EXPONENT}|[+-]?inf(?:inity)?", re.IGNORECASE),
@@ -176,7 +177,7 @@ def _layout_of(lines: list[str], head: bytes, encoding: str, file: str) -> CsvLa
 
 
 def _is_comment(line: str) -> bool:
-    return line.lstrip().startswith(("#", "%"))
+    return line.lstrip().startswith(_COMMENT)
 
 
 def _dialect(sample: list[str], lines: list[str]) -> tuple[str, str, int]:

@@ -30,6 +30,8 @@ from vibrident.data.io.sampling import SAME_RATE, Sampling, agreed_rate, cut
 from vibrident.data.io.sections import InterferometerSection
 from vibrident.data.records import Provenance, Quantity, Record
 
+#: Samples of filtered signals that are kept in memory, of all records together.
+MOST_HELD = 1 << 23
 #: A shock is kept at a rate that leaves no more of its response's power to the ends of the record.
 WELL_INSIDE = 2e-3
 _REPAIR = "repair the file, or leave that part out with start_s / stop_s"
@@ -182,7 +184,7 @@ def _looked_at(opened: Sequence[_Opened], setting: Interferometer) -> tuple[list
 
 def _held(opened: Sequence[_Opened]) -> list[_Opened]:
     """The records with their filtered signals in memory, as many as have room: they are read several times."""
-    room, found = 1 << 23, []  # samples of filtered signals that are kept in memory, of all records together
+    room, found = MOST_HELD, []
     for one in opened:
         signals = one.optical
         if isinstance(signals, Decimated) and signals.samples <= room:

@@ -19,6 +19,8 @@ from vibrident.data.records import Calibration, Record
 
 #: Memory of a reading process for its libraries.
 _LIBRARIES_BYTES = 600_000_000
+#: Further memory, as a multiple of the numbers' limit.
+_COPIES = 2
 #: Time limit of a reading process.
 _SECONDS = 30.0
 #: Further time for each byte.
@@ -40,7 +42,7 @@ def read_guarded(path: str | os.PathLike[str]) -> Calibration:
     if all(reader is not None and reader.plain for reader in readers):
         return read(file)
     size = sum((file.parent / name).stat().st_size for name in names if os.path.isfile(file.parent / name))
-    memory_bytes = int(_LIBRARIES_BYTES + 2 * memory_for(size))  # further memory, as a multiple of the numbers' limit
+    memory_bytes = int(_LIBRARIES_BYTES + _COPIES * memory_for(size))
     seconds = _SECONDS + _SECONDS_PER_BYTE * size
     try:
         return sandbox.run(read, file, limits=Limits(seconds, memory_bytes, memory_bytes, memory_bytes))

@@ -25,6 +25,8 @@ from vibrident.physics.models import SensorModel
 from vibrident.physics.models.add_ons.mode2 import in_parallel
 from vibrident.physics.models.base import AddOn, Parameters, ParameterSpec, Rational
 
+SLOPE = 0.5  # start of the neurons' slopes, over the largest response
+
 
 def _memory(parameters: Parameters, core: Rational) -> Rational:
     w = 2.0 * np.pi * parameters["memory_frequency"]
@@ -96,6 +98,6 @@ def initial_weights(structure: tuple[str, ...], response_size: float, memory: Ma
     """
     values = {**memory, "memory_weight": 0.0} if "memory" in structure else {}
     if "neurons" in structure:
-        slope = 0.5 / response_size  # start of the neurons' slopes, over the largest response
+        slope = SLOPE / response_size
         values |= {"odd_weight": 0.0, "odd_slope": slope, "even_weight": 0.0, "even_slope": slope}
     return values

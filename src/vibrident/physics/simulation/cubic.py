@@ -25,6 +25,7 @@ from vibrident.physics.simulation.motion import SampleGrid
 Linear = Callable[[SampleGrid], FloatArray]
 
 PHASE = 0.15  # largest phase of the fastest motion in a step, rad
+FORGOTTEN = 1e-14  # a steady state is reached when the free motion has decayed to this
 
 #: Stages of DOP853: instants in the step, and weights of the slopes before each stage and at the end.
 PLACES = tuple(DOP853.C.tolist())
@@ -114,7 +115,7 @@ def _memory(wn: float, damping: float) -> float:
         where="simulate",
         remedy="give the sensor some damping",
     )
-    return -math.log(1e-14) / (slowest * wn)  # a steady state is reached when the free motion has decayed to this
+    return -math.log(FORGOTTEN) / (slowest * wn)
 
 
 def _states(

@@ -28,6 +28,7 @@ from vibrident.physics.models.base import Rational
 from vibrident.physics.simulation.checks import require
 from vibrident.physics.simulation.motion import ComplexArray, Motion, SampleGrid
 
+_PARALLEL = 100.0  # largest condition number of the eigenvectors that are used
 TOLERANCE = 1e-12  # change of the response, relative to its largest value, at which refinement stops
 _NODES = (6, 9, 14, 21, 32, 48)  # nodes a panel, tried in turn
 _PANEL_RATE = 8.0  # largest |λ| times panel length, λ the sensor's fastest pole
@@ -114,7 +115,7 @@ def exponential(a: FloatArray, time_s: float) -> FloatArray:
 def _exponential(a: bytes, order: int, time_s: float) -> FloatArray:
     matrix = np.frombuffer(a).reshape(order, order)
     poles, vectors = np.linalg.eig(matrix)
-    if np.linalg.cond(vectors) < 100.0:  # largest condition number of the eigenvectors that are used
+    if np.linalg.cond(vectors) < _PARALLEL:
         value = np.array(((vectors * np.exp(poles * time_s)) @ np.linalg.inv(vectors)).real)
     else:
         value = np.array(expm(matrix * time_s), dtype=float)

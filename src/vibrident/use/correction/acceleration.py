@@ -51,6 +51,7 @@ LOOKS = 2  # rounds of the choice of the band; the first improves the part of th
 LOCAL_PERIODS = 2.0  # window over which the highest octave's power is averaged, in periods of the band's upper edge
 CLEARLY = 6.0  # what is removed is seen where it exceeds the noise so many times in mean square
 CORE = 0.5  # a shock's top is above this part of its peak
+NARROWER = 3.0  # bands for the top are tried down to this many octaves narrower
 INHERITED = ("lack_of_fit", "weakly_determined", "nonlinear")  # warnings of the result that concern every sample
 ORIGINS = ("noise", "model", "band", "offset", "ends", "background")
 
@@ -227,7 +228,7 @@ def _for_the_peak(values: FloatArray, acceleration: FloatArray, wide: Compensati
     first = int(below[below < index][-1]) + 1 if np.any(below < index) else 0
     last = int(below[below > index][0]) if np.any(below > index) else values.size
     best, least = wide, np.inf
-    for step in range(round(3.0 * BINS) + 1):  # bands for the top are tried down to this many octaves narrower
+    for step in range(round(NARROWER * BINS) + 1):
         band = Band(
             wide.band.low_hz, wide.band.high_hz * 2.0 ** (-step / BINS), "least uncertainty of the shock's peak"
         )

@@ -24,10 +24,13 @@ from vibrident.use.correction.quiet import Surroundings
 
 BINS = 12  # spectral bins and candidate bands, an octave
 HEARD = 6.0  # a bin holds motion if its power exceeds the noise by this many standard deviations of the bin's mean
-STEEPEST = 200.0  # largest exponent of the falling envelope
+LEAST_SLOPE = 2.0  # least exponent of the falling envelope of |A|² (a pulse with steps)
+STEEPEST = 200.0  # largest exponent
 SHOWN_OCTAVES = 1.5  # octaves below the last bin with motion that determine the exponent
 LOBE_OCTAVES = 0.5  # a pulse's spectrum rises again so many octaves beyond a zero
+FEWEST_SHOWN = 6  # fewest bins with motion in them
 TAPER = 0.05  # part of a record in which its window rises from zero, and falls to it again
+LAST_OF_HALF = 0.98  # end of the low-pass over half the sampling rate, at most
 LAST_OF_ZERO = 0.9  # end of the low-pass over the first zero of an averaging window, at most
 PERIODS = 4.0  # fewest periods of the lower edge, and of the upper, in a record
 
@@ -172,8 +175,8 @@ def _with_envelope(
     last = int(np.flatnonzero(heard)[-1])
     x = np.log(frequency / frequency[last])
     shown = heard & (x >= -SHOWN_OCTAVES * np.log(2.0)) & (acceleration > 0)
-    slope = 2.0  # least exponent of the falling envelope of |A|² (a pulse with steps)
-    if shown.sum() >= 6:  # fewest bins with motion in them
+    slope = LEAST_SLOPE
+    if shown.sum() >= FEWEST_SHOWN:
         slope = max(slope, float(-np.polyfit(x[shown], np.log(acceleration[shown]), 1)[0]))
     level = float(np.mean(acceleration[shown] * np.exp(slope * x[shown])))
     beyond = x > 0
@@ -186,7 +189,7 @@ def _with_envelope(
 
 def highest_frequency(sensor: IdentifiedSensor, rate: float) -> tuple[float, str]:
     """Frequency at which the low-pass must be zero, Hz, and why."""
-    last, why = 0.98 * 0.5 * rate, "half the sampling rate"  # end of the low-pass over half the sampling rate, at most
+    last, why = LAST_OF_HALF * 0.5 * rate, "half the sampling rate"
     length = max((sensor.values[name] for name in sensor.model.windows), default=0.0)
     if length and LAST_OF_ZERO / length < last:
         last, why = LAST_OF_ZERO / length, "the first zero of the averaging window"

@@ -32,6 +32,7 @@ EDGE_POINTS = 48  # instants near an end with a computed error of the continuati
 COLOUR = 256  # reach of the noise's autocovariance, samples on either side
 NEAR = 2  # the response near an end is that within so many lengths of the continuation …
 FEWEST_NEAR = 64  # … and at least so many samples
+REACHED = 0.99  # part of the kernel's sum of magnitudes within its reach
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +154,7 @@ class Compensation:
         index = np.arange(self.size)
         folded = np.bincount(np.minimum(index, self.size - index), weights=np.abs(self.kernel))
         share = np.cumsum(folded) / np.sum(folded)
-        return int(np.searchsorted(share, 0.99))  # part of the kernel's sum of magnitudes within its reach
+        return int(np.searchsorted(share, REACHED))
 
     def line_mean(self, power: FloatArray) -> float:
         """Mean over all frequencies, both signs, of a power given at the lines."""

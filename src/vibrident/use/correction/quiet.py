@@ -28,6 +28,7 @@ LEAVES = 6.0  # rest lasts until the response leaves the level by this many stan
 USED = 0.9  # part of the rest that is used
 PARTS = 8  # parts in which a rest is examined
 DEPARTS = 4.0  # the last part may differ from the others by this many of their standard deviations
+FEWEST_FOR_SPECTRUM = 128  # least samples at rest from which a spectrum of the noise is taken
 WELCH_AVERAGES = 12.0  # eighths of the rest, half overlapping, are worth so many averages (Welch 1967, Hann)
 SHORT = 4  # longest gap of the response over which an integral goes on, samples …
 BESIDE = 32  # … with the error that bridges within so many samples beside it have
@@ -73,7 +74,7 @@ def surroundings(record: Record, noise: float | None = None) -> Surroundings:
     if noise is not None:
         frequency, spectrum = np.array([0.0, half]), np.full(2, noise**2 + np.finfo(float).tiny)
         words, freedom, spread = "stated by the user, assumed white", np.inf, 0.0
-    elif rest >= 128:  # least samples at rest from which a spectrum of the noise is taken
+    elif rest >= FEWEST_FOR_SPECTRUM:
         frequency, spectrum = _spectrum_at_rest(values[:rest], record.sampling_rate_hz)
         freedom, spread = 0.9 * rest, 1.0 / WELCH_AVERAGES
         words = f"spectrum of the first {rest} samples, before the motion; assumed stationary"

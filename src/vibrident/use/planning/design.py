@@ -20,6 +20,7 @@ Criterion = Literal["D", "A"]
 CRITERIA: tuple[str, ...] = ("D", "A")
 
 STARTS = 20  # random starts of the exchange, beside the greedy one
+MOST_ITERATIONS = 20_000  # most iterations of the multiplicative algorithm
 SETTLED = 1e-6  # tolerance of the equivalence theorem
 
 
@@ -99,7 +100,7 @@ def best_weights(information: FloatArray, criterion: Criterion, scale: FloatArra
     """Arbitrary weights of the best design, of total one, shape (n,)."""
     points, order = information.shape[0], information.shape[1]
     weights = np.full(points, 1.0 / points)
-    for _ in range(20_000):  # most iterations of the multiplicative algorithm
+    for _ in range(MOST_ITERATIONS):
         inverse = inverse_normal(total(weights, information))
         if criterion == "D":
             gain = np.einsum("kij,ji->k", information, inverse) / order

@@ -30,6 +30,7 @@ from vibrident.physics.models.slopes import ComplexArray
 
 FEWEST_PERIODS = 5.0  # fewest periods that separate a tone from offset, drift and the sensor's free motion
 HIGHEST = 0.45  # highest frequency over the sampling rate
+RINGS = 1.1  # the free motion is reported beyond this factor on a tone's variance
 
 
 @dataclass(frozen=True)
@@ -183,7 +184,7 @@ def _sharp(subject: Subject, beside: FloatArray) -> tuple[str, ...]:
     width = 2.0 * damping * natural
     lasts = 1.0 / (np.pi * width) if width > 0 else np.inf
     findings = []
-    if np.any(beside > 1.1):  # the free motion is reported beyond this factor on a tone's variance
+    if np.any(beside > RINGS):
         findings.append(
             f"The sensor rings on for {lasts:.3g} s (to 1/e) after a record begins, which near {natural:.4g} Hz is "
             "hardly separable from the tone: estimates may scatter up to twice as much as planned. Record for longer."

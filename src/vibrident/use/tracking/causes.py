@@ -22,6 +22,7 @@ from vibrident.use.tracking.state import CERTAIN, Alarm
 LENGTH = 8192
 #: Findings that name no cause: of a model that is wrong somewhere, and of a change in time, which an alarm is.
 UNNAMED = ("band_sensitive", "regimes")
+INNOVATION = "innovation"
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,7 @@ class Cause:
 
     def explains(self, alarm: Alarm, before: Cause) -> bool:
         """Whether the parameter is beside this nearer to what it was ``before`` than to what it seems to be."""
-        if alarm.parameter == "innovation":
+        if alarm.parameter == INNOVATION:
             return True
         value = self.values.get(alarm.parameter)  # another model may not have it
         return value is not None and abs(value - before.values[alarm.parameter]) < abs(value - alarm.after)

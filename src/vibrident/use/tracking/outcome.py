@@ -15,6 +15,8 @@ from vibrident.physics.naming import in_words
 from vibrident.result import Fit, MeasuredCurve, Result, ResultWarning
 from vibrident.use.tracking.session import Session
 
+#: The name of the estimator, by which a history knows such an entry.
+TRACKED = "tracked"
 UNLIMITED = 1e9  # degrees of freedom where their number is not known
 
 
@@ -33,7 +35,7 @@ def tracked_result(result: Result, session: Session) -> Result:
     settings = {"start": result.estimator, "alarms": len(session.alarms), "samples": session.samples}
     return replace(
         result,
-        estimator="tracked",  # the name of the estimator, by which a history knows such an entry
+        estimator=TRACKED,
         settings={**settings, "coverage_factor": coverage_factor(freedom), "effective_degrees_of_freedom": freedom},
         provenance={
             "vibrident": __version__,

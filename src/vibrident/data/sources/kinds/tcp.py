@@ -10,6 +10,7 @@ from vibrident.data.sources.decoding import chunks
 from vibrident.data.sources.source import Chunk, Source, Wanted
 
 PIECE = 1_000_000  # bytes received at once
+CONNECT_S = 10.0  # seconds to wait for a connection
 
 
 def _open(wanted: Wanted) -> Iterator[Chunk]:
@@ -28,7 +29,7 @@ def _open(wanted: Wanted) -> Iterator[Chunk]:
 
 def _pieces(host: str, port: int, idle_s: float | None) -> Iterator[bytes]:
     try:
-        with socket.create_connection((host, port), timeout=10.0) as connection:  # seconds to wait for a connection
+        with socket.create_connection((host, port), timeout=CONNECT_S) as connection:
             connection.settimeout(idle_s)
             while piece := connection.recv(PIECE):
                 yield piece
