@@ -39,17 +39,8 @@ NOISE_SETTLED = 1e-3
 LIKELIER = 9.0
 
 
-def fit(
-    network: NetworkSettings, evidence: Evidence, progress: Progress, beside: Estimate | None = None
-) -> Estimate | None:
+def fit(network: NetworkSettings, evidence: Evidence, progress: Progress) -> Estimate:
     """Train the network.
-
-    Args:
-        network: its settings.
-        evidence: the data.
-        progress: called after each step.
-        beside: an estimate from another start. None is returned where training with equal weights leaves no less
-            residual than that of this estimate did.
 
     Raises:
         ModelError: there are no records, or no record has a reference.
@@ -63,9 +54,23 @@ def fit(
             where="estimator",
             remedy="use the estimator 'auto' for a table; add a record with a reference to free decays",
         )
+    return _ended(network, evidence, _trained(network, evidence, progress), progress)
+
+
+def improved(network: NetworkSettings, evidence: Evidence, estimate: Estimate, progress: Progress) -> Estimate | None:
+    """The estimate from another start; None where equal weights leave no less residual than they did in ``estimate``.
+
+    Raises:
+        InputError: no record is long enough.
+    """
     trained = _trained(network, evidence, progress)
-    if beside is not None and _by_lines(network, evidence) and not _likelier(trained, beside, evidence):
+    if _by_lines(network, evidence) and not _likelier(trained, estimate, evidence):
         return None
+    return _ended(network, evidence, trained, progress)
+
+
+def _ended(network: NetworkSettings, evidence: Evidence, trained: _Trained, progress: Progress) -> Estimate:
+    """What follows training with equal weights."""
     if network.weights == "free":
         return _freed(network, evidence, trained, progress)
     # A nonlinear model has no residual line by line, and Adam trains as the paper does.

@@ -203,7 +203,7 @@ def _tried(start: Mapping[str, float], best: Attempt, *, weighed: bool = False) 
             found = estimator.improved(evidence, best.estimate, best.progress)
         if found is None:
             return best
-        estimate, judgement = _judged(evidence, estimator, found, best.progress)
+        estimate, judgement = _with_verdict(evidence, estimator, found, best.progress)
     except (NotConverged, InputError):
         return best
     before, after = (one.adequacy.chi2_reduced for one in (best.judgement, judgement))
@@ -287,13 +287,13 @@ def judged(evidence: Evidence, estimate: Estimate) -> Judgement:
 
 def _once(evidence: Evidence, estimator: Estimator, progress: Progress) -> tuple[Estimate, Judgement]:
     give_back_after(_longest(evidence))
-    return _judged(evidence, estimator, estimator.fit(evidence, progress), progress)
+    return _with_verdict(evidence, estimator, estimator.fit(evidence, progress), progress)
 
 
-def _judged(
+def _with_verdict(
     evidence: Evidence, estimator: Estimator, found: Estimate, progress: Progress
 ) -> tuple[Estimate, Judgement]:
-    """An estimate, or what takes its place where it is rejected, and what it says of the data."""
+    """An estimate, or what takes its place where it is rejected, and what that says of the data."""
     found = found if found.problem is None else replace(found, problem=found.problem.idle())
     give_back_after(_longest(evidence))
     estimate = canonically_labelled(found)

@@ -67,13 +67,12 @@ def _tried(found: Attempt) -> Iterator[tuple[SensorModel, dict[str, float]]]:
     values = found.estimate.coordinates.values(found.estimate.z)
     own = (found.judgement.adequacy.chi2_reduced or 0.0, found.evidence.model, values)
     for level in _others(found.evidence):
-        likely = False
-        for alike in level:
-            for other in _likely(problem, alike, *own):
-                likely = True
-                yield other
-        if likely:
-            break
+        likely = itertools.chain.from_iterable(_likely(problem, alike, *own) for alike in level)
+        first = next(likely, None)
+        if first is not None:
+            yield first
+            yield from likely
+            return
 
 
 def _problem(found: Attempt) -> FrequencyProblem | None:

@@ -74,15 +74,13 @@ class Ipnn(NetworkSettings, Estimator):
         """
         from vibrident.fit.estimators import training
 
-        found = training.fit(self, evidence, progress)
-        assert found is not None  # there is nothing that it would have to be better than
-        return found
+        return training.fit(self, evidence, progress)
 
     def improved(self, evidence: Evidence, estimate: Estimate, progress: Progress = silent) -> Estimate | None:
         """None where training with equal weights leaves no less residual."""
         from vibrident.fit.estimators import training
 
-        return training.fit(self, evidence, progress, beside=estimate)
+        return training.improved(self, evidence, estimate, progress)
 
     def where_rejected(self, evidence: Evidence, estimate: Estimate, progress: Progress = silent) -> Estimate | None:
         """The best overall fit: equal weights for all samples of a record."""
