@@ -184,19 +184,20 @@ class _Words:
 
     def told(self, groups: Sequence[Together], matter: Sequence[Together]) -> Told:
         """All findings, and the warnings."""
-        findings = tuple(self.finding(one) for group in groups for one in group.found)
+        findings = tuple(self.finding(one, group) for group in groups for one in group.found)
         return Told(findings, tuple(self.warning(group) for group in matter))
 
     def impact(self, group: Together) -> float:
         """Largest shift of a coordinate, in its stated standard uncertainty."""
         return float(np.max(self._sizes(group.shift), initial=0.0))
 
-    def finding(self, one: Found) -> Finding:
-        """A finding by itself."""
+    def finding(self, one: Found, group: Together) -> Finding:
+        """A finding by itself; one that is alone in its group moves what the group does."""
         coordinates, z = self.estimate.coordinates, self.estimate.z
-        stated, without = coordinates.values(z), coordinates.values(z - one.score.shift)
+        shift = group.shift if len(group.found) == 1 else one.score.shift
+        stated, without = coordinates.values(z), coordinates.values(z - shift)
         impact = {name: 0.0 if self.admitted else float(value - without[name]) for name, value in stated.items()}
-        message = f"{_said(one)} {self._without(one, one.score.shift, 'it')}"
+        message = f"{_said(one)} {self._without(one, shift, 'it')}"
         return Finding(one.code, one.record, one.candidate.time_s, one.chance, impact, message)
 
     def warning(self, group: Together) -> ResultWarning:
