@@ -156,7 +156,7 @@ class _Drawing:
         shares = np.array([max(stack.width for stack in column) for column in down])
         self.widths = (self.width - sum(self.lefts) - 12.0 * columns) * shares / shares.sum()
         self.head = _lines(figure.title)[:1] + _wrapped(figure.subject, self.width - 12.0, 3, 5.0)
-        caption = " ".join(part for part in (figure.caption, figure.note) if part)
+        caption = " ".join(in_a_line(part) for part in (figure.caption, figure.note) if part)
         shown = f"{len(stacks)} of {len(figure.stacks)} records shown." if len(stacks) < len(figure.stacks) else ""
         self.foot = _wrapped(f"{shown} {caption}", self.width - 16.0, 5)
         self.keys = _keys(stacks)
