@@ -23,6 +23,13 @@ def test_tails_are_scipys(degrees):
             assert f_tail(degrees, below, value) == pytest.approx(special.fdtrc(degrees, below, value), rel=1e-12)
 
 
+def test_f_over_what_is_known_is_chi2():
+    """No end of degrees of freedom below: the numerator's alone."""
+    for above in (1.0, 3.0, 40.0):
+        for value in (0.1, 1.0, 3.0):
+            assert f_tail(above, np.inf, value) == pytest.approx(special.chdtrc(above, above * value), rel=1e-12)
+
+
 @pytest.mark.parametrize("degrees", [1.0, 2.0, 5.5, 39.0, 3e5, 1e9])
 def test_students_quantile_is_scipys(degrees):
     for chance in (0.6, 0.95, 0.975, 0.9995):

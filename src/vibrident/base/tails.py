@@ -42,6 +42,8 @@ def f_tail(above: float, below: float, value: float) -> float:
     """Chance that an F exceeds the value; degrees of freedom of its numerator and of its denominator."""
     if not value > 0.0 or not (above > 0.0 and below > 0.0):
         return 1.0 if value <= 0.0 else math.nan
+    if math.isinf(below):
+        return chi2_tail(above, above * value)
     ratio = below / (above * value)
     return _beta_below(0.5 * below, 0.5 * above, ratio / (1.0 + ratio), 1.0 / (1.0 + ratio))
 

@@ -31,8 +31,9 @@ from vibrident.physics.discretisation import method
 
 #: Rounds of training with refreshed noise weights and delay.
 ROUNDS = 6
-#: Decrease of the cost that is worth no step; in the first round of a linear network, which another one follows.
-TOLERANCE, AT_FIRST = 1e-6, 0.1
+#: Decrease of the cost that is worth no step: in a first round, and, by a step of a tenth of a standard uncertainty,
+#: where weights by the noise of each line follow; else.
+AT_FIRST, BEFORE_WEIGHTING, TOLERANCE = 0.1, 0.01, 1e-6
 #: Relative change of the noise below which its weights need no further round.
 NOISE_SETTLED = 1e-3
 #: A fit is better where −2 log likelihood of the residual, as white noise, is less by this.
@@ -104,9 +105,9 @@ def _trained(network: NetworkSettings, evidence: Evidence, progress: Progress) -
     for _ in range(ROUNDS):
         normal = problem.normal(z, coordinates, noise)
         found = problem.record_noise(normal, noise)
-        if tolerance == TOLERANCE and np.allclose(found, noise, rtol=NOISE_SETTLED, atol=0.0):
+        if tolerance != AT_FIRST and np.allclose(found, noise, rtol=NOISE_SETTLED, atol=0.0):
             break
-        tolerance = AT_FIRST if trace is None and _by_lines(network, evidence) else TOLERANCE
+        tolerance = _tolerance(network, evidence, trace)
         if trace is None and not evidence.model.is_linear:
             z = _with_harmonic_start(problem, normal, evidence, z)
         noise = found
@@ -122,6 +123,12 @@ def _trained(network: NetworkSettings, evidence: Evidence, progress: Progress) -
     hum = tuple(record.hum_hz for record in problem.records)
     found = TrainedNetwork(network.discretisation, trace.optimiser, terms, noise, linear=linear, hum_hz=hum)
     return _Trained(problem, coordinates, trace, begin, found)
+
+
+def _tolerance(network: NetworkSettings, evidence: Evidence, trace: Trace | None) -> float:
+    if not _by_lines(network, evidence):
+        return TOLERANCE
+    return AT_FIRST if trace is None else BEFORE_WEIGHTING
 
 
 def _by_lines(network: NetworkSettings, evidence: Evidence) -> bool:

@@ -19,7 +19,7 @@ from vibrident.data.records import BoolArray, FloatArray, Quantity
 from vibrident.fit.problem.coordinates import searched
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import median
-from vibrident.physics.models import SensorModel
+from vibrident.physics.models import ParameterSpec, SensorModel
 from vibrident.physics.models.slopes import response_and_slopes
 
 #: Damping of Levenberg–Marquardt at the start.
@@ -124,17 +124,15 @@ class LogCoordinates:
 
     def place(self, values: dict[str, float]) -> tuple[FloatArray, float]:
         """Coordinates of physical values, shape (P,), and the gain's sign."""
-        u = np.zeros(len(self.model.parameters))
-        sign = 1.0
-        for index, spec in enumerate(self.model.parameters):
-            value = values[spec.name]
-            if spec.kind == "gain":
-                u[index], sign = np.log(max(abs(value), np.finfo(float).tiny)), 1.0 if value >= 0 else -1.0
-            elif spec.kind in ("log", "duration", "positive"):
-                u[index] = np.log(max(abs(value), LEAST))
-            else:
-                u[index] = value / (self.time_unit_s if spec.kind == "time" else 1.0)
-        return u, sign
+        specs = self.model.parameters
+        negative = any(spec.kind == "gain" and values[spec.name] < 0.0 for spec in specs)
+        return np.array([float(self.coordinate(spec, values[spec.name])) for spec in specs]), -1.0 if negative else 1.0
+
+    def coordinate(self, spec: ParameterSpec, value: float | FloatArray) -> FloatArray:
+        """Of values of a parameter, of their shape."""
+        if spec.kind in ("gain", "log", "duration", "positive"):
+            return np.log(np.maximum(np.abs(value), np.finfo(float).tiny if spec.kind == "gain" else LEAST))
+        return np.divide(value, self.time_unit_s if spec.kind == "time" else 1.0)
 
     def named(self, u: FloatArray, sign: FloatArray, row: int) -> dict[str, float]:
         """Physical values of one candidate, as plain floats."""

@@ -299,11 +299,12 @@ def _likely(combined: FloatArray, cores: int, sought: TargetFRF, chart: LogCoord
 
 def _cores(sought: TargetFRF, chart: LogCoordinates, band_hz: tuple[float, float]) -> FloatArray:
     """The best and most different values of the core's grid by magnitude, add-ons as if not there."""
-    log_measured = np.log(np.abs(sought.response))
-    weight = 1.0 / np.maximum(sought.deviation, LEAST_DEVIATION) ** 2
     model = chart.model
     specs = [spec for spec in model.core.parameters if spec.grid]
     axes = [_naturals(sought.frequency_hz, band_hz) if s.grid == "band" else np.array(s.grid) for s in specs]
+    sought = sought.at(_spread(sought.frequency_hz, MOST_SCORED_POINTS))
+    log_measured = np.log(np.abs(sought.response))
+    weight = 1.0 / np.maximum(sought.deviation, LEAST_DEVIATION) ** 2
     grid = {s.name: values[..., None] for s, values in zip(specs, np.meshgrid(*axes, indexing="ij"), strict=True)}
     alone = SensorModel(model.core.name, model.core)
     trial = {name: grid.get(name, 1.0 if name == model.gain_name else 0.0) for name in alone.parameter_names}
@@ -311,18 +312,17 @@ def _cores(sought: TargetFRF, chart: LogCoordinates, band_hz: tuple[float, float
     difference = log_measured - np.log(np.abs(unit))
     mean = difference @ weight / np.sum(weight)
     score = (difference - mean[..., None]) ** 2 @ weight
-    chosen: list[FloatArray] = []
-    index = [model.parameter_names.index(s.name) for s in specs]
-    apart = [0.2 if s.grid == "band" else 1.0 for s in specs]
-    for flat in np.argsort(score, axis=None):
-        at = np.unravel_index(flat, score.shape)
-        own = {s.name: axis[k] for s, axis, k in zip(specs, axes, at, strict=True)}
-        own[model.gain_name] = np.exp(mean[at])
-        u, _ = chart.place({name: float(own.get(name, 0.0)) for name in model.parameter_names})
-        if all(np.any(np.abs(u - other)[index] > apart) for other in chosen):
-            chosen.append(u)
-        if len(chosen) == CORES:
-            break
+    # Natural frequencies that differ by a fifth, and others by a factor of e, are apart.
+    apart = [0.2 if spec.grid == "band" else 1.0 for spec in specs]
+    own = [chart.coordinate(spec, axis) / far for spec, axis, far in zip(specs, axes, apart, strict=True)]
+    places = np.stack(np.meshgrid(*own, indexing="ij")).reshape(len(own), -1)
+    likeliest, chosen = np.argsort(score, axis=None), []
+    while likeliest.size and len(chosen) < CORES:
+        first = int(likeliest[0])
+        values = {name: float(grid[name].flat[first]) for name in grid}
+        values[model.gain_name] = float(np.exp(mean.flat[first]))
+        chosen.append(chart.place({name: values.get(name, 0.0) for name in model.parameter_names})[0])
+        likeliest = likeliest[np.any(np.abs(places[:, likeliest] - places[:, first, None]) > 1.0, axis=0)]
     return np.array(chosen)
 
 
