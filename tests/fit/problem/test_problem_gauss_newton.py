@@ -26,7 +26,7 @@ NOISE = np.array([0.02, 0.05])
 
 def held_step(z):
     """Exact step of eq. (4) for a held input at coordinates z (which may be complex), in V and V̇/ωn."""
-    gain, wn, damping = z[0] * 0.12, 2 * np.pi * 600.0 * np.exp(z[1]), z[2]
+    gain, wn, damping = z[0] * 0.12, 2 * np.pi * 600.0 * np.exp(z[1]), np.sinh(z[2])
     block = np.zeros((3, 3), dtype=complex)
     block[:2, :2] = wn / RATE * np.array([[0, 1], [-1, -2 * damping]])
     block[1, 2] = wn / RATE * gain

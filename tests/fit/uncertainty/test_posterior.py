@@ -34,7 +34,7 @@ def table(parameters, frequency, relative, model="accelerometer", seed=3):
 
 
 def test_the_density_is_that_of_the_stated_uncertainties_times_the_priors(rng):
-    """−χ²/2 of magnitudes and phases in NumPy, and half-Cauchy for the damping, at points around the estimate."""
+    """−χ²/2 of magnitudes and phases in NumPy, and half-Cauchy for the damping, of z, at points around the estimate."""
     data, scale = table(TRUTH, np.geomspace(20, 1500, 10), 0.1), 1.3
     evidence = Evidence.gather(data, MODEL)
     estimate = MaximumLikelihood().fit(evidence)
@@ -46,7 +46,8 @@ def test_the_density_is_that_of_the_stated_uncertainties_times_the_priors(rng):
         h = MODEL.frequency_response(values, row.frequency_hz)
         chi2 = np.sum(((np.abs(h) - row.magnitude) / row.magnitude_uncertainty) ** 2)
         chi2 += np.sum((np.angle(np.exp(1j * row.phase_rad) / h) / row.phase_uncertainty_rad) ** 2)
-        return -0.5 * chi2 / scale**2 - np.log1p(values["damping_ratio"] ** 2)
+        damping = values["damping_ratio"]
+        return -0.5 * chi2 / scale**2 - np.log1p(damping**2) + np.log(np.abs(coordinates.slopes(z)[2]))
 
     points = np.asarray(estimate.z) + 0.05 * rng.standard_normal((4, 3))
     found, known = ([of(z) for z in (np.asarray(estimate.z), *points)] for of in (density, expected))

@@ -58,7 +58,7 @@ def test_intervals_by_kind():
     assert gain.interval_95 == pytest.approx((-0.104 - k * 1.04e-3, -0.104 + k * 1.04e-3), rel=1e-12)
     assert natural.standard_uncertainty == pytest.approx(13.04, rel=1e-12)
     assert natural.interval_95 == pytest.approx((652 * np.exp(-0.02 * k), 652 * np.exp(0.02 * k)), rel=1e-12)
-    assert damping.interval_95 == pytest.approx((0.0, 0.01 + 0.02 * k))
+    assert damping.interval_95 == pytest.approx((0.0, 0.01 + 0.02 * k * np.hypot(1.0, 0.01)))  # sinh z
     assert (gain.identifiable, damping.identifiable) == (True, False)
     assert not table["resonance_frequency"].identifiable
     assert table["natural_angular_frequency"].identifiable
@@ -75,7 +75,7 @@ def test_derived_uncertainties_against_plain_monte_carlo(rng):
     covariance = root @ root.T
     table = parameter_table(c, c.first, covariance, np.inf, UNITS, {})
     z = c.first + rng.standard_normal((40000, 3)) @ root.T
-    values = {"sensitivity": 0.104 * z[:, 0], "natural_frequency": 652 * np.exp(z[:, 1]), "damping_ratio": z[:, 2]}
+    values = {"sensitivity": 0.104 * z[:, 0], "natural_frequency": 652 * np.exp(z[:, 1]), "damping_ratio": np.sinh(z[:, 2])}
     for quantity in MODEL.derived(P):
         scatter = np.std(quantity.value(values))
         assert table[quantity.name].standard_uncertainty == pytest.approx(scatter, rel=0.0105)

@@ -85,7 +85,7 @@ def train_free(
             weights.feedthrough,
         )  # fmt: skip
         found = physics_from_weights(physical, interval, model, layout.method.name, reading)
-        return _coordinates_of(coordinates, found)
+        return coordinates.place(found)
 
     best = trace.last
     normal = _objective(jnp.asarray(best), args)
@@ -98,15 +98,6 @@ def train_free(
     path = np.stack([read(point) for point in trace.coordinates])
     shown = Trace(trace.optimiser, trace.converged, trace.status, trace.costs, path)
     return read(best), covariance, shown, unpack(best, layout.order, layout.terms)
-
-
-def _coordinates_of(coordinates: Coordinates, values: dict[str, float]) -> FloatArray:
-    """Coordinates z of parameters given by name."""
-    z = []
-    for spec, start in zip(coordinates.model.parameters, np.asarray(coordinates.start), strict=True):
-        value = values[spec.name]
-        z.append({"gain": value / start, "log": np.log(value / start)}.get(spec.kind, value))
-    return np.array(z)
 
 
 def _objective(vector: Any, args: Any) -> Normal:

@@ -295,7 +295,7 @@ def _beginnings(
         for frequency in frequencies:
             z = np.array(base.z)
             z[names.index("memory_frequency")] = np.log(frequency / high)
-            z[names.index("memory_damping")] = damping
+            z[names.index("memory_damping")] = np.arcsinh(damping)
             normal = replace(base, z=z).normal(train)
             scored.append((_gain(np.asarray(normal.matrix), np.asarray(normal.gradient)), frequency, damping))
     for _, frequency, damping in sorted(scored, reverse=True)[:1]:

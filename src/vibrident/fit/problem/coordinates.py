@@ -4,7 +4,7 @@ r"""Physical parameters ↔ the numbers an optimiser moves: all near one, bounds
 |---|---|---|
 | gain | z · start | linear; any sign |
 | log | start · e^z | positive, and scale-free |
-| positive | \|z\| | reflected at zero: δ = 0 is reachable |
+| positive | \|sinh z\| | reflected at zero: δ = 0 is reachable; scale-free where large |
 | duration | start · e^z | positive, and scale-free |
 | time | z · unit | linear, any sign |
 | ratio | z | linear, any sign |
@@ -75,13 +75,7 @@ class Coordinates:
     @property
     def first(self) -> FloatArray:
         """Coordinates of the start values, shape (parameters,)."""
-        kinds = [spec.kind for spec in self.model.parameters]
-        pairs = zip(kinds, np.asarray(self.start), strict=True)
-        unit = float(self.time_unit_s)
-        steps = {"gain": 1.0, "log": 0.0, "duration": 0.0}
-        size = float(self.response_size)
-        scale = {"time": 1.0 / unit, "inverse": size, "inverse_square": size**2}
-        return np.array([steps.get(kind, v * scale.get(kind, 1.0)) for kind, v in pairs])
+        return self.place(dict(zip(self.model.parameter_names, np.asarray(self.start).tolist(), strict=True)))
 
     @property
     def edges(self) -> tuple[FloatArray, FloatArray]:
@@ -110,7 +104,7 @@ class Coordinates:
             elif spec.kind == "inverse_square":
                 values[spec.name] = z[index] / self.response_size**2
             elif spec.kind == "positive":
-                values[spec.name] = xp.abs(z[index])
+                values[spec.name] = xp.abs(xp.sinh(xp.clip(z[index], -FARTHEST, FARTHEST)))
             else:
                 values[spec.name] = z[index] * self.time_unit_s
         return values
@@ -128,8 +122,12 @@ class Coordinates:
             value = float(values[spec.name])
             if spec.kind in ("log", "duration"):
                 found.append(np.log(max(value / start, np.finfo(float).tiny)))
+            elif spec.kind == "positive":
+                found.append(np.arcsinh(value))
+            elif spec.kind == "gain":
+                found.append(1.0 if value == start else value / start)
             else:
-                found.append(value / start if spec.kind == "gain" else value * scale.get(spec.kind, 1.0))
+                found.append(value * scale.get(spec.kind, 1.0))
         return np.array(found)
 
     def slopes(self, z: FloatArray) -> FloatArray:
@@ -143,6 +141,6 @@ class Coordinates:
         found = []
         for index, (spec, start) in enumerate(zip(self.model.parameters, np.asarray(self.start), strict=True)):
             own = {"gain": start, "log": values[spec.name], "duration": values[spec.name]}
-            own["positive"] = -1.0 if z[index] < 0 else 1.0
+            own["positive"] = float(np.copysign(np.hypot(1.0, values[spec.name]), z[index]))  # cosh z
             found.append(own.get(spec.kind, scale.get(spec.kind, 1.0)))
         return np.where((low < z) & (z < high), np.array(found, dtype=float), 0.0)

@@ -43,12 +43,10 @@ def weakly_determined(
     correlation = covariance / np.outer(safe, safe)
     weak: dict[str, str] = {}
     warnings = []
-    values = coordinates.values(z)
+    values, sizes = coordinates.values(z), _sizes(coordinates, z)
     for index, spec in enumerate(model.parameters):
-        if spec.kind in ("gain", "positive"):
-            size = deviation[index] / max(abs(float(z[index])), 1e-300)
-        else:  # the logarithm's deviation is relative; a delay's is in radians at the highest frequency
-            size = deviation[index]
+        # The logarithm's deviation is relative; a delay's is in radians at the highest frequency.
+        size = deviation[index] / sizes[index]
         others = np.abs(np.delete(correlation[index], index))
         strongest = float(others.max()) if others.size else 0.0
         trade = 1.0 / np.sqrt(max(1.0 - strongest**2, 1e-12))
@@ -87,12 +85,17 @@ def at_end(coordinates: Coordinates, z: FloatArray) -> set[str]:
 def unstated(coordinates: Coordinates, z: FloatArray, covariance: FloatArray) -> set[str]:
     """Names of parameters of which no standard uncertainty can be stated."""
     deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    kinds = [spec.kind for spec in coordinates.model.parameters]
-    size = np.where([kind in ("gain", "positive") for kind in kinds], np.maximum(np.abs(z), 1e-300), 1.0)
-    known = deviation <= NOTHING * size
+    known = deviation <= NOTHING * _sizes(coordinates, z)
     return at_end(coordinates, z) | {
         spec.name for spec, is_known in zip(coordinates.model.parameters, known, strict=True) if not is_known
     }
+
+
+def _sizes(coordinates: Coordinates, z: FloatArray) -> FloatArray:
+    """Of the coordinates, shape (p,), by which deviations are relative ones; one of those that are so themselves."""
+    kinds = [spec.kind for spec in coordinates.model.parameters]
+    own = {"gain": np.abs(z), "positive": np.tanh(np.abs(z))}
+    return np.array([max(own[kind][index], 1e-300) if kind in own else 1.0 for index, kind in enumerate(kinds)])
 
 
 def _at_bounds(coordinates: Coordinates, values: dict[str, float], deviation: FloatArray) -> list[ResultWarning]:
@@ -171,7 +174,7 @@ def parameter_table(
     table = {}
     for index, spec in enumerate(model.parameters):
         low, high = _interval(coordinates, z, index, k * deviation[index])
-        slope = 1.0 if spec.kind == "positive" else abs(change[index])  # at zero too, where it is reflected
+        slope = abs(change[index])
         known = spec.name not in unknown
         table[spec.name] = Parameter(
             value=coordinates.values(z)[spec.name],
@@ -205,7 +208,7 @@ def parameter_table(
 def _interval(coordinates: Coordinates, z: FloatArray, index: int, half: float) -> tuple[float, float]:
     name, kind = coordinates.model.parameters[index].name, coordinates.model.parameters[index].kind
     if kind == "positive":
-        centre = abs(float(z[index]))
+        centre, half = coordinates.values(z)[name], half * abs(float(coordinates.slopes(z)[index]))
         return max(0.0, centre - half), centre + half
     ends = []
     for sign in (-1.0, 1.0):

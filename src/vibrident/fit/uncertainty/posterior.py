@@ -161,7 +161,7 @@ class _Unbounded:
         low, high = np.where(closed, self.low, 0.0), np.where(closed, self.high, 1.0)
         z = jnp.where(closed, low + (high - low) * jax.nn.sigmoid(v), v)
         if self.damping >= 0:
-            z = z.at[self.damping].multiply(jnp.exp(z[self.frequency] - self.at))
+            z = z.at[self.damping].set(jnp.arcsinh(v[self.damping] * jnp.exp(z[self.frequency] - self.at)))
         return z
 
     def ended(self, z: FloatArray, names: Sequence[str]) -> list[str]:
@@ -181,7 +181,9 @@ class _Unbounded:
         closed = np.isfinite(self.low)
         share = (z[closed] - self.low[closed]) / (self.high[closed] - self.low[closed])
         share = np.clip(share, 1e-3, 1.0 - 1e-3)
-        v = np.array(z, dtype=float)  # damping is its own there
+        v = np.array(z, dtype=float)
+        if self.damping >= 0:
+            v[self.damping] = np.sinh(z[self.damping])
         v[closed] = np.log(share / (1.0 - share))
         back = np.linalg.inv(np.asarray(jax.jacfwd(self.bounded)(jnp.asarray(v))))
         moved = back @ covariance @ back.T
@@ -210,8 +212,10 @@ def _log_density(
         return -jnp.sum(0.5 * (freedom + 2.0) * jnp.log1p(squares / freedom))
 
     def prior(z: Any) -> Any:
-        wide = [i for i, spec in enumerate(coordinates.model.parameters) if spec.kind in ("positive", "ratio")]
-        return -sum((jnp.log1p(z[i] ** 2) for i in wide), start=jnp.zeros(()))
+        # Cauchy's of unit width, of a damping ratio sinh z as of a ratio z.
+        own = {"positive": lambda z: jnp.log(jnp.cosh(z)), "ratio": lambda z: jnp.log1p(z**2)}
+        kinds = [spec.kind for spec in coordinates.model.parameters]
+        return -sum((own[kind](z[i]) for i, kind in enumerate(kinds) if kind in own), start=jnp.zeros(()))
 
     return lambda z: likelihood(z) + prior(z)
 

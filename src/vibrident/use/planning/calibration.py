@@ -200,9 +200,9 @@ def _deviations(points: PlannedPoints, uses: np.ndarray, reference_uncertainty: 
 
 def _scales(model: SensorModel, z: FloatArray) -> FloatArray:
     """Size of each coordinate, for relative uncertainties: 1 for logarithms and for a delay in radians."""
-    relative = ("gain", "positive", "ratio")
-    sizes = [max(abs(float(v)), 1e-3) if s.kind in relative else 1.0 for s, v in zip(model.parameters, z, strict=True)]
-    return np.array(sizes)
+    own = {"gain": np.abs(z), "positive": np.tanh(np.abs(z)), "ratio": np.abs(z)}
+    kinds = [spec.kind for spec in model.parameters]
+    return np.array([max(float(own[kind][index]), 1e-3) if kind in own else 1.0 for index, kind in enumerate(kinds)])
 
 
 def _sensor(sensor: str | Result, parameters: Mapping[str, float] | None) -> tuple[SensorModel, dict[str, float]]:
