@@ -27,8 +27,6 @@ MORE = 4.0
 ENOUGH = 0.01
 #: Above this part the residual is as linear as predicted, and the next step is damped less.
 AS_FORESEEN = 0.9
-#: So many rejected steps in a row mean that rounding, not the model, is what is left.
-MOST_REJECTED = 12
 #: Nor is more to be known where the gains of so many steps fall to half, and are less than this (or the tolerance)
 #: together: large residuals converge slowly, and what is left is less than a tenth of a standard uncertainty.
 SLOW, LITTLE = 5, 0.01
@@ -105,9 +103,9 @@ def levenberg_marquardt(
 ) -> Trace:
     """Minimise by Levenberg and Marquardt's damped Gauss–Newton steps from ``start`` (Nocedal & Wright 2006, ch. 10).
 
-    It stops when a full Gauss–Newton step would lower the cost by less than ``tolerance``. With residuals in units
-    of their standard deviation that step is √tolerance standard uncertainties long, so nothing that could be known
-    is left.
+    It stops when a full Gauss–Newton step would lower the cost by less than ``tolerance``, or, after a step that was
+    rejected, the next one. With residuals in units of their standard deviation that step is √tolerance standard
+    uncertainties long, so nothing that could be known is left.
 
     Args:
         objective: cost, Jᵀr and JᵀJ at a point.
@@ -129,7 +127,8 @@ def levenberg_marquardt(
     def arrived() -> bool:
         gains = [one.cost - next_.cost for one, next_ in itertools.pairwise(way[-1 - SLOW :])]
         slow = len(gains) == SLOW and sum(gains) < max(tolerance, LITTLE) and gains[-1] < 0.5 * gains[0]
-        return here.gain < max(tolerance, 1e-15 * here.cost) or rejected > MOST_REJECTED or slow
+        least = max(tolerance, 1e-15 * here.cost)
+        return here.gain < least or (rejected > 0 and here.promised(here.step(damping)) < least) or slow
 
     progress(1, most, here.cost)
     for iteration in range(2, most + 1):
@@ -138,7 +137,8 @@ def levenberg_marquardt(
         step = here.step(damping)
         moved = here.z + step if bent is None or len(way) < STRAIGHT else bent(here.z, step, damping)
         trial = _Point.of(moved, objective, args)
-        gained = (here.cost - trial.cost) / (2.0 * step @ here.gradient - step @ here.matrix @ step)
+        promised = here.promised(step)
+        gained = (here.cost - trial.cost) / promised if promised > 0.0 else -np.inf
         gained = gained if np.isfinite(gained) else -np.inf
         if gained >= ENOUGH:
             here, rejected = trial, 0
@@ -177,6 +177,10 @@ class _Point:
         values, vectors = np.linalg.eigh(matrix / size[:, None] / size)
         kept = values > LEAST_SHOWN
         return (vectors[:, kept] / values[kept]) @ (vectors[:, kept].T @ (self.gradient / size)) / size
+
+    def promised(self, step: FloatArray) -> float:
+        """What a step lowers the cost of the linear residual by."""
+        return float(2.0 * step @ self.gradient - step @ self.matrix @ step)
 
     @functools.cached_property
     def gain(self) -> float:
