@@ -98,8 +98,9 @@ def _misread(evidence: Evidence, estimate: Estimate, remedied: float | None) -> 
     if problem is None:
         return []
     declared, freedom = _cost(problem, evidence.model, estimate.begin)
+    most = min(declared / BETTER, WELL) * freedom
     for text, other in _readings(problem, evidence.calibration.table):
-        cost, _ = _cost(other, evidence.model)
+        cost, _ = _cost(other, evidence.model, most=most)
         ratio = declared / max(cost, np.finfo(float).tiny)
         worse = remedied is not None and f_tail(1, freedom, (cost - remedied) * freedom / max(remedied, 1.0)) < CHANCE
         if ratio > BETTER and cost < WELL and f_tail(freedom, freedom, ratio) < CHANCE and not worse:
@@ -107,10 +108,12 @@ def _misread(evidence: Evidence, estimate: Estimate, remedied: float | None) -> 
     return []
 
 
-def _cost(problem: FrequencyProblem, model: SensorModel, begun: Start | None = None) -> tuple[float, int]:
-    """Cost of the best start (or of this one) for each degree of freedom, and these."""
+def _cost(
+    problem: FrequencyProblem, model: SensorModel, begun: Start | None = None, most: float = np.inf
+) -> tuple[float, int]:
+    """Cost of the best start (or of this one) for each degree of freedom, and these; infinite where above ``most``."""
     try:
-        start = begun or find_start(problem, model)
+        start = begun or find_start(problem, model, most)
     except VibridentError:
         return float("inf"), 0
     freedom = int(start.equations - len(start.values))

@@ -89,25 +89,27 @@ def _likely(
     problem: FrequencyProblem, others: Sequence[SensorModel], own: float, model: SensorModel, values: dict[str, float]
 ) -> Iterator[tuple[SensorModel, dict[str, float]]]:
     """Those models that leave least of the response."""
-    found = []
+    found, worth = [], min(max(own / BETTER, WELL), 0.5 * own)
     for other in others:
         free = problem.equations - len(other.parameter_names)
-        start = _start(problem, other, model, values) if free >= LEAST_FREE else None
+        start = _start(problem, other, model, values, worth * free) if free >= LEAST_FREE else None
         if start is not None and _inside(problem, other, start.values):
             found.append((other, start.costs[-1] / free, start.values))
     least = min([own / BETTER, *(cost * ALIKE for _, cost, _ in found)])
     for other, cost, there in found:
-        if cost < min(max(least, WELL), 0.5 * own):
+        if cost < min(max(least, WELL), worth):
             yield other, there
 
 
-def _start(problem: FrequencyProblem, other: SensorModel, model: SensorModel, values: dict[str, float]) -> Start | None:
-    """A model at the points; of one that extends the present model, from there."""
+def _start(
+    problem: FrequencyProblem, other: SensorModel, model: SensorModel, values: dict[str, float], most: float
+) -> Start | None:
+    """A model at the points; of one that extends the present model, from there; None where its cost is above most."""
     asked = replace(problem, model=other, start=None)
     try:
         if set(model.parameter_names) < set(other.parameter_names):
-            return extended(asked, other, values)
-        return find_start(asked, other)
+            return extended(asked, other, values, most)
+        return find_start(asked, other, most)
     except VibridentError:
         return None
 

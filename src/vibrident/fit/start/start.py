@@ -86,14 +86,15 @@ class Start:
     others: tuple[tuple[dict[str, float], float], ...] = ()
 
 
-def find_start(problem: FrequencyProblem, model: SensorModel) -> Start:
+def find_start(problem: FrequencyProblem, model: SensorModel, most: float = np.inf) -> Start:
     """The best fit of the nonparametric response from all candidates.
 
     Nonlinear parameters have no influence on the response to small signals, and start at zero. A start value stated in
-    the problem is used unchanged.
+    the problem is used unchanged. ``most``: cost above which a fit is of no use; once it is clear that none is below,
+    the search ends.
 
     Raises:
-        NotConverged: no candidate leads to a finite fit.
+        NotConverged: no candidate leads to a finite fit, or to one of use.
     """
     whole, linear = model, model.linear
     sought = sought_response(problem)
@@ -104,7 +105,7 @@ def find_start(problem: FrequencyProblem, model: SensorModel) -> Start:
         u, sign = chart.place(dict(problem.start))
         known = descend(chart, u[None], np.array([sign]), differences(final), 0)
         return Start(dict(problem.start), (scale * float(known.cost[0]),), problem.equations, (dict(problem.start),))
-    front = optima(sought, final, chart, problem.band_hz, problem.longest_delay_s)
+    front = optima(sought, final, chart, problem.band_hz, problem.longest_delay_s, most / problem.points)
     rows = front.best(LAST, SAME)
     if not rows.size:
         raise NotConverged("No start value gives a finite fit: are the columns and units right?")
@@ -184,6 +185,7 @@ def optima(
     chart: LogCoordinates,
     band_hz: tuple[float, float],
     longest_delay_s: float = np.inf,
+    most: float = np.inf,
 ) -> Population:
     """Where the candidates end.
 
@@ -193,6 +195,10 @@ def optima(
         chart: coordinates, at the frequencies of ``final``.
         band_hz: lowest and highest frequency of the data.
         longest_delay_s: no longer delay is looked for.
+        most: cost for each point above which a fit is of no use.
+
+    Raises:
+        NotConverged: no candidate is of use.
     """
     some = sought.at(_spread(sought.frequency_hz, MOST_POINTS))
     near = LogCoordinates(chart.model, chart.quantity, some.frequency_hz, chart.time_unit_s)
@@ -201,15 +207,27 @@ def optima(
     coarse = descend(near, u, sign, magnitudes(some, LEAST_DEVIATION), FEW_STEPS)
     rows = coarse.best(SECOND, APART)
     fine = descend(near, coarse.u[rows], sign[rows], magnitudes(some, LEAST_DEVIATION), STEPS)
+    _require_use(fine, most * some.frequency_hz.size)
     # Where magnitudes say little, or a zero may lie on either side, they lead astray: the first ones go on beside.
     kept = np.concatenate([fine.u[fine.best(LAST, APART)], u[:BESIDE]])
-    return _aligned(kept, some, near, final, chart, longest_delay_s)
+    return _aligned(kept, some, near, final, chart, longest_delay_s, most)
 
 
-def extended(problem: FrequencyProblem, model: SensorModel, values: Mapping[str, float]) -> Start | None:
-    """The best fit of a response by a model that extends one whose values are known; None if no fit is finite.
+def _require_use(front: Population, most: float) -> None:
+    """No weights or deviations that a later step of the search has make the costs less."""
+    if not np.min(front.cost, initial=np.inf) <= most:
+        raise NotConverged("No start value gives a fit of use: are the columns and units right?")
 
-    The search begins at these values and at the guesses of what they lack.
+
+def extended(
+    problem: FrequencyProblem, model: SensorModel, values: Mapping[str, float], most: float = np.inf
+) -> Start:
+    """The best fit of a response by a model that extends one whose values are known.
+
+    The search begins at these values and at the guesses of what they lack. ``most``: as of :func:`find_start`.
+
+    Raises:
+        NotConverged: no candidate leads to a finite fit, or to one of use.
     """
     sought = sought_response(problem)
     some = sought.at(_spread(sought.frequency_hz, MOST_POINTS))
@@ -225,10 +243,10 @@ def extended(problem: FrequencyProblem, model: SensorModel, values: Mapping[str,
     here = np.array([near.place(known | other)[0] for other in ended or [{}]])
     lacking = [name for name in model.parameter_names if name not in values]
     kept = _likely(_with_guesses(here, model, problem.band_hz, lacking), len(here), some, near)
-    front = _aligned(kept, some, near, some, near, problem.longest_delay_s)
+    front = _aligned(kept, some, near, some, near, problem.longest_delay_s, most / problem.points, last=1)
     rows = front.best(1)
     if not rows.size:
-        return None
+        raise NotConverged("No start value gives a finite fit: are the columns and units right?")
     row, scale = int(rows[0]), problem.points / max(some.frequency_hz.size, 1)
     found = near.named(front.u, front.sign, row)
     return Start(found, (scale * float(front.cost[row]),), problem.equations, (found,))
@@ -241,8 +259,13 @@ def _aligned(
     final: TargetFRF,
     chart: LogCoordinates,
     longest_delay_s: float,
+    most: float,
+    last: int = LAST,
 ) -> Population:
-    """Where candidates of the right magnitude end, with the signs and delays that line up their phases."""
+    """Where candidates of the right magnitude end, with the signs and delays that line up their phases.
+
+    ``most``: cost for each point above which a fit is of no use; ``last``: number of those that are brought to an end.
+    """
     if not some.has_phase:
         return descend(chart, kept, np.ones(len(kept)), differences(final), LAST_STEPS)
     turned, sign = _with_sign_and_delay(kept, near, some, longest_delay_s)
@@ -250,9 +273,10 @@ def _aligned(
     rows = begun.best(SECOND, APART)
     turned, sign = _with_two_modes(begun.u[rows], begun.sign[rows], near, some)
     aligned = descend(near, turned, sign, logarithms(some, LEAST_DEVIATION), STEPS)
+    _require_use(aligned, most * some.frequency_hz.size)
     rows = aligned.best(LAST, SAME)
     closer = descend(near, aligned.u[rows], aligned.sign[rows], logarithms(some, LEAST_DEVIATION / 100.0), STEPS)
-    rows = np.argsort(closer.cost, kind="stable")
+    rows = np.argsort(closer.cost, kind="stable")[:last]
     return descend(chart, closer.u[rows], closer.sign[rows], differences(final), LAST_STEPS)
 
 
