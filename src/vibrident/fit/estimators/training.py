@@ -25,6 +25,7 @@ from vibrident.fit.estimators.findings import Findings, TrainedNetwork
 from vibrident.fit.estimators.network_settings import NetworkSettings
 from vibrident.fit.problem import BinProblem, Coordinates, Evidence, NetworkProblem, network_objective
 from vibrident.fit.problem.framing import response_size
+from vibrident.fit.response.explained import MOST_LEFT, part_left
 from vibrident.fit.screening.hum import hum_tones, lacking
 from vibrident.fit.start.start import Start, find_start
 from vibrident.physics.discretisation import method
@@ -58,15 +59,23 @@ def fit(network: NetworkSettings, evidence: Evidence, progress: Progress) -> Est
     return _ended(network, evidence, _trained(network, evidence, progress), progress)
 
 
-def improved(network: NetworkSettings, evidence: Evidence, estimate: Estimate, progress: Progress) -> Estimate | None:
-    """The estimate from another start; None where equal weights leave no less residual than they did in ``estimate``.
+def improved(
+    network: NetworkSettings, evidence: Evidence, estimate: Estimate, progress: Progress, *, weighed: bool
+) -> Estimate | None:
+    """The estimate from another start; None where it is of no use.
+
+    Equal weights leave the least residual. Where that is most of the response, other weights leave more; it says
+    nothing in favour of a start ``weighed`` by the noise of both channels, else it is to be less than in ``estimate``.
 
     Raises:
         InputError: no record is long enough.
     """
     trained = _trained(network, evidence, progress)
-    if _by_lines(network, evidence) and not _likelier(trained, estimate, evidence):
-        return None
+    if _by_lines(network, evidence):
+        if part_left(evidence.records, trained.predicted()) > MOST_LEFT:
+            return None
+        if not weighed and not _likelier(trained, estimate, evidence):
+            return None
     return _ended(network, evidence, trained, progress)
 
 
@@ -232,6 +241,10 @@ class _Trained:
         covariance, freedom = hac_covariance(self.lines(), self.problem.degrees_of_freedom)
         found = Findings(replace(self.network, weights="white"))
         return self._with_response(self.estimate(self.trace.last, covariance, freedom, found))
+
+    def predicted(self) -> tuple[FloatArray, ...]:
+        """The records' responses at the optimum."""
+        return tuple(self.problem.predict(self.coordinates, self.trace.last))
 
     def _with_response(self, found: Estimate) -> Estimate:
         return replace(found, predicted=tuple(self.problem.predict(self.coordinates, found.z)))

@@ -19,7 +19,7 @@ from vibrident.fit.judge.examined import Examined, Told
 from vibrident.fit.judge.points import linearised
 from vibrident.fit.problem import Evidence, FrequencyProblem
 from vibrident.fit.problem.frequency_domain import response_residual
-from vibrident.fit.response.explained import part_left
+from vibrident.fit.response.explained import MOST_LEFT, part_left
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.start.start import find_start
 from vibrident.fit.uncertainty.linearised import Linearised
@@ -31,8 +31,6 @@ MORE_STARTS = 2
 COMPARABLE = 10.0
 #: Another fit is taken if its χ² is less than this part of the first one's.
 CLEARLY_LESS = 0.8
-#: … which says nothing where it leaves more than this part of the response's power: few bands then tell of it.
-MOST_LEFT = 0.5
 #: Other starts of an adequate fit that is not the optimum in the noise found: their cost is larger by this at most,
 #: five standard deviations of one parameter, …
 NO_WORSE = 25.0
@@ -192,15 +190,11 @@ def _tried(start: Mapping[str, float], best: Attempt, *, weighed: bool = False) 
     """The fit from another start if it is better, else the best so far.
 
     A start may lead to no fit: a delay beyond the record, for one. A fit that predicts less of the response is tested
-    in fewer bands, and meets those that are left the better. Of a start that was ``weighed``, equal weights say
-    nothing: noise of the reference draws these aside.
+    in fewer bands, and meets those that are left the better. ``weighed``: the start is by the noise of both channels.
     """
     evidence, estimator = replace(best.evidence, start=dict(start)), best.estimator
     try:
-        if weighed:
-            found: Estimate | None = estimator.fit(evidence, best.progress)
-        else:
-            found = estimator.improved(evidence, best.estimate, best.progress)
+        found = estimator.improved(evidence, best.estimate, best.progress, weighed=weighed)
         if found is None:
             return best
         estimate, judgement = _with_verdict(evidence, estimator, found, best.progress)

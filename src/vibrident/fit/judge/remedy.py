@@ -10,9 +10,9 @@ import numpy as np
 
 from vibrident.base.amounts import plain
 from vibrident.base.errors import VibridentError
-from vibrident.fit.judge.attempts import MOST_LEFT, Attempt
+from vibrident.fit.judge.attempts import Attempt
 from vibrident.fit.problem import Coordinates, Evidence, FrequencyProblem
-from vibrident.fit.response.explained import part_left
+from vibrident.fit.response.explained import MOST_LEFT, part_left
 from vibrident.fit.start.start import Start, extended, find_start
 from vibrident.physics.models import ADD_ONS, CORES, SensorModel, installed
 

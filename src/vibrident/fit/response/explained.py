@@ -23,6 +23,8 @@ from vibrident.fit.response.transform import hann, power_of
 COHERENT = 0.5
 #: … and one without any motion would be so with a chance below this.
 BY_CHANCE = 1e-4
+#: A fit that leaves more than this part of the responses' power says nothing in favour of its model.
+MOST_LEFT = 0.5
 #: A model that leaves less than this part of the response's power explains it as far as this test tells …
 LEAST_LEFT = 0.01
 #: … or less than so many times what is not coherent …
