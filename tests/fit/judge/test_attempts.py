@@ -45,7 +45,7 @@ class Promising:
         self.starts.append(evidence.start)
         return fitted(FIRST, "white", 50.0, adequate=False)[0]
 
-    def improved(self, evidence, estimate, progress):
+    def improved(self, evidence, estimate, progress, *, weighed=False):
         return self.fit(evidence, progress) if self.promising else None
 
     def where_rejected(self, evidence, estimate, progress):

@@ -75,7 +75,8 @@ def test_derived_uncertainties_against_plain_monte_carlo(rng):
     covariance = root @ root.T
     table = parameter_table(c, c.first, covariance, np.inf, UNITS, {})
     z = c.first + rng.standard_normal((40000, 3)) @ root.T
-    values = {"sensitivity": 0.104 * z[:, 0], "natural_frequency": 652 * np.exp(z[:, 1]), "damping_ratio": np.sinh(z[:, 2])}
+    drawn = (0.104 * z[:, 0], 652 * np.exp(z[:, 1]), np.sinh(z[:, 2]))
+    values = dict(zip(("sensitivity", "natural_frequency", "damping_ratio"), drawn, strict=True))
     for quantity in MODEL.derived(P):
         scatter = np.std(quantity.value(values))
         assert table[quantity.name].standard_uncertainty == pytest.approx(scatter, rel=0.0105)

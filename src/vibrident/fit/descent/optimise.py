@@ -104,8 +104,9 @@ def levenberg_marquardt(
 ) -> Trace:
     """Minimise by Levenberg and Marquardt's damped Gauss–Newton steps from ``start`` (Nocedal & Wright 2006, ch. 10).
 
-    Beside a large residual, of a model that does not suit, these converge slowly: JᵀJ lacks the residual's own curvature.
-    A secant approximation of it is added where it foretold the last step's gain better (Dennis, Gay & Welsch 1981).
+    Beside a large residual, of a model that does not suit, these converge slowly: JᵀJ lacks the residual's own
+    curvature. A secant approximation of it is added where it foretold the last step's gain better (Dennis, Gay &
+    Welsch 1981).
 
     It stops when a full Gauss–Newton step would lower the cost by less than ``tolerance``, or, after a step that was
     rejected, the next one. With residuals in units of their standard deviation that step is √tolerance standard

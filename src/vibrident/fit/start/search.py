@@ -76,6 +76,13 @@ class TargetFRF:
             self.polar,
         )
 
+    def few(self, most: int) -> TargetFRF:
+        """At most so many of the points, evenly through their order by frequency."""
+        if self.frequency_hz.size <= most:
+            return self
+        order = np.argsort(self.frequency_hz, kind="stable")
+        return self.at(order[np.linspace(0, order.size - 1, most).astype(int)])
+
     def scaled(self, factor: float) -> TargetFRF:
         """The same points with deviations so many times as large."""
         return replace(self, deviation=self.deviation * factor, phase_deviation=self.phase_deviation * factor)

@@ -1,24 +1,22 @@
 """Start values from the nonparametric response alone: no user ever gives one.
 
-A grid over natural frequency and damping, with every combination of what the add-ons guess, compared by magnitude,
-which neither delay nor sign can spoil. The best and most different go down the logarithm of the magnitude side by side
-(:mod:`vibrident.fit.start.search`), fewer of them further. The phases then say sign and delay, over hundreds of
-periods of the highest frequency, and what is left goes down the residual that the estimators make small. Nothing is
-compiled.
+The best and most different of a grid (:mod:`vibrident.fit.start.candidates`) go down the logarithm of the magnitude,
+which neither delay nor sign can spoil, side by side (:mod:`vibrident.fit.start.search`), fewer of them further. The
+phases then say sign and delay, over hundreds of periods of the highest frequency, and what is left goes down the
+residual that the estimators make small. Nothing is compiled.
 """
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from vibrident.base.errors import NotConverged
 from vibrident.data.records import FloatArray
-from vibrident.data.records.basis import distinct
 from vibrident.fit.problem import FrequencyProblem
+from vibrident.fit.start.candidates import LEAST_DEVIATION, candidates, likely, with_guesses
 from vibrident.fit.start.rational import two_modes
 from vibrident.fit.start.search import (
     LEAST,
@@ -33,15 +31,9 @@ from vibrident.fit.start.search import (
 )
 from vibrident.physics.models import SensorModel
 
-#: Natural frequencies of the grid: so many a decade, and so many decades outside the band.
-FREQUENCIES_PER_DECADE, DECADES_OUTSIDE = 24, 1.5
-#: Most points of the search, by which the grid of add-ons is compared, and of the last step.
-MOST_POINTS, MOST_SCORED_POINTS, MOST_FINAL_POINTS = 200, 80, 800
-#: Cores that are taken from the grid.
-CORES = 6
-#: Combinations of cores with add-ons that go down some steps.
-FIRST = 64
-#: Those of them that go on, and those that are brought to an end.
+#: Most points of the search, and of the last step.
+MOST_POINTS, MOST_FINAL_POINTS = 200, 800
+#: Combinations of cores with add-ons that go on after some steps, and those that are brought to an end.
 SECOND, LAST = 12, 6
 #: Combinations of the grid that go down the phases without the magnitudes' way.
 BESIDE = 32
@@ -49,8 +41,6 @@ BESIDE = 32
 BY_ALGEBRA = 3
 #: Steps of the first stage, of all combinations; of the stages between; and of the last.
 FEW_STEPS, STEPS, LAST_STEPS = 6, 25, 40
-#: No point counts for more than this relative deviation would allow: first the grid is coarse, then the way is long.
-LEAST_DEVIATION = 0.01
 #: Candidates on their way that differ by less in every coordinate are one.
 APART = 0.15
 #: Optima that differ by less in every coordinate are one.
@@ -98,7 +88,7 @@ def find_start(problem: FrequencyProblem, model: SensorModel, most: float = np.i
     """
     whole, linear = model, model.linear
     sought = sought_response(problem)
-    final = sought.at(_spread(sought.frequency_hz, MOST_FINAL_POINTS))
+    final = sought.few(MOST_FINAL_POINTS)
     chart = LogCoordinates(linear, problem.quantity, final.frequency_hz, 1.0 / (2.0 * np.pi * problem.band_hz[1]))
     scale = problem.points / max(final.frequency_hz.size, 1)
     if problem.start is not None:
@@ -172,13 +162,6 @@ def sought_response(problem: FrequencyProblem) -> TargetFRF:
     return found.at(np.flatnonzero(usable))
 
 
-def _spread(frequency_hz: FloatArray, most: int) -> np.ndarray:
-    """At most so many of the points, evenly through their order by frequency."""
-    if frequency_hz.size <= most:
-        return np.arange(frequency_hz.size)
-    return np.argsort(frequency_hz, kind="stable")[np.linspace(0, frequency_hz.size - 1, most).astype(int)]
-
-
 def optima(
     sought: TargetFRF,
     final: TargetFRF,
@@ -200,9 +183,9 @@ def optima(
     Raises:
         NotConverged: no candidate is of use.
     """
-    some = sought.at(_spread(sought.frequency_hz, MOST_POINTS))
+    some = sought.few(MOST_POINTS)
     near = LogCoordinates(chart.model, chart.quantity, some.frequency_hz, chart.time_unit_s)
-    u = _candidates(some, near, band_hz)
+    u = candidates(some, near, band_hz)
     sign = np.ones(len(u))
     coarse = descend(near, u, sign, magnitudes(some, LEAST_DEVIATION), FEW_STEPS)
     rows = coarse.best(SECOND, APART)
@@ -219,9 +202,7 @@ def _require_use(front: Population, most: float) -> None:
         raise NotConverged("No start value gives a fit of use: are the columns and units right?")
 
 
-def extended(
-    problem: FrequencyProblem, model: SensorModel, values: Mapping[str, float], most: float = np.inf
-) -> Start:
+def extended(problem: FrequencyProblem, model: SensorModel, values: Mapping[str, float], most: float = np.inf) -> Start:
     """The best fit of a response by a model that extends one whose values are known.
 
     The search begins at these values and at the guesses of what they lack. ``most``: as of :func:`find_start`.
@@ -230,7 +211,7 @@ def extended(
         NotConverged: no candidate leads to a finite fit, or to one of use.
     """
     sought = sought_response(problem)
-    some = sought.at(_spread(sought.frequency_hz, MOST_POINTS))
+    some = sought.few(MOST_POINTS)
     near = LogCoordinates(model, problem.quantity, some.frequency_hz, 1.0 / (2.0 * np.pi * problem.band_hz[1]))
     known = {name: values.get(name, 0.0) for name in model.parameter_names}
     # From zero a logarithm does not return: what ended there begins at each place of its grid.
@@ -242,7 +223,7 @@ def extended(
     ]
     here = np.array([near.place(known | other)[0] for other in ended or [{}]])
     lacking = [name for name in model.parameter_names if name not in values]
-    kept = _likely(_with_guesses(here, model, problem.band_hz, lacking), len(here), some, near)
+    kept = likely(with_guesses(here, model, problem.band_hz, lacking), len(here), some, near)
     front = _aligned(kept, some, near, some, near, problem.longest_delay_s, most / problem.points, last=1)
     rows = front.best(1)
     if not rows.size:
@@ -293,94 +274,6 @@ def _with_two_modes(
     ]
     places, signs = [p for p, _ in found], [s for _, s in found]
     return np.concatenate([u, *(p[None] for p in places)]), np.concatenate([sign, np.array(signs)])
-
-
-def _candidates(sought: TargetFRF, chart: LogCoordinates, band_hz: tuple[float, float]) -> FloatArray:
-    """Coordinates of the grid's best, with what the add-ons guess, the best first; shape (C, P)."""
-    cores = _cores(sought, chart, band_hz)
-    return _likely(_with_guesses(cores, chart.model, band_hz), len(cores), sought, chart)
-
-
-def _likely(combined: FloatArray, cores: int, sought: TargetFRF, chart: LogCoordinates) -> FloatArray:
-    """Those of the combinations of so many cores with guesses that have the best magnitudes, the best first."""
-    if len(combined) <= FIRST:
-        return combined
-    few = _spread(sought.frequency_hz, MOST_SCORED_POINTS)
-    goal, weight = np.log(np.abs(sought.response[few])), 1.0 / np.maximum(sought.deviation[few], LEAST_DEVIATION) ** 2
-    at = LogCoordinates(chart.model, chart.quantity, sought.frequency_hz[few], chart.time_unit_s)
-    off = goal - np.log(np.abs(at.response(combined, np.ones(len(combined)))))
-    mean = off @ weight / np.sum(weight)
-    score = (off - mean[:, None]) ** 2 @ weight
-    gain = [spec.kind for spec in chart.model.parameters].index("gain")
-    combined[:, gain] += np.where(np.isfinite(mean), mean, 0.0)
-    score = np.where(np.isfinite(score), score, np.inf)
-    # Of those that differ in the later guesses alone, the best: the first one says where, and all places shall be seen.
-    places = next(len(spec.guesses) for spec in chart.model.parameters if spec.guesses) * cores
-    alike = score.reshape(places, -1)
-    rows = np.arange(places) * alike.shape[1] + np.argmin(alike, axis=1)
-    return combined[rows[np.argsort(score[rows], kind="stable")[:FIRST]]]
-
-
-def _cores(sought: TargetFRF, chart: LogCoordinates, band_hz: tuple[float, float]) -> FloatArray:
-    """The best and most different values of the core's grid by magnitude, add-ons as if not there."""
-    model = chart.model
-    specs = [spec for spec in model.core.parameters if spec.grid]
-    axes = [_naturals(sought.frequency_hz, band_hz) if s.grid == "band" else np.array(s.grid) for s in specs]
-    sought = sought.at(_spread(sought.frequency_hz, MOST_SCORED_POINTS))
-    log_measured = np.log(np.abs(sought.response))
-    weight = 1.0 / np.maximum(sought.deviation, LEAST_DEVIATION) ** 2
-    grid = {s.name: values[..., None] for s, values in zip(specs, np.meshgrid(*axes, indexing="ij"), strict=True)}
-    alone = SensorModel(model.core.name, model.core)
-    trial = {name: grid.get(name, 1.0 if name == model.gain_name else 0.0) for name in alone.parameter_names}
-    unit = alone.frequency_response(trial, sought.frequency_hz, chart.quantity)  # (one axis a parameter, points)
-    difference = log_measured - np.log(np.abs(unit))
-    mean = difference @ weight / np.sum(weight)
-    score = (difference - mean[..., None]) ** 2 @ weight
-    # Natural frequencies that differ by a fifth, and others by a factor of e, are apart.
-    apart = [0.2 if spec.grid == "band" else 1.0 for spec in specs]
-    own = [chart.coordinate(spec, axis) / far for spec, axis, far in zip(specs, axes, apart, strict=True)]
-    places = np.stack(np.meshgrid(*own, indexing="ij")).reshape(len(own), -1)
-    likeliest, chosen = np.argsort(score, axis=None), []
-    while likeliest.size and len(chosen) < CORES:
-        first = int(likeliest[0])
-        values = {name: float(grid[name].flat[first]) for name in grid}
-        values[model.gain_name] = float(np.exp(mean.flat[first]))
-        chosen.append(chart.place({name: values.get(name, 0.0) for name in model.parameter_names})[0])
-        likeliest = likeliest[np.any(np.abs(places[:, likeliest] - places[:, first, None]) > 1.0, axis=0)]
-    return np.array(chosen)
-
-
-def _naturals(frequency_hz: FloatArray, band_hz: tuple[float, float]) -> FloatArray:
-    """Natural frequencies to try: evenly over the band and beyond, and between neighbours of few points."""
-    low, high = np.log10(band_hz[0]) - DECADES_OUTSIDE, np.log10(band_hz[1]) + DECADES_OUTSIDE
-    even = np.logspace(low, high, int((high - low) * FREQUENCIES_PER_DECADE) + 1)
-    points = distinct(frequency_hz)
-    if points.size > MOST_SCORED_POINTS:
-        return even
-    log = np.log(points)
-    between = [np.exp(log[:-1] + part * np.diff(log)) for part in (0.25, 0.5, 0.75)]
-    return distinct(np.concatenate([even, *between]))
-
-
-def _with_guesses(
-    cores: FloatArray, model: SensorModel, band_hz: tuple[float, float], names: Sequence[str] | None = None
-) -> FloatArray:
-    """Every core with every combination of the add-ons' guesses, or those of some parameters; the best core first."""
-    low, high = band_hz
-    unit = {"lowest": low, "highest": high, "period": 1.0 / high, "one": 1.0}
-    of = model.parameter_names if names is None else names
-    guessed = [i for i, spec in enumerate(model.parameters) if spec.guesses and spec.name in of]
-    if not guessed:
-        return cores
-    choices = []
-    for spec in (model.parameters[i] for i in guessed):
-        guesses = np.array(spec.guesses)
-        physical = low * (high / low) ** guesses if spec.guess_at == "band" else guesses * unit[spec.guess_at]
-        choices.append((physical if spec.kind == "ratio" else np.log(physical)).tolist())
-    combos = np.array(list(itertools.product(*choices)))
-    found = np.repeat(cores, len(combos), axis=0)
-    found[:, guessed] = np.tile(combos, (len(cores), 1))
-    return found
 
 
 def _with_sign_and_delay(

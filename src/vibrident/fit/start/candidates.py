@@ -1,0 +1,115 @@
+"""Where the search for start values begins: a grid over natural frequency and damping, compared by magnitude.
+
+With every combination of what the add-ons guess.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+
+import numpy as np
+
+from vibrident.data.records import FloatArray
+from vibrident.data.records.basis import distinct
+from vibrident.fit.start.search import LogCoordinates, TargetFRF
+from vibrident.physics.models import SensorModel
+
+#: Natural frequencies of the grid: so many a decade, and so many decades outside the band.
+FREQUENCIES_PER_DECADE, DECADES_OUTSIDE = 24, 1.5
+#: Most points by which the grid is compared.
+MOST_SCORED_POINTS = 80
+#: Cores that are taken from the grid.
+CORES = 6
+#: Combinations of cores with add-ons that go down some steps.
+FIRST = 64
+#: No point counts for more than this relative deviation would allow: first the grid is coarse, then the way is long.
+LEAST_DEVIATION = 0.01
+
+
+def candidates(sought: TargetFRF, chart: LogCoordinates, band_hz: tuple[float, float]) -> FloatArray:
+    """Coordinates of the grid's best, with what the add-ons guess, the best first; shape (C, P)."""
+    cores = _cores(sought, chart, band_hz)
+    return likely(with_guesses(cores, chart.model, band_hz), len(cores), sought, chart)
+
+
+def likely(combined: FloatArray, cores: int, sought: TargetFRF, chart: LogCoordinates) -> FloatArray:
+    """Those of the combinations of so many cores with guesses that have the best magnitudes, the best first."""
+    if len(combined) <= FIRST:
+        return combined
+    few = sought.few(MOST_SCORED_POINTS)
+    goal, weight = np.log(np.abs(few.response)), 1.0 / np.maximum(few.deviation, LEAST_DEVIATION) ** 2
+    at = LogCoordinates(chart.model, chart.quantity, few.frequency_hz, chart.time_unit_s)
+    off = goal - np.log(np.abs(at.response(combined, np.ones(len(combined)))))
+    mean = off @ weight / np.sum(weight)
+    score = (off - mean[:, None]) ** 2 @ weight
+    gain = [spec.kind for spec in chart.model.parameters].index("gain")
+    combined[:, gain] += np.where(np.isfinite(mean), mean, 0.0)
+    score = np.where(np.isfinite(score), score, np.inf)
+    # Of those that differ in the later guesses alone, the best: the first one says where, and all places shall be seen.
+    places = next(len(spec.guesses) for spec in chart.model.parameters if spec.guesses) * cores
+    alike = score.reshape(places, -1)
+    rows = np.arange(places) * alike.shape[1] + np.argmin(alike, axis=1)
+    return combined[rows[np.argsort(score[rows], kind="stable")[:FIRST]]]
+
+
+def _cores(sought: TargetFRF, chart: LogCoordinates, band_hz: tuple[float, float]) -> FloatArray:
+    """The best and most different values of the core's grid by magnitude, add-ons as if not there."""
+    model = chart.model
+    specs = [spec for spec in model.core.parameters if spec.grid]
+    axes = [_naturals(sought.frequency_hz, band_hz) if s.grid == "band" else np.array(s.grid) for s in specs]
+    sought = sought.few(MOST_SCORED_POINTS)
+    log_measured = np.log(np.abs(sought.response))
+    weight = 1.0 / np.maximum(sought.deviation, LEAST_DEVIATION) ** 2
+    grid = {s.name: values[..., None] for s, values in zip(specs, np.meshgrid(*axes, indexing="ij"), strict=True)}
+    alone = SensorModel(model.core.name, model.core)
+    trial = {name: grid.get(name, 1.0 if name == model.gain_name else 0.0) for name in alone.parameter_names}
+    unit = alone.frequency_response(trial, sought.frequency_hz, chart.quantity)  # (one axis a parameter, points)
+    difference = log_measured - np.log(np.abs(unit))
+    mean = difference @ weight / np.sum(weight)
+    score = (difference - mean[..., None]) ** 2 @ weight
+    # Natural frequencies that differ by a fifth, and others by a factor of e, are apart.
+    apart = [0.2 if spec.grid == "band" else 1.0 for spec in specs]
+    own = [chart.coordinate(spec, axis) / far for spec, axis, far in zip(specs, axes, apart, strict=True)]
+    places = np.stack(np.meshgrid(*own, indexing="ij")).reshape(len(own), -1)
+    likeliest, chosen = np.argsort(score, axis=None), []
+    while likeliest.size and len(chosen) < CORES:
+        first = int(likeliest[0])
+        values = {name: float(grid[name].flat[first]) for name in grid}
+        values[model.gain_name] = float(np.exp(mean.flat[first]))
+        chosen.append(chart.place({name: values.get(name, 0.0) for name in model.parameter_names})[0])
+        likeliest = likeliest[np.any(np.abs(places[:, likeliest] - places[:, first, None]) > 1.0, axis=0)]
+    return np.array(chosen)
+
+
+def _naturals(frequency_hz: FloatArray, band_hz: tuple[float, float]) -> FloatArray:
+    """Natural frequencies to try: evenly over the band and beyond, and between neighbours of few points."""
+    low, high = np.log10(band_hz[0]) - DECADES_OUTSIDE, np.log10(band_hz[1]) + DECADES_OUTSIDE
+    even = np.logspace(low, high, int((high - low) * FREQUENCIES_PER_DECADE) + 1)
+    points = distinct(frequency_hz)
+    if points.size > MOST_SCORED_POINTS:
+        return even
+    log = np.log(points)
+    between = [np.exp(log[:-1] + part * np.diff(log)) for part in (0.25, 0.5, 0.75)]
+    return distinct(np.concatenate([even, *between]))
+
+
+def with_guesses(
+    cores: FloatArray, model: SensorModel, band_hz: tuple[float, float], names: Sequence[str] | None = None
+) -> FloatArray:
+    """Every core with every combination of the add-ons' guesses, or those of some parameters; the best core first."""
+    low, high = band_hz
+    unit = {"lowest": low, "highest": high, "period": 1.0 / high, "one": 1.0}
+    of = model.parameter_names if names is None else names
+    guessed = [i for i, spec in enumerate(model.parameters) if spec.guesses and spec.name in of]
+    if not guessed:
+        return cores
+    choices = []
+    for spec in (model.parameters[i] for i in guessed):
+        guesses = np.array(spec.guesses)
+        physical = low * (high / low) ** guesses if spec.guess_at == "band" else guesses * unit[spec.guess_at]
+        choices.append((physical if spec.kind == "ratio" else np.log(physical)).tolist())
+    combos = np.array(list(itertools.product(*choices)))
+    found = np.repeat(cores, len(combos), axis=0)
+    found[:, guessed] = np.tile(combos, (len(cores), 1))
+    return found
