@@ -65,6 +65,40 @@ def test_a_parameter_without_influence_is_left_where_it_is() -> None:
         )
 
 
+@pytest.mark.parametrize("bent", [0.5, 0.9, 0.95])
+def test_beside_a_large_residual_the_optimum_is_reached(bent: float) -> None:
+    """Residuals x + 1 and bent x² + x − 1, the optimum at zero (Dennis & Schnabel 1983, example 10.2.4).
+
+    Gauss–Newton steps alone leave the part ``bent`` of the way each.
+    """
+    evaluations = 0
+
+    def objective(z: np.ndarray, _: None) -> Local:
+        nonlocal evaluations
+        evaluations += 1
+        residual = np.array([z[0] + 1.0, bent * z[0] ** 2 + z[0] - 1.0])
+        slope = np.array([[1.0], [2.0 * bent * z[0] + 1.0]])
+        return Local(slope.T @ slope, -slope.T @ residual, residual @ residual)
+
+    trace = levenberg_marquardt(objective, np.array([1.0]), None, tolerance=1e-12)
+    assert trace.converged
+    assert trace.costs[-1] - 2.0 < 1e-6
+    assert evaluations < 15
+
+
+def test_of_an_overdamped_sensor_the_way_is_short() -> None:
+    """Of a low-pass of first order the data show sensitivity and f0/δ alone: along the rest nothing is gained."""
+    lowpass = {"sensitivity": 0.1, "natural_frequency": 60e3, "damping_ratio": 100.0}
+    made = simulate(
+        ("accelerometer", lowpass), "random", frequencies_hz=(20.0, 2000.0), samples=4000, sampling_rate_hz=1e4,
+        response_noise=1e-3, seed=1,
+    )  # fmt: skip
+    result = vibrident.identify(made, estimator=Ipnn())
+    gain = result.parameters["sensitivity"]
+    assert abs(gain.value - 0.1) < 4.0 * (gain.standard_uncertainty or 0.0)
+    assert result.training.iterations < 15
+
+
 def test_adam_reaches_the_optimum_of_levenberg_marquardt(problem: TimeProblem) -> None:
     args = arguments(problem)
     best = levenberg_marquardt(_in_time, args[0].first, args)

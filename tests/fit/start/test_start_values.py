@@ -1,10 +1,12 @@
 """Start values from the data alone lead to the optimum, for sensors of every kind; tables of every kind."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import vibrident
-from vibrident.base.errors import ModelError
+from vibrident.base.errors import ModelError, NotConverged
 from vibrident.data.records import Calibration, ResponseTable
 from vibrident.fit.descent.optimise import levenberg_marquardt
 from vibrident.fit.estimators import MaximumLikelihood
@@ -129,6 +131,17 @@ def test_the_right_model_is_found_where_the_search_is_hard(kind, noise, rng):
         if start.costs[-1] > 3.0 * problem.equations:
             missed.append((own, start.costs[-1] / problem.equations))
     assert missed == []
+
+
+def test_a_search_for_a_fit_of_use_finds_what_it_finds_without_and_ends_where_there_is_none(rng):
+    """Read with a reference in velocity, an accelerometer leaves thousands of times the noise."""
+    p = {"sensitivity": -0.104, "natural_frequency": 652.0, "damping_ratio": 0.182}
+    model = parse("accelerometer")
+    problem = FrequencyProblem.of_table(table("accelerometer", p, rng), model, "acceleration")
+    best = find_start(problem, model)
+    assert find_start(problem, model, 2.0 * best.costs[-1]) == best
+    with pytest.raises(NotConverged):
+        find_start(replace(problem, quantity="velocity"), model, 2.0 * best.costs[-1])
 
 
 @pytest.mark.parametrize("delay", [-4e-3, -1e-3, -1e-4, 1e-4, 1e-3, 4e-3])
