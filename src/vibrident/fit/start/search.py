@@ -328,11 +328,8 @@ def _bounded(off: FloatArray, slopes: FloatArray, limit: FloatArray) -> tuple[Fl
     """Residuals that grow like a root beyond the limit (soft L1), and their slopes: what leaks in draws less."""
     with np.errstate(all="ignore"):
         root = np.sqrt(1.0 + (off / limit) ** 2)
-        bounded = np.sign(off) * limit * np.sqrt(2.0 * np.maximum(root - 1.0, 0.0))
-        factor = np.where(np.abs(off) > 1e-6 * limit, off / (bounded * root), 1.0)
-    small = np.abs(off) <= 1e-6 * limit
-    bounded = np.where(small, off, bounded)
-    return bounded, slopes * np.where(np.isfinite(factor), factor, 0.0)[:, None]
+        shrunk = np.sqrt(2.0 / (root + 1.0))
+        return off * shrunk, slopes * (1.0 / (shrunk * root))[:, None]
 
 
 def _evaluated(
@@ -341,8 +338,6 @@ def _evaluated(
     response, logarithmic = chart.response_and_slopes(u, sign)
     with np.errstate(all="ignore"):
         off, slopes = residual(response, logarithmic)
-    lost = ~np.all(np.isfinite(off), axis=1)
-    off[lost] = np.inf
     return off, np.where(np.isfinite(slopes), slopes, 0.0)
 
 

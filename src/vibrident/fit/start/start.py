@@ -198,7 +198,7 @@ def optima(
 
 def _require_use(front: Population, most: float) -> None:
     """No weights or deviations that a later step of the search has make the costs less."""
-    if not np.min(front.cost, initial=np.inf) <= most:
+    if not np.any(front.cost <= most):
         raise NotConverged("No start value gives a fit of use: are the columns and units right?")
 
 
