@@ -9,8 +9,9 @@ from bench.adversary.cases import BY_NAME
 from tests.support.random_record import SAMPLES, TRUTH, calibration, motion
 
 import vibrident
+from vibrident.fit.departures import part as parts
 from vibrident.fit.departures.part import Part
-from vibrident.fit.departures.score import LinearFit, Sums
+from vibrident.fit.departures.score import LinearFit, Own, Sums
 from vibrident.physics.simulation import simulate
 
 
@@ -51,7 +52,7 @@ def test_without_a_departure_t_is_chi_squared():
         part = linear_part(rng, n, np.zeros(n))
         columns = rng.normal(size=(4, n))
         white = columns - (columns @ part.basis.T) @ part.basis
-        found = LinearFit.of([part], np.ones(2)).test(Sums.stacked([Sums.of(part, white, 2)]))[0]
+        found = LinearFit.of([Own.of(part)], np.ones(2)).test(Sums.stacked([Sums.of(part, white, 2)]))[0]
         assert found is not None
         statistics.append(found.statistic)
         chances.append(found.chance)
@@ -65,7 +66,7 @@ def test_the_impact_is_the_shift_of_the_fit_with_the_departure_admitted():
     columns = rng.normal(size=(2, n))
     part = linear_part(rng, n, 0.3 * columns[0])
     white = columns - (columns @ part.basis.T) @ part.basis
-    found = LinearFit.of([part], np.ones(2)).test(Sums.stacked([Sums.of(part, white, 2)]))[0]
+    found = LinearFit.of([Own.of(part)], np.ones(2)).test(Sums.stacked([Sums.of(part, white, 2)]))[0]
     alone = np.linalg.lstsq(part.jacobian.T, part.residual, rcond=None)[0]
     beside = np.linalg.lstsq(np.concatenate([part.jacobian, white]).T, part.residual, rcond=None)[0]
     assert found is not None
@@ -75,7 +76,9 @@ def test_the_impact_is_the_shift_of_the_fit_with_the_departure_admitted():
 
 def test_a_column_within_the_span_of_the_parameters_tells_nothing():
     part = linear_part(np.random.default_rng(3), 400, np.zeros(400))
-    assert LinearFit.of([part], np.ones(2)).test(Sums.stacked([Sums.of(part, part.jacobian[:1] * 3.0, 2)])) == [None]
+    assert LinearFit.of([Own.of(part)], np.ones(2)).test(Sums.stacked([Sums.of(part, part.jacobian[:1] * 3.0, 2)])) == [
+        None
+    ]
 
 
 T = np.arange(SAMPLES) / SAMPLES
@@ -207,3 +210,17 @@ def test_a_harmonic_of_a_sine_leaks_into_no_parameter():
     assert all(finding.message.endswith("No parameter moves by 0.01 u.") for finding in bent.findings)
     for name, one in bent.parameters.items():
         assert abs(one.value - straight.parameters[name].value) < one.standard_uncertainty, name
+
+
+def test_parts_made_anew_for_each_pass_say_what_those_held_say(monkeypatch):
+    """Of records with a step of gain in one and a drift in all, to the last bit."""
+    made = simulate("paper", "random", samples=1500, repeats=3, response_noise=1e-3, seed=3)
+    records = []
+    for number, record in enumerate(made.records):
+        moved = record.response * np.where((np.arange(1500) > 700) & (number == 1), 1.02, 1.0)
+        records.append(replace(record, response=moved + 0.02 * np.std(moved) * np.linspace(-1.0, 1.0, 1500) ** 3))
+    given = replace(made, records=tuple(records))
+    held = vibrident.identify(given).findings
+    monkeypatch.setattr(parts, "HELD", 0)
+    assert {finding.code for finding in held} >= {"drift", "regimes"}
+    assert vibrident.identify(given).findings == held

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from vibrident.data.records import FloatArray
 from vibrident.fit.departures.score import Sums
-from vibrident.fit.response.response import ComplexArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -16,17 +14,17 @@ class Candidate:
 
     Attributes:
         words: what it is there.
-        columns: makes its columns, one set a part that has them: in time, by bins, or of points.
+        number: of the place among those of the departure.
         time_s: where in the record; None where it has no place.
         record: name of the record; None for that of the part, or all.
-        exactly: sums of its columns whitened one by one, where those of the place approximate that; None where not.
+        rows: columns of a place among points, in standard deviations, shape (m, rows); None of one in records.
     """
 
     words: str
-    columns: Callable[[], tuple[FloatArray | ComplexArray, ...]]
+    number: int = 0
     time_s: float | None = None
     record: str | None = None
-    exactly: Callable[[], Sums] | None = None
+    rows: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False)

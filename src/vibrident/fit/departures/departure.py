@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import partial
-from itertools import pairwise
 from typing import Any, ClassVar
 
 import numpy as np
@@ -30,18 +29,29 @@ class Scale:
     parts: int
 
     @classmethod
-    def of(cls, parts: Sequence[Part], bands: int) -> Scale:
+    def of(cls, every: Sequence[Size], bands: int) -> Scale:
         """Of all parts, with so many bands."""
-        largest = (float(np.max(np.abs(part.motion), initial=0.0)) for part in parts)
-        motion = max(float(np.finfo(float).tiny), *largest)
-        top = 0.5 * max(part.rate_hz for part in parts)
-        edges, power = np.linspace(0.0, top, 401), np.zeros(400)
-        for part in parts:
-            own = np.sum(np.abs(np.fft.rfft(part.jacobian, axis=-1)) ** 2, axis=0) * (part.whitening > 0.0)
-            power += np.histogram(np.arange(own.size) * part.rate_hz / part.samples, edges, weights=own)[0]
-        total = np.cumsum(power)
+        edges, total = every[0].edges_hz, np.cumsum(np.sum([size.information for size in every], axis=0))
         inner = np.searchsorted(total, total[-1] * np.arange(1, bands) / bands)
-        return cls(motion, (0.0, *np.unique(edges[inner + 1]).tolist(), top), len(parts))
+        motion = max(float(np.finfo(float).tiny), *(size.motion for size in every))
+        return cls(motion, (0.0, *np.unique(edges[inner + 1]).tolist(), float(edges[-1])), len(every))
+
+
+@dataclass(frozen=True, eq=False)
+class Size:
+    """Of a part: its largest motion, and its information between frequencies, Hz."""
+
+    motion: float
+    edges_hz: FloatArray
+    information: FloatArray
+
+    @classmethod
+    def of(cls, part: Part, top_hz: float) -> Size:
+        """``top_hz``: the highest frequency of all parts."""
+        edges = np.linspace(0.0, top_hz, 401)
+        own = np.sum(np.abs(np.fft.rfft(part.jacobian, axis=-1)) ** 2, axis=0) * (part.whitening > 0.0)
+        power = np.histogram(np.arange(own.size) * part.rate_hz / part.samples, edges, weights=own)[0]
+        return cls(float(np.max(np.abs(part.motion), initial=0.0)), edges, power)
 
 
 #: Columns that sums over blocks approximate tell nothing where the parameters leave less than this part, in squares.
@@ -90,11 +100,16 @@ class Departure(ABC):
         last = np.cumsum([len(columns) for _, columns in found])
         rows = [range(end - len(columns), end) for end, (_, columns) in zip(last.tolist(), found, strict=True)]
         sums = Sums.of(part, white, parameters, self.doubt(part, scale, len(white)))
-        every = [
-            (Candidate(words, partial(_alone, columns)), sums.some(own))
-            for (words, columns), own in zip(found, rows, strict=True)
-        ]
-        return in_widths(every)
+        every = enumerate(zip(found, rows, strict=True))
+        return in_widths([(Candidate(words, number), sums.some(own)) for number, ((words, _), own) in every])
+
+    def columns_of(self, candidate: Candidate, part: Part, scale: Scale) -> FloatArray | ComplexArray:
+        """Those of a place."""
+        return next(itertools.islice(self.columns(part, scale), candidate.number, None))[1]
+
+    def exact(self, candidate: Candidate, part: Part, parameters: int) -> Sums | None:
+        """Of columns whitened one by one, where the sums of the place approximate that; None where not."""
+        return None
 
     def doubt(self, part: Part, scale: Scale, count: int) -> FloatArray | None:
         """What so many columns have in common with an error of the reference's noise; as of :meth:`Sums.of`."""
@@ -188,11 +203,6 @@ def in_widths(every: Sequence[tuple[Candidate, Sums]]) -> list[Places]:
     return [Places(tuple(one for one, _ in own), Sums.stacked([sums for _, sums in own])) for own in some]
 
 
-def _alone(columns: FloatArray | ComplexArray) -> tuple[FloatArray | ComplexArray, ...]:
-    """The columns of a departure of one part."""
-    return (columns,)
-
-
 @dataclass(frozen=True, eq=False)
 class InTime:
     """Steps at the places between blocks of a record, and behind them a ramp.
@@ -200,16 +210,24 @@ class InTime:
     Attributes:
         time_s: of each step, shape (blocks − 1,).
         behind: part of the motion's power behind each, shape (blocks − 1,).
-        factors: of each block, shape (blocks, blocks).
-        edges: of the blocks, in samples, shape (blocks + 1,).
         sums: of all that a change adds (:attr:`Part.changing`), each times the factor.
     """
 
     time_s: FloatArray
     behind: FloatArray
-    factors: FloatArray
-    edges: NDArray[np.int_]
     sums: Sums
+
+
+def edges_of(samples: int, blocks: int) -> NDArray[np.int_]:
+    """Of the blocks of a record, in samples, shape (blocks + 1,)."""
+    return np.linspace(0, samples, blocks + 1).astype(int)
+
+
+def factors_of(blocks: int) -> FloatArray:
+    """Of each step, and of the ramp, in each block, shape (blocks, blocks)."""
+    number = np.arange(blocks)
+    ramp = (number + 0.5) / blocks  # zero at the begin: parameters are those before a change
+    return np.concatenate([number >= number[1:, None], ramp[None]], dtype=float)
 
 
 def in_steps(part: Part, blocks: int, parameters: int) -> InTime:
@@ -219,10 +237,10 @@ def in_steps(part: Part, blocks: int, parameters: int) -> InTime:
     over places: Andrews 1993).
     """
     rows = part.changing
-    edges = np.linspace(0, part.samples, blocks + 1).astype(int)
+    edges = edges_of(part.samples, blocks)
     doubt = part.in_common(rows)[:, -1] / part.samples  # noise is in all of the record, whenever the motion is
     own, other = [], np.concatenate([rows, part.basis, part.jacobian, part.residual[None]])
-    for first, last in pairwise(edges.tolist()):
+    for first, last in itertools.pairwise(edges.tolist()):
         block, loud = rows[:, first:last], rows[:, first:last] * part.profile[first:last]
         common = part.in_common(block, slice(first, last))
         common[:, -1] = doubt * (last - first)
@@ -237,9 +255,7 @@ def in_steps(part: Part, blocks: int, parameters: int) -> InTime:
     products, spreads, crossed, commons = (np.array(each) for each in zip(*own, strict=True))
     m, q, p = len(rows), len(part.basis), len(part.jacobian)
     power = np.cumsum(products[:, 0, 0])
-    number = np.arange(blocks)
-    ramp = (number + 0.5) / blocks  # zero at the begin: parameters are those before a change
-    factors: FloatArray = np.concatenate([number >= number[1:, None], ramp[None]], dtype=float)
+    factors = factors_of(blocks)
     once, squared = np.tensordot(factors, products, 1), np.tensordot(factors**2, products[:, :, :m], 1)
     freed = once[:, :, m : m + q]
     taken = freed @ freed.mT
@@ -255,4 +271,4 @@ def in_steps(part: Part, blocks: int, parameters: int) -> InTime:
         np.full(blocks, part.steps),
     ).beside(part, parameters)
     behind = 1.0 - power[:-1] / max(float(power[-1]), np.finfo(float).tiny)
-    return InTime(part.begin_s + edges[1:-1] / part.rate_hz, behind, factors, edges, sums)
+    return InTime(part.begin_s + edges[1:-1] / part.rate_hz, behind, sums)

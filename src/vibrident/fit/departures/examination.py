@@ -8,10 +8,10 @@ other way round.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial, reduce
-from operator import add
+from itertools import pairwise
 from typing import TypeGuard
 
 import numpy as np
@@ -19,10 +19,10 @@ import numpy as np
 from vibrident.base.warning_kinds import WarningCode
 from vibrident.data.records import FloatArray
 from vibrident.fit.departures.candidate import Candidate, Places
-from vibrident.fit.departures.departure import Departure, Scale, in_widths
-from vibrident.fit.departures.part import Part
+from vibrident.fit.departures.departure import Departure, Scale, Size, in_widths
+from vibrident.fit.departures.part import Part, Parts
 from vibrident.fit.departures.points import PointsPart
-from vibrident.fit.departures.score import LinearFit, Score, Sums
+from vibrident.fit.departures.score import LinearFit, Own, Score, Sums
 from vibrident.fit.registry import DEPARTURES
 from vibrident.fit.response.response import ComplexArray
 
@@ -86,7 +86,7 @@ class Together:
 
 
 def examine(
-    parts: Sequence[Part], points: PointsPart | None, uncertainty: FloatArray, *, misfit: bool = False
+    parts: Parts, points: PointsPart | None, uncertainty: FloatArray, *, misfit: bool = False
 ) -> list[Together]:
     """Every significant departure, the most significant first.
 
@@ -97,43 +97,48 @@ def examine(
         misfit: whether the model does not explain the data: then what explains most is asked for alone.
     """
     rounds = 1 if misfit else ROUNDS
-    found = _among_records(list(parts), uncertainty, rounds) if parts else []
+    found = _among_records(parts, uncertainty, rounds)
     return found + ([] if points is None else _among_points(points, uncertainty, rounds))
 
 
-def _among_records(parts: list[Part], uncertainty: FloatArray, rounds: int) -> list[Together]:
+def _among_records(parts: Parts, uncertainty: FloatArray, rounds: int) -> list[Together]:
     """Departures are told apart in the noise that was read without them, which holds what they make of it too."""
-    found, fit, scale = list[list[Found]](), LinearFit.of(parts, uncertainty), Scale.of(parts, BANDS)
-    first = list(parts)
-    for _ in range(rounds):
-        now = _strongest(_of_records(fit, parts, scale))
+    sizes, own, narrow = list[Size](), list[Own](), False
+    for part in parts:
+        sizes.append(Size.of(part, parts.top_hz))
+        own.append(Own.of(part))
+        narrow |= part.optical and part.turns is not None
+    if not own:
+        return []
+    found, fit, scale, beside = list[list[Found]](), LinearFit.of(own, uncertainty), Scale.of(sizes, BANDS), parts
+    for last in range(1, rounds + 1):
+        now = _strongest(_of_records(fit, beside, scale, narrow=narrow))
         if not now:
             break
-        for place, columns in _columns(now):
-            parts[place] = parts[place].beside(columns)
-        fit = LinearFit.of(parts, uncertainty)
         found.append(now)
-    shifts = cache(lambda: _shifts(first, found, uncertainty))
+        if last < rounds:
+            beside = beside.beside(partial(_columns, now, scale))
+            fit = LinearFit.of([Own.of(part) for part in beside], uncertainty)
+    shifts = cache(lambda: _shifts(parts, found, scale, uncertainty))
     return _of_one_kind([_together(now, lambda k=k: shifts()[k]) for k, now in enumerate(found)])
 
 
-def _columns(found: Sequence[Found]) -> Iterator[tuple[int, FloatArray | ComplexArray]]:
-    """Number of a part, and columns of a departure of it."""
-    for one in found:
-        every = one.candidate.columns()
-        yield from zip(range(len(every)) if one.place is None else [one.place], every, strict=True)
+def _columns(found: Sequence[Found], scale: Scale, number: int, part: Part) -> list[FloatArray | ComplexArray]:
+    """Of the departures of a part."""
+    return [one.departure.columns_of(one.candidate, part, scale) for one in found if one.place in (None, number)]
 
 
-def _shifts(parts: list[Part], found: Sequence[Sequence[Found]], uncertainty: FloatArray) -> list[FloatArray]:
+def _shifts(parts: Parts, found: Sequence[Sequence[Found]], scale: Scale, uncertainty: FloatArray) -> list[FloatArray]:
     """How far the departures of each round move the coordinates, told in the noise that is left beside them."""
-    shifts, before = list[FloatArray](), _optimum(LinearFit.of(parts, uncertainty), parts)
-    for now in found:
-        for place, columns in _columns(now):
-            parts[place] = parts[place].in_noise_beside(columns)
-        after = _optimum(LinearFit.of(parts, uncertainty), parts)
-        shifts.append(before - after)
-        before = after
-    return shifts
+    rounds = [list[Own]() for _ in range(len(found) + 1)]
+    for number, part in enumerate(parts):
+        beside = part
+        rounds[0].append(Own.of(part))
+        for own, now in zip(rounds[1:], found, strict=True):
+            beside = reduce(Part.in_noise_beside, _columns(now, scale, number, part), beside)
+            own.append(Own.of(beside))
+    ends = [LinearFit.of(own, uncertainty).optimum(own) for own in rounds]
+    return [before - after for before, after in pairwise(ends)]
 
 
 def _of_one_kind(every: list[Together]) -> list[Together]:
@@ -159,10 +164,12 @@ def _among_points(points: PointsPart, uncertainty: FloatArray, rounds: int) -> l
         now = _strongest(_of_points(fit, points))
         if not now:
             break
-        before = _optimum(fit)
-        points = reduce(PointsPart.beside, (np.asarray(one.candidate.columns()[0], float) for one in now), points)
+        before = fit.optimum([])
+        points = reduce(
+            PointsPart.beside, (one.candidate.rows for one in now if one.candidate.rows is not None), points
+        )
         fit = points.fit(uncertainty)
-        found.append(_together(now, partial(np.subtract, before, _optimum(fit))))
+        found.append(_together(now, partial(np.subtract, before, fit.optimum([]))))
     return found
 
 
@@ -171,12 +178,6 @@ def _together(found: Sequence[Found], moved: Callable[[], FloatArray]) -> Togeth
     if not found[0].departure.joint:
         moved = partial(np.sum, [one.score.shift for one in found], axis=0)
     return Together(tuple(found), moved)
-
-
-def _optimum(fit: LinearFit, parts: Sequence[Part] = ()) -> FloatArray:
-    """Where the best coordinates are from those of the fit, shape (P,); ``parts``: those with their own tell theirs."""
-    own = [part.pull @ part.inverse @ part.own[0] for part in parts if part.pull is not None]
-    return np.sum([fit.inverse @ fit.gradient, *own], axis=0)
 
 
 def _strongest(found: Sequence[Found]) -> list[Found]:
@@ -198,59 +199,59 @@ def _of_points(fit: LinearFit, points: PointsPart) -> list[Found]:
     return found
 
 
-def _of_records(fit: LinearFit, parts: Sequence[Part], scale: Scale) -> list[Found]:
-    kinds, parameters, found = DEPARTURES.all(), len(fit.uncertainty), list[Found]()
-    narrow = any(part.optical and part.turns is not None for part in parts)
-    for departure in kinds.values():
-        if narrow and not departure.of_light:
-            continue
-        if departure.pooled:
-            best = _best(fit, departure, _pooled(departure, parts, scale, parameters), len(kinds))
-            found += [] if best is None else [Found(departure, *best, None, None)]
-            continue
-        every, own = [departure.places(part, scale, parameters) for part in parts], list[Found]()
-        shared = len(kinds) * (2 if departure.together else 1)
-        for place, (part, places) in enumerate(zip(parts, every, strict=True)):
-            inside = partial(Sums.within, part=part, inverse=fit.inverse) if departure.within else None
-            best = _best(fit, departure, places, shared * len(parts), inside)
-            own += [] if best is None else [Found(departure, *best, place, part.name)]
-        alike = _of_all(fit, departure, parts, every, shared) if departure.together else []
-        found += alike or own
-    return found
+def _of_records(fit: LinearFit, parts: Parts, scale: Scale, *, narrow: bool) -> list[Found]:
+    """``narrow``: whether the noise of a sine is an interferometer's light."""
+    kinds, parameters = DEPARTURES.all(), len(fit.uncertainty)
+    looked = [departure for departure in kinds.values() if departure.of_light or not narrow]
+    every, own = dict[Departure, list[Places]](), {departure: list[Found]() for departure in looked}
+    alike = {departure: list[_InRecord]() for departure in looked if departure.together}
+    for place, part in enumerate(parts):
+        for departure in looked:
+            places = departure.places(part, scale, parameters)
+            if departure.pooled:
+                every[departure] = _pooled(every[departure], places) if place else places
+                continue
+            several = len(kinds) * (2 if departure.together else 1)
+            best = _best(fit, departure, places, several * scale.parts, part)
+            own[departure] += [] if best is None else [Found(departure, *best, place, part.name)]
+            if departure.together:
+                (one,) = places
+                alike[departure].append(_InRecord(place, part.name, one.candidates[0], one.sums.at(0)))
+    for departure, places in every.items():
+        best = _best(fit, departure, places, len(kinds))
+        own[departure] += [] if best is None else [Found(departure, *best, None, None)]
+    for departure, records in alike.items():
+        own[departure] = _of_all(fit, departure, records, 2 * len(kinds)) or own[departure]
+    return [one for some in own.values() for one in some]
 
 
-def _of_all(
-    fit: LinearFit, departure: Departure, parts: Sequence[Part], every: Sequence[Sequence[Places]], several: int
-) -> list[Found]:
+@dataclass(frozen=True, eq=False)
+class _InRecord:
+    """The one place of a departure in a record, and its sums."""
+
+    place: int
+    record: str
+    candidate: Candidate
+    sums: Sums
+
+
+def _of_all(fit: LinearFit, departure: Departure, records: Sequence[_InRecord], several: int) -> list[Found]:
     """All records, where these show a departure together that has one place in each; else none."""
-    own = [places.sums.at(0) for (places,) in every]
-    (score,) = fit.test(Sums.stacked([Sums.side_by_side(own)]))
+    (score,) = fit.test(Sums.stacked([Sums.side_by_side([one.sums for one in records])]))
     if score is None or score.chance * several > FALSE_ALARMS:
         return []
-    alone = (
-        (places.candidates[0], *fit.test(Sums.stacked([sums]))) for (places,), sums in zip(every, own, strict=True)
-    )
+    chance = score.chance * several
+    alone = ((one, *fit.test(Sums.stacked([one.sums]))) for one in records)
     return [
-        Found(departure, candidate, one, score.chance * several, place, part.name)
-        for place, (part, (candidate, one)) in enumerate(zip(parts, alone, strict=True))
-        if one is not None
+        Found(departure, one.candidate, own, chance, one.place, one.record) for one, own in alone if own is not None
     ]
 
 
-def _pooled(departure: Departure, parts: Sequence[Part], scale: Scale, parameters: int) -> list[Places]:
-    """Places whose amounts all parts share."""
-    every = [departure.places(part, scale, parameters) for part in parts]
-    if not all(every):
+def _pooled(before: Sequence[Places], more: Sequence[Places]) -> list[Places]:
+    """Places whose amounts parts share; none where one part has none."""
+    if not before or not more:
         return []
-    return [_joined(each) for each in zip(*every, strict=True)]
-
-
-def _joined(each: Sequence[Places]) -> Places:
-    def one(own: Sequence[Candidate]) -> Candidate:
-        return Candidate(own[0].words, lambda: tuple(columns for every in own for columns in every.columns()))
-
-    candidates = zip(*(places.candidates for places in each), strict=True)
-    return Places(tuple(one(own) for own in candidates), reduce(add, (places.sums for places in each)))
+    return [Places(one.candidates, one.sums + other.sums) for one, other in zip(before, more, strict=True)]
 
 
 def _best(
@@ -258,14 +259,16 @@ def _best(
     departure: Departure,
     places: Sequence[Places],
     several: int,
-    inside: Callable[[Sums], Sums] | None = None,
+    part: Part | None = None,
 ) -> tuple[Candidate, Score, float] | None:
     """The most significant candidate with its test and chance; None where that is noise.
 
-    ``inside``: makes sums of those beside the record's own parameters.
+    ``part``: that the places are in; None where they are in all.
     """
     several *= sum(len(some.candidates) for some in places)
-    seen = inside or (lambda sums: sums)
+
+    def seen(sums: Sums) -> Sums:
+        return sums.within(part, fit.inverse) if departure.within and part is not None else sums
 
     def sure(score: Score | None, among: int = 1) -> TypeGuard[Score]:
         return score is not None and score.chance * several * among < FALSE_ALARMS
@@ -278,8 +281,9 @@ def _best(
     ]
     tests.sort(key=lambda test: -test[2].explained)
     for candidate, sums, score in tests[:MOST_EXACT]:
-        own = sums if candidate.exactly is None else candidate.exactly()
-        exact = score if candidate.exactly is None else fit.test(seen(Sums.stacked([own])))[0]
+        whitened = None if part is None else departure.exact(candidate, part, len(fit.uncertainty))
+        own = sums if whitened is None else whitened
+        exact = score if whitened is None else fit.test(seen(Sums.stacked([own])))[0]
         if not sure(exact):
             continue
         shift = exact.shift

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,6 +18,8 @@ from vibrident.physics.discretisation.inputs import USABLE_BAND
 
 #: Rounding of columns that others span, in squares; and of what is left of rows that are spanned.
 ROUNDING, LOST = 1e-13, 1e-12
+#: Parts of so many samples together are held; of more, each pass makes them anew: a limit of memory.
+HELD = 1 << 17
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,6 +181,37 @@ class Part:
     def through(self, columns: FloatArray) -> ComplexArray:
         """Bins of signals at the sensor's input, shape (m, n), as its response has them."""
         return np.asarray(fft.rfft(columns * self.used, axis=-1) * self.transfer, dtype=complex)
+
+
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """The parts of a fit, one after the other.
+
+    Attributes:
+        make: makes them.
+        samples: of all together.
+        top_hz: highest frequency of all.
+    """
+
+    make: Callable[[], Iterable[Part]]
+    samples: int
+    top_hz: float
+
+    @functools.cached_property
+    def _held(self) -> list[Part] | None:
+        return list(self.make()) if self.samples <= HELD else None
+
+    def __iter__(self) -> Iterator[Part]:
+        return iter(self.make() if self._held is None else self._held)
+
+    def beside(self, columns: Callable[[int, Part], Iterable[FloatArray | ComplexArray]]) -> Parts:
+        """The parts with more nuisance columns; ``columns``: sets of these of a part and its number."""
+        return replace(
+            self,
+            make=lambda: (
+                functools.reduce(Part.beside, columns(number, part), part) for number, part in enumerate(self)
+            ),
+        )
 
 
 def without(rows: FloatArray, basis: FloatArray) -> FloatArray:

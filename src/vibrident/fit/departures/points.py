@@ -67,4 +67,4 @@ class PointsPart:
         nothing = np.zeros((len(rows), self.linear.matrix.shape[1]))
         rounding = freed @ self.common.T
         sums = Sums(freed @ self.linear.rest, gram, gram, cross, cross, rounding, nothing, least, np.array(0.0))
-        return Candidate(words, lambda: (rows,), record=record), sums
+        return Candidate(words, record=record, rows=rows), sums

@@ -180,6 +180,39 @@ class Score:
 
 
 @dataclass(frozen=True, eq=False)
+class Own:
+    """What a part says of the coordinates.
+
+    Attributes:
+        normal: J Jᵀ, shape (p, p).
+        spread: J V Jᵀ, shape (p, p).
+        gradient: J e, shape (p,).
+        common: J times the common errors, shape (p, 2 TRIALS + K).
+        chi2: sum of squares of the residual, beside parameters that are the part's alone.
+        freedom: degrees of freedom of the residual.
+        alone: where its own parameters would move the coordinates, shape (P,); None where these are the same.
+    """
+
+    normal: FloatArray
+    spread: FloatArray
+    gradient: FloatArray
+    common: FloatArray
+    chi2: float
+    freedom: float
+    alone: FloatArray | None
+
+    @classmethod
+    def of(cls, part: Part) -> Own:
+        """Of a part."""
+        gradient, spread, common = part.own
+        normal, chi2, alone = part.jacobian @ part.jacobian.T, float(part.residual @ part.residual), None
+        if part.pull is not None:
+            chi2 -= float(gradient @ part.inverse @ gradient)
+            alone = np.asarray(part.pull @ part.inverse @ gradient)
+        return cls(normal, spread, gradient, common, chi2, part.freedom, alone)
+
+
+@dataclass(frozen=True, eq=False)
 class LinearFit:
     """The fit at its optimum, linearised: what departures are tested against.
 
@@ -204,26 +237,28 @@ class LinearFit:
     told: float = np.inf
 
     @classmethod
-    def of(cls, parts: Sequence[Part], uncertainty: FloatArray) -> LinearFit:
+    def of(cls, every: Sequence[Own], uncertainty: FloatArray) -> LinearFit:
         """Of all parts; ``uncertainty``: of the coordinates as stated, shape (P,)."""
         count = len(uncertainty)
         normal, spread = np.zeros((2, count, count))
-        gradient, common = np.zeros(count), np.zeros((count, 2 * TRIALS + len(parts[0].effects)))
+        gradient, common = np.zeros(count), np.zeros((count, every[0].common.shape[1]))
         chi2, freedom = 0.0, -float(count)
-        for part in parts:
-            left, loud, errors = part.own
-            chi2 += float(part.residual @ part.residual)
-            freedom += part.freedom
-            if part.pull is not None:
-                chi2 -= float(left @ part.inverse @ left)
-                continue
-            normal += part.jacobian @ part.jacobian.T
-            spread += loud
-            gradient += left
-            common += errors
+        for own in every:
+            chi2 += own.chi2
+            freedom += own.freedom
+            if own.alone is None:
+                normal += own.normal
+                spread += own.spread
+                gradient += own.gradient
+                common += own.common
         inverse = inverse_where_shown(normal)
         chi2 -= float(gradient @ inverse @ gradient)
         return cls(inverse, spread, gradient, common, max(chi2, 0.0), max(freedom, 1.0), uncertainty)
+
+    def optimum(self, every: Sequence[Own]) -> FloatArray:
+        """Where the best coordinates are from those of the fit, shape (P,)."""
+        alone = [own.alone for own in every if own.alone is not None]
+        return np.asarray(np.sum([self.inverse @ self.gradient, *alone], axis=0))
 
     def test(self, sums: Sums) -> list[Score | None]:
         """The score test at each of stacked places; None where the parameters can follow the columns."""

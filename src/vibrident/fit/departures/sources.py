@@ -15,7 +15,7 @@ from numpy import fft
 from vibrident.base.fft_lengths import fast_below
 from vibrident.data.records import BoolArray, FloatArray, Record
 from vibrident.fit.bins import without_offset
-from vibrident.fit.departures.part import Part
+from vibrident.fit.departures.part import Parts
 from vibrident.fit.departures.signals import Signals, most_likely, projected
 from vibrident.fit.descent.iterate import beside_hum, likelier, with_edges
 from vibrident.fit.estimators import Estimate
@@ -42,9 +42,7 @@ STEP = 1e-5
 NEAR_TONE = 4
 
 
-def parts_of(
-    evidence: Evidence, estimate: Estimate, predicted: Sequence[FloatArray], tones: Points | None
-) -> list[Part]:
+def parts_of(evidence: Evidence, estimate: Estimate, predicted: Sequence[FloatArray], tones: Points | None) -> Parts:
     """All parts of a fit of records; none of a table, or of records that are too short.
 
     Args:
@@ -53,15 +51,22 @@ def parts_of(
         predicted: response of each record, NaN where it is not defined.
         tones: of the sine records, in the order of the evidence's; None without any.
     """
-    if not estimate.findings.method.is_exact or not evidence.records:
-        return []
-    if isinstance(estimate.problem, BinProblem) and estimate.criterion == "samples":
-        every = _of_bins(evidence, estimate, estimate.problem, predicted)
-    elif evidence.only_sines and evidence.model.is_linear and tones is not None:
-        every = _of_sines(evidence, estimate, predicted, tones)
-    else:
-        every = _of_samples(evidence, estimate, predicted)
-    return [one.part(_effects(evidence, estimate, one)) for one in every]
+    problem = estimate.problem
+
+    def signals() -> Iterator[Signals]:
+        if not estimate.findings.method.is_exact or not evidence.records:
+            return iter(())
+        if isinstance(problem, BinProblem) and estimate.criterion == "samples":
+            return _of_bins(evidence, estimate, problem, predicted)
+        if evidence.only_sines and evidence.model.is_linear and tones is not None:
+            return _of_sines(evidence, estimate, predicted, tones)
+        return _of_samples(evidence, estimate, predicted)
+
+    return Parts(
+        lambda: (one.part(_effects(evidence, estimate, one)) for one in signals()),
+        sum(min(record.samples, MOST_PIECES * LONGEST) for record in evidence.records),
+        0.5 * max((record.sampling_rate_hz for record in evidence.records), default=0.0),
+    )
 
 
 def _of_bins(

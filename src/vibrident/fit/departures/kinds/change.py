@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import ClassVar
 
 import numpy as np
@@ -11,7 +11,7 @@ from vibrident.base.amounts import amount, plain
 from vibrident.base.warning_kinds import WarningCode
 from vibrident.data.records import FloatArray
 from vibrident.fit.departures.candidate import Candidate, Places
-from vibrident.fit.departures.departure import Departure, InTime, Scale, in_steps
+from vibrident.fit.departures.departure import Departure, Scale, edges_of, factors_of, in_steps
 from vibrident.fit.departures.part import Part
 from vibrident.fit.departures.score import Score, Sums
 
@@ -39,17 +39,27 @@ class Change(Departure):
         """Steps with enough of the motion on either side, and the ramp."""
         changes = in_steps(part, BLOCKS, parameters)
         steps = np.flatnonzero((changes.behind > LEAST) & (changes.behind < 1.0 - LEAST)).tolist()
-        numbers = [*steps, BLOCKS - 1]
-        sets = {GAIN: ([0], numbers), CHANNEL: ([0, 1], numbers)}
-        if len(part.changing) > 2:
-            sets[SENSOR] = list(range(1, len(part.changing))), numbers
+        numbers, times = [*steps, BLOCKS - 1], [*changes.time_s[steps].tolist(), None]
+        sets = [GAIN, CHANNEL] if len(part.changing) <= 2 else [GAIN, CHANNEL, SENSOR]
         return [
             Places(
-                tuple(_candidate(part, changes, number, kept, words, parameters) for number in numbers),
-                changes.sums.at(numbers).some(kept),
+                tuple(Candidate(words, number, time) for number, time in zip(numbers, times, strict=True)),
+                changes.sums.at(numbers).some(_kept(words, part)),
             )
-            for words, (kept, numbers) in sets.items()
+            for words in sets
         ]
+
+    def columns_of(self, candidate: Candidate, part: Part, scale: Scale) -> FloatArray:
+        """Those of a place."""
+        bins = part.changing_bins[_kept(candidate.words, part)]
+        return np.asarray(np.fft.irfft(bins, part.samples, axis=-1) * _factor(candidate, part))
+
+    def exact(self, candidate: Candidate, part: Part, parameters: int) -> Sums:
+        """Of the whitened columns."""
+        factor, rows = _factor(candidate, part), part.changing[_kept(candidate.words, part)]
+        return Sums.of(
+            part, part.freed(rows * factor), parameters, float(np.mean(factor)) * part.in_common(rows)[:, -1]
+        )
 
     def sentence(self, candidate: Candidate, score: Score) -> str:
         """What changed, and by how much."""
@@ -66,18 +76,14 @@ class Change(Departure):
         return words
 
 
-def _candidate(part: Part, changes: InTime, number: int, kept: Sequence[int], words: str, parameters: int) -> Candidate:
-    factor = np.repeat(changes.factors[number], np.diff(changes.edges))
+def _kept(words: str, part: Part) -> list[int]:
+    """Which of :attr:`Part.changing`."""
+    return {GAIN: [0], CHANNEL: [0, 1]}.get(words, list(range(1, len(part.changing))))
 
-    def columns() -> tuple[FloatArray]:
-        return (np.asarray(np.fft.irfft(part.changing_bins[kept], part.samples, axis=-1) * factor),)
 
-    def exactly() -> Sums:
-        white = part.freed(part.changing[kept] * factor)
-        return Sums.of(part, white, parameters, float(np.mean(factor)) * part.in_common(part.changing[kept])[:, -1])
-
-    time_s = float(changes.time_s[number]) if number < BLOCKS - 1 else None
-    return Candidate(words, columns, time_s, exactly=exactly)
+def _factor(candidate: Candidate, part: Part) -> FloatArray:
+    """Of each sample, shape (n,)."""
+    return np.repeat(factors_of(BLOCKS)[candidate.number], np.diff(edges_of(part.samples, BLOCKS)))
 
 
 CHANGE = Change()

@@ -64,7 +64,7 @@ class Harmonics(WithoutMotion):
         size = 0.5 * part.samples * float(np.max(np.abs(part.motion))) ** 2
         moved = [columns @ part.predicted / size for _, columns in self.columns(part, scale)]
         both = zip(places.candidates, moved, strict=True)
-        return [replace(places, candidates=tuple(Harmonic(one.words, one.columns, moved=own) for one, own in both))]
+        return [replace(places, candidates=tuple(Harmonic(one.words, one.number, moved=own) for one, own in both))]
 
     def code_of(self, candidate: Candidate, score: Score) -> WarningCode:
         """``few_fringes`` for those of an interferometer's light."""

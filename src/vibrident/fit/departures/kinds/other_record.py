@@ -9,12 +9,12 @@ import numpy as np
 
 from vibrident.base.amounts import plain
 from vibrident.base.warning_kinds import WarningCode
-from vibrident.data.records import FloatArray
 from vibrident.fit.departures.candidate import Candidate, Places
 from vibrident.fit.departures.departure import Departure, Scale, in_widths
 from vibrident.fit.departures.part import Part
 from vibrident.fit.departures.points import PointsPart
 from vibrident.fit.departures.score import Score, Sums
+from vibrident.fit.response.response import ComplexArray
 
 
 class OtherRecord(Departure):
@@ -25,15 +25,19 @@ class OtherRecord(Departure):
     pooled: ClassVar[bool] = False
     family: ClassVar[str] = "change"
 
-    def columns(self, part: Part, scale: Scale) -> Iterable[tuple[str, FloatArray]]:
-        """Motion and slope of the whole part."""
-        yield "", np.stack([part.motion])
+    def columns(self, part: Part, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
+        """Told by :meth:`places` instead."""
+        return ()
 
     def places(self, part: Part, scale: Scale, parameters: int) -> list[Places]:
         """The whole part; a sine has an amplitude and phase of its own, which its points compare."""
         if part.pull is not None or scale.parts < 2:
             return []
-        return in_widths([(Candidate("", lambda: (part.moved_bins,)), Sums.of(part, part.moved, parameters))])
+        return in_widths([(Candidate(""), Sums.of(part, part.moved, parameters))])
+
+    def columns_of(self, candidate: Candidate, part: Part, scale: Scale) -> ComplexArray:
+        """Motion and slope."""
+        return part.moved_bins
 
     def at_points(self, points: PointsPart) -> list[tuple[Candidate, Sums]]:
         """A complex factor of each record's points."""
