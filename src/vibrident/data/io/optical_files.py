@@ -91,7 +91,7 @@ class Optical:
 
 
 def read_optical(calibration: CalibrationFile, folder: Path, where: str) -> Optical:
-    """Read the records of a calibration whose reference is an interferometer's signals; arguments as `read_records`.
+    """Read the records of a calibration whose reference is an interferometer's signals; arguments as `named_parts`.
 
     Raises:
         InputError: a file cannot be used, or the signals cannot be followed.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from types import MappingProxyType
@@ -83,7 +84,8 @@ class Calibration:
 
     def __reduce__(self) -> tuple[object, ...]:  # views of mappings do not travel to another process
         own = {each.name: getattr(self, each.name) for each in fields(self)}
-        return _rebuilt, (own | {"sensor": dict(self.sensor), "certificate": dict(self.certificate)},)
+        own |= {"sensor": dict(self.sensor), "certificate": dict(self.certificate)}
+        return functools.partial(Calibration, **own), ()
 
     @classmethod
     def from_arrays(
@@ -168,10 +170,6 @@ def _each_record(channel: ArrayLike | Sequence[ArrayLike]) -> list[Any]:
     """The arrays of a channel, one a record: a single one where the elements are numbers."""
     whole = list(channel) if isinstance(channel, list | tuple) else list(np.asarray(channel))
     return whole if whole and np.ndim(whole[0]) > 0 else [channel]
-
-
-def _rebuilt(own: dict[str, Any]) -> Calibration:
-    return Calibration(**own)
 
 
 def describe(calibration: Calibration) -> list[dict[str, Any]]:

@@ -166,7 +166,7 @@ def _axis(axis: Axis) -> Chart:
         look |= {"type": "log", "range": listed(np.array(ends)), **_ticks(axis)}
     else:
         look |= {"range": listed(np.array([axis.low, axis.high]))}
-        if any(not _is_number(name) for _, name in axis.ticks):
+        if any(not name.replace("−", "-").replace(".", "").lstrip("-").isdigit() for _, name in axis.ticks):
             look |= _ticks(axis)
     return look
 
@@ -174,10 +174,6 @@ def _axis(axis: Axis) -> Chart:
 def _ticks(axis: Axis) -> Chart:
     names = [plotly(name) for _, name in axis.ticks]
     return {"tickmode": "array", "tickvals": [value for value, _ in axis.ticks], "ticktext": names}
-
-
-def _is_number(text: str) -> bool:
-    return text.replace("−", "-").replace(".", "").lstrip("-").isdigit()
 
 
 def _annotations(panel: Panel, across: list[float], domain: list[float], x: str, y: str) -> list[Any]:

@@ -42,7 +42,14 @@ def row_lines(path: Path, file: str, layout: CsvLayout) -> NDArray[np.int64]:
             ragged = np.flatnonzero((fields != layout.fields) & (fields != 0))
             if ragged.size:
                 bad = int(ragged[0])
-                raise _ragged(file, line + bad, int(fields[bad]), layout)
+                found = int(fields[bad])
+                raise InputError(
+                    "A row has the wrong number of fields.",
+                    expected=f"{layout.fields} fields, as in line {layout.first_line}",
+                    found=f"{found} field{'s' if found != 1 else ''}",
+                    where=f"{file}, line {line + bad}",
+                    remedy="repair or remove that line; a truncated last line can be removed",
+                )
             numbers.append(np.flatnonzero(fields) + line)
             line += fields.size
     return np.concatenate(numbers) if numbers else np.zeros(0, dtype=np.int64)
@@ -105,16 +112,6 @@ def _complete_rows(bytes_: NDArray[np.uint8], layout: CsvLayout) -> int:
 def _fields_with_quotes(chunk: bytes, layout: CsvLayout) -> NDArray[np.int64]:
     lines = chunk.decode(layout.encoding, errors="replace").removesuffix("\n").split("\n")
     return np.array([len(split_line(line, layout.delimiter)) if line.strip() else 0 for line in lines], dtype=np.int64)
-
-
-def _ragged(file: str, line: int, found: int, layout: CsvLayout) -> InputError:
-    return InputError(
-        "A row has the wrong number of fields.",
-        expected=f"{layout.fields} fields, as in line {layout.first_line}",
-        found=f"{found} field{'s' if found != 1 else ''}",
-        where=f"{file}, line {line}",
-        remedy="repair or remove that line; a truncated last line can be removed",
-    )
 
 
 #: Files up to this size are read without pandas, whose loading takes longer than reading many of them.
