@@ -142,13 +142,7 @@ def measurement(tree: Tree, result: Result) -> Any:
     conditions = [
         _condition(tree, stated, *entry) for entry in _CONDITIONS if stated.get(f"{entry[1]}_{entry[2]}") is not None
     ]
-    results = [
-        _result(
-            tree,
-            "parameters",
-            [_parameter(tree, result, *p) for p in result.parameters.items()],
-        )
-    ]
+    results = [_result(tree, "parameters", [_parameter(tree, result, *p) for p in result.parameters.items()])]
     if result.correlation.names and np.isfinite(np.array(result.correlation.matrix, float)).all():
         results.append(_result(tree, "correlation", [_correlation(tree, result)]))
     for key, curve in (("response", result.response), ("measured", result.measured)):

@@ -256,11 +256,7 @@ def _sampling(part: Part, calibration: CalibrationFile, main: ColumnFile, at: in
 
 
 def _optical_rate(
-    section: InterferometerSection,
-    other: ColumnFile,
-    places: Sequence[int],
-    sampling: Sampling,
-    part: Part,
+    section: InterferometerSection, other: ColumnFile, places: Sequence[int], sampling: Sampling, part: Part
 ) -> float:
     agreed = agreed_rate(section.rate_hz, [(other, place) for place in places], part.where, other.file)
     rate_hz = sampling.rate_hz if agreed is None else agreed.rate_hz

@@ -15,14 +15,7 @@ from vibrident.base.amounts import pretty
 from vibrident.base.brief import brief
 from vibrident.base.errors import InputError, unknown
 from vibrident.data.effects import Capability, SystematicEffect
-from vibrident.data.records.basis import (
-    QUANTITIES,
-    REFERENCE_UNITS,
-    USUAL_MODEL,
-    Excitation,
-    FloatArray,
-    Quantity,
-)
+from vibrident.data.records.basis import QUANTITIES, REFERENCE_UNITS, USUAL_MODEL, Excitation, FloatArray, Quantity
 from vibrident.data.records.record import Record, ResponseTable
 
 
