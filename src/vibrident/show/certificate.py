@@ -16,7 +16,7 @@ import numpy as np
 from vibrident.base.amounts import pretty
 from vibrident.result import Result
 from vibrident.show import certificate_tables as parts
-from vibrident.show import tables, words
+from vibrident.show import tables
 from vibrident.show.certificate_tables import instruments as instruments
 from vibrident.show.certificate_tables import parameters as parameters
 from vibrident.show.certificate_tables import reference as reference
@@ -259,10 +259,8 @@ def _amendment(result: Result, say: Say) -> tuple[Block, ...]:
 
 
 def _doubts(result: Result, say: Say) -> Iterator[Sentence]:
-    for code in result.warning_codes:
-        messages = (warning.message for warning in result.warnings if warning.code == code)
-        title = words.explain(code).title
-        yield Sentence(" ".join(messages), "doubt", f"{title[:1].upper()}{title[1:]}.")
+    for doubt in tables.doubts(result):
+        yield Sentence(" ".join(doubt.messages), "doubt", f"{doubt.title[:1].upper()}{doubt.title[1:]}.")
     if not (result.warnings or result.fit.adequate):
         yield Sentence(say("text", "inadequate"), "doubt")
 
