@@ -90,7 +90,7 @@ def _chart(stacks: Sequence[Stack]) -> Chart:
     for i, stack in enumerate(stacks):
         across = [float(shares[i]) + gap * (i > 0), float(shares[i + 1]) - gap * (i < len(stacks) - 1)]
         domains = _domains(stack)
-        x = _name("x", i)
+        x = f"x{i + 1}" if i else "x"
         for panel, domain in zip(stack.panels, domains, strict=True):
             number += 1
             y = f"y{number}" if number > 1 else "y"
@@ -121,10 +121,6 @@ def _scales() -> Chart:
         for kind, ticks in kinds.items()
     ]
     return {"buttons": buttons, "x": 1.0, "xanchor": "right", "y": 1.0, "yanchor": "bottom", "pad": {"b": 4}}
-
-
-def _name(letter: str, i: int) -> str:
-    return letter if i == 0 else f"{letter}{i + 1}"
 
 
 def _once(data: list[Any]) -> None:
