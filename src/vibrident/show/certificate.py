@@ -145,7 +145,8 @@ def groups(result: Result, say: Say = ENGLISH) -> tuple[Facts, ...]:
     device: list[Fact] = [(say("label", key), _text(sensor, key)) for key in _SENSOR]
     device += [(_words(key), str(value)) for key, value in others.items()]
     device += given("condition")
-    order: list[Fact] = [(say("label", "customer"), _lines(stated, "customer", "customer_address"))]
+    customer = "\n".join(str(stated[key]) for key in ("customer", "customer_address") if stated.get(key))
+    order: list[Fact] = [(say("label", "customer"), customer or None)]
     order += given("order_number", "date_of_receipt")
     order += [*always("date_of_calibration", "date_of_issue"), *given("place")]
     conditions = [*always("mounting"), *given("direction", "amplitude", "conditioning")]
@@ -166,10 +167,6 @@ def groups(result: Result, say: Say = ENGLISH) -> tuple[Facts, ...]:
     titled = {"object": device, "order": order, "conditions": conditions, "method": method}
     titled |= {"further": further} if further else {}
     return tuple(Facts(tuple(rows), say("group", name)) for name, rows in titled.items())
-
-
-def _lines(stated: Mapping[str, Any], *keys: str) -> str | None:
-    return "\n".join(str(stated[key]) for key in keys if stated.get(key)) or None
 
 
 def _words(key: str) -> str:
