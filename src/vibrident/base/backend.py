@@ -23,13 +23,9 @@ LEAST_ERROR = 1e-12  # largest relative error of sound arithmetic
 _CURE = "--xla_cpu_experimental_ynn_fusion_type="
 
 
-def _numbers(version: str) -> tuple[int, ...]:
-    return tuple(int(part) for part in version.split(".") if part.isdigit())
-
-
 def _with_cure(flags: str, version: str) -> str:
     """XLA's flags with the one that a faulty version needs; XLA ends a process whose flags it does not know."""
-    faulty = FIRST_FAULTY <= _numbers(version) <= LAST_FAULTY
+    faulty = FIRST_FAULTY <= tuple(int(part) for part in version.split(".") if part.isdigit()) <= LAST_FAULTY
     return f"{flags} {_CURE}".strip() if faulty and _CURE not in flags else flags
 
 

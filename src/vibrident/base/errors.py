@@ -22,15 +22,7 @@ class InputError(VibridentError):
         remedy: what the user can do about it.
     """
 
-    def __init__(
-        self,
-        problem: str,
-        *,
-        expected: str = "",
-        found: str = "",
-        where: str = "",
-        remedy: str = "",
-    ) -> None:
+    def __init__(self, problem: str, *, expected: str = "", found: str = "", where: str = "", remedy: str = "") -> None:
         self.problem = problem
         self.expected = expected
         self.found = found

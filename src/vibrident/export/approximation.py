@@ -16,7 +16,6 @@ import numpy as np
 from vibrident.base.errors import InputError
 from vibrident.export.poles_zeros import PolesZeros, poles_zeros
 from vibrident.export.sensor import Exported, require_linear
-from vibrident.physics.models import AddOn
 
 #: A negative delay within so many standard uncertainties is zero.
 COVERAGE = 2.0
@@ -41,7 +40,13 @@ def held(sensor: Exported) -> tuple[PolesZeros, list[str]]:
         if addon.factor is None:
             continue
         if not addon.window:
-            raise _not_held(addon)
+            raise InputError(
+                f"Poles and zeros cannot hold {addon.name!r}.",
+                expected="add-ons that are ratios of polynomials, delays or averages",
+                found=f"{addon.name}: {addon.title}",
+                where="--format",
+                remedy=f"give --without {addon.name}: the file then states the error over the band",
+            )
         length = float(sensor.values[addon.window])
         order = _order(partial(_boxcar, length), partial(_averaged, length), sensor, addon.name, length)
         system = system.times(_boxcar(length, order))
@@ -74,16 +79,6 @@ def _late(sensor: Exported) -> tuple[PolesZeros, str]:
     return _delay(delay, order), (
         f"delay of {delay!r} s: {order} poles and {order} zeros, before those of an average, are its all-pass "
         f"approximation of order {order} (Pade)"
-    )
-
-
-def _not_held(addon: AddOn) -> InputError:
-    return InputError(
-        f"Poles and zeros cannot hold {addon.name!r}.",
-        expected="add-ons that are ratios of polynomials, delays or averages",
-        found=f"{addon.name}: {addon.title}",
-        where="--format",
-        remedy=f"give --without {addon.name}: the file then states the error over the band",
     )
 
 

@@ -142,17 +142,12 @@ def measurement(tree: Tree, result: Result) -> Any:
     conditions = [
         _condition(tree, stated, *entry) for entry in _CONDITIONS if stated.get(f"{entry[1]}_{entry[2]}") is not None
     ]
-    results = [
-        _result(
-            tree,
-            "parameters",
-            [_parameter(tree, result, *p) for p in result.parameters.items()],
-        )
-    ]
+    results = [_result(tree, "parameters", [_parameter(tree, result, *p) for p in result.parameters.items()])]
     if result.correlation.names and np.isfinite(np.array(result.correlation.matrix, float)).all():
         results.append(_result(tree, "correlation", [_correlation(tree, result)]))
     for key, curve in (("response", result.response), ("measured", result.measured)):
-        whole = _whole(curve)
+        # Points with frequency and magnitude: D-SI's lists allow no blanks.
+        whole = np.flatnonzero(np.isfinite(curve.frequency_hz) & np.isfinite(curve.magnitude)).tolist()
         if whole:
             results.append(_result(tree, key, [_curve(tree, result, curve, whole)]))
     if lists := _budget(tree, result):
@@ -285,11 +280,6 @@ def _correlation(tree: Tree, result: Result) -> Any:
     ]
     order = "columns in the order of the rows: " + ", ".join(result.correlation.names)
     return tree.make("list", tree.text("name", "Correlation matrix"), tree.text("description", order), *rows)
-
-
-def _whole(curve: Curve) -> list[int]:
-    """Points with frequency and magnitude: D-SI's lists allow no blanks."""
-    return np.flatnonzero(np.isfinite(curve.frequency_hz) & np.isfinite(curve.magnitude)).tolist()
 
 
 def _curve(tree: Tree, result: Result, curve: Curve, whole: Sequence[int]) -> Any:

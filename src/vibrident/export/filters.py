@@ -204,7 +204,15 @@ def model_filter(sensor: ExportedSensor, rate_hz: float) -> tuple[Filter, HoldCe
     require_linear(sensor)
     cell = cell_of(sensor, 1.0 / rate_hz)
     system = poles_zeros(sensor)
-    _check_aliases(system, rate_hz)
+    highest = float(np.max(np.abs(np.imag(system.poles)))) / (2.0 * np.pi)
+    if highest >= 0.5 * rate_hz:
+        raise InputError(
+            "The sensor's resonance is above half the sampling rate.",
+            expected=f"more than {2.0 * highest:g} samples per second",
+            found=f"{rate_hz:g}",
+            where="--rate",
+            remedy="give a higher --rate",
+        )
     filling = np.array(_SAMPLING_ZEROS[len(system.poles) - len(system.zeros)])
     sections = sections_of(system, 1.0 / rate_hz, filling, float(np.sqrt(sensor.band_hz[0] * sensor.band_hz[1])))
     shift = (sensor.delay_s + 0.5 * sensor.window_s) * rate_hz
@@ -228,18 +236,6 @@ def model_filter(sensor: ExportedSensor, rate_hz: float) -> tuple[Filter, HoldCe
         size=1e-11,
     )
     return Filter(taps, sections, rate_hz), cell
-
-
-def _check_aliases(system: PolesZeros, rate_hz: float) -> None:
-    highest = float(np.max(np.abs(np.imag(system.poles)))) / (2.0 * np.pi)
-    if highest >= 0.5 * rate_hz:
-        raise InputError(
-            "The sensor's resonance is above half the sampling rate.",
-            expected=f"more than {2.0 * highest:g} samples per second",
-            found=f"{rate_hz:g}",
-            where="--rate",
-            remedy="give a higher --rate",
-        )
 
 
 def correction_filter(sensor: ExportedSensor, rate_hz: float) -> Filter:

@@ -6,7 +6,6 @@ derivatives, each times a coefficient that follows the parameters.
 
 from __future__ import annotations
 
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +14,7 @@ from vibrident.base.errors import InputError
 from vibrident.base.escaping import c_comment
 from vibrident.data.records import FloatArray
 from vibrident.export.filters import checked_rate
-from vibrident.export.form import Options
+from vibrident.export.form import Options, template
 from vibrident.export.sensor import ExportedSensor, identity
 from vibrident.use.tracking import learner, network, tracker
 from vibrident.use.tracking.information import LEFT, NONE, WITHIN
@@ -28,12 +27,6 @@ REACH = 48  # samples of the corrector on either side
 FLAT = 0.03
 TRANSITION = 0.1
 BLACKMAN = (0.42, 0.5, 0.08)  # cosines of its window (Oppenheim & Schafer 2010, sec. 7.5)
-
-
-@cache
-def template(ending: str) -> str:
-    """The C text around the numbers; ``ending``: ``h`` or ``c``."""
-    return (Path(__file__).parent / "templates" / f"online.{ending}").read_text(encoding="utf-8")
 
 
 def tracker_of(sensor: ExportedSensor, rate_hz: float, settings: Settings) -> Tracker:
@@ -94,7 +87,7 @@ def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
     values = _numbers(sensor, made, rate, options.name)
     paths = []
     for ending in ("h", "c"):
-        text = template(ending)
+        text = template(f"online.{ending}")
         for name, value in values.items():
             text = text.replace(f"@{name}@", value)
         path = folder / f"{options.name}.{ending}"

@@ -85,13 +85,7 @@ class Dataset:
         return digest.hexdigest()
 
 
-def section_4(
-    *,
-    seed: int,
-    rate_hz: float = RATE_HZ,
-    samples: int = SAMPLES,
-    full_range: bool = False,
-) -> Dataset:
+def section_4(*, seed: int, rate_hz: float = RATE_HZ, samples: int = SAMPLES, full_range: bool = False) -> Dataset:
     """The paper's simulated data.
 
     Args:

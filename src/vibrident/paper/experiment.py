@@ -31,10 +31,7 @@ SHAKER_DB = 40.0  # shaker's own vibration below the sine, dB
 SHAKER_BAND_HZ = (5.0, 4000.0)  # band of that vibration, Hz
 #: The vibrometer is later than the response, so the response's delay relative to it is negative.
 MSV_3000 = Sensor(
-    "msv3000",
-    "MSV 3000 type, simulated",
-    "accelerometer+delay",
-    {**SENSOR.parameters, "delay": -VIBROMETER_DELAY_S},
+    "msv3000", "MSV 3000 type, simulated", "accelerometer+delay", {**SENSOR.parameters, "delay": -VIBROMETER_DELAY_S}
 )
 _HALF = 80  # half length of the filter from velocity to acceleration, samples
 _EDGE_HZ = 5000.0  # its upper edge, Hz

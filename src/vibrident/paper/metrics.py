@@ -61,10 +61,7 @@ class CurveDeviation:
 
 
 def curve_deviation(
-    model: SensorModel,
-    found: Mapping[str, float],
-    truth: Mapping[str, float],
-    band_hz: tuple[float, float],
+    model: SensorModel, found: Mapping[str, float], truth: Mapping[str, float], band_hz: tuple[float, float]
 ) -> CurveDeviation:
     """Deviation of the curve of the estimated parameters from the true one, over a band in log f."""
     frequency = np.geomspace(*band_hz, CURVE_POINTS)

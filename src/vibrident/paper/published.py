@@ -8,7 +8,6 @@ from vibrident.paper.metrics import Metrics
 
 RESONANCE_HZ = 630.0  # table 2
 SENSITIVITY_MV_PER_G = 1020.0
-DAMPING_RATIO = 0.182
 
 #: Table 3: learning rate, batch, activation, bias, hidden neurons (the paper's row "Hidden Layers").
 HYPER_PARAMETERS = (

@@ -74,10 +74,7 @@ def the_run(run: Reproduction) -> Table:
         ("test records", ", ".join(data.calibration.records[i].name for i in data.test)),
         ("SHA-256 of the records", data.sha256[:16] + " …"),
         ("outliers found", str(data.outliers)),
-        (
-            "scale: a normalised 1 is",
-            f"excitation {data.reference.unit:.4g} m/s², response {data.response.unit:.4g} V",
-        ),
+        ("scale: a normalised 1 is", f"excitation {data.reference.unit:.4g} m/s², response {data.response.unit:.4g} V"),
         (
             "shift that min–max would add",
             f"excitation {data.reference.shift:.2g}, response {data.response.shift:.2g} (normalised)",

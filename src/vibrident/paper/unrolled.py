@@ -114,12 +114,7 @@ def network_for(
 
 
 def fit(
-    network: Network,
-    near: Mapping[str, float],
-    schedule: Schedule,
-    *,
-    seed: int,
-    progress: Progress = silent,
+    network: Network, near: Mapping[str, float], schedule: Schedule, *, seed: int, progress: Progress = silent
 ) -> Fitted:
     """Train ``network`` by Adam on the training records' windows; all of them must share a sampling rate.
 

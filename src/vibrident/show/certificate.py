@@ -16,7 +16,7 @@ import numpy as np
 from vibrident.base.amounts import pretty
 from vibrident.result import Result
 from vibrident.show import certificate_tables as parts
-from vibrident.show import tables, words
+from vibrident.show import tables
 from vibrident.show.certificate_tables import instruments as instruments
 from vibrident.show.certificate_tables import parameters as parameters
 from vibrident.show.certificate_tables import reference as reference
@@ -145,7 +145,8 @@ def groups(result: Result, say: Say = ENGLISH) -> tuple[Facts, ...]:
     device: list[Fact] = [(say("label", key), _text(sensor, key)) for key in _SENSOR]
     device += [(_words(key), str(value)) for key, value in others.items()]
     device += given("condition")
-    order: list[Fact] = [(say("label", "customer"), _lines(stated, "customer", "customer_address"))]
+    customer = "\n".join(str(stated[key]) for key in ("customer", "customer_address") if stated.get(key))
+    order: list[Fact] = [(say("label", "customer"), customer or None)]
     order += given("order_number", "date_of_receipt")
     order += [*always("date_of_calibration", "date_of_issue"), *given("place")]
     conditions = [*always("mounting"), *given("direction", "amplitude", "conditioning")]
@@ -166,10 +167,6 @@ def groups(result: Result, say: Say = ENGLISH) -> tuple[Facts, ...]:
     titled = {"object": device, "order": order, "conditions": conditions, "method": method}
     titled |= {"further": further} if further else {}
     return tuple(Facts(tuple(rows), say("group", name)) for name, rows in titled.items())
-
-
-def _lines(stated: Mapping[str, Any], *keys: str) -> str | None:
-    return "\n".join(str(stated[key]) for key in keys if stated.get(key)) or None
 
 
 def _words(key: str) -> str:
@@ -259,10 +256,8 @@ def _amendment(result: Result, say: Say) -> tuple[Block, ...]:
 
 
 def _doubts(result: Result, say: Say) -> Iterator[Sentence]:
-    for code in result.warning_codes:
-        messages = (warning.message for warning in result.warnings if warning.code == code)
-        title = words.explain(code).title
-        yield Sentence(" ".join(messages), "doubt", f"{title[:1].upper()}{title[1:]}.")
+    for doubt in tables.doubts(result):
+        yield Sentence(" ".join(doubt.messages), "doubt", f"{doubt.title[:1].upper()}{doubt.title[1:]}.")
     if not (result.warnings or result.fit.adequate):
         yield Sentence(say("text", "inadequate"), "doubt")
 

@@ -284,11 +284,7 @@ def beside(results: Sequence[Result], names: Sequence[str]) -> Figure | None:
     parts: list[list[Series]] = [[], [], [], []]
     for i, (result, name) in enumerate(alike):
         curve, look = result.response, replace(LINES[i % len(LINES)], marker="", width=1.6)
-        x, magnitude, phase = (
-            curve.frequency_hz,
-            curve.magnitude,
-            continuous(curve.phase_deg),
-        )
+        x, magnitude, phase = curve.frequency_hz, curve.magnitude, continuous(curve.phase_deg)
         base = [sensitivity_at(first, Nominal(f, f)) for f in curve.frequency_hz]
         ratio = magnitude / numbers([None if point is None else point.magnitude for point in base])
         turned = principal(phase - numbers([None if point is None else point.phase_deg for point in base]))

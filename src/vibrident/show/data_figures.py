@@ -32,7 +32,9 @@ def inspection(calibration: Calibration) -> Figure:
     """Excerpts of at most six records with the samples that are left out, or the table with U (k = 2)."""
     if calibration.table is not None:
         return _table(calibration, calibration.table)
-    chosen, faulty = _chosen(calibration)
+    records = sorted(calibration.records, key=lambda record: sine_frequency(record) or 0.0)
+    doubtful = [not record.mask.all() for record in records]
+    chosen, faulty = _some(records, doubtful, MOST), sum(doubtful)
     stacks = tuple(_record(record, calibration) for record in chosen)
     left_out = f"× left out of every fit ({faulty} records affected)." if faulty else ""
     shown = f"{len(chosen)} of {len(calibration.records)} records shown. " * (len(chosen) < len(calibration.records))
@@ -68,13 +70,6 @@ def _optional(values: FloatArray | None, points: int) -> FloatArray:
 
 def _degrees(values: FloatArray | None, points: int) -> FloatArray:
     return _optional(None if values is None else np.rad2deg(values), points)
-
-
-def _chosen(calibration: Calibration) -> tuple[list[Record], int]:
-    """Records to show, those that need a look among them, and how many do."""
-    records = sorted(calibration.records, key=lambda record: sine_frequency(record) or 0.0)
-    faulty = [not record.mask.all() for record in records]
-    return _some(records, faulty, MOST), sum(faulty)
 
 
 def _some(records: Sequence[Record], first: Sequence[bool], most: int) -> list[Record]:

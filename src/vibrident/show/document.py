@@ -40,6 +40,7 @@ MOST_FILES = 100  # data files listed in a report; the result lists them all
 def report(result: Result, more: Sequence[Section] = ()) -> Document:
     """The report of one result, with more sections before its settings."""
     name = sensor_name(result.sensor)
+    others = {key: value for key, value in result.settings.items() if "budget" not in key and key not in _SHOWN}
     sections = [
         section("warnings", "Warnings", *(tables.doubts(result) or (Sentence("None."),))),
         findings(result),
@@ -60,7 +61,7 @@ def report(result: Result, more: Sequence[Section] = ()) -> Document:
             else []
         ),
         *more,
-        section("settings", "Settings", *_settings(result)),
+        section("settings", "Settings", *tables.values(others)),
         section("provenance", "Provenance", *_provenance(result)),
     ]
     return document(f"Calibration of {name}" if name else "Calibration", head(result), sections)
@@ -141,11 +142,6 @@ def _training(result: Result) -> tuple[Block | None, ...]:
     sentence, weights = tables.training(result), tables.weights(result)
     folded = None if weights is None else Folded("Weights of the network (the paper's Table 1)", (weights,))
     return Sentence(sentence) if sentence else None, figures.training(result), folded
-
-
-def _settings(result: Result) -> Sequence[Block]:
-    others = {key: value for key, value in result.settings.items() if "budget" not in key and key not in _SHOWN}
-    return tables.values(others)
 
 
 def _certificate(result: Result) -> tuple[Block | None, ...]:

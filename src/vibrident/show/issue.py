@@ -126,9 +126,7 @@ def issued(result: Result, given: Sequence[str | os.PathLike[str]] | Certificate
 def stated(result: Result, data: CertificateData) -> Result:
     """The result with further statements for its certificate and sensor; None takes one back."""
     return replace(
-        result,
-        certificate=_over(result.certificate, data.certificate),
-        sensor=_over(result.sensor, data.sensor),
+        result, certificate=_over(result.certificate, data.certificate), sensor=_over(result.sensor, data.sensor)
     )
 
 

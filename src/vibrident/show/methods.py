@@ -189,7 +189,7 @@ def network_beside(results: Sequence[Result], truth: Mapping[str, float], true_c
     for row in weight_rows(results[-1].weights, digits=3):
         for number, numbers in enumerate(row.numbers, 1):
             name = f"{row.name} {row.layer}" + f", row {number}" * (len(row.numbers) > 1)
-            lines = _by_two(numbers)
+            lines = ["  ".join(numbers[i : i + 2]) for i in range(0, len(numbers), 2)]
             weights += [(name * (line is lines[0]), "", "", *("" for _ in called[:-1]), line) for line in lines]
     groups = {len(values): "the curve:"}
     groups |= {len(values) + len(curve): "its weights (Table 1):"} if weights else {}
@@ -205,10 +205,6 @@ def _against(
     cells = [NONE if p is None else _with_u(*p, scale) for p in pairs]
     off = ["" if p is None or not p[1] else f"{signed((p[0] - true) / p[1], 1)} u" for p in pairs]
     return [(name, scale.printed, plain(scale.times(true), 8), *cells), ("", "", "", *off)]
-
-
-def _by_two(numbers: tuple[str, ...]) -> list[str]:
-    return ["  ".join(numbers[i : i + 2]) for i in range(0, len(numbers), 2)]
 
 
 def planned(plan: Plan) -> Table:

@@ -13,8 +13,7 @@ from vibrident.result import Result
 from vibrident.show import figures
 from vibrident.show.data_figures import inspection, light
 from vibrident.show.media import drawing
-from vibrident.show.tracking_figures import tracking
-from vibrident.show.use_figures import correction, plan
+from vibrident.show.use_figures import correction, plan, tracking
 from vibrident.show.views import Figure
 
 if TYPE_CHECKING:

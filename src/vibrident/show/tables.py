@@ -128,10 +128,7 @@ def correlation(result: Result) -> Table | None:
         return None
     short = [symbol(name) or name for name in names]
     rows = tuple(
-        (
-            parameter_name(name).words,
-            *(signed(value, 3) for value in row),
-        )
+        (parameter_name(name).words, *(signed(value, 3) for value in row))
         for name, row in zip(names, result.correlation.matrix, strict=False)
     )
     return Table((Column(""), *columns(*short, kind="number")), rows)

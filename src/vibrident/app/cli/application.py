@@ -42,7 +42,9 @@ class Commands(TyperGroup):
         """Find a command; names from plug-ins are looked up only for its help."""
         name, command, rest = super().resolve_command(ctx, args)
         if command is not None and {"-h", "--help"} & set(rest):
-            command.help = _flowing(command.help or "")
+            # Each paragraph on one line: typer keeps other line ends.
+            parts = (command.help or "").split("\n\n")
+            command.help = "\n\n".join(" ".join(part.split()) for part in parts)
             for parameter in command.params:
                 for text in ("metavar", "help"):
                     if hasattr(parameter, text):
@@ -58,11 +60,6 @@ class Commands(TyperGroup):
             raise typer.Exit(BAD_INPUT) from None
         except KeyboardInterrupt:
             raise typer.Exit(INTERRUPTED) from None
-
-
-def _flowing(text: str) -> str:
-    """A help text with its paragraphs on one line each: typer keeps other line ends."""
-    return "\n\n".join(" ".join(part.split()) for part in text.split("\n\n"))
 
 
 app = typer.Typer(

@@ -85,7 +85,13 @@ class ColumnsStep:
             ui.label("Looking at the files …").props("role=status")
         try:
             if not session.files:
-                raise _missing_data()
+                raise InputError(
+                    "There is a calibration file, but no data.",
+                    expected="the files that it names",
+                    found="none",
+                    where="upload",
+                    remedy="add them",
+                )
             name = session.calibration
             text = "" if name is None else await self.user.look(calibration, session.data, name)
             if name is None and (again or self.user.form is None):
@@ -359,16 +365,6 @@ def merged(before: Form | None, found: Guess) -> Form:
         if role not in before.touched and getattr(before.given, role) not in (None, *found.columns.columns):
             setattr(before.given, role, getattr(given, role))
     return Form(found, before.given, before.touched)
-
-
-def _missing_data() -> InputError:
-    return InputError(
-        "There is a calibration file, but no data.",
-        expected="the files that it names",
-        found="none",
-        where="upload",
-        remedy="add them",
-    )
 
 
 def _called(element: Any, identity: str) -> Any:

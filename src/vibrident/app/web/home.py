@@ -53,7 +53,13 @@ class Home:
                 self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
                 self._take(self.folder)
             except OSError as error:
-                raise _taken(self.folder, error) from error
+                raise InputError(
+                    "The folder in which the page keeps its state cannot be used.",
+                    expected="a folder that this user may write and no other server uses",
+                    found=error.strerror or str(error),
+                    where=str(self.folder),
+                    remedy="stop the other server, choose another --port, or keep nothing with --keep 0",
+                ) from error
             remove_leftovers(kept, keep_s)
         self.spool = self.folder / "spool"
         shutil.rmtree(self.spool, ignore_errors=True)
@@ -119,13 +125,3 @@ def _remove(name: str, above: int, older_s: float) -> bool:
     finally:
         os.close(lock)
     return True
-
-
-def _taken(folder: Path, error: OSError) -> InputError:
-    return InputError(
-        "The folder in which the page keeps its state cannot be used.",
-        expected="a folder that this user may write and no other server uses",
-        found=error.strerror or str(error),
-        where=str(folder),
-        remedy="stop the other server, choose another --port, or keep nothing with --keep 0",
-    )

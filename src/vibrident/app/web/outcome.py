@@ -69,7 +69,9 @@ class OutcomeStep:
             return
         self.body.clear()
         with self.body:
-            _verdict(shown)
+            for part in ("verdict", "parameters", "warnings"):
+                if shown[part]:  # of ``looks``, where untrusted text was escaped
+                    ui.html(shown[part], sanitize=False)
             self.certificate = CertificateForm(self.user, named, shown["states"])
             self._downloads(named, *shown["pdf"])
             self.certificate.build()
@@ -230,13 +232,6 @@ async def give(user: User, errors: ui.element, name: str, function: Any, *args: 
         return
     if not errors.is_deleted:
         ui.download.file(place, name)
-
-
-def _verdict(shown: dict[str, Any]) -> None:
-    """The pieces of HTML come from ``looks``, where untrusted text was escaped."""
-    for part in ("verdict", "parameters", "warnings"):
-        if shown[part]:
-            ui.html(shown[part], sanitize=False)
 
 
 def _curves(shown: dict[str, Any]) -> None:

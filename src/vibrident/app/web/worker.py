@@ -62,7 +62,8 @@ class Worker:
             asyncio.CancelledError: it was cancelled.
         """
         loop = asyncio.get_running_loop()
-        limits = Limits(_MOST_SECONDS, _memory(folder), _MOST_FILE_BYTES)
+        memory_bytes = _MEMORY + _MEMORY_A_BYTE * sum(path.stat().st_size for path in folder.iterdir())
+        limits = Limits(_MOST_SECONDS, memory_bytes, _MOST_FILE_BYTES)
         told = None if progress is None else partial(loop.call_soon_threadsafe, progress)
         self._process = process = Process(folder=folder, wrapper=confined(folder, writable=True))
         try:
@@ -124,10 +125,6 @@ def simulate_demo() -> None:
     write_demo(Path.cwd())
     for name in ("calibration.toml", "truth.json"):
         Path(name).unlink()
-
-
-def _memory(folder: Path) -> int:
-    return _MEMORY + _MEMORY_A_BYTE * sum(path.stat().st_size for path in folder.iterdir())
 
 
 def _refusal(death: Died, limits: Limits) -> Exception:

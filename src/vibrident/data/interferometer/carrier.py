@@ -56,7 +56,9 @@ class Baseband(Decimated):
                 remedy="correct carrier_hz, or rate_hz of [interferometer]",
             )
         room = ROOM * min(near_hz, half - near_hz)
-        pieces = _pieces(raw)
+        length = min(PIECE, raw.samples)
+        starts = np.linspace(0, raw.samples - length, PIECES).astype(int)
+        pieces = np.stack([raw.block(int(s), int(s) + length)[0] for s in starts], dtype=float)
         power = np.abs(np.fft.rfft((pieces - pieces.mean(axis=1, keepdims=True)) * np.blackman(pieces.shape[1]))) ** 2
         low, high = _band(np.max(power, axis=0), raw.rate_hz, near_hz, room, where)
         least = max(16.0 * raw.rate_hz / PIECE, min(LEAST * response_hz, most * raw.rate_hz))
@@ -103,12 +105,6 @@ class Turned:
         u = self.raw.block(start, stop)
         turned = (u[0] + 1j * u[1]) * np.exp(-1j * self.left(np.arange(start, stop)))
         return np.stack([turned.real, turned.imag])
-
-
-def _pieces(raw: Signals) -> FloatArray:
-    length = min(PIECE, raw.samples)
-    starts = np.linspace(0, raw.samples - length, PIECES).astype(int)
-    return np.stack([raw.block(int(s), int(s) + length)[0] for s in starts], dtype=float)
 
 
 def _clear(power: FloatArray, half_hz: float) -> float:

@@ -233,7 +233,8 @@ def _patterns(
     """
     stacked = np.concatenate([change for _, change in members], axis=1)
     noise = np.concatenate([answer.noise for answer, _ in members])
-    root = _root(covariance)
+    powers, axes = np.linalg.eigh(covariance)
+    root = axes * np.sqrt(np.maximum(powers, 0.0))
     rows = (root.T @ stacked) / np.maximum(noise, 1e-300)
     values, vectors = np.linalg.eigh(np.real(rows @ np.conj(rows.T)))
     turned = root @ vectors
@@ -242,11 +243,6 @@ def _patterns(
         for value, along in zip(values, turned.T, strict=True)
         if value > NEGLIGIBLE**2
     ]
-
-
-def _root(covariance: FloatArray) -> FloatArray:
-    values, vectors = np.linalg.eigh(covariance)
-    return vectors * np.sqrt(np.maximum(values, 0.0))
 
 
 def _pattern(

@@ -184,7 +184,6 @@ def _check_sensor(calibration: CalibrationFile, where: str) -> None:
 
 
 def _check_content(calibration: CalibrationFile, where: str) -> None:
-    """Check the combination of keys."""
     if bool(calibration.records) == (calibration.table is not None):
         raise InputError(
             "A calibration needs either records or a table.",

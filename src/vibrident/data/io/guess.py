@@ -96,7 +96,10 @@ def guess_columns(path: Path) -> Columns:
         InputError: the file cannot be opened.
     """
     source = open_columns(path)
-    columns = _columns(source)
+    own = source.names
+    columns = tuple(
+        own[p] if own[p] and own.count(own[p]) == 1 else source.numbered.index(p) + 1 for p in _positions(source)
+    )
     if not columns:
         raise InputError(
             "The file has no column that can be chosen.",
@@ -153,14 +156,6 @@ def guess_columns(path: Path) -> Columns:
 def _positions(source: ColumnFile) -> list[int]:
     names = source.names
     return [p for p in range(len(names)) if p in source.numbered or (names[p] and names.count(names[p]) == 1)]
-
-
-def _columns(source: ColumnFile) -> tuple[int | str, ...]:
-    names = source.names
-    return tuple(
-        names[p] if names[p] and names.count(names[p]) == 1 else source.numbered.index(p) + 1
-        for p in _positions(source)
-    )
 
 
 def _label(name: str, column: int | str) -> str:

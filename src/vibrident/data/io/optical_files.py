@@ -91,7 +91,7 @@ class Optical:
 
 
 def read_optical(calibration: CalibrationFile, folder: Path, where: str) -> Optical:
-    """Read the records of a calibration whose reference is an interferometer's signals; arguments as `read_records`.
+    """Read the records of a calibration whose reference is an interferometer's signals; arguments as `named_parts`.
 
     Raises:
         InputError: a file cannot be used, or the signals cannot be followed.
@@ -256,11 +256,7 @@ def _sampling(part: Part, calibration: CalibrationFile, main: ColumnFile, at: in
 
 
 def _optical_rate(
-    section: InterferometerSection,
-    other: ColumnFile,
-    places: Sequence[int],
-    sampling: Sampling,
-    part: Part,
+    section: InterferometerSection, other: ColumnFile, places: Sequence[int], sampling: Sampling, part: Part
 ) -> float:
     agreed = agreed_rate(section.rate_hz, [(other, place) for place in places], part.where, other.file)
     rate_hz = sampling.rate_hz if agreed is None else agreed.rate_hz

@@ -12,7 +12,7 @@ from vibrident.data.io.calibration_file import CalibrationFile, read_calibration
 from vibrident.data.io.columns import memory_for
 from vibrident.data.io.header_units import reference_unit, unit_of_another_kind
 from vibrident.data.io.readers import by_ending, open_columns
-from vibrident.data.io.record_files import data_files, read_records
+from vibrident.data.io.record_files import data_files, named_parts, read_record
 from vibrident.data.io.sections import effects_at
 from vibrident.data.io.table_file import read_table
 from vibrident.data.records import Calibration, Record
@@ -84,7 +84,8 @@ def calibration_of(document: CalibrationFile, folder: Path, where: str) -> Calib
         if document.table:
             table = read_table(document, folder, where)
         else:
-            records = read_records(document, folder, where, unit)
+            parts = named_parts(document, folder, where)
+            records = tuple(read_record(part, name, document, folder, unit) for part, name in parts)
     return Calibration(
         records=records,
         table=table,

@@ -39,26 +39,14 @@ class Part:
     where: str
 
 
-def read_records(calibration: CalibrationFile, folder: Path, where: str, reference_unit: str) -> tuple[Record, ...]:
-    """Read the files of all [[records]] entries, in the order of the entries and, within a glob, in natural order.
+def named_parts(calibration: CalibrationFile, folder: Path, where: str) -> list[tuple[Part, str]]:
+    """The part to read for each record, and the record's name: by entry and, within a glob, in natural order.
 
-    Args:
-        calibration: the checked calibration file.
-        folder: where its relative paths start.
-        where: the calibration file, for messages.
-        reference_unit: of the reference after scaling.
+    ``folder``: where the file's relative paths start; ``where``: the calibration file, for messages.
 
     Raises:
-        InputError: a glob matches nothing, a file is asked for twice, or a file cannot be used.
+        InputError: a glob matches nothing, or a file is asked for twice.
     """
-    return tuple(
-        read_record(part, name, calibration, folder, reference_unit)
-        for part, name in named_parts(calibration, folder, where)
-    )
-
-
-def named_parts(calibration: CalibrationFile, folder: Path, where: str) -> list[tuple[Part, str]]:
-    """The part to read for each record, and the record's name; arguments and errors as :func:`read_records`."""
     parts = list(_parts(calibration.records, folder, where))
     _refuse_overlaps(parts, folder)
     return list(zip(parts, _record_names(parts), strict=True))

@@ -74,7 +74,8 @@ def _bad_value(finding: ErrorDetails, root: type[BaseModel], file: str, what: st
     if not expected:
         expected = finding["msg"].removeprefix("Input should be ").replace(" or ", ", ").replace("'", '"')
         expected = expected if finding["type"] == "literal_error" else finding["msg"]
-    found = _input_at(finding, location)
+    text = repr(finding["input"])[:60]
+    found = f"{location[-1]} = {text}" if location and isinstance(location[-1], str) else text
     return InputError(
         f"A value in the {what} file cannot be used.",
         expected=expected,
@@ -82,11 +83,6 @@ def _bad_value(finding: ErrorDetails, root: type[BaseModel], file: str, what: st
         where=_where(file, location, root),
         remedy="correct the value",
     )
-
-
-def _input_at(finding: ErrorDetails, location: tuple[Any, ...]) -> str:
-    text = repr(finding["input"])
-    return f"{location[-1]} = {text[:60]}" if location and isinstance(location[-1], str) else text[:60]
 
 
 def _known_part(location: tuple[Any, ...], root: type[BaseModel]) -> tuple[Any, ...]:

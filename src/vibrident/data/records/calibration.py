@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from types import MappingProxyType
@@ -14,14 +15,7 @@ from vibrident.base.amounts import pretty
 from vibrident.base.brief import brief
 from vibrident.base.errors import InputError, unknown
 from vibrident.data.effects import Capability, SystematicEffect
-from vibrident.data.records.basis import (
-    QUANTITIES,
-    REFERENCE_UNITS,
-    USUAL_MODEL,
-    Excitation,
-    FloatArray,
-    Quantity,
-)
+from vibrident.data.records.basis import QUANTITIES, REFERENCE_UNITS, USUAL_MODEL, Excitation, FloatArray, Quantity
 from vibrident.data.records.record import Record, ResponseTable
 
 
@@ -83,7 +77,8 @@ class Calibration:
 
     def __reduce__(self) -> tuple[object, ...]:  # views of mappings do not travel to another process
         own = {each.name: getattr(self, each.name) for each in fields(self)}
-        return _rebuilt, (own | {"sensor": dict(self.sensor), "certificate": dict(self.certificate)},)
+        own |= {"sensor": dict(self.sensor), "certificate": dict(self.certificate)}
+        return functools.partial(Calibration, **own), ()
 
     @classmethod
     def from_arrays(
@@ -168,10 +163,6 @@ def _each_record(channel: ArrayLike | Sequence[ArrayLike]) -> list[Any]:
     """The arrays of a channel, one a record: a single one where the elements are numbers."""
     whole = list(channel) if isinstance(channel, list | tuple) else list(np.asarray(channel))
     return whole if whole and np.ndim(whole[0]) > 0 else [channel]
-
-
-def _rebuilt(own: dict[str, Any]) -> Calibration:
-    return Calibration(**own)
 
 
 def describe(calibration: Calibration) -> list[dict[str, Any]]:

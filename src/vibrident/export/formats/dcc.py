@@ -48,7 +48,11 @@ def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
     result = Result.from_dict(sensor.result.to_dict())  # as in its file: no NaN, dates as text
     _check(result, options)
     tree = Tree()
-    root = _certificate(tree, result, options)
+    names = {"dcc": NAMESPACE, "si": SI, "xsi": "http://www.w3.org/2001/XMLSchema-instance"}
+    root = tree.etree.Element(f"{{{NAMESPACE}}}digitalCalibrationCertificate", nsmap=names, schemaVersion=VERSION)
+    root.set("{http://www.w3.org/2001/XMLSchema-instance}schemaLocation", _LOCATION)
+    root.append(_administration(tree, result, options))
+    root.append(tree.make("measurementResults", measurement(tree, result)))
     text = tree.etree.tostring(root, xml_declaration=True, encoding="UTF-8", pretty_print=True)
     if options.schema is not None:
         validate(text, options.schema)
@@ -106,15 +110,6 @@ def _is_date(text: str) -> bool:
         return datetime.date.fromisoformat(text).isoformat() == text
     except ValueError:
         return False
-
-
-def _certificate(tree: Tree, result: Result, options: Options) -> Any:
-    names = {"dcc": NAMESPACE, "si": SI, "xsi": "http://www.w3.org/2001/XMLSchema-instance"}
-    root = tree.etree.Element(f"{{{NAMESPACE}}}digitalCalibrationCertificate", nsmap=names, schemaVersion=VERSION)
-    root.set("{http://www.w3.org/2001/XMLSchema-instance}schemaLocation", _LOCATION)
-    root.append(_administration(tree, result, options))
-    root.append(tree.make("measurementResults", measurement(tree, result)))
-    return root
 
 
 def _administration(tree: Tree, result: Result, options: Options) -> Any:

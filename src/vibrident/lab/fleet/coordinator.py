@@ -172,16 +172,6 @@ def _prepare(orders: Orders, *, fresh: bool) -> None:
     trial.unlink(missing_ok=True)
 
 
-def _not_seen(path: str) -> InputError:
-    return InputError(
-        "A worker does not see the calibrations.",
-        expected="the same files under the same names on all machines",
-        found="no file of that name, where the worker runs",
-        where=os.path.abspath(path),
-        remedy="put data and output on a drive that all machines share, or start the workers on this machine",
-    )
-
-
 class _Work:
     """The open calls, and the remaining work."""
 
@@ -265,7 +255,14 @@ class _Work:
             if self.named.in_folder[place] and not one.calibration:
                 continue
             if not one.there and os.path.exists(self.named.paths[place]):
-                raise _not_seen(self.named.paths[place])
+                raise InputError(
+                    "A worker does not see the calibrations.",
+                    expected="the same files under the same names on all machines",
+                    found="no file of that name, where the worker runs",
+                    where=os.path.abspath(self.named.paths[place]),
+                    remedy="put data and output on a drive that all machines share, or start the workers on "
+                    "this machine",
+                )
             self.keys[place] = key = parts.packed([one.key])[0]
             if key not in self._there:
                 self._there.add(bytes(key))

@@ -78,7 +78,13 @@ def found(patterns: Sequence[str]) -> Found:
             every.paths.add(path)
             every.in_folder.append(in_folder)
         if len(every.paths) == before:
-            raise _nothing(pattern)
+            raise InputError(
+                "No calibration file is there.",
+                expected="a calibration file, a folder that holds some, or a glob that matches some",
+                found=f"a folder without a {_ENDING} file" if os.path.isdir(pattern) else "nothing of that name",
+                where=repr(pattern),
+                remedy="check the path; quote a glob, so that the shell does not expand it",
+            )
     _, first = np.unique(np.frombuffer(marks, dtype=f"S{_MARK}"), return_index=True)
     if first.size == len(every.paths):
         return every
@@ -119,14 +125,3 @@ def _of(path: str) -> Iterator[tuple[str, bool]]:
 
 def _within(place: str, folder: str) -> bool:
     return os.path.join(place, "").startswith(os.path.join(folder, ""))
-
-
-def _nothing(pattern: str) -> InputError:
-    folder = os.path.isdir(pattern)
-    return InputError(
-        "No calibration file is there.",
-        expected="a calibration file, a folder that holds some, or a glob that matches some",
-        found=f"a folder without a {_ENDING} file" if folder else "nothing of that name",
-        where=repr(pattern),
-        remedy="check the path; quote a glob, so that the shell does not expand it",
-    )

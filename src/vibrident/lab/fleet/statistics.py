@@ -25,7 +25,6 @@ MOST_OUTLIERS = 200  # outliers listed
 _MARGIN = 0.06  # margin drawn outside a limit, relative to the width between the limits
 _FEWEST_BINS = 8  # bins of a histogram
 _MOST_BINS = 48
-_ROWS = 4096  # rows read at the same time
 FloatArray = NDArray[np.float64]
 
 

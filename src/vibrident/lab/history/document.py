@@ -13,7 +13,7 @@ from vibrident.base.errors import InputError
 from vibrident.lab.history import control, query
 from vibrident.lab.history.drift import Mixture
 from vibrident.lab.history.due import RISK, Due, Tolerance, due, interval_in_force, later
-from vibrident.lab.history.life import Entry, Life, covariance, life, years_between
+from vibrident.lab.history.life import Life, covariance, life, years_between
 from vibrident.lab.history.query import StoredSensor
 from vibrident.lab.history.schema import REFERENCE_SENSITIVITY
 from vibrident.lab.history.store import Store
@@ -147,26 +147,24 @@ def _calibrations(found: Life) -> list[dict[str, Any]]:
     rows = []
     for entry in entries:
         place = counted.get(entry.id)
-        row = _calibration(entry) | {"counts": place is not None, "left_out": reasons.get(entry.id, "")}
-        row["series"] = None if place is None else int(found.group[place]) + 1
-        row["en"] = asdict(found.agreement(place)) if place else None
+        row = {
+            "id": entry.id,
+            "date": entry.date.isoformat(),
+            "value": entry.value,
+            "u": entry.u,
+            "U": None if entry.u is None else K * entry.u,
+            "u_own": entry.u_own,
+            "unit": entry.unit,
+            "standing": entry.standing or "added",
+            "shared": dict(entry.shared),
+            **entry.facts,
+            "counts": place is not None,
+            "left_out": reasons.get(entry.id, ""),
+            "series": None if place is None else int(found.group[place]) + 1,
+            "en": asdict(found.agreement(place)) if place else None,
+        }
         rows.append(row)
     return rows
-
-
-def _calibration(entry: Entry) -> dict[str, Any]:
-    return {
-        "id": entry.id,
-        "date": entry.date.isoformat(),
-        "value": entry.value,
-        "u": entry.u,
-        "U": None if entry.u is None else K * entry.u,
-        "u_own": entry.u_own,
-        "unit": entry.unit,
-        "standing": entry.standing or "added",
-        "shared": dict(entry.shared),
-        **entry.facts,
-    }
 
 
 def _series(found: Life) -> list[dict[str, Any]]:

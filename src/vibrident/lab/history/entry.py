@@ -162,11 +162,7 @@ def _number(value: float | None) -> float | None:
 
 
 def add_all(
-    store: Store,
-    results: Iterable[Result],
-    *,
-    serial_number: str | None = None,
-    date: datetime.date | None = None,
+    store: Store, results: Iterable[Result], *, serial_number: str | None = None, date: datetime.date | None = None
 ) -> Iterator[tuple[bool, int]]:
     """Add results; yield for each whether it was new, and its calibration's number in the store.
 

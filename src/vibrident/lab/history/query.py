@@ -125,10 +125,7 @@ def _sensor(row: Any) -> StoredSensor:
 
 
 def entries(
-    store: Store,
-    sensor_id: int | None = None,
-    quantity: str = REFERENCE_SENSITIVITY,
-    frequency_hz: float | None = None,
+    store: Store, sensor_id: int | None = None, quantity: str = REFERENCE_SENSITIVITY, frequency_hz: float | None = None
 ) -> dict[int, list[Entry]]:
     """The calibrations of a sensor with all their columns, or of all sensors without these; by sensor.
 

@@ -102,12 +102,7 @@ class Weights(NamedTuple):
         """W1…W4 of the paper's Table 1: hidden states updated first, then read out."""
         xp = array_library(*self)
         back = xp.linalg.solve(self.transition.T, self.output)  # C Φ⁻¹
-        return {
-            "W1": self.drive,
-            "W2": back,
-            "W3": self.transition,
-            "W4": self.feedthrough - back @ self.drive,
-        }
+        return {"W1": self.drive, "W2": back, "W3": self.transition, "W4": self.feedthrough - back @ self.drive}
 
 
 @dataclass(frozen=True)
@@ -220,10 +215,7 @@ def _direct(system: StateSpace) -> Any:
 
 def _euler_step(system: StateSpace, ts: Any, fraction: Any, terms: int) -> Weights:
     step = Weights(
-        np.eye(system.order) + ts * system.a,
-        (ts * system.b)[:, None],
-        system.c,
-        _direct(system) * np.ones(1),
+        np.eye(system.order) + ts * system.a, (ts * system.b)[:, None], system.c, _direct(system) * np.ones(1)
     )
     return _at_fraction(step, fraction)
 

@@ -40,11 +40,7 @@ def _tone_inputs(angle: NDArray, terms: int, method: str) -> NDArray:
 
 
 def physics_from_weights(
-    weights: Weights,
-    sampling_interval_s: float,
-    model: SensorModel,
-    method: str,
-    reading: Reading = "eigenvalues",
+    weights: Weights, sampling_interval_s: float, model: SensorModel, method: str, reading: Reading = "eigenvalues"
 ) -> dict[str, float]:
     """Sensor parameters of a second-order network's weights.
 

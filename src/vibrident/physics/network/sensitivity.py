@@ -51,6 +51,7 @@ def normal_equations(weights: Weights, slopes: Weights, lanes: Lanes, noise: Any
     axis of P; ``noise``: standard deviation of the response noise, by lane, shape (M,).
     """
     known = _known(weights, lanes, segments)
+    # Without their projections, shape (P, S, n + 1), on initial states and offset.
     p, proj = slopes.output.shape[-1], known.projection
     ends, in_chunk, response = _derivatives(weights, slopes, lanes, known.starts)
     response = response + known.nuisance.offset[lanes.segment]
@@ -69,7 +70,10 @@ def normal_equations(weights: Weights, slopes: Weights, lanes: Lanes, noise: Any
     totals = jnp.stack([imitable(proj, lanes, column) for column in columns])
     squares = jax.ops.segment_sum(noise**2 * jnp.sum(residual**2, axis=0), lanes.segment, segments)
     matrix = matrix - jnp.einsum("psi,sij,qsj->pq", totals, proj.inverse, totals)
-    freed = _freed(columns, jnp.einsum("sij,psj->psi", proj.inverse, totals), lanes, proj)
+    freed = [
+        column - lanes.weight * nuisance_response(proj, lanes, Nuisance(share[:, :-1], share[:, -1]))
+        for column, share in zip(columns, jnp.einsum("sij,psj->psi", proj.inverse, totals), strict=True)
+    ]
     return Normal(matrix, gradient, jnp.vdot(residual, residual), squares, response, freed)
 
 
@@ -91,14 +95,6 @@ def _known(weights: Weights, lanes: Lanes, segments: int) -> _Known:
     signal = (lanes.response - forced - free_part(proj.rows, lanes.rate, at_rest)) * lanes.weight
     nuisance = nuisance_of(proj, imitable(proj, lanes, signal))
     return _Known(proj, nuisance, power, start_states(power, ends, lanes, nuisance.state))
-
-
-def _freed(columns: Any, shares: Any, lanes: Lanes, proj: Projection) -> Any:
-    """The columns without their projections, shape (P, S, n + 1), on initial states and offset."""
-    return [
-        column - lanes.weight * nuisance_response(proj, lanes, Nuisance(share[:, :-1], share[:, -1]))
-        for column, share in zip(columns, shares, strict=True)
-    ]
 
 
 def contract(matrix: Any, vectors: Any) -> Any:

@@ -62,7 +62,8 @@ def exact_response(
             grid,
             highest_hz=motion.highest_hz,
             forever=start == "steady" and _has_tones(motion),
-            held=_held(system, motion),
+            # The response to a static value that is released at t = 0.
+            held=float(system.c @ system.static_state(motion.amplitude)) if isinstance(motion, Decay) else None,
         )
     return system_response(system, motion, grid, start)
 
@@ -89,11 +90,6 @@ def _averaged(
 
 def _has_tones(motion: Motion) -> bool:
     return isinstance(motion, Tonal) or any(_has_tones(part) for part in getattr(motion, "parts", ()))
-
-
-def _held(system: LinearSystem, motion: Motion) -> float | None:
-    """Response to a static value that is released at t = 0; None unless the motion is a decay."""
-    return float(system.c @ system.static_state(motion.amplitude)) if isinstance(motion, Decay) else None
 
 
 def exact_reference(motion: Motion, quantity: Quantity, *, sampling_rate_hz: float, samples: int) -> FloatArray:

@@ -90,7 +90,7 @@ def _chart(stacks: Sequence[Stack]) -> Chart:
     for i, stack in enumerate(stacks):
         across = [float(shares[i]) + gap * (i > 0), float(shares[i + 1]) - gap * (i < len(stacks) - 1)]
         domains = _domains(stack)
-        x = _name("x", i)
+        x = f"x{i + 1}" if i else "x"
         for panel, domain in zip(stack.panels, domains, strict=True):
             number += 1
             y = f"y{number}" if number > 1 else "y"
@@ -121,10 +121,6 @@ def _scales() -> Chart:
         for kind, ticks in kinds.items()
     ]
     return {"buttons": buttons, "x": 1.0, "xanchor": "right", "y": 1.0, "yanchor": "bottom", "pad": {"b": 4}}
-
-
-def _name(letter: str, i: int) -> str:
-    return letter if i == 0 else f"{letter}{i + 1}"
 
 
 def _once(data: list[Any]) -> None:
@@ -166,7 +162,7 @@ def _axis(axis: Axis) -> Chart:
         look |= {"type": "log", "range": listed(np.array(ends)), **_ticks(axis)}
     else:
         look |= {"range": listed(np.array([axis.low, axis.high]))}
-        if any(not _is_number(name) for _, name in axis.ticks):
+        if any(not name.replace("−", "-").replace(".", "").lstrip("-").isdigit() for _, name in axis.ticks):
             look |= _ticks(axis)
     return look
 
@@ -174,10 +170,6 @@ def _axis(axis: Axis) -> Chart:
 def _ticks(axis: Axis) -> Chart:
     names = [plotly(name) for _, name in axis.ticks]
     return {"tickmode": "array", "tickvals": [value for value, _ in axis.ticks], "ticktext": names}
-
-
-def _is_number(text: str) -> bool:
-    return text.replace("−", "-").replace(".", "").lstrip("-").isdigit()
 
 
 def _annotations(panel: Panel, across: list[float], domain: list[float], x: str, y: str) -> list[Any]:

@@ -159,7 +159,8 @@ class _Drawing:
         caption = " ".join(in_a_line(part) for part in (figure.caption, figure.note) if part)
         shown = f"{len(stacks)} of {len(figure.stacks)} records shown." if len(stacks) < len(figure.stacks) else ""
         self.foot = _wrapped(f"{shown} {caption}", self.width - 16.0, 5)
-        self.keys = _keys(stacks)
+        every = (one for stack in stacks for panel in stack.panels for one in panel.series)
+        self.keys = list(dict.fromkeys(label for one in every for label in (one.band, one.label) if label))
 
     def drawn(self) -> Picture:
         """The picture, with an Agg canvas of its own."""
@@ -242,12 +243,6 @@ def _tall(stack: Stack) -> float:
         72.0 * panel.height_in + 7.0 + _SMALL * bool(panel.title and i) for i, panel in enumerate(stack.panels)
     )
     return _above(stack) + panels + _TICK + _LABEL * len(_lines(stack.panels[-1].x.label)) + 2.0
-
-
-def _keys(stacks: Sequence[Stack]) -> list[str]:
-    """What is named in the key, once each."""
-    every = (one for stack in stacks for panel in stack.panels for one in panel.series)
-    return list(dict.fromkeys(label for one in every for label in (one.band, one.label) if label))
 
 
 def _key_rows(keys: Sequence[str], width: float) -> tuple[int, int]:

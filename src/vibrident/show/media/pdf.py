@@ -59,7 +59,13 @@ def render(document: Document, template: Path | None = None, fonts: Iterable[Pat
     known = typst.Fonts(include_system_fonts=foreign, font_paths=places).families() if foreign or places else []
     data["fonts"] = [name for name in _CHINESE if name in known][:1] if foreign else []
     if "zh" in (document.language, document.second_language) and not data["fonts"]:
-        raise _no_font()
+        raise InputError(
+            "No font with Chinese letters was found.",
+            expected="one of " + ", ".join(_CHINESE),
+            found="none of them on this machine",
+            where="[certificate] language, second_language",
+            remedy="install one, such as Noto Serif CJK, or name the folder that holds it: [certificate] fonts",
+        )
     # No clock, and no fonts of this machine where typst's own has all the letters.
     noon = datetime.datetime.combine(day or datetime.date(2000, 1, 1), datetime.time(12), datetime.UTC)
     try:
@@ -75,27 +81,13 @@ def render(document: Document, template: Path | None = None, fonts: Iterable[Pat
     except RuntimeError as error:
         if template is None and not logo:
             raise
-        raise _not_set(template, error) from error
-
-
-def _not_set(template: Path | None, error: Exception) -> InputError:
-    return InputError(
-        "The certificate cannot be set with the laboratory's own template or logo.",
-        expected="a typst file that makes a document, and a logo as SVG, PNG or JPEG",
-        found=" ".join(str(getattr(error, "diagnostic", error)).split())[:300],
-        where="[certificate] template, logo" if template is None else str(template),
-        remedy="correct it, or leave it out",
-    )
-
-
-def _no_font() -> InputError:
-    return InputError(
-        "No font with Chinese letters was found.",
-        expected="one of " + ", ".join(_CHINESE),
-        found="none of them on this machine",
-        where="[certificate] language, second_language",
-        remedy="install one, such as Noto Serif CJK, or name the folder that holds it: [certificate] fonts",
-    )
+        raise InputError(
+            "The certificate cannot be set with the laboratory's own template or logo.",
+            expected="a typst file that makes a document, and a logo as SVG, PNG or JPEG",
+            found=" ".join(str(getattr(error, "diagnostic", error)).split())[:300],
+            where="[certificate] template, logo" if template is None else str(template),
+            remedy="correct it, or leave it out",
+        ) from error
 
 
 def _block(block: Block) -> dict[str, Any]:

@@ -244,11 +244,7 @@ def _for_the_peak(values: FloatArray, acceleration: FloatArray, wide: Compensati
 
 
 def _components(
-    values: FloatArray,
-    mask: BoolArray,
-    spectrum: np.ndarray,
-    compensation: Compensation,
-    found: Content,
+    values: FloatArray, mask: BoolArray, spectrum: np.ndarray, compensation: Compensation, found: Content
 ) -> dict[str, FloatArray]:
     """Standard uncertainty of every sample by origin."""
     slopes, around = compensation.restored(spectrum, compensation.slopes), compensation.around

@@ -194,11 +194,8 @@ class Compensation:
                 if not self.integrations:  # what is near the end may be faster than the rest of the record
                     near = values[:length] if at_left else values[-length:]
                     side = np.maximum(side, self._edge(self._autocovariance(near), at_left=at_left))
-                near = side[: self.samples] if at_left else side[: self.samples][::-1]
-                if at_left:
-                    total[: near.size] += near
-                else:
-                    total[-near.size :] += near
+                inwards = total if at_left else total[::-1]
+                inwards[: side.size] += side
         return np.sqrt(total)
 
     def _autocovariance(self, values: FloatArray) -> FloatArray:
@@ -224,9 +221,10 @@ class Compensation:
         weight = np.maximum(np.real(np.asarray(fft.rfft(circular))), 0.0)
         weight *= line_counts(size)
         steps = np.unique(np.concatenate([[0], np.geomspace(1, pad, EDGE_POINTS).astype(int)])) if pad > 1 else [0]
+        kept = np.asarray(steps)[np.asarray(steps) < pad]
         beyond = np.arange(1, pad + 1)
         variances = []
-        for step in np.asarray(steps)[np.asarray(steps) < pad]:
+        for step in kept:
             reached = np.where(step + beyond < self.size // 2, kernel[(step + beyond) % self.size], 0.0)
             weights = np.zeros(2 * pad + 1)  # of the true samples −pad … pad about the end
             weights[middle - beyond] = reached
@@ -234,7 +232,6 @@ class Compensation:
             weights[middle] = -2.0 * np.sum(reached * taper)
             power = np.abs(np.asarray(fft.rfft(weights, size))) ** 2
             variances.append(float(np.sum(power * weight)) / size)
-        kept = np.asarray(steps)[np.asarray(steps) < pad]
         return np.interp(np.arange(pad), kept, variances)
 
 

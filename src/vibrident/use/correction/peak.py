@@ -39,10 +39,7 @@ class Peak:
 
 
 def find_peak(
-    acceleration: FloatArray,
-    spectrum: ComplexArray,
-    compensation: Compensation,
-    components: Mapping[str, FloatArray],
+    acceleration: FloatArray, spectrum: ComplexArray, compensation: Compensation, components: Mapping[str, FloatArray]
 ) -> Peak | None:
     """The peak of a record; None if no sample is known.
 
@@ -99,13 +96,7 @@ def _refined(spectrum: ComplexArray, compensation: Compensation, index: int, sig
     return position, height, curvature
 
 
-def _noise_bias(
-    upright: FloatArray,
-    index: int,
-    noise: float,
-    curvature: float,
-    compensation: Compensation,
-) -> float:
+def _noise_bias(upright: FloatArray, index: int, noise: float, curvature: float, compensation: Compensation) -> float:
     """Bias of the maximum by noise, to first order: slope of the noise over the curvature, or many maxima.
 
     Near a maximum a(t) = a₀ − c t²/2, noise n shifts it by n'/c and raises it by n'²/(2 c); of m equal maxima, the

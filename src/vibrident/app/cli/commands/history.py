@@ -249,7 +249,6 @@ def upgrade(store: str | None = _STORE) -> None:
 
 
 def _date(text: str | None, option: str) -> datetime.date | None:
-    """A date of an option."""
     if text is None:
         return None
     try:
@@ -291,7 +290,6 @@ def _question(
     interval: float | None,
     until: datetime.date | None = None,
 ) -> Question:
-    """What is asked of a history."""
     if quantity is not None and frequency is not None:
         raise InputError(
             "Two quantities are asked for.",

@@ -104,7 +104,8 @@ def identify(
     values = (discretisation, optimiser, steps, learning_rate, weighting, residual or None)
     settings: dict[str, Any] = dict(zip(options.SETTINGS, values, strict=True)) | options.settings(others or ())
     shared = options.listed("--share")(share)
-    request = Request(estimator_name, settings, _models(model), uncertainty, shared, posterior, weights)
+    models = None if model is None else [part.strip() for part in model.split(",")]  # one may serve several files
+    request = Request(estimator_name, settings, models, uncertainty, shared, posterior, weights)
     request.check(len(calibrations))
     with written_whole(folder) as output:
         results = _identified(request, calibrations, output.path, pictures if plots is None else plots)
@@ -113,11 +114,6 @@ def identify(
     if strict and codes:
         note(f"Strict: the result carries a warning ({', '.join(codes)}).")
         raise typer.Exit(WARNED)
-
-
-def _models(text: str | None) -> list[str] | None:
-    """Names joined by commas; one may serve several files."""
-    return None if text is None else [part.strip() for part in text.split(",")]
 
 
 def _identified(request: Request, files: list[Path], place: Path, plots: bool) -> list[Any]:

@@ -85,7 +85,6 @@ def _show(calibration: Calibration, findings: list[Finding], files: list[Path]) 
 
 
 def _understood(calibration: Calibration) -> dict[str, str]:
-    """The description in the calibration file."""
     from vibrident.base.amounts import pretty
     from vibrident.show.numbers import sensor_name
 

@@ -50,7 +50,13 @@ def report(
     jobs: dict[Path, list[Job]] = {}  # by folder
     if target is not None and ending in options.FORMATS and not target.is_dir():
         if ending != chosen:
-            raise _contradiction(target, chosen)
+            raise InputError(
+                "The file's ending is not that of the format.",
+                expected=f"a name that ends in .{chosen}, or a folder",
+                found=target.name,
+                where="--out, --format",
+                remedy="change one of the two",
+            )
         jobs[target.parent] = [(everything, target.name, more[0] if alone else ())]
     else:
         for (path, result), name, sections in zip(loaded, names, more, strict=True):
@@ -98,13 +104,3 @@ def _histories(loaded: Loaded, store: str | None, form: str) -> More:
         if life is None:
             note(f"{path}: the history holds no calibration of this sensor")
     return [() if life is None else page.sections(life) for life in lives]
-
-
-def _contradiction(target: Path, form: str) -> InputError:
-    return InputError(
-        "The file's ending is not that of the format.",
-        expected=f"a name that ends in .{form}, or a folder",
-        found=target.name,
-        where="--out, --format",
-        remedy="change one of the two",
-    )

@@ -42,7 +42,14 @@ def row_lines(path: Path, file: str, layout: CsvLayout) -> NDArray[np.int64]:
             ragged = np.flatnonzero((fields != layout.fields) & (fields != 0))
             if ragged.size:
                 bad = int(ragged[0])
-                raise _ragged(file, line + bad, int(fields[bad]), layout)
+                found = int(fields[bad])
+                raise InputError(
+                    "A row has the wrong number of fields.",
+                    expected=f"{layout.fields} fields, as in line {layout.first_line}",
+                    found=f"{found} field{'s' if found != 1 else ''}",
+                    where=f"{file}, line {line + bad}",
+                    remedy="repair or remove that line; a truncated last line can be removed",
+                )
             numbers.append(np.flatnonzero(fields) + line)
             line += fields.size
     return np.concatenate(numbers) if numbers else np.zeros(0, dtype=np.int64)
@@ -75,7 +82,9 @@ def _chunks_of_lines(stream: BinaryIO) -> Iterator[bytes | None]:
 def _fields(chunk: bytes, layout: CsvLayout) -> NDArray[np.int64]:
     """Count the fields of each line; 0 for a blank line."""
     if b'"' in chunk:
-        return _fields_with_quotes(chunk, layout)
+        lines = chunk.decode(layout.encoding, errors="replace").removesuffix("\n").split("\n")
+        counts = [len(split_line(line, layout.delimiter)) if line.strip() else 0 for line in lines]
+        return np.array(counts, dtype=np.int64)
     bytes_ = np.frombuffer(chunk, dtype=np.uint8)
     if layout.delimiter != BLANKS and layout.fields > 1 and (rows := _complete_rows(bytes_, layout)):
         return np.full(rows, layout.fields)
@@ -100,21 +109,6 @@ def _complete_rows(bytes_: NDArray[np.uint8], layout: CsvLayout) -> int:
         return 0
     rows = marks.reshape(-1, layout.fields)
     return len(rows) if np.all(rows[:, -1] == _NEWLINE) and np.all(rows[:, :-1] == delimiter) else 0
-
-
-def _fields_with_quotes(chunk: bytes, layout: CsvLayout) -> NDArray[np.int64]:
-    lines = chunk.decode(layout.encoding, errors="replace").removesuffix("\n").split("\n")
-    return np.array([len(split_line(line, layout.delimiter)) if line.strip() else 0 for line in lines], dtype=np.int64)
-
-
-def _ragged(file: str, line: int, found: int, layout: CsvLayout) -> InputError:
-    return InputError(
-        "A row has the wrong number of fields.",
-        expected=f"{layout.fields} fields, as in line {layout.first_line}",
-        found=f"{found} field{'s' if found != 1 else ''}",
-        where=f"{file}, line {line}",
-        remedy="repair or remove that line; a truncated last line can be removed",
-    )
 
 
 #: Files up to this size are read without pandas, whose loading takes longer than reading many of them.

@@ -24,7 +24,6 @@ class ExcelFile(ColumnFile):
     word = "column"
 
     def __init__(self, path: Path) -> None:
-        """List the columns."""
         openpyxl = library("openpyxl", "excel", path)
         with reading(path, _EXPECTED):
             with zipfile.ZipFile(path) as packed:  # a small file may unpack to a large one

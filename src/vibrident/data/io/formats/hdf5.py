@@ -90,7 +90,6 @@ class Hdf5File(ArrayFile):
     _roomy = 0
 
     def __init__(self, path: Path) -> None:
-        """List the datasets."""
         import h5py
 
         columns: list[ArrayColumn] = []

@@ -35,7 +35,6 @@ class MatlabFile(ArrayFile):
     """A MATLAB file up to version 7.2. Cells, structures and objects are refused by name, never unpacked."""
 
     def __init__(self, path: Path) -> None:
-        """List the variables."""
         import scipy.io
 
         with reading(path, _EXPECTED):

@@ -34,7 +34,6 @@ class MdfFile(ColumnFile):
     """An MDF file; values are converted as the file says, and samples that it declares invalid become NaN."""
 
     def __init__(self, path: Path) -> None:
-        """List the channels."""
         self._path, self._mdf = path, library("asammdf", "mdf", path).MDF
         self._clocks: dict[int, Clock | None] = {}
         channels: list[Channel] = []

@@ -23,7 +23,6 @@ class MiniSeedFile(ColumnFile):
     """A miniSEED file; channels are named "NET.STA.LOC.CHA"."""
 
     def __init__(self, path: Path) -> None:
-        """List the channels."""
         self._obspy = library("obspy", "seismic", path)
         traces: dict[str, list[Any]] = {}
         with reading(path, _MINISEED):

@@ -21,7 +21,6 @@ class ParquetFile(ColumnFile):
     """A Parquet file. Only the columns that are needed are read; a missing value becomes NaN."""
 
     def __init__(self, path: Path) -> None:
-        """List the columns."""
         self._parquet = library("pyarrow.parquet", "parquet", path)
         types = library("pyarrow.types", "parquet", path)
         with reading(path, _EXPECTED), self._parquet.ParquetFile(path) as file:

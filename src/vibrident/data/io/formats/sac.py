@@ -21,7 +21,6 @@ class SacFile(ColumnFile):
     """A SAC file. The rate is made from the header's own interval: obspy's is rounded to a microsecond."""
 
     def __init__(self, path: Path) -> None:
-        """Read the header."""
         self._sac = library("obspy.io.sac", "seismic", path).SACTrace
         with reading(path, _SAC):
             header = self._trace(path, headonly=True)

@@ -23,7 +23,6 @@ class TdmsFile(ColumnFile):
     names_are_paths = True
 
     def __init__(self, path: Path) -> None:
-        """List the channels."""
         self._path, self._library = path, library("nptdms", "tdms", path).TdmsFile
         channels: list[Channel] = []
         refused: dict[str, str] = {}

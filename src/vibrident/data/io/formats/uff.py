@@ -30,7 +30,6 @@ class UffFile(ColumnFile):
     """
 
     def __init__(self, path: Path) -> None:
-        """List the data sets."""
         self._path = path
         self._pyuff = library("pyuff", "uff", path)
         refused: dict[str, str] = {}

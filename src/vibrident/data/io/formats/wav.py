@@ -21,7 +21,6 @@ class WavFile(ColumnFile):
     """A WAV file of "channel 1", "channel 2" and so on. Integer samples become float64 in [−1, 1); float ones stay."""
 
     def __init__(self, path: Path) -> None:
-        """Read the header."""
         import soundfile
 
         with reading(path, _EXPECTED):

@@ -12,6 +12,7 @@ low frequency.)
 
 from __future__ import annotations
 
+from itertools import zip_longest
 from typing import Any
 
 import numpy as np
@@ -27,7 +28,8 @@ def _rational(parameters: Parameters, system: Rational) -> Rational:
 
 def in_parallel(system: Rational, share: Any, denominator: tuple[Any, ...]) -> Rational:
     """The system gain · [N(s)/D(s) + share/denominator(s)], coefficients in ascending powers."""
-    numerator = _sum(_product(system.numerator, denominator), tuple(share * c for c in system.denominator))
+    own, added = _product(system.numerator, denominator), (share * c for c in system.denominator)
+    numerator = tuple(a + b for a, b in zip_longest(own, added, fillvalue=0.0))
     return Rational(system.gain, numerator, _product(system.denominator, denominator), system.angular_scale)
 
 
@@ -38,12 +40,6 @@ def _product(one: tuple[Any, ...], other: tuple[Any, ...]) -> tuple[Any, ...]:
         for j, b in enumerate(other):
             total[i + j] = total[i + j] + a * b
     return tuple(total)
-
-
-def _sum(one: tuple[Any, ...], other: tuple[Any, ...]) -> tuple[Any, ...]:
-    size = max(len(one), len(other))
-    padded = [p + (0.0,) * (size - len(p)) for p in (one, other)]
-    return tuple(a + b for a, b in zip(*padded, strict=True))
 
 
 _MODE = ("mode2_frequency", "mode2_damping")
