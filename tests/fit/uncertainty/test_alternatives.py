@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+from bench.adversary.cases import BY_NAME
 
+from vibrident import identify
 from vibrident.fit.information import inverse_normal
 from vibrident.fit.start.search import LogCoordinates, TargetFRF, descend, differences, information_at
 from vibrident.fit.uncertainty.alternatives import Solution, other_solutions
@@ -45,3 +47,14 @@ def test_no_other_solution_is_named_where_the_data_choose():
     """Modes within the band at any noise, and above it where the noise is small."""
     assert not [text for seed in range(4) for text in named(WITHIN, 3e-3, seed)]
     assert not [text for seed in range(4) for text in named(ABOVE, 1e-5, seed)]
+
+
+@pytest.mark.parametrize("case", ["10 points, no u, no phase", "100 points, u, no phase"])
+def test_what_is_hardly_determined_takes_others_with_it(case):
+    """Magnitudes under an average over time show hardly anything of a resonance far above the band: its damping ratio,
+    well determined where the fit ends, is far from the truth, and so is what is derived from them."""
+    trial = BY_NAME[f"table/far-light+boxcar/{case}"].trial(16)
+    result = identify(trial.calibration(), trial.model)
+    damping, said = result.parameters["damping_ratio"], [w.message for w in result.warnings]
+    assert abs(damping.value - trial.truth["damping_ratio"]) > 4.0 * (damping.standard_uncertainty or np.inf)
+    assert len([text for text in said if "Another solution" in text and "damping ratio" in text]) == 1

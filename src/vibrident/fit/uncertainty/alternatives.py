@@ -4,8 +4,9 @@ Two sources. Some parameters give exactly the same response (:mod:`vibrident.phy
 which is said where the others mean another sensor, or where noise decides between the labels. And the search for start
 values met other optima: each is brought down the residual of the points once more, and counts where it explains them as
 well. Two modes beyond the band trade against each other along a curved valley, which leads further than the standard
-uncertainties say, as these know its direction at the estimate alone. There each parameter in turn is held far from its
-estimate and the others follow (the profile likelihood; Venzon & Moolgavkar 1988): what fits as well is a solution, too.
+uncertainties say, as these know its direction at the estimate alone. So does, in any model, what is hardly determined,
+and takes others with it. There each parameter in turn is held far from its estimate and the others follow (the profile
+likelihood; Venzon & Moolgavkar 1988): what fits as well is a solution, too.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ ALIKE = 9.0  # another optimum is as good where its χ² is larger by less: the 
 FAR = 5.0  # … and it is another one where a parameter differs by so many of its standard uncertainties …
 DIFFERENT = 0.01  # … and by this part of its value
 FAR_HELD = 6.0  # a parameter is held so many of its standard uncertainties away …
-KNOWN = 0.1  # … unless it is known to no better than this part: that is said already
+KNOWN = 0.1  # … of two modes where it is known better than by this part, else where it is not
 STEPS = 30  # steps on the way down
 MOST = 4  # other optima that are tried
 
@@ -60,7 +61,9 @@ def other_solutions(
     labels = labels_of(model)
     if same and labels is not None and labels.undecided(values, uncertainty):
         yield _same_response(labels.question, same, units)
-    found = [*_met(model, quantity, sought, solution, begin), *_along_the_valley(model, quantity, sought, solution)]
+    along = [one for one in _along_the_valley(model, quantity, sought, solution) if one[0] < ALIKE]
+    # Of what is hardly determined one other solution says enough.
+    found = [*_met(model, quantity, sought, solution, begin), *(along if model.shares else along[:1])]
     named: list[Mapping[str, float]] = [values]
     for more, other in found:
         mine = canonical(model, other)
@@ -93,11 +96,15 @@ def _met(
 def _along_the_valley(
     model: SensorModel, quantity: Quantity, sought: TargetFRF, solution: Solution
 ) -> Iterator[tuple[float, dict[str, float]]]:
-    """As :func:`_met`, the furthest first: optima with one parameter of two modes held beyond its uncertainty."""
-    if not model.shares:
-        return
+    """As :func:`_met`, the furthest first: optima with one parameter held beyond its uncertainty.
+
+    Each that is known, of two modes; and each that is not, of any model.
+    """
     chart, goal = _chart(model, quantity, sought), differences(sought)
     u, sign = chart.place(dict(solution.values))
+    above, _ = chart.place({name: value + solution.uncertainty[name] for name, value in solution.values.items()})
+    if not model.shares and np.all(np.abs(above - u) < KNOWN):
+        return
     first = descend(chart, u[None], np.array([sign]), goal, 0)
     here = descend(chart, u[None], np.array([sign]), goal, STEPS)
     if not np.isfinite(first.cost[0]):
@@ -106,10 +113,9 @@ def _along_the_valley(
     least = min(float(first.cost[0]), float(here.cost[0]) + ALIKE)
     covariance = inverse_normal(information_at(chart, here.u, here.sign, goal)[0])
     spread = np.sqrt(np.diag(covariance))
-    above, _ = chart.place({name: value + solution.uncertainty[name] for name, value in solution.values.items()})
     stated = np.maximum(np.abs(above - u), spread)
-    known = np.flatnonzero(stated < KNOWN)
-    turns = [(k, side) for k in known.tolist() for side in (-1.0, 1.0)]
+    tried = np.flatnonzero((stated < KNOWN) == bool(model.shares))
+    turns = [(k, side) for k in tried.tolist() for side in (-1.0, 1.0)]
     if not turns:
         return
     # The others begin where they would follow along a straight line.
