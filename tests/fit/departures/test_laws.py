@@ -11,7 +11,7 @@ from tests.support.random_record import SAMPLES, TRUTH, calibration, motion
 import vibrident
 from vibrident.fit.departures import part as parts
 from vibrident.fit.departures.part import Part
-from vibrident.fit.departures.score import LinearFit, Own, Sums
+from vibrident.fit.departures.score import LinearFit, Sums
 from vibrident.physics.simulation import simulate
 
 
@@ -52,7 +52,7 @@ def test_without_a_departure_t_is_chi_squared():
         part = linear_part(rng, n, np.zeros(n))
         columns = rng.normal(size=(4, n))
         white = columns - (columns @ part.basis.T) @ part.basis
-        found = LinearFit.of([Own.of(part)], np.ones(2)).test(Sums.stacked([Sums.of(part, white, 2)]))[0]
+        found = LinearFit.of([part.own], np.ones(2)).test(Sums.stacked([Sums.of(part, white, 2)]))[0]
         assert found is not None
         statistics.append(found.statistic)
         chances.append(found.chance)
@@ -66,7 +66,7 @@ def test_the_impact_is_the_shift_of_the_fit_with_the_departure_admitted():
     columns = rng.normal(size=(2, n))
     part = linear_part(rng, n, 0.3 * columns[0])
     white = columns - (columns @ part.basis.T) @ part.basis
-    found = LinearFit.of([Own.of(part)], np.ones(2)).test(Sums.stacked([Sums.of(part, white, 2)]))[0]
+    found = LinearFit.of([part.own], np.ones(2)).test(Sums.stacked([Sums.of(part, white, 2)]))[0]
     alone = np.linalg.lstsq(part.jacobian.T, part.residual, rcond=None)[0]
     beside = np.linalg.lstsq(np.concatenate([part.jacobian, white]).T, part.residual, rcond=None)[0]
     assert found is not None
@@ -76,7 +76,7 @@ def test_the_impact_is_the_shift_of_the_fit_with_the_departure_admitted():
 
 def test_a_column_within_the_span_of_the_parameters_tells_nothing():
     part = linear_part(np.random.default_rng(3), 400, np.zeros(400))
-    assert LinearFit.of([Own.of(part)], np.ones(2)).test(Sums.stacked([Sums.of(part, part.jacobian[:1] * 3.0, 2)])) == [
+    assert LinearFit.of([part.own], np.ones(2)).test(Sums.stacked([Sums.of(part, part.jacobian[:1] * 3.0, 2)])) == [
         None
     ]
 

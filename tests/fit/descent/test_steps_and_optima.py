@@ -67,7 +67,7 @@ def test_a_parameter_without_influence_is_left_where_it_is() -> None:
 
 @pytest.mark.parametrize("bent", [0.5, 0.9, 0.95])
 def test_beside_a_large_residual_the_optimum_is_reached(bent: float) -> None:
-    """Residuals x + 1 and bent x² + x − 1, the optimum at zero (Dennis & Schnabel 1983, example 10.2.4).
+    """Residuals x + 1 and bent x² + x − 1, the optimum at zero (after Dennis & Schnabel 1983, ch. 10).
 
     Gauss–Newton steps alone leave the part ``bent`` of the way each.
     """

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 #: Bytes a sample. What must be held (reference and response, in the records and in the network's chunks) is 40; most of
-#: the rest are the Jacobian's columns and their transforms, for the covariance. Measured 85 to 180.
+#: the rest are the Jacobian's columns and their transforms, for the covariance. Measured 130 to 170.
 MOST_GROWTH = 250
 SAMPLES = 600_000
 CLEAR = Path("/proc/self/clear_refs")

@@ -19,6 +19,9 @@ from vibrident.fit.departures.points import PointsPart
 from vibrident.fit.departures.score import Score, Sums
 from vibrident.fit.response.response import ComplexArray
 
+#: Intervals of frequency, of which bands of like information are made.
+INTERVALS = 400
+
 
 @dataclass(frozen=True)
 class Scale:
@@ -29,29 +32,29 @@ class Scale:
     parts: int
 
     @classmethod
-    def of(cls, every: Sequence[Size], bands: int) -> Scale:
-        """Of all parts, with so many bands."""
-        edges, total = every[0].edges_hz, np.cumsum(np.sum([size.information for size in every], axis=0))
+    def of(cls, every: Sequence[Size], top_hz: float, bands: int) -> Scale:
+        """Of all parts, with so many bands up to ``top_hz``."""
+        total = np.cumsum(np.sum([size.information for size in every], axis=0))
         inner = np.searchsorted(total, total[-1] * np.arange(1, bands) / bands)
         motion = max(float(np.finfo(float).tiny), *(size.motion for size in every))
-        return cls(motion, (0.0, *np.unique(edges[inner + 1]).tolist(), float(edges[-1])), len(every))
+        inner_hz = np.linspace(0.0, top_hz, INTERVALS + 1)[np.unique(inner) + 1]
+        return cls(motion, (0.0, *inner_hz.tolist(), top_hz), len(every))
 
 
 @dataclass(frozen=True, eq=False)
 class Size:
-    """Of a part: its largest motion, and its information between frequencies, Hz."""
+    """Of a part: its largest motion, and its information by intervals of frequency, shape (INTERVALS,)."""
 
     motion: float
-    edges_hz: FloatArray
     information: FloatArray
 
     @classmethod
     def of(cls, part: Part, top_hz: float) -> Size:
         """``top_hz``: the highest frequency of all parts."""
-        edges = np.linspace(0.0, top_hz, 401)
+        edges = np.linspace(0.0, top_hz, INTERVALS + 1)
         own = np.sum(np.abs(np.fft.rfft(part.jacobian, axis=-1)) ** 2, axis=0) * (part.whitening > 0.0)
         power = np.histogram(np.arange(own.size) * part.rate_hz / part.samples, edges, weights=own)[0]
-        return cls(float(np.max(np.abs(part.motion), initial=0.0)), edges, power)
+        return cls(float(np.max(np.abs(part.motion), initial=0.0)), power)
 
 
 #: Columns that sums over blocks approximate tell nothing where the parameters leave less than this part, in squares.

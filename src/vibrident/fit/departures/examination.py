@@ -20,9 +20,9 @@ from vibrident.base.warning_kinds import WarningCode
 from vibrident.data.records import FloatArray
 from vibrident.fit.departures.candidate import Candidate, Places
 from vibrident.fit.departures.departure import Departure, Scale, Size, in_widths
-from vibrident.fit.departures.part import Part, Parts
+from vibrident.fit.departures.part import Own, Part, Parts
 from vibrident.fit.departures.points import PointsPart
-from vibrident.fit.departures.score import LinearFit, Own, Score, Sums
+from vibrident.fit.departures.score import LinearFit, Score, Sums
 from vibrident.fit.registry import DEPARTURES
 from vibrident.fit.response.response import ComplexArray
 
@@ -106,19 +106,24 @@ def _among_records(parts: Parts, uncertainty: FloatArray, rounds: int) -> list[T
     sizes, own, narrow = list[Size](), list[Own](), False
     for part in parts:
         sizes.append(Size.of(part, parts.top_hz))
-        own.append(Own.of(part))
+        own.append(part.own)
         narrow |= part.optical and part.turns is not None
     if not own:
         return []
-    found, fit, scale, beside = list[list[Found]](), LinearFit.of(own, uncertainty), Scale.of(sizes, BANDS), parts
-    for last in range(1, rounds + 1):
+    found, fit, scale, beside = (
+        list[list[Found]](),
+        LinearFit.of(own, uncertainty),
+        Scale.of(sizes, parts.top_hz, BANDS),
+        parts,
+    )
+    for number in range(1, rounds + 1):
         now = _strongest(_of_records(fit, beside, scale, narrow=narrow))
         if not now:
             break
         found.append(now)
-        if last < rounds:
+        if number < rounds:
             beside = beside.beside(partial(_columns, now, scale))
-            fit = LinearFit.of([Own.of(part) for part in beside], uncertainty)
+            fit = LinearFit.of([part.own for part in beside], uncertainty)
     shifts = cache(lambda: _shifts(parts, found, scale, uncertainty))
     return _of_one_kind([_together(now, lambda k=k: shifts()[k]) for k, now in enumerate(found)])
 
@@ -133,10 +138,10 @@ def _shifts(parts: Parts, found: Sequence[Sequence[Found]], scale: Scale, uncert
     rounds = [list[Own]() for _ in range(len(found) + 1)]
     for number, part in enumerate(parts):
         beside = part
-        rounds[0].append(Own.of(part))
+        rounds[0].append(part.own)
         for own, now in zip(rounds[1:], found, strict=True):
             beside = reduce(Part.in_noise_beside, _columns(now, scale, number, part), beside)
-            own.append(Own.of(beside))
+            own.append(beside.own)
     ends = [LinearFit.of(own, uncertainty).optimum(own) for own in rounds]
     return [before - after for before, after in pairwise(ends)]
 

@@ -23,6 +23,31 @@ HELD = 1 << 19
 
 
 @dataclass(frozen=True, eq=False)
+class Own:
+    """What a part says of the coordinates.
+
+    Attributes:
+        normal: J Jᵀ, shape (p, p).
+        inverse: of it, shape (p, p).
+        spread: J V Jᵀ, shape (p, p).
+        gradient: J e, shape (p,).
+        common: J times the common errors, shape (p, 2 TRIALS + K).
+        chi2: sum of squares of the residual, beside parameters that are the part's alone.
+        freedom: degrees of freedom of the residual.
+        alone: where its own parameters would move the coordinates, shape (P,); None where these are the same.
+    """
+
+    normal: FloatArray
+    inverse: FloatArray
+    spread: FloatArray
+    gradient: FloatArray
+    common: FloatArray
+    chi2: float
+    freedom: float
+    alone: FloatArray | None
+
+
+@dataclass(frozen=True, eq=False)
 class Part:
     """A record at the estimate, or a piece of a long one.
 
@@ -134,15 +159,16 @@ class Part:
         return np.concatenate([self.moved_bins, self.slopes if self.pull is None else self.slopes[:0]])
 
     @functools.cached_property
-    def inverse(self) -> FloatArray:
-        """Of the record's own information, shape (p, p)."""
-        return inverse_where_shown(self.jacobian @ self.jacobian.T)
-
-    @functools.cached_property
-    def own(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Products of the Jacobian with the residual, with itself under the profile, and with the common errors."""
-        loud = self.jacobian * self.profile
-        return self.jacobian @ self.residual, loud @ self.jacobian.T, self.in_common(self.jacobian)
+    def own(self) -> Own:
+        """What the part says of the coordinates."""
+        jacobian, alone = self.jacobian, None
+        normal, gradient, chi2 = jacobian @ jacobian.T, jacobian @ self.residual, float(self.residual @ self.residual)
+        inverse = inverse_where_shown(normal)
+        if self.pull is not None:
+            chi2 -= float(gradient @ inverse @ gradient)
+            alone = np.asarray(self.pull @ inverse @ gradient)
+        spread = (jacobian * self.profile) @ jacobian.T
+        return Own(normal, inverse, spread, gradient, self.in_common(jacobian), chi2, self.freedom, alone)
 
     def beside(self, columns: FloatArray | ComplexArray) -> Part:
         """The part with more nuisance columns, as of :meth:`white`."""

@@ -20,7 +20,7 @@ import numpy as np
 
 from vibrident.base.tails import f_tail
 from vibrident.data.records import FloatArray
-from vibrident.fit.departures.part import Part
+from vibrident.fit.departures.part import Own, Part
 from vibrident.fit.information import inverse_where_shown
 from vibrident.fit.response.rounding import TRIALS
 
@@ -106,7 +106,7 @@ class Sums:
         """The same with the record's own parameters projected out, where it has any."""
         if part.pull is None:
             return self
-        return self._without_own(part, self.cross @ part.inverse @ part.pull.T, parameters)
+        return self._without_own(part, self.cross @ part.own.inverse @ part.pull.T, parameters)
 
     def within(self, part: Part, inverse: FloatArray) -> Sums:
         """The same beside parameters that are the record's alone: what differs within it (Chow 1960).
@@ -118,17 +118,17 @@ class Sums:
         return self._without_own(part, self.cross @ inverse, len(inverse))
 
     def _without_own(self, part: Part, shift: FloatArray, parameters: int) -> Sums:
-        gradient, loud, common = part.own
-        share = self.cross @ part.inverse
+        own = part.own
+        share = self.cross @ own.inverse
         both = share @ self.cross_spread.mT
         nothing = np.zeros((*self.score.shape, parameters))
         return Sums(
-            self.score - share @ gradient,
+            self.score - share @ own.gradient,
             self.gram - share @ self.cross.mT,
-            self.spread - both - both.mT + share @ loud @ share.mT,
+            self.spread - both - both.mT + share @ own.spread @ share.mT,
             nothing,
             nothing,
-            self.common - share @ common,
+            self.common - share @ own.common,
             shift,
             self.least,
             self.steps,
@@ -177,39 +177,6 @@ class Score:
     amounts: FloatArray
     chance: float
     explained: float
-
-
-@dataclass(frozen=True, eq=False)
-class Own:
-    """What a part says of the coordinates.
-
-    Attributes:
-        normal: J Jᵀ, shape (p, p).
-        spread: J V Jᵀ, shape (p, p).
-        gradient: J e, shape (p,).
-        common: J times the common errors, shape (p, 2 TRIALS + K).
-        chi2: sum of squares of the residual, beside parameters that are the part's alone.
-        freedom: degrees of freedom of the residual.
-        alone: where its own parameters would move the coordinates, shape (P,); None where these are the same.
-    """
-
-    normal: FloatArray
-    spread: FloatArray
-    gradient: FloatArray
-    common: FloatArray
-    chi2: float
-    freedom: float
-    alone: FloatArray | None
-
-    @classmethod
-    def of(cls, part: Part) -> Own:
-        """Of a part."""
-        gradient, spread, common = part.own
-        normal, chi2, alone = part.jacobian @ part.jacobian.T, float(part.residual @ part.residual), None
-        if part.pull is not None:
-            chi2 -= float(gradient @ part.inverse @ gradient)
-            alone = np.asarray(part.pull @ part.inverse @ gradient)
-        return cls(normal, spread, gradient, common, chi2, part.freedom, alone)
 
 
 @dataclass(frozen=True, eq=False)

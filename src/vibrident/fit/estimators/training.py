@@ -32,9 +32,12 @@ from vibrident.physics.discretisation import method
 
 #: Rounds of training with refreshed noise weights and delay.
 ROUNDS = 6
-#: Decrease of the cost that is worth no step: in a first round, and, by a step of a tenth of a standard uncertainty,
-#: where weights by the noise of each line follow; else.
-AT_FIRST, BEFORE_WEIGHTING, TOLERANCE = 0.1, 0.01, 1e-6
+#: Decrease of the cost that is worth no step.
+TOLERANCE = 1e-6
+#: The same where weights by the noise of each line follow: the square of a tenth of a standard uncertainty.
+BEFORE_WEIGHTING = 0.01
+#: The same in a first round, which another one follows.
+AT_FIRST = 0.1
 #: Relative change of the noise below which its weights need no further round.
 NOISE_SETTLED = 1e-3
 #: A fit is better where −2 log likelihood of the residual, as white noise, is less by this.
@@ -72,7 +75,7 @@ def improved(
     """
     trained = _trained(network, evidence, progress)
     if _by_lines(network, evidence):
-        if part_left(evidence.records, trained.predicted()) > MOST_LEFT:
+        if part_left(evidence.records, trained.predicted(trained.trace.last)) > MOST_LEFT:
             return None
         if not weighed and not _likelier(trained, estimate, evidence):
             return None
@@ -242,12 +245,12 @@ class _Trained:
         found = Findings(replace(self.network, weights="white"))
         return self._with_response(self.estimate(self.trace.last, covariance, freedom, found))
 
-    def predicted(self) -> tuple[FloatArray, ...]:
-        """The records' responses at the optimum."""
-        return tuple(self.problem.predict(self.coordinates, self.trace.last))
+    def predicted(self, z: FloatArray) -> tuple[FloatArray, ...]:
+        """The records' responses."""
+        return tuple(self.problem.predict(self.coordinates, z))
 
     def _with_response(self, found: Estimate) -> Estimate:
-        return replace(found, predicted=tuple(self.problem.predict(self.coordinates, found.z)))
+        return replace(found, predicted=self.predicted(found.z))
 
     def in_the_noise_found(self, evidence: Evidence) -> Estimate:
         """The last step of training: every line of the residual weighted by its own noise."""

@@ -1,6 +1,6 @@
 """Where the search for start values begins: a grid over natural frequency and damping, compared by magnitude.
 
-With every combination of what the add-ons guess.
+Each place of the grid is combined with every guess of the add-ons' parameters.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ MOST_SCORED_POINTS = 80
 CORES = 6
 #: Combinations of cores with add-ons that go down some steps.
 FIRST = 64
-#: No point counts for more than this relative deviation would allow: first the grid is coarse, then the way is long.
+#: Least relative deviation of a point: neither the grid nor the first steps of the search are finer.
 LEAST_DEVIATION = 0.01
 
 

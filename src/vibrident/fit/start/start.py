@@ -197,7 +197,7 @@ def optima(
 
 
 def _require_use(front: Population, most: float) -> None:
-    """No weights or deviations that a later step of the search has make the costs less."""
+    """Raise where all costs are above ``most``: later stages have no larger deviations, and so no smaller costs."""
     if not np.any(front.cost <= most):
         raise NotConverged("No start value gives a fit of use: are the columns and units right?")
 

@@ -21,6 +21,7 @@ from vibrident.data.records import Quantity
 from vibrident.fit.information import inverse_normal
 from vibrident.fit.start.search import LogCoordinates, TargetFRF, descend, differences, information_at
 from vibrident.fit.start.start import Start
+from vibrident.fit.uncertainty.parameters import WEAK
 from vibrident.physics.models import SensorModel
 from vibrident.physics.models.labels import canonical, labels_of, relabellings
 from vibrident.physics.naming import in_words
@@ -29,8 +30,7 @@ from vibrident.result import ResultWarning
 ALIKE = 9.0  # another optimum is as good where its χ² is larger by less: the true one in 1 of 370 cases …
 FAR = 5.0  # … and it is another one where a parameter differs by so many of its standard uncertainties …
 DIFFERENT = 0.01  # … and by this part of its value
-FAR_HELD = 6.0  # a parameter is held so many of its standard uncertainties away …
-KNOWN = 0.1  # … of two modes where it is known better than by this part, else where it is not
+FAR_HELD = 6.0  # a parameter is held so many of its standard uncertainties away
 STEPS = 30  # steps on the way down
 MOST = 4  # other optima that are tried
 
@@ -98,12 +98,12 @@ def _along_the_valley(
 ) -> Iterator[tuple[float, dict[str, float]]]:
     """As :func:`_met`, the furthest first: optima with one parameter held beyond its uncertainty.
 
-    Each that is known, of two modes; and each that is not, of any model.
+    Of two modes those that are not weak parameters; of any other model those that are.
     """
     chart, goal = _chart(model, quantity, sought), differences(sought)
     u, sign = chart.place(dict(solution.values))
     above, _ = chart.place({name: value + solution.uncertainty[name] for name, value in solution.values.items()})
-    if not model.shares and np.all(np.abs(above - u) < KNOWN):
+    if not model.shares and np.all(np.abs(above - u) < WEAK):
         return
     first = descend(chart, u[None], np.array([sign]), goal, 0)
     here = descend(chart, u[None], np.array([sign]), goal, STEPS)
@@ -114,7 +114,7 @@ def _along_the_valley(
     covariance = inverse_normal(information_at(chart, here.u, here.sign, goal)[0])
     spread = np.sqrt(np.diag(covariance))
     stated = np.maximum(np.abs(above - u), spread)
-    tried = np.flatnonzero((stated < KNOWN) == bool(model.shares))
+    tried = np.flatnonzero((stated < WEAK) == bool(model.shares))
     turns = [(k, side) for k in tried.tolist() for side in (-1.0, 1.0)]
     if not turns:
         return

@@ -43,7 +43,7 @@ def weakly_determined(
     correlation = covariance / np.outer(safe, safe)
     weak: dict[str, str] = {}
     warnings = []
-    values, sizes = coordinates.values(z), _sizes(coordinates, z)
+    values, sizes = coordinates.values(z), sizes_of(model, z)
     for index, spec in enumerate(model.parameters):
         # The logarithm's deviation is relative; a delay's is in radians at the highest frequency.
         size = deviation[index] / sizes[index]
@@ -85,17 +85,20 @@ def at_end(coordinates: Coordinates, z: FloatArray) -> set[str]:
 def unstated(coordinates: Coordinates, z: FloatArray, covariance: FloatArray) -> set[str]:
     """Names of parameters of which no standard uncertainty can be stated."""
     deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    known = deviation <= NOTHING * _sizes(coordinates, z)
+    known = deviation <= NOTHING * sizes_of(coordinates.model, z)
     return at_end(coordinates, z) | {
         spec.name for spec, is_known in zip(coordinates.model.parameters, known, strict=True) if not is_known
     }
 
 
-def _sizes(coordinates: Coordinates, z: FloatArray) -> FloatArray:
-    """Of the coordinates, shape (p,), by which deviations are relative ones; one of those that are so themselves."""
-    kinds = [spec.kind for spec in coordinates.model.parameters]
-    own = {"gain": np.abs(z), "positive": np.tanh(np.abs(z))}
-    return np.array([max(own[kind][index], 1e-300) if kind in own else 1.0 for index, kind in enumerate(kinds)])
+def sizes_of(model: SensorModel, z: FloatArray, least: float = 1e-300, *, ratios: bool = False) -> FloatArray:
+    """By which deviations of the coordinates are relative ones, shape (p,); one where they are so themselves.
+
+    ``least``: lower limit; ``ratios``: whether those of a ratio count as relative.
+    """
+    own = {"gain": np.abs(z), "positive": np.tanh(np.abs(z))} | ({"ratio": np.abs(z)} if ratios else {})
+    kinds = [spec.kind for spec in model.parameters]
+    return np.array([max(float(own[kind][k]), least) if kind in own else 1.0 for k, kind in enumerate(kinds)])
 
 
 def _at_bounds(coordinates: Coordinates, values: dict[str, float], deviation: FloatArray) -> list[ResultWarning]:

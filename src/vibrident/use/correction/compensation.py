@@ -195,7 +195,7 @@ class Compensation:
                     near = values[:length] if at_left else values[-length:]
                     side = np.maximum(side, self._edge(self._autocovariance(near), at_left=at_left))
                 inwards = total if at_left else total[::-1]
-                inwards[: side.size] += side
+                inwards[: side.size] += side[: self.samples]
         return np.sqrt(total)
 
     def _autocovariance(self, values: FloatArray) -> FloatArray:

@@ -15,7 +15,7 @@ from vibrident.data.records import QUANTITIES, STANDARD_GRAVITY, FloatArray, Qua
 from vibrident.fit.information import inverse_normal
 from vibrident.fit.uncertainty import correlation, curve, parameter_table, weakly_determined, with_reference
 from vibrident.fit.uncertainty.curve import with_resonances
-from vibrident.fit.uncertainty.parameters import fields_of_units
+from vibrident.fit.uncertainty.parameters import fields_of_units, sizes_of
 from vibrident.physics.models import parse
 from vibrident.physics.models.base import SensorModel
 from vibrident.result import Correlation, Curve, Parameter, Result
@@ -28,6 +28,7 @@ _UNIT_FIELDS: tuple[str, ...] = ("response", "reference", "reference_integrated"
 #: must not favour points with a low estimate.
 NEIGHBOURS = 2
 CURVE_POINTS = 101  # points of the sensitivity curve
+LEAST_SIZE = 1e-3  # of a coordinate, where its uncertainty is taken relative to it
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +134,7 @@ def _plan(
 ) -> Plan:
     coordinates, z, frequency = points.coordinates, points.coordinates.first, points.subject.frequency_hz
     count = frequency.size
-    model, scale = coordinates.model, _scales(coordinates.model, points.coordinates.first)
+    model, scale = coordinates.model, sizes_of(coordinates.model, points.coordinates.first, LEAST_SIZE, ratios=True)
     uses, reached, spread = np.ones(count, dtype=int), None, {}
     if best is not None:
         uses = best_points(points.information, best, criterion, scale, repeats=repeats)
@@ -196,13 +197,6 @@ def _deviations(points: PlannedPoints, uses: np.ndarray, reference_uncertainty: 
     none: dict[str, str] = dict.fromkeys(_UNIT_FIELDS, "1")
     table = parameter_table(coordinates, z, covariance, freedom, none, {})
     return {name: float(table[name].standard_uncertainty or 0.0) for name in coordinates.model.parameter_names}
-
-
-def _scales(model: SensorModel, z: FloatArray) -> FloatArray:
-    """Size of each coordinate, for relative uncertainties: 1 for logarithms and for a delay in radians."""
-    own = {"gain": np.abs(z), "positive": np.tanh(np.abs(z)), "ratio": np.abs(z)}
-    kinds = [spec.kind for spec in model.parameters]
-    return np.array([max(float(own[kind][index]), 1e-3) if kind in own else 1.0 for index, kind in enumerate(kinds)])
 
 
 def _sensor(sensor: str | Result, parameters: Mapping[str, float] | None) -> tuple[SensorModel, dict[str, float]]:
