@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibrident.data.records import FloatArray, Quantity
-from vibrident.physics.models.base import SensorModel, polynomial
+from vibrident.physics.models.base import SensorModel
 
 STEP = 1e-100  # imaginary step, in units of the parameter: its square is nothing beside one
 
@@ -34,42 +34,52 @@ def response_and_slopes(
         quantity: what the reference is.
     """
     s = 2j * np.pi * np.asarray(frequency_hz, dtype=float)
-    system = model.rational(values, quantity)
-    top, bottom = polynomial(system.numerator, s), polynomial(system.denominator, s)
-    ratio = top / bottom
-    factors = [add_on.factor(values, s) for add_on in model.add_ons if add_on.factor is not None]
-    late = np.exp(-s * model.delay_s(values)) if model.has_delay else 1.0
-    behind = math.prod(factors, start=late)
-    response = system.gain * ratio * behind
-
     moved, per = _moved(model, values)
-    ahead = model.rational(moved, quantity)
-    d_gain, d_top, d_bottom = (_slope(c, per, s) for c in ((ahead.gain,), ahead.numerator, ahead.denominator))
-    slopes = (d_gain * top + system.gain * (d_top - ratio * d_bottom)) * (behind / bottom)
-    if model.has_delay:
-        slopes = slopes - _slope((model.delay_s(moved),), per, s) * (s * response)
+    system = model.rational(moved, quantity)
+    gain = _and_slopes((system.gain,), per)
+    top, bottom = _at(_and_slopes(system.numerator, per), s), _at(_and_slopes(system.denominator, per), s)
+    delay = _and_slopes((model.delay_s(moved),), per) if model.has_delay else None
+    late = 1.0 if delay is None else np.exp(-s * delay[0])
     with_factor = [add_on for add_on in model.add_ons if add_on.factor is not None]
+    factors = [add_on.factor(values, s) for add_on in with_factor if add_on.factor is not None]
+
+    behind = math.prod(factors, start=late) / bottom[0]
+    response = gain[0] * (top[0] * behind)
+    slopes = top[1:] * (gain[0] * behind)
+    slopes -= bottom[1:] * (response / bottom[0])
+    slopes += gain[1:].astype(complex) * (top[0] * behind)
+    if delay is not None:
+        slopes -= delay[1:] * (s * response)
     for index, add_on in enumerate(with_factor):
-        others = math.prod(factors[:index] + factors[index + 1 :], start=system.gain * ratio * late)
+        others = math.prod(factors[:index] + factors[index + 1 :], start=gain[0] * (top[0] / bottom[0]) * late)
         for name, slope in (add_on.factor_slopes(values, s) if add_on.factor_slopes else {}).items():
             slopes[model.parameter_names.index(name)] += others * slope
     return response, slopes
 
 
-def _moved(model: SensorModel, values: Mapping[str, Any]) -> tuple[dict[str, Any], Any]:
+def _moved(model: SensorModel, values: Mapping[str, Any]) -> tuple[dict[str, Any], FloatArray]:
     """Each parameter moved by its own imaginary step: values of shape (parameters, …, 1), and one over the steps."""
     names = model.parameter_names
-    places = {name: np.atleast_1d(np.asarray(values[name], dtype=float)) for name in names}
-    steps = np.array([STEP * (np.abs(place) + (place == 0.0)) for place in places.values()])
-    moved = {name: place + np.zeros(steps.shape, dtype=complex) for name, place in places.items()}
-    for index, place in enumerate(moved.values()):
-        place[index] += 1j * steps[index]
-    return moved, 1.0 / steps
+    places = np.array([np.atleast_1d(values[name]) for name in names], dtype=float)
+    steps = STEP * (np.abs(places) + (places == 0.0))
+    moved = np.repeat(places[:, None].astype(complex), len(names), axis=1)
+    each = np.arange(len(names))
+    moved[each, each] += 1j * steps
+    return dict(zip(names, moved, strict=True)), 1.0 / steps
 
 
-def _slope(coefficients: tuple[Any, ...], per: FloatArray, s: ComplexArray) -> Any:
-    """Derivative of a polynomial at ``s`` from its coefficients at the steps, shape (parameters, …, points or 1)."""
-    moved = [np.imag(c) * per if np.iscomplexobj(c) else 0.0 for c in coefficients]
-    while len(moved) > 1 and np.isscalar(moved[-1]):
-        moved.pop()
-    return polynomial(tuple(moved), s) if len(moved) > 1 else moved[0]
+def _and_slopes(coefficients: tuple[Any, ...], per: FloatArray) -> FloatArray:
+    """Coefficients, and below them their derivatives, shape (1 + parameters, …, coefficients)."""
+    moved = np.empty((*per.shape[:-1], len(coefficients)), dtype=complex)
+    for index, coefficient in enumerate(coefficients):
+        moved[..., index : index + 1] = coefficient
+    return np.concatenate([moved.real[:1], moved.imag * per])
+
+
+def _at(coefficients: FloatArray, s: ComplexArray) -> ComplexArray:
+    """Values at ``s`` of polynomials, shape (…, points), from their coefficients, shape (…, coefficients)."""
+    powers = np.empty((coefficients.shape[-1], s.size), dtype=complex)
+    powers[0] = 1.0
+    for order in range(1, len(powers)):
+        np.multiply(powers[order - 1], s, out=powers[order])
+    return (coefficients @ powers.view(float)).view(complex)
