@@ -21,6 +21,7 @@ from vibrident.fit.problem import Evidence, FrequencyProblem
 from vibrident.fit.problem.frequency_domain import response_residual
 from vibrident.fit.response.explained import MOST_LEFT, part_left
 from vibrident.fit.response.response import ComplexArray
+from vibrident.fit.start.search import LONGEST, LogCoordinates
 from vibrident.fit.start.start import find_start
 from vibrident.fit.uncertainty.linearised import Linearised
 from vibrident.fit.uncertainty.parameters import weakly_determined
@@ -189,9 +190,12 @@ def _chi2(judgement: Judgement) -> float:
 def _tried(start: Mapping[str, float], best: Attempt, *, weighed: bool = False) -> Attempt:
     """The fit from another start if it is better, else the best so far.
 
-    A start may lead to no fit: a delay beyond the record, for one. A fit that predicts less of the response is tested
-    in fewer bands, and meets those that are left the better. ``weighed``: the start is by the noise of both channels.
+    A start that is near the first one leads where that did. A start may lead to no fit: a delay beyond the record, for
+    one. A fit that predicts less of the response is tested in fewer bands, and meets those that are left the better.
+    ``weighed``: the start is by the noise of both channels.
     """
+    if _leads_alike(best, start):
+        return best
     evidence, estimator = replace(best.evidence, start=dict(start)), best.estimator
     try:
         found = estimator.improved(evidence, best.estimate, best.progress, weighed=weighed)
@@ -205,6 +209,17 @@ def _tried(start: Mapping[str, float], best: Attempt, *, weighed: bool = False) 
     if lost or not (after or np.inf) < CLEARLY_LESS * (before or 0.0):
         return best
     return replace(best, estimate=estimate, judgement=judgement, examined=None)
+
+
+def _leads_alike(best: Attempt, start: Mapping[str, float]) -> bool:
+    """Whether the fit began within one step of the search of this start."""
+    model, evidence, begin = best.evidence.model.linear, best.evidence, best.estimate.begin
+    if begin is None:
+        return False
+    band = np.array(evidence.band_hz)
+    chart = LogCoordinates(model, evidence.quantity, band, 1.0 / (2.0 * np.pi * band[1]))
+    (first, sign), (other, other_sign) = chart.place(begin.values), chart.place(dict(start))
+    return sign == other_sign and bool(np.max(np.abs(first - other)) < LONGEST)
 
 
 def _weighed_start(found: Attempt) -> Mapping[str, float] | None:
@@ -246,12 +261,13 @@ def _searched_again(best: Attempt) -> Attempt | None:
         size = np.abs(points.measured)
         data = (points.frequency_hz, np.ones(len(size), complex), points.measured, points.relative_deviation * size)
         problem = FrequencyProblem(model, evidence.quantity, False, True, data)
+        here = response_residual(estimate.z, estimate.coordinates, False, True, evidence.quantity, data)
+        most = CLEARLY_LESS * float(np.sum(np.square(here)))
         try:
-            begin = find_start(problem, model)
+            begin = find_start(problem, model, most)
         except (NotConverged, InputError):
             break
-        here = response_residual(estimate.z, estimate.coordinates, False, True, evidence.quantity, data)
-        if not begin.costs[-1] < CLEARLY_LESS * float(np.sum(np.square(here))):
+        if not begin.costs[-1] < most:
             break
         other = _tried(begin.values, best)
         if other is best:

@@ -292,7 +292,9 @@ def _with_sign_and_delay(
     highest = float(np.max(sought.frequency_hz))
     steps = int(min(PERIODS, longest_delay_s * highest) * PER_PERIOD)
     periods = np.arange(-steps, steps + 1) / PER_PERIOD
-    sums = np.real(np.exp(2j * np.pi * np.outer(periods, sought.frequency_hz / highest)) @ turn.T)  # (delays, C)
+    turns = np.tile(np.exp(2j * np.pi / PER_PERIOD * sought.frequency_hz / highest), (len(periods), 1))
+    turns[0] = np.exp(2j * np.pi * periods[0] * sought.frequency_hz / highest)
+    sums = np.real(np.cumprod(turns, axis=0) @ turn.T)  # (delays, C)
     preferred = np.abs(sums) * (1.0 - LIKELIER * np.log2(1.0 + np.abs(periods)))[:, None]
     places, signs = [], []
     for row in range(len(u)):
