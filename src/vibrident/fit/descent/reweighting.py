@@ -172,7 +172,7 @@ def _down(
                 there = iterate_at(lines, [motion_of(record) for record in lines], list(here.spectra), trial, SETTLED)
         if there is None:
             damping = max(DAMPED, damping * MORE_DAMPED * 2.0**rejected)
-            rejected += 1
+            rejected, slow = rejected + 1, slow + 1
         else:
             slow, least = slow + 1 if there.far > CLOSER * least else 0, min(least, there.far)
             if damping == 0.0 and there.far > BACK * here.far:
