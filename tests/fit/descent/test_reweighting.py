@@ -239,12 +239,14 @@ class Wandering:
         ([30.0, 8.0, 0.09, 1.0, 2.5, 0.3, 2.2, 3.0, 1.4, 0.4], 6),  # four steps no closer than the third
         ([30.0, 20.0, 30.0, 25.0, 3.0, 0.01], 5),
         ([30.0, (20.0, "misfit"), 3.0], 1),
+        ([30.0, None, None, None, None, 3.0], 0),  # as four rejected steps are
+        ([30.0, None, None, 3.0, None, None, None, 0.01], 7),
     ],
 )
 def test_a_descent_ends_where_it_comes_no_closer_or_what_is_left_is_no_noise(monkeypatch, ways, taken):
-    first, *rest = (Wandering(*(way if isinstance(way, tuple) else (way,))) for way in ways)
-    made = iter(rest)
+    every = [None if way is None else Wandering(*(way if isinstance(way, tuple) else (way,))) for way in ways]
+    first, made = every[0], iter(every[1:])
     monkeypatch.setattr(reweighting, "iterate_at", lambda *_: next(made))
     monkeypatch.setattr(reweighting, "motion_of", lambda _: None)
     end = reweighting._down(first, [], lambda _: [SimpleNamespace(samples=100)], None)
-    assert end is rest[taken - 1]
+    assert end is every[taken]

@@ -125,18 +125,6 @@ class Estimator(ABC):
         """
         return None
 
-    def improved(
-        self, evidence: Evidence, estimate: Estimate, progress: Progress = silent, *, weighed: bool = False
-    ) -> Estimate | None:
-        """The estimate from the start stated in the evidence; None where it is no better than a rejected one.
-
-        ``weighed``: the start is by the noise of both channels, which equal weights do not know.
-
-        Raises:
-            NotConverged: the start leads to no finite fit.
-        """
-        return self.fit(evidence, progress)
-
     def suits(self, evidence: Evidence) -> str:
         """Reason to choose this estimator for these data; empty: it is not chosen automatically."""
         return ""

@@ -25,7 +25,6 @@ from vibrident.fit.estimators.findings import Findings, TrainedNetwork
 from vibrident.fit.estimators.network_settings import NetworkSettings
 from vibrident.fit.problem import BinProblem, Coordinates, Evidence, NetworkProblem, network_objective
 from vibrident.fit.problem.framing import response_size
-from vibrident.fit.response.explained import MOST_LEFT, part_left
 from vibrident.fit.screening.hum import hum_tones, lacking
 from vibrident.fit.start.start import Start, find_start
 from vibrident.physics.discretisation import method
@@ -40,8 +39,6 @@ BEFORE_WEIGHTING = 0.01
 AT_FIRST = 0.1
 #: Relative change of the noise below which its weights need no further round.
 NOISE_SETTLED = 1e-3
-#: A fit is better where −2 log likelihood of the residual, as white noise, is less by this.
-LIKELIER = 9.0
 
 
 def fit(network: NetworkSettings, evidence: Evidence, progress: Progress) -> Estimate:
@@ -59,44 +56,11 @@ def fit(network: NetworkSettings, evidence: Evidence, progress: Progress) -> Est
             where="estimator",
             remedy="use the estimator 'auto' for a table; add a record with a reference to free decays",
         )
-    return _ended(network, evidence, _trained(network, evidence, progress), progress)
-
-
-def improved(
-    network: NetworkSettings, evidence: Evidence, estimate: Estimate, progress: Progress, *, weighed: bool
-) -> Estimate | None:
-    """The estimate from another start; None where it is of no use.
-
-    Equal weights leave the least residual. Where that is most of the response, other weights leave more; it says
-    nothing in favour of a start ``weighed`` by the noise of both channels, else it is to be less than in ``estimate``.
-
-    Raises:
-        InputError: no record is long enough.
-    """
     trained = _trained(network, evidence, progress)
-    if _by_lines(network, evidence):
-        if part_left(evidence.records, trained.predicted(trained.trace.last)) > MOST_LEFT:
-            return None
-        if not weighed and not _likelier(trained, estimate, evidence):
-            return None
-    return _ended(network, evidence, trained, progress)
-
-
-def _ended(network: NetworkSettings, evidence: Evidence, trained: _Trained, progress: Progress) -> Estimate:
-    """What follows training with equal weights."""
     if network.weights == "free":
         return _freed(network, evidence, trained, progress)
     # A nonlinear model has no residual line by line, and Adam trains as the paper does.
     return trained.in_the_noise_found(evidence) if _by_lines(network, evidence) else trained.with_equal_weights()
-
-
-def _likelier(after: _Trained, before: Estimate, evidence: Evidence) -> bool:
-    """Whether training with equal weights leaves less residual than an estimate's; True where it is not known."""
-    network = before.findings.network
-    if network is None:
-        return True
-    samples = np.array([record.mask.sum() for record in evidence.records], dtype=float)
-    return float(np.sum(2.0 * samples * np.log(network.noise / after.network.noise))) > LIKELIER
 
 
 def with_equal_weights(estimate: Estimate) -> Estimate | None:

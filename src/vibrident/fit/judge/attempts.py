@@ -74,7 +74,7 @@ class Attempt:
             # Too few points to search in, or noise of the reference leads the search to the end of its range: another
             # weighting, and the other optima of the first search.
             weighed = _weighed_start(best)
-            best = best if weighed is None else _tried(weighed, best, weighed=True)
+            best = best if weighed is None else _tried(weighed, best)
             for start, cost in begin.others[:MORE_STARTS]:
                 if cost > COMPARABLE * begin.costs[-1] or best.adequate:
                     break
@@ -187,21 +187,17 @@ def _chi2(judgement: Judgement) -> float:
     return float(judgement.adequacy.chi2_reduced or 0.0) * judgement.adequacy.degrees_of_freedom
 
 
-def _tried(start: Mapping[str, float], best: Attempt, *, weighed: bool = False) -> Attempt:
+def _tried(start: Mapping[str, float], best: Attempt) -> Attempt:
     """The fit from another start if it is better, else the best so far.
 
     A start that is near the first one leads where that did. A start may lead to no fit: a delay beyond the record, for
     one. A fit that predicts less of the response is tested in fewer bands, and meets those that are left the better.
-    ``weighed``: the start is by the noise of both channels.
     """
     if _leads_alike(best, start):
         return best
     evidence, estimator = replace(best.evidence, start=dict(start)), best.estimator
     try:
-        found = estimator.improved(evidence, best.estimate, best.progress, weighed=weighed)
-        if found is None:
-            return best
-        estimate, judgement = _with_verdict(evidence, estimator, found, best.progress)
+        estimate, judgement = _once(evidence, estimator, best.progress)
     except (NotConverged, InputError):
         return best
     before, after = (one.adequacy.chi2_reduced for one in (best.judgement, judgement))

@@ -70,7 +70,7 @@ def _moved(model: SensorModel, values: Mapping[str, Any]) -> tuple[dict[str, Any
 
 def _and_slopes(coefficients: tuple[Any, ...], per: FloatArray) -> FloatArray:
     """Coefficients, and below them their derivatives, shape (1 + parameters, …, coefficients)."""
-    moved = np.empty((*per.shape[:-1], len(coefficients)), dtype=complex)
+    moved: ComplexArray = np.empty((*per.shape[:-1], len(coefficients)), dtype=complex)
     for index, coefficient in enumerate(coefficients):
         moved[..., index : index + 1] = coefficient
     return np.concatenate([moved.real[:1], moved.imag * per])

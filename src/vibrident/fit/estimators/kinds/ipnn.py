@@ -76,14 +76,6 @@ class Ipnn(NetworkSettings, Estimator):
 
         return training.fit(self, evidence, progress)
 
-    def improved(
-        self, evidence: Evidence, estimate: Estimate, progress: Progress = silent, *, weighed: bool = False
-    ) -> Estimate | None:
-        """None where training with equal weights leaves no less residual, or most of the response."""
-        from vibrident.fit.estimators import training
-
-        return training.improved(self, evidence, estimate, progress, weighed=weighed)
-
     def where_rejected(self, evidence: Evidence, estimate: Estimate, progress: Progress = silent) -> Estimate | None:
         """The best overall fit: equal weights for all samples of a record."""
         from vibrident.fit.estimators import training
