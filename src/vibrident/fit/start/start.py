@@ -255,7 +255,7 @@ def _aligned(
     turned, sign = _with_two_modes(begun.u[rows], begun.sign[rows], near, some)
     aligned = descend(near, turned, sign, logarithms(some, LEAST_DEVIATION), STEPS)
     _require_use(aligned, most * some.frequency_hz.size)
-    rows = aligned.best(LAST, SAME)
+    rows = aligned.best(LAST, APART)
     closer = descend(near, aligned.u[rows], aligned.sign[rows], logarithms(some, LEAST_DEVIATION / 100.0), STEPS)
     rows = np.argsort(closer.cost, kind="stable")[:last]
     return descend(chart, closer.u[rows], closer.sign[rows], differences(final), LAST_STEPS)
