@@ -102,7 +102,7 @@ def test_digital_accelerometer_with_its_averaging_filter(tmp_path: Path) -> None
 
 
 def test_where_the_search_ends_does_not_depend_on_rounding(tmp_path: Path) -> None:
-    """Copies of one candidate in a flat valley, apart by a thousandth, left no room for another: one start in eight missed it."""
+    """Copies of one candidate in a flat valley left no room for others: one start in eight missed the optimum."""
     path = calibration_beside_data("mpu9250.toml", "mpu9250", tmp_path)
     problem = Evidence.gather(vibrident.read(path), parse("accelerometer+boxcar+delay")).first_look
     assert problem is not None
