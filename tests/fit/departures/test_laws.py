@@ -224,3 +224,47 @@ def test_parts_made_anew_for_each_pass_say_what_those_held_say(monkeypatch):
     monkeypatch.setattr(parts, "HELD", 0)
     assert {finding.code for finding in held} >= {"drift", "regimes"}
     assert vibrident.identify(given).findings == held
+
+
+@pytest.mark.parametrize(
+    ("case", "most"),
+    [
+        ("regime of frequency:1.1/shock/in-light/0.01 %", 20.0),  # bands were a nuisance of what was told after them
+        ("square:0.01/sine/edge-light/0.01 %", 50.0),  # each sine had an amount of its own
+    ],
+)
+def test_what_was_found_before_leaves_the_parameters_determined(case: str, most: float) -> None:
+    """Beside free bands nothing tells the sensitivity: without the next finding it was to be 10¹² times as large."""
+    trial = BY_NAME[f"defect/{case}"].trial(17)
+    result = vibrident.identify(trial.calibration(), model=trial.model)
+    told = [float(size) for one in result.warnings for size in re.findall(r"\((\S+) u\)", one.message)]
+    assert told
+    assert max(told) < most
+
+
+def test_amounts_that_records_share_are_those_of_all_columns_together() -> None:
+    """Columns that only some records have stand beside those of all: the shift is that of least squares on all rows."""
+    rng = np.random.default_rng(3)
+    made = [linear_part(rng, 300, 0.0) for _ in range(3)]
+    columns = [rng.normal(size=(2, 300)) for _ in made]  # the first is of all records, the second of each alone
+    which = [np.array([True, *(number == other for other in range(3))]) for number in range(3)]
+    fit = LinearFit.of([part.own for part in made], np.ones(2))
+    together = [
+        Sums.of(part, part.freed(rows), 2).among(own) for part, rows, own in zip(made, columns, which, strict=True)
+    ]
+    moved = fit.moved(together[0] + together[1] + together[2])
+
+    def rows(part: Part, own: np.ndarray, number: int) -> np.ndarray:
+        white = np.zeros((4, 300))
+        white[which[number]] = part.freed(own)
+        return white
+
+    added = np.concatenate(
+        [rows(part, own, number) for number, (part, own) in enumerate(zip(made, columns, strict=True))], axis=1
+    )
+    jacobian, rest = (
+        np.concatenate([getattr(part, name) for part in made], axis=-1) for name in ("jacobian", "residual")
+    )
+    alone = np.linalg.lstsq(jacobian.T, rest, rcond=None)[0]
+    beside = np.linalg.lstsq(np.concatenate([jacobian, added]).T, rest, rcond=None)[0][:2]
+    np.testing.assert_allclose(moved.sum(axis=0), alone - beside, rtol=1e-9)

@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial, reduce
-from itertools import pairwise
 from typing import TypeGuard
 
 import numpy as np
@@ -134,16 +133,31 @@ def _columns(found: Sequence[Found], scale: Scale, number: int, part: Part) -> l
 
 
 def _shifts(parts: Parts, found: Sequence[Sequence[Found]], scale: Scale, uncertainty: FloatArray) -> list[FloatArray]:
-    """How far the departures of each round move the coordinates, told in the noise that is left beside them."""
-    rounds = [list[Own]() for _ in range(len(found) + 1)]
-    for number, part in enumerate(parts):
-        beside = part
-        rounds[0].append(part.own)
-        for own, now in zip(rounds[1:], found, strict=True):
-            beside = reduce(Part.in_noise_beside, _columns(now, scale, number, part), beside)
-            own.append(beside.own)
-    ends = [LinearFit.of(own, uncertainty).optimum(own) for own in rounds]
-    return [before - after for before, after in pairwise(ends)]
+    """How far the departures of each round move the coordinates, by the amounts that all have together.
+
+    They are told in the noise that is left beside them; what that noise moves by itself is of the first of them.
+    """
+    shifts = [np.zeros(len(uncertainty)) for _ in found]
+    every = [(number, one) for number, now in enumerate(found) for one in now if not one.departure.own_columns]
+    if not every:
+        return shifts
+    before, beside, own, widths = list[Own](), list[Own](), list[tuple[list[int], Sums]](), dict[int, int]()
+    for place, part in enumerate(parts):
+        here = [key for key, (_, one) in enumerate(every) if one.place in (None, place)]
+        columns = [every[key][1].departure.columns_of(every[key][1].candidate, part, scale) for key in here]
+        quiet = part.in_noise_beside(columns)
+        before.append(part.own)
+        beside.append(quiet.own)
+        if here:
+            widths |= dict(zip(here, map(len, columns), strict=True))
+            white = np.concatenate([quiet.white(each) for each in columns])
+            own.append((here, Sums.of(quiet, white, len(uncertainty))))
+    fit, which = LinearFit.of(beside, uncertainty), np.repeat(sorted(widths), [widths[key] for key in sorted(widths)])
+    together = reduce(Sums.__add__, (sums.among(np.isin(which, here)) for here, sums in own))
+    for key, moved in zip(which.tolist(), fit.moved(together), strict=True):
+        shifts[every[key][0]] += moved
+    shifts[every[0][0]] += LinearFit.of(before, uncertainty).optimum(before) - fit.optimum(beside)
+    return shifts
 
 
 def _of_one_kind(every: list[Together]) -> list[Together]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -79,7 +79,7 @@ class Part:
         turns: of the record's sine from sample to sample; None for other motion.
         optical: whether the reference is an interferometer's raw light.
         slopes: of the response with the coordinates, shape (p, bins).
-        again: makes the part with more nuisance columns by their bins, shape (m, bins), in the noise beside these.
+        again: makes the part in the noise beside columns by their bins, shape (m, bins).
     """
 
     name: str
@@ -183,10 +183,10 @@ class Part:
             freedom=self.freedom - len(basis),
         )
 
-    def in_noise_beside(self, columns: FloatArray | ComplexArray) -> Part:
-        """The same, in the noise that is left beside them."""
+    def in_noise_beside(self, columns: Sequence[FloatArray | ComplexArray]) -> Part:
+        """The part in the noise that is left beside columns, which are no nuisance parameters of it."""
         assert self.again is not None
-        return self.again(self._bins(columns))
+        return self.again(np.concatenate([self._bins(each) for each in columns])) if columns else self
 
     def _bins(self, columns: FloatArray | ComplexArray) -> ComplexArray:
         bins = columns if np.iscomplexobj(columns) else fft.rfft(columns * self.used, axis=-1)

@@ -19,7 +19,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from vibrident.base.tails import f_tail
-from vibrident.data.records import FloatArray
+from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.departures.part import Own, Part
 from vibrident.fit.information import inverse_where_shown
 from vibrident.fit.response.rounding import TRIALS
@@ -149,6 +149,18 @@ class Sums:
             self.steps,
         )
 
+    def among(self, which: BoolArray) -> Sums:
+        """As some of more columns, of which the others are not there; ``which``: of these they are, shape (more,)."""
+        found = {"steps": self.steps}
+        for name, square in (
+            *dict.fromkeys(("score", "cross", "cross_spread", "common", "shift", "least"), False).items(),
+            *dict.fromkeys(("gram", "spread"), True).items(),
+        ):
+            own = getattr(self, name)
+            found[name] = np.zeros((which.size, which.size) if square else (which.size, *own.shape[1:]))
+            found[name][np.ix_(which, which) if square else which] = own
+        return Sums(**found)
+
     def at(self, places: int | Sequence[int]) -> Sums:
         """Of some of the places."""
         return Sums(*(getattr(self, each.name)[places] for each in fields(self)))
@@ -267,6 +279,12 @@ class LinearFit:
             )
             for k, m in enumerate(columns.tolist())
         ]
+
+    def moved(self, sums: Sums) -> FloatArray:
+        """How far each column moves the coordinates, by the amounts that all have together, shape (m, P)."""
+        (score,) = self.test(Sums.stacked([sums]))
+        amounts = np.zeros(len(sums.score)) if score is None else score.amounts
+        return np.asarray(amounts[:, None] * (sums.cross @ self.inverse + sums.shift))
 
     def _chance(self, statistic: float, explained: float, columns: float, told: float) -> float:
         """An F test against what the departure leaves, where that is more than noise.

@@ -42,6 +42,7 @@ class Signals:
         turns: as of :class:`Part`.
         seen: motion, as the analysis of the noise sees it; None of too few bins for that.
         floor: lower limit of the noise, in the square of ``unit``.
+        departing: columns of departures that are known, shape (m, bins); None of none.
     """
 
     record: Record
@@ -60,18 +61,19 @@ class Signals:
     turns: float | None = None
     seen: Motion | None = None
     floor: float = 0.0
+    departing: ComplexArray | None = None
 
-    def beside(self, columns: ComplexArray) -> Signals:
-        """With more nuisance columns, shape (m, bins), and the noise as it is beside them.
+    def in_noise_beside(self, columns: ComplexArray) -> Signals:
+        """In the noise as it is beside the columns of departures, shape (m, bins).
 
         A departure that is no motion's is noise to the spectrum that was read before it was known.
         """
-        nuisance, spectrum = np.concatenate([self.nuisance, columns]), self.spectrum
+        known, spectrum = np.concatenate([self.nuisance, columns]), self.spectrum
         if self.seen is not None:
-            freed = projected(self.rest / self.unit, np.concatenate([nuisance, self.jacobian]), np.sqrt(self.one_sided))
+            freed = projected(self.rest / self.unit, np.concatenate([known, self.jacobian]), np.sqrt(self.one_sided))
             without_offset(freed)
             spectrum = replace(noise_spectrum(freed, self.seen, self.floor), tones=self.spectrum.tones)
-        return replace(self, nuisance=nuisance, spectrum=spectrum)
+        return replace(self, departing=columns, spectrum=spectrum)
 
     @property
     def counted(self) -> BoolArray:
@@ -88,7 +90,8 @@ class Signals:
         """Response to the most likely motion, zero where noise may be all of it, shape (bins,)."""
         predicted, left = (np.asarray(bins / self.unit, dtype=complex) for bins in (self.predicted, self.rest))
         predicted[0] = 0.0
-        rest = projected(left, self.nuisance, np.sqrt(self.one_sided))
+        known = self.nuisance if self.departing is None else np.concatenate([self.nuisance, self.departing])
+        rest = projected(left, known, np.sqrt(self.one_sided))
         return most_likely(predicted, rest, self.transfer, self.spectrum, self.used) * self.counted * self.unit
 
     @property
@@ -153,7 +156,7 @@ class Signals:
             self.turns,
             self.record.optical is not None,
             self.jacobian,
-            lambda columns: self.beside(columns).part(effects),
+            lambda columns: self.in_noise_beside(columns).part(effects),
         )
 
     def _doubt(self, transfer: ComplexArray) -> FloatArray:
