@@ -268,3 +268,16 @@ def test_amounts_that_records_share_are_those_of_all_columns_together() -> None:
     alone = np.linalg.lstsq(jacobian.T, rest, rcond=None)[0]
     beside = np.linalg.lstsq(np.concatenate([jacobian, added]).T, rest, rcond=None)[0][:2]
     np.testing.assert_allclose(moved.sum(axis=0), alone - beside, rtol=1e-9)
+
+
+def test_what_a_departure_moves_is_seen_in_the_digits() -> None:
+    """27.0507 mV/(m/s) in place of 27.0507 mV/(m/s) was said where they were three standard uncertainties apart."""
+    shape = {"samples": 4000, "response_noise": 1e-6, "seed": 2}
+    made = simulate("paper", "random", repeats=2, **shape)
+    first, second = made.records
+    result = vibrident.identify(
+        replace(made, records=(first, replace(second, response=second.response * (1.0 + 5e-7))))
+    )
+    (said,) = [one.message for one in result.warnings if one.code == "regimes"]
+    without, stated = re.findall(r"would be (\S+) \S+ in place of (\S+) ", said)[0]
+    assert without != stated

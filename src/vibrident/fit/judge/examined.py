@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -228,15 +229,19 @@ class _Words:
             return f"No parameter moves by {TOLD_FROM:g} u."
         if one.departure.own_columns:  # the data do not tell which of them is wrong
             return f"Where it is largest, it moves the {in_words(name)} by {plain(float(np.max(size)), 2)} u."
+        here, there = (stated, without) if self.admitted else (without, stated)
+        digits = _digits(here, there)
+        put = f"would be {amount(here, unit, digits)} in place of {amount(there, unit, digits)}"
+        put = f"{put} ({plain(float(np.max(size)), 2)} u)."
         if self.admitted:
-            return (
-                f"The fit has {it} as nuisance parameters; without these the {in_words(name)} would be "
-                f"{amount(stated, unit, 6)} in place of {amount(without, unit, 6)} ({plain(float(np.max(size)), 2)} u)."
-            )
-        return (
-            f"Without {it} the {in_words(name)} would be {amount(without, unit, 6)} in place of "
-            f"{amount(stated, unit, 6)} ({plain(float(np.max(size)), 2)} u)."
-        )
+            return f"The fit has {it} as nuisance parameters; without these the {in_words(name)} {put}"
+        return f"Without {it} the {in_words(name)} {put}"
+
+
+def _digits(one: float, other: float) -> int:
+    """By which two values can be told apart, to a tenth of what they differ by."""
+    apart = abs(one - other) / max(abs(one), np.finfo(float).tiny)
+    return min(max(6, 2 - math.floor(math.log10(apart))), 15) if apart > 0.0 else 6
 
 
 def _said(one: Found) -> str:
