@@ -135,7 +135,7 @@ def _columns(found: Sequence[Found], scale: Scale, number: int, part: Part) -> l
 def _shifts(parts: Parts, found: Sequence[Sequence[Found]], scale: Scale, uncertainty: FloatArray) -> list[FloatArray]:
     """How far the departures of each round move the coordinates, by the amounts that all have together.
 
-    They are told in the noise that is left beside them; what that noise moves by itself is of the first of them.
+    In the noise that is left beside them. How far the optimum itself is another one in that noise counts to the first.
     """
     shifts = [np.zeros(len(uncertainty)) for _ in found]
     every = [(number, one) for number, now in enumerate(found) for one in now if not one.departure.own_columns]
@@ -144,7 +144,7 @@ def _shifts(parts: Parts, found: Sequence[Sequence[Found]], scale: Scale, uncert
     before, beside, own, widths = list[Own](), list[Own](), list[tuple[list[int], Sums]](), dict[int, int]()
     for place, part in enumerate(parts):
         here = [key for key, (_, one) in enumerate(every) if one.place in (None, place)]
-        columns = [every[key][1].departure.columns_of(every[key][1].candidate, part, scale) for key in here]
+        columns = _columns([one for _, one in every], scale, place, part)
         quiet = part.in_noise_beside(columns)
         before.append(part.own)
         beside.append(quiet.own)

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from functools import reduce
 
 import numpy as np
 
@@ -76,31 +77,11 @@ class Sums:
         """Of places with as many columns each."""
         return cls(*(np.stack([getattr(one, each.name) for one in every]) for each in fields(cls)))
 
-    @classmethod
-    def side_by_side(cls, every: Sequence[Sums]) -> Sums:
+    @staticmethod
+    def side_by_side(every: Sequence[Sums]) -> Sums:
         """Of all columns of several records together."""
-
-        def joined(name: str) -> FloatArray:
-            return np.concatenate([getattr(one, name) for one in every])
-
-        def apart(name: str) -> FloatArray:
-            found, first = np.zeros((count := sum(len(one.score) for one in every), count)), 0
-            for one in every:
-                own = slice(first, first := first + len(one.score))
-                found[own, own] = getattr(one, name)
-            return found
-
-        return cls(
-            joined("score"),
-            apart("gram"),
-            apart("spread"),
-            joined("cross"),
-            joined("cross_spread"),
-            joined("common"),
-            joined("shift"),
-            joined("least"),
-            np.sum([one.steps for one in every], axis=0),
-        )
+        record = np.repeat(np.arange(len(every)), [len(one.score) for one in every])
+        return reduce(Sums.__add__, (one.among(record == number) for number, one in enumerate(every)))
 
     def beside(self, part: Part, parameters: int) -> Sums:
         """The same with the record's own parameters projected out, where it has any."""
@@ -150,16 +131,19 @@ class Sums:
         )
 
     def among(self, which: BoolArray) -> Sums:
-        """As some of more columns, of which the others are not there; ``which``: of these they are, shape (more,)."""
-        found = {"steps": self.steps}
-        for name, square in (
-            *dict.fromkeys(("score", "cross", "cross_spread", "common", "shift", "least"), False).items(),
-            *dict.fromkeys(("gram", "spread"), True).items(),
-        ):
-            own = getattr(self, name)
-            found[name] = np.zeros((which.size, which.size) if square else (which.size, *own.shape[1:]))
-            found[name][np.ix_(which, which) if square else which] = own
-        return Sums(**found)
+        """As some of more columns, of which the others are zero; ``which``: they are these, shape (more,)."""
+        put = np.eye(which.size)[:, which]
+        return Sums(
+            put @ self.score,
+            put @ self.gram @ put.T,
+            put @ self.spread @ put.T,
+            put @ self.cross,
+            put @ self.cross_spread,
+            put @ self.common,
+            put @ self.shift,
+            put @ self.least,
+            self.steps,
+        )
 
     def at(self, places: int | Sequence[int]) -> Sums:
         """Of some of the places."""

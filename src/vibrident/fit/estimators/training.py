@@ -209,12 +209,8 @@ class _Trained:
         found = Findings(replace(self.network, weights="white"))
         return self._with_response(self.estimate(self.trace.last, covariance, freedom, found))
 
-    def predicted(self, z: FloatArray) -> tuple[FloatArray, ...]:
-        """The records' responses."""
-        return tuple(self.problem.predict(self.coordinates, z))
-
     def _with_response(self, found: Estimate) -> Estimate:
-        return replace(found, predicted=self.predicted(found.z))
+        return replace(found, predicted=tuple(self.problem.predict(self.coordinates, found.z)))
 
     def in_the_noise_found(self, evidence: Evidence) -> Estimate:
         """The last step of training: every line of the residual weighted by its own noise."""

@@ -292,14 +292,9 @@ def judged(evidence: Evidence, estimate: Estimate) -> Judgement:
 
 
 def _once(evidence: Evidence, estimator: Estimator, progress: Progress) -> tuple[Estimate, Judgement]:
-    give_back_after(_longest(evidence))
-    return _with_verdict(evidence, estimator, estimator.fit(evidence, progress), progress)
-
-
-def _with_verdict(
-    evidence: Evidence, estimator: Estimator, found: Estimate, progress: Progress
-) -> tuple[Estimate, Judgement]:
     """An estimate, or what takes its place where it is rejected, and what that says of the data."""
+    give_back_after(_longest(evidence))
+    found = estimator.fit(evidence, progress)
     found = found if found.problem is None else replace(found, problem=found.problem.idle())
     give_back_after(_longest(evidence))
     estimate = canonically_labelled(found)

@@ -231,11 +231,11 @@ class _Words:
             return f"Where it is largest, it moves the {in_words(name)} by {plain(float(np.max(size)), 2)} u."
         here, there = (stated, without) if self.admitted else (without, stated)
         digits = _digits(here, there)
-        put = f"would be {amount(here, unit, digits)} in place of {amount(there, unit, digits)}"
-        put = f"{put} ({plain(float(np.max(size)), 2)} u)."
+        values = f"{amount(here, unit, digits)} in place of {amount(there, unit, digits)}"
+        moved = f"the {in_words(name)} would be {values} ({plain(float(np.max(size)), 2)} u)."
         if self.admitted:
-            return f"The fit has {it} as nuisance parameters; without these the {in_words(name)} {put}"
-        return f"Without {it} the {in_words(name)} {put}"
+            return f"The fit has {it} as nuisance parameters; without these {moved}"
+        return f"Without {it} {moved}"
 
 
 def _digits(one: float, other: float) -> int:
