@@ -20,11 +20,8 @@ PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3.14 python3 p
 	"$$p" -c 'import ensurepip, sys, venv; sys.exit(not (3, 11) <= sys.version_info < (3, 15))' >/dev/null 2>&1 \
 	&& echo "$$p" && break; done)
 
-PIP_INSTALL = $(BIN)/python -m pip install --quiet --quiet --disable-pip-version-check --no-compile
-# Where processes are started by the hundred: a third of the time of a start. pip would compile on one core, and the
-# packages' own tests too.
+PIP_INSTALL = $(BIN)/python -m pip install --quiet --quiet --disable-pip-version-check
 COMPILE = $(BIN)/python -m compileall -q src/vibrident
-COMPILE_ALL = $(COMPILE) && { $(BIN)/python -m compileall -qq -j 0 -x '/tests?/' $(VENV)/lib >/dev/null || true; }
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
@@ -41,11 +38,10 @@ reproduce: $(NETWORK)  ## the paper's tables and figures beside ours, into repro
 	$(BIN)/vibrident reproduce --out reproduction
 
 install: pyproject.toml | $(BIN)/python  ## at once what tests, lint and docs need; each of them installs its own otherwise
-	$(PIP_INSTALL) --editable '.[dev,docs]'
-	$(COMPILE_ALL)
+	$(PIP_INSTALL) --no-compile --editable '.[dev,docs]'
 	@touch $(CORE) $(NETWORK) $(DEV) $(DOCS)
 
-# Python writes its bytecode, whatever the surroundings say: without it each test process compiles all modules again.
+# Python writes the bytecode of what the tests import, whatever the surroundings say: pip would compile all of it.
 test test-plain nightly: export PYTHONDONTWRITEBYTECODE :=
 
 test: $(DEV)  ## every law once
@@ -93,10 +89,12 @@ bench/peers/envs/%/.installed: bench/peers/%.txt | $(BIN)/python
 clean:  ## remove what make and the tools have made
 	rm -rf $(CORE) $(NETWORK) $(DEV) $(DOCS) site .pytest_cache .ruff_cache .hypothesis .jax_cache build dist demo reproduction
 
-$(BIN)/python:
+# The pip that Python 3.11 brings takes three times as long to find the versions that suit each other.
+$(BIN)/python $(PLAIN_VENV)/bin/python:
 	@test -n "$(PYTHON)" || { \
 		echo "No usable Python found: expected 3.11 to 3.14 with venv (Debian: python3-venv); set PYTHON=..." >&2; exit 1; }
-	$(PYTHON) -m venv $(VENV)
+	$(PYTHON) -m venv $(@D:/bin=)
+	$@ -m pip install --quiet --quiet --disable-pip-version-check --upgrade pip
 
 $(CORE): pyproject.toml | $(BIN)/python
 	$(PIP_INSTALL) --editable .
@@ -104,21 +102,12 @@ $(CORE): pyproject.toml | $(BIN)/python
 
 $(NETWORK): pyproject.toml | $(BIN)/python
 	$(PIP_INSTALL) --editable '.[network]'
-	$(COMPILE_ALL)
 	@touch $@ $(CORE)
 
 $(DEV): pyproject.toml | $(BIN)/python
-	$(PIP_INSTALL) --editable '.[dev]'
-	$(COMPILE_ALL)
+	$(PIP_INSTALL) --no-compile --editable '.[dev]'
 	@touch $@ $(CORE) $(NETWORK)
 
-$(PLAIN_VENV)/.installed: pyproject.toml | $(BIN)/python
-	$(PYTHON) -m venv $(PLAIN_VENV)
-	$(PLAIN_VENV)/bin/python -m pip install --quiet --quiet --disable-pip-version-check --no-compile --editable ".[test]"
-	$(PLAIN_VENV)/bin/python -m compileall -qq -j 0 -x '/tests?/' $(PLAIN_VENV)/lib >/dev/null || true
+$(PLAIN_VENV)/.installed: pyproject.toml | $(PLAIN_VENV)/bin/python
+	$(PLAIN_VENV)/bin/python -m pip install --quiet --quiet --no-compile --editable '.[test]'
 	@touch $@
-
-$(DOCS): pyproject.toml | $(BIN)/python
-	$(PIP_INSTALL) --editable '.[docs]'
-	$(COMPILE_ALL)
-	@touch $@ $(CORE)

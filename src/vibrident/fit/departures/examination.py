@@ -123,6 +123,8 @@ def _among_records(parts: Parts, uncertainty: FloatArray, rounds: int) -> list[T
         if number < rounds:
             beside = beside.beside(partial(_columns, now, scale))
             fit = LinearFit.of([part.own for part in beside], uncertainty)
+    if rounds == 1:  # parameters of a model that is wrong: the noise beside a departure makes them no truer
+        return [_together(now) for now in found]
     shifts = cache(lambda: _shifts(parts, found, scale, uncertainty))
     return _of_one_kind([_together(now, lambda k=k: shifts()[k]) for k, now in enumerate(found)])
 
@@ -192,9 +194,9 @@ def _among_points(points: PointsPart, uncertainty: FloatArray, rounds: int) -> l
     return found
 
 
-def _together(found: Sequence[Found], moved: Callable[[], FloatArray]) -> Together:
-    """``moved``: makes the shift of the fit beside all of them."""
-    if not found[0].departure.joint:
+def _together(found: Sequence[Found], moved: Callable[[], FloatArray] | None = None) -> Together:
+    """``moved``: makes the shift of the fit beside all of them; None: as each of them shows it."""
+    if moved is None or not found[0].departure.joint:
         moved = partial(np.sum, [one.score.shift for one in found], axis=0)
     return Together(tuple(found), moved)
 

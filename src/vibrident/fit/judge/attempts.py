@@ -26,14 +26,11 @@ from vibrident.fit.start.start import find_start
 from vibrident.fit.uncertainty.linearised import Linearised
 from vibrident.fit.uncertainty.parameters import weakly_determined
 
-#: Number of other starts tried if the model is rejected.
-MORE_STARTS = 2
-#: Their cost is at most so many times that of the best start.
-COMPARABLE = 10.0
 #: Another fit is taken if its χ² is less than this part of the first one's.
 CLEARLY_LESS = 0.8
-#: Other starts of an adequate fit that is not the optimum in the noise found: their cost is larger by this at most,
-#: five standard deviations of one parameter, …
+#: Other starts of an adequate fit that is not the optimum in the noise found: so many, …
+MORE_STARTS = 2
+#: … whose cost is larger by this at most, five standard deviations of one parameter, …
 NO_WORSE = 25.0
 #: … and their χ² by this, three of them.
 ALIKE = 9.0
@@ -58,7 +55,7 @@ class Attempt:
 
     @classmethod
     def at(cls, evidence: Evidence, estimator: Estimator, progress: Progress) -> Attempt:
-        """The fit from the start values; where it explains nothing, the best from the other optima of their search.
+        """The fit from the start values; where it explains nothing, the best from a search with what it showed.
 
         Raises:
             NotConverged: the start values lead to no finite fit.
@@ -71,14 +68,9 @@ class Attempt:
             return best  # tones are searched with the residual that is fitted: no other start is better
         found = _searched_again(best)
         if found is None or _back_inside(found) is not None:
-            # Too few points to search in, or noise of the reference leads the search to the end of its range: another
-            # weighting, and the other optima of the first search.
+            # Too few points to search in, or noise of the reference leads the search to the end of its range.
             weighed = _weighed_start(best)
             best = best if weighed is None else _tried(weighed, best)
-            for start, cost in begin.others[:MORE_STARTS]:
-                if cost > COMPARABLE * begin.costs[-1] or best.adequate:
-                    break
-                best = _tried(start, best)
         else:
             best = found
         start = _back_inside(best)

@@ -5,6 +5,7 @@ Each place of the grid is combined with every guess of the add-ons' parameters.
 
 from __future__ import annotations
 
+import functools
 import itertools
 from collections.abc import Sequence
 
@@ -13,7 +14,8 @@ import numpy as np
 from vibrident.data.records import FloatArray
 from vibrident.data.records.basis import distinct
 from vibrident.fit.start.search import LogCoordinates, TargetFRF
-from vibrident.physics.models import SensorModel
+from vibrident.physics.models import Core, ParameterSpec, SensorModel
+from vibrident.physics.models.base import DERIVATIVES
 
 #: Natural frequencies of the grid: so many a decade, and so many decades outside the band.
 FREQUENCIES_PER_DECADE, DECADES_OUTSIDE = 24, 1.5
@@ -55,17 +57,12 @@ def likely(combined: FloatArray, cores: int, sought: TargetFRF, chart: LogCoordi
 
 def _cores(sought: TargetFRF, chart: LogCoordinates, band_hz: tuple[float, float]) -> FloatArray:
     """The best and most different values of the core's grid by magnitude, add-ons as if not there."""
-    model = chart.model
-    specs = [spec for spec in model.core.parameters if spec.grid]
-    axes = [_naturals(sought.frequency_hz, band_hz) if s.grid == "band" else np.array(s.grid) for s in specs]
-    sought = sought.few(MOST_SCORED_POINTS)
-    log_measured = np.log(np.abs(sought.response))
-    weight = 1.0 / np.maximum(sought.deviation, LEAST_DEVIATION) ** 2
-    grid = {s.name: values[..., None] for s, values in zip(specs, np.meshgrid(*axes, indexing="ij"), strict=True)}
-    alone = SensorModel(model.core.name, model.core)
-    trial = {name: grid.get(name, 1.0 if name == model.gain_name else 0.0) for name in alone.parameter_names}
-    unit = alone.frequency_response(trial, sought.frequency_hz, chart.quantity)  # (one axis a parameter, points)
-    difference = log_measured - np.log(np.abs(unit))
+    model, few = chart.model, sought.few(MOST_SCORED_POINTS)
+    places = _naturals(sought.frequency_hz, band_hz)
+    specs, axes, grid, log_unit = _grid(model.core, places.tobytes(), few.frequency_hz.tobytes())
+    weight = 1.0 / np.maximum(few.deviation, LEAST_DEVIATION) ** 2
+    of_quantity = DERIVATIVES[chart.quantity] * np.log(2.0 * np.pi * few.frequency_hz)
+    difference = np.log(np.abs(few.response)) - of_quantity - log_unit
     mean = difference @ weight / np.sum(weight)
     score = (difference - mean[..., None]) ** 2 @ weight
     # Natural frequencies that differ by a fifth, and others by a factor of e, are apart.
@@ -80,6 +77,22 @@ def _cores(sought: TargetFRF, chart: LogCoordinates, band_hz: tuple[float, float
         chosen.append(chart.place({name: values.get(name, 0.0) for name in model.parameter_names})[0])
         likeliest = likeliest[np.any(np.abs(places[:, likeliest] - places[:, first, None]) > 1.0, axis=0)]
     return np.array(chosen)
+
+
+@functools.lru_cache(maxsize=4)  # what does not suit is searched for in several ways
+def _grid(
+    core: Core, naturals: bytes, frequency: bytes
+) -> tuple[list[ParameterSpec], list[FloatArray], dict[str, FloatArray], FloatArray]:
+    """Parameters of the grid, their axes and values, and log |H| there by acceleration, one axis each and of frequency.
+
+    ``naturals``: natural frequencies; ``frequency``: of the points, both as bytes.
+    """
+    alone, points = SensorModel(core.name, core), np.frombuffer(frequency)
+    specs = [spec for spec in core.parameters if spec.grid]
+    axes = [np.frombuffer(naturals) if s.grid == "band" else np.array(s.grid) for s in specs]
+    grid = {s.name: values[..., None] for s, values in zip(specs, np.meshgrid(*axes, indexing="ij"), strict=True)}
+    trial = {name: grid.get(name, 1.0 if name == alone.gain_name else 0.0) for name in alone.parameter_names}
+    return specs, axes, grid, np.log(np.abs(alone.frequency_response(trial, points)))
 
 
 def _naturals(frequency_hz: FloatArray, band_hz: tuple[float, float]) -> FloatArray:

@@ -257,6 +257,7 @@ def _aligned(
     _require_use(aligned, most * some.frequency_hz.size)
     rows = aligned.best(LAST, APART)
     closer = descend(near, aligned.u[rows], aligned.sign[rows], logarithms(some, LEAST_DEVIATION / 100.0), STEPS)
+    _require_use(closer, most * some.frequency_hz.size)
     rows = np.argsort(closer.cost, kind="stable")[:last]
     return descend(chart, closer.u[rows], closer.sign[rows], differences(final), LAST_STEPS)
 
