@@ -19,42 +19,22 @@ from vibrident.fit.departures.points import PointsPart
 from vibrident.fit.departures.score import Score, Sums
 from vibrident.fit.response.response import ComplexArray
 
-#: Intervals of frequency, of which bands of like information are made.
-INTERVALS = 400
-
 
 @dataclass(frozen=True)
 class Scale:
-    """Largest motion of all parts, edges of bands of like information, Hz, and the number of parts."""
+    """What is common to all records.
+
+    Attributes:
+        motion: the largest.
+        bands_hz: edges of bands of like information.
+        records: number of records.
+        narrow: whether the noise of a sine is an interferometer's light.
+    """
 
     motion: float
     bands_hz: tuple[float, ...]
-    parts: int
-
-    @classmethod
-    def of(cls, every: Sequence[Size], top_hz: float, bands: int) -> Scale:
-        """Of all parts, with so many bands up to ``top_hz``."""
-        total = np.cumsum(np.sum([size.information for size in every], axis=0))
-        inner = np.searchsorted(total, total[-1] * np.arange(1, bands) / bands)
-        motion = max(float(np.finfo(float).tiny), *(size.motion for size in every))
-        inner_hz = np.linspace(0.0, top_hz, INTERVALS + 1)[np.unique(inner) + 1]
-        return cls(motion, (0.0, *inner_hz.tolist(), top_hz), len(every))
-
-
-@dataclass(frozen=True, eq=False)
-class Size:
-    """Of a part: its largest motion, and its information by intervals of frequency, shape (INTERVALS,)."""
-
-    motion: float
-    information: FloatArray
-
-    @classmethod
-    def of(cls, part: Part, top_hz: float) -> Size:
-        """``top_hz``: the highest frequency of all parts."""
-        edges = np.linspace(0.0, top_hz, INTERVALS + 1)
-        own = np.sum(np.abs(np.fft.rfft(part.jacobian, axis=-1)) ** 2, axis=0) * (part.whitening > 0.0)
-        power = np.histogram(np.arange(own.size) * part.rate_hz / part.samples, edges, weights=own)[0]
-        return cls(float(np.max(np.abs(part.motion), initial=0.0)), power)
+    records: int
+    narrow: bool
 
 
 #: Columns that sums over blocks approximate tell nothing where the parameters leave less than this part, in squares.
@@ -75,6 +55,7 @@ class Departure(ABC):
         family: kinds of one family stand for one thing, none of them exactly: what several move is told together.
         within: whether it is told within a record, beside parameters that are the record's alone.
         together: whether all records, each with amounts of its own, are tested together, too.
+        approximate: whether the sums of its places are approximate, and :meth:`exact` makes those of one.
         nuisance: whether the fit of a record can have it as nuisance parameters (:meth:`beside`).
     """
 
@@ -87,6 +68,7 @@ class Departure(ABC):
     family: ClassVar[str] = ""
     within: ClassVar[bool] = False
     together: ClassVar[bool] = False
+    approximate: ClassVar[bool] = False
     nuisance: ClassVar[bool] = False
 
     @abstractmethod
@@ -110,9 +92,9 @@ class Departure(ABC):
         """Those of a place."""
         return next(itertools.islice(self.columns(part, scale), candidate.number, None))[1]
 
-    def exact(self, candidate: Candidate, part: Part, parameters: int) -> Sums | None:
-        """Of columns whitened one by one, where the sums of the place approximate that; None where not."""
-        return None
+    def exact(self, candidate: Candidate, part: Part, parameters: int) -> Sums:
+        """Of columns whitened one by one, where the sums of places approximate that."""
+        raise NotImplementedError
 
     def doubt(self, part: Part, scale: Scale, count: int) -> FloatArray | None:
         """What so many columns have in common with an error of the reference's noise; as of :meth:`Sums.of`."""

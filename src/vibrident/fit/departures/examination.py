@@ -8,17 +8,16 @@ other way round.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial, reduce
-from typing import TypeGuard
 
 import numpy as np
 
 from vibrident.base.warning_kinds import WarningCode
 from vibrident.data.records import FloatArray
 from vibrident.fit.departures.candidate import Candidate, Places
-from vibrident.fit.departures.departure import Departure, Scale, Size, in_widths
+from vibrident.fit.departures.departure import Departure, Scale, in_widths
 from vibrident.fit.departures.part import Own, Part, Parts
 from vibrident.fit.departures.points import PointsPart
 from vibrident.fit.departures.score import LinearFit, Score, Sums
@@ -27,8 +26,6 @@ from vibrident.fit.response.response import ComplexArray
 
 #: Chance that noise alone shows any departure in a calibration.
 FALSE_ALARMS = 1e-4
-#: Bands of like information.
-BANDS = 8
 #: Places, of those that explain most by sums over blocks, whose columns are whitened one by one.
 MOST_EXACT = 3
 #: Departures that are looked for beside each other.
@@ -85,44 +82,31 @@ class Together:
 
 
 def examine(
-    parts: Parts, points: PointsPart | None, uncertainty: FloatArray, *, misfit: bool = False
+    parts: Parts, scale: Scale, points: PointsPart | None, uncertainty: FloatArray, *, misfit: bool = False
 ) -> list[Together]:
     """Every significant departure, the most significant first.
 
     Args:
         parts: the records of the fit.
+        scale: what they have in common.
         points: its response at points, where that is what was fitted.
         uncertainty: of the coordinates as stated, shape (P,).
         misfit: whether the model does not explain the data: then what explains most is asked for alone.
     """
     rounds = 1 if misfit else ROUNDS
-    found = _among_records(parts, uncertainty, rounds)
+    found = _among_records(parts, scale, uncertainty, rounds)
     return found + ([] if points is None else _among_points(points, uncertainty, rounds))
 
 
-def _among_records(parts: Parts, uncertainty: FloatArray, rounds: int) -> list[Together]:
+def _among_records(parts: Parts, scale: Scale, uncertainty: FloatArray, rounds: int) -> list[Together]:
     """Departures are told apart in the noise that was read without them, which holds what they make of it too."""
-    sizes, own, narrow = list[Size](), list[Own](), False
-    for part in parts:
-        sizes.append(Size.of(part, parts.top_hz))
-        own.append(part.own)
-        narrow |= part.optical and part.turns is not None
-    if not own:
-        return []
-    found, fit, scale, beside = (
-        list[list[Found]](),
-        LinearFit.of(own, uncertainty),
-        Scale.of(sizes, parts.top_hz, BANDS),
-        parts,
-    )
-    for number in range(1, rounds + 1):
-        now = _strongest(_of_records(fit, beside, scale, narrow=narrow))
+    found, beside = list[list[Found]](), parts
+    for number in range(rounds):
+        beside = beside.beside(partial(_columns, found[-1], scale)) if number else parts
+        now = _strongest(_of_records(beside, scale, uncertainty))
         if not now:
             break
         found.append(now)
-        if number < rounds:
-            beside = beside.beside(partial(_columns, now, scale))
-            fit = LinearFit.of([part.own for part in beside], uncertainty)
     if rounds == 1:  # parameters of a model that is wrong: the noise beside a departure makes them no truer
         return [_together(now) for now in found]
     shifts = cache(lambda: _shifts(parts, found, scale, uncertainty))
@@ -214,57 +198,62 @@ def _strongest(found: Sequence[Found]) -> list[Found]:
 def _of_points(fit: LinearFit, points: PointsPart) -> list[Found]:
     kinds, found = DEPARTURES.all(), list[Found]()
     for departure in kinds.values():
-        best = _best(fit, departure, in_widths(departure.at_points(points)), len(kinds))
+        best = _best(fit, departure, _sure(fit, departure, in_widths(departure.at_points(points)), len(kinds)))
         if best is not None:
             found.append(Found(departure, *best, None, best[0].record))
     return found
 
 
-def _of_records(fit: LinearFit, parts: Parts, scale: Scale, *, narrow: bool) -> list[Found]:
-    """``narrow``: whether the noise of a sine is an interferometer's light."""
-    kinds, parameters = DEPARTURES.all(), len(fit.uncertainty)
-    looked = [departure for departure in kinds.values() if departure.of_light or not narrow]
-    every, own = dict[Departure, list[Places]](), {departure: list[Found]() for departure in looked}
-    alike = {departure: list[_InRecord]() for departure in looked if departure.together}
+def _of_records(parts: Parts, scale: Scale, uncertainty: FloatArray) -> list[Found]:
+    """One pass over the parts, and one more where a place is significant by approximate sums."""
+    kinds = DEPARTURES.all()
+    looked = [departure for departure in kinds.values() if departure.of_light or not scale.narrow]
+    every, seen = dict[Departure, list[Places]](), list[_Seen]()
     for place, part in enumerate(parts):
-        for departure in looked:
-            places = departure.places(part, scale, parameters)
-            if departure.pooled:
-                every[departure] = _pooled(every[departure], places) if place else places
-                continue
-            several = len(kinds) * (2 if departure.together else 1)
-            best = _best(fit, departure, places, several * scale.parts, part)
-            own[departure] += [] if best is None else [Found(departure, *best, place, part.name)]
-            if departure.together:
-                (one,) = places
-                alike[departure].append(_InRecord(place, part.name, one.candidates[0], one.sums.at(0)))
-    for departure, places in every.items():
-        best = _best(fit, departure, places, len(kinds))
-        own[departure] += [] if best is None else [Found(departure, *best, None, None)]
-    for departure, records in alike.items():
-        own[departure] = _of_all(fit, departure, records, 2 * len(kinds)) or own[departure]
-    return [one for some in own.values() for one in some]
+        own = {departure: departure.places(part, scale, len(uncertainty)) for departure in looked}
+        for departure in [departure for departure in looked if departure.pooled]:
+            places = own.pop(departure)
+            every[departure] = _pooled(every[departure], places) if place else places
+        seen.append(_Seen(place, part.name, part.own, own))
+    if not seen:
+        return []
+    fit, found = LinearFit.of([one.own for one in seen], uncertainty), list[Found]()
+    for departure in looked:
+        if departure.pooled:
+            best = _best(fit, departure, _sure(fit, departure, every[departure], len(kinds)))
+            found += [] if best is None else [Found(departure, *best, None, None)]
+            continue
+        several = len(kinds) * len(seen) * (2 if departure.together else 1)
+        sure = [_sure(fit, departure, one.places[departure], several, one.own) for one in seen]
+        if departure.approximate and any(sure):
+            sure = [_exactly(fit, departure, tests, part) for tests, part in zip(sure, parts, strict=True)]
+        bests = [(one, _best(fit, departure, tests)) for one, tests in zip(seen, sure, strict=True)]
+        alone = [Found(departure, *best, one.place, one.record) for one, best in bests if best is not None]
+        found += (departure.together and _of_all(fit, departure, seen, 2 * len(kinds))) or alone
+    return found
 
 
 @dataclass(frozen=True, eq=False)
-class _InRecord:
-    """The one place of a departure in a record, and its sums."""
+class _Seen:
+    """What a pass keeps of a part: its number, the record's name, what it says, and the places of each departure."""
 
     place: int
     record: str
-    candidate: Candidate
-    sums: Sums
+    own: Own
+    places: Mapping[Departure, Sequence[Places]]
 
 
-def _of_all(fit: LinearFit, departure: Departure, records: Sequence[_InRecord], several: int) -> list[Found]:
+def _of_all(fit: LinearFit, departure: Departure, seen: Sequence[_Seen], several: int) -> list[Found]:
     """All records, where these show a departure together that has one place in each; else none."""
-    (score,) = fit.test(Sums.stacked([Sums.side_by_side([one.sums for one in records])]))
+    places = [one.places[departure][0] for one in seen]
+    (score,) = fit.test(Sums.stacked([Sums.side_by_side([one.sums.at(0) for one in places])]))
     if score is None or score.chance * several > FALSE_ALARMS:
         return []
-    chance = score.chance * several
-    alone = ((one, *fit.test(Sums.stacked([one.sums]))) for one in records)
+    tests = ((one, there.candidates[0], fit.test(there.sums)[0]) for one, there in zip(seen, places, strict=True))
     return [
-        Found(departure, one.candidate, own, chance, one.place, one.record) for one, own in alone if own is not None
+        Found(departure, candidate, own, score.chance * several, one.place, one.record)
+        for one, candidate, own in tests
+        if own is not None
     ]
 
 
@@ -275,42 +264,58 @@ def _pooled(before: Sequence[Places], more: Sequence[Places]) -> list[Places]:
     return [Places(one.candidates, one.sums + other.sums) for one, other in zip(before, more, strict=True)]
 
 
-def _best(
-    fit: LinearFit,
-    departure: Departure,
-    places: Sequence[Places],
-    several: int,
-    part: Part | None = None,
-) -> tuple[Candidate, Score, float] | None:
-    """The most significant candidate with its test and chance; None where that is noise.
+@dataclass(frozen=True, eq=False)
+class _Test:
+    """A candidate that noise does not explain: its sums, its test, and the number of tests that share the rate."""
 
-    ``part``: that the places are in; None where they are in all.
+    candidate: Candidate
+    sums: Sums
+    score: Score
+    several: int
+
+
+def _sure(
+    fit: LinearFit, departure: Departure, places: Sequence[Places], several: int, own: Own | None = None
+) -> list[_Test]:
+    """The significant candidates, that which explains most first.
+
+    ``several``: other tests that share the rate; ``own``: of the part that the places are in; None where they are in
+    all.
     """
     several *= sum(len(some.candidates) for some in places)
-
-    def seen(sums: Sums) -> Sums:
-        return sums.within(part, fit.inverse) if departure.within and part is not None else sums
-
-    def sure(score: Score | None, among: int = 1) -> TypeGuard[Score]:
-        return score is not None and score.chance * several * among < FALSE_ALARMS
-
     tests = [
-        (candidate, some.sums.at(place), score)
+        _Test(candidate, some.sums.at(place), score, several)
         for some in places
-        for place, (candidate, score) in enumerate(zip(some.candidates, fit.test(seen(some.sums)), strict=True))
-        if sure(score)
+        for place, (candidate, score) in enumerate(
+            zip(some.candidates, _tests(fit, departure, some.sums, own), strict=True)
+        )
+        if score is not None and score.chance * several < FALSE_ALARMS
     ]
-    tests.sort(key=lambda test: -test[2].explained)
-    for candidate, sums, score in tests[:MOST_EXACT]:
-        whitened = None if part is None else departure.exact(candidate, part, len(fit.uncertainty))
-        own = sums if whitened is None else whitened
-        exact = score if whitened is None else fit.test(seen(Sums.stacked([own])))[0]
-        if not sure(exact):
-            continue
-        shift = exact.shift
-        if departure.own_columns:  # of that significant pair that moves the parameters most
-            pairs = [own.some([first, first + 1]) for first in range(0, len(own.score), 2)]
-            alone = [pair for pair in fit.test(Sums.stacked(pairs)) if sure(pair, len(pairs))]
-            shift = max((pair.shift for pair in alone), key=fit.impact, default=np.zeros_like(shift))
-        return candidate, replace(exact, shift=shift), exact.chance * several
-    return None
+    return sorted(tests, key=lambda test: -test.score.explained)
+
+
+def _tests(fit: LinearFit, departure: Departure, sums: Sums, own: Own | None) -> list[Score | None]:
+    return fit.test(sums.within(own, fit.inverse) if departure.within and own is not None else sums)
+
+
+def _exactly(fit: LinearFit, departure: Departure, tests: Sequence[_Test], part: Part) -> list[_Test]:
+    """The first candidate that is significant by exact sums, too."""
+    for test in tests[:MOST_EXACT]:
+        sums = departure.exact(test.candidate, part, len(fit.uncertainty))
+        (score,) = _tests(fit, departure, Sums.stacked([sums]), part.own)
+        if score is not None and score.chance * test.several < FALSE_ALARMS:
+            return [replace(test, sums=sums, score=score)]
+    return []
+
+
+def _best(fit: LinearFit, departure: Departure, tests: Sequence[_Test]) -> tuple[Candidate, Score, float] | None:
+    """The first candidate with its test and chance; None of none."""
+    if not tests:
+        return None
+    test, shift = tests[0], tests[0].score.shift
+    if departure.own_columns:  # of that significant pair that moves the parameters most
+        pairs = [test.sums.some([first, first + 1]) for first in range(0, len(test.sums.score), 2)]
+        every = [pair for pair in fit.test(Sums.stacked(pairs)) if pair is not None]
+        alone = [pair for pair in every if pair.chance * test.several * len(pairs) < FALSE_ALARMS]
+        shift = max((pair.shift for pair in alone), key=fit.impact, default=np.zeros_like(shift))
+    return test.candidate, replace(test.score, shift=shift), test.score.chance * test.several

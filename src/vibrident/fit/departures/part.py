@@ -19,7 +19,7 @@ from vibrident.physics.discretisation.inputs import USABLE_BAND
 #: Rounding of columns that others span, in squares; and of what is left of rows that are spanned.
 ROUNDING, LOST = 1e-13, 1e-12
 #: Parts of so many samples together are held; of more, each pass makes them anew: a limit of memory.
-HELD = 1 << 19
+HELD = 1 << 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,12 +216,10 @@ class Parts:
     Attributes:
         make: makes them.
         samples: of all together.
-        top_hz: highest frequency of all.
     """
 
     make: Callable[[], Iterable[Part]]
     samples: int
-    top_hz: float
 
     @functools.cached_property
     def _held(self) -> list[Part] | None:

@@ -87,19 +87,18 @@ class Sums:
         """The same with the record's own parameters projected out, where it has any."""
         if part.pull is None:
             return self
-        return self._without_own(part, self.cross @ part.own.inverse @ part.pull.T, parameters)
+        return self._without_own(part.own, self.cross @ part.own.inverse @ part.pull.T, parameters)
 
-    def within(self, part: Part, inverse: FloatArray) -> Sums:
+    def within(self, own: Own, inverse: FloatArray) -> Sums:
         """The same beside parameters that are the record's alone: what differs within it (Chow 1960).
 
         ``inverse``: of the Jacobians of all records, shape (P, P), by which what is found moves the coordinates.
         """
-        if part.pull is not None:
+        if own.alone is not None:
             return self
-        return self._without_own(part, self.cross @ inverse, len(inverse))
+        return self._without_own(own, self.cross @ inverse, len(inverse))
 
-    def _without_own(self, part: Part, shift: FloatArray, parameters: int) -> Sums:
-        own = part.own
+    def _without_own(self, own: Own, shift: FloatArray, parameters: int) -> Sums:
         share = self.cross @ own.inverse
         both = share @ self.cross_spread.mT
         nothing = np.zeros((*self.score.shape, parameters))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 from numpy import fft
@@ -15,9 +16,10 @@ from numpy import fft
 from vibrident.base.fft_lengths import fast_below
 from vibrident.data.records import BoolArray, FloatArray, Record
 from vibrident.fit.bins import without_offset
+from vibrident.fit.departures.departure import Scale
 from vibrident.fit.departures.part import Parts
 from vibrident.fit.departures.signals import Signals, most_likely, projected
-from vibrident.fit.descent.iterate import beside_hum, likelier, with_edges
+from vibrident.fit.descent.iterate import beside_hum, likelier, together, with_edges
 from vibrident.fit.estimators import Estimate
 from vibrident.fit.information import inverse_normal
 from vibrident.fit.noise.motion import Motion, motion_of
@@ -38,6 +40,8 @@ MOST_LOST = 0.01
 LONGEST, MOST_PIECES = 1 << 16, 4
 #: Central differences of a nonlinear model's response, in its coordinates.
 STEP = 1e-5
+#: Bands of like information.
+BANDS = 8
 #: Bins on either side of a sine's tone that are of the tone.
 NEAR_TONE = 4
 
@@ -57,7 +61,8 @@ def parts_of(evidence: Evidence, estimate: Estimate, predicted: Sequence[FloatAr
         if not estimate.findings.method.is_exact or not evidence.records:
             return iter(())
         if isinstance(problem, BinProblem) and estimate.criterion == "samples":
-            return _of_bins(evidence, estimate, problem, predicted)
+            groups = together(evidence.records)  # bins of all records at once are no less than the data
+            return chain.from_iterable(_of_bins(evidence, estimate, problem, predicted, some) for some in groups)
         if evidence.only_sines and evidence.model.is_linear and tones is not None:
             return _of_sines(evidence, estimate, predicted, tones)
         return _of_samples(evidence, estimate, predicted)
@@ -65,22 +70,40 @@ def parts_of(evidence: Evidence, estimate: Estimate, predicted: Sequence[FloatAr
     return Parts(
         lambda: (one.part(_effects(evidence, estimate, one)) for one in signals()),
         sum(min(record.samples, MOST_PIECES * LONGEST) for record in evidence.records),
-        0.5 * max((record.sampling_rate_hz for record in evidence.records), default=0.0),
+    )
+
+
+def scale_of(evidence: Evidence, predicted: Sequence[FloatArray], linear: Linearised) -> Scale:
+    """What the records have in common; ``linear``: the fit at all excited frequencies, linearised at the estimate."""
+    order = np.argsort(linear.frequency_hz, kind="stable")
+    hz, told = linear.frequency_hz[order], np.cumsum(np.sum(np.square(linear.matrix[order]), axis=1))
+    top_hz = 0.5 * max((record.sampling_rate_hz for record in evidence.records), default=0.0)
+    inner = np.searchsorted(told, told[-1] * np.arange(1, BANDS) / BANDS) if hz.size else np.zeros(0, dtype=int)
+    between = [float(0.5 * (hz[k] + hz[k + 1])) for k in inner.tolist() if k + 1 < hz.size]
+    finite = [series[np.isfinite(series)] for series in predicted]
+    motion = max((float(np.max(np.abs(s - np.mean(s)))) for s in finite if s.size), default=0.0)
+    tones = _tones(evidence)
+    return Scale(
+        max(motion, float(np.finfo(float).tiny)),
+        (0.0, *dict.fromkeys(between), top_hz),
+        len(evidence.records),
+        any(evidence.records[index].optical is not None for index in tones),
     )
 
 
 def _of_bins(
-    evidence: Evidence, estimate: Estimate, problem: BinProblem, predicted: Sequence[FloatArray]
+    evidence: Evidence, estimate: Estimate, problem: BinProblem, predicted: Sequence[FloatArray], some: slice
 ) -> Iterator[Signals]:
+    """Of records that are read together."""
     network = estimate.findings.network
     assert network is not None
-    lines = problem.lines(estimate.z, estimate.coordinates, network.noise)
+    lines = problem.lines(estimate.z, estimate.coordinates, network.noise, some)
     short = [record for record in lines if record.samples <= LONGEST]
     motions = [motion_of(record) for record in short]
     spectra, tones = beside_hum(short, motions), _tones(evidence)
     del short
-    every = zip(evidence.records, network.noise.tolist(), predicted, strict=True)
-    for index, (given, noise, series) in enumerate(every):
+    every = zip(evidence.records[some], network.noise[some].tolist(), predicted[some], strict=True)
+    for index, (given, noise, series) in enumerate(every, some.start):
         record = lines.pop(0)  # of a long record each copy counts
         whole = record.samples <= LONGEST
         motion_at, spectrum = (motions.pop(0), spectra.pop(0)) if whole else (None, None)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vibrident.data.records import FloatArray
+from vibrident.data.records import FloatArray, Record
 from vibrident.fit.bins import BinsAt, RecordBins
 from vibrident.fit.descent.optimise import Bent
 from vibrident.fit.descent.sandwich import width
@@ -167,7 +167,7 @@ def iterate_at(
     return None
 
 
-def together(lines: Sequence[RecordBins]) -> list[slice]:
+def together(lines: Sequence[RecordBins] | Sequence[Record]) -> list[slice]:
     """Records one after the other whose noise is read side by side: many short ones, or one long one."""
     ends, begin, samples = list[int](), 0, 0
     for number, record in enumerate(lines):

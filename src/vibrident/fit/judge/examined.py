@@ -12,7 +12,7 @@ from vibrident.base.amounts import amount, plain
 from vibrident.data.records import FloatArray, Record
 from vibrident.fit.departures.examination import Found, Together, examine
 from vibrident.fit.departures.points import PointsPart
-from vibrident.fit.departures.sources import parts_of
+from vibrident.fit.departures.sources import parts_of, scale_of
 from vibrident.fit.estimators import Estimate
 from vibrident.fit.judge.adequacy import Judgement
 from vibrident.fit.judge.effects import all_effects
@@ -72,7 +72,8 @@ class Examined:
         parts = parts_of(evidence, estimate, judgement.predicted, tones)
         misfit = not judgement.adequacy.adequate
         uncertainty = _deviation(estimate.covariance)
-        groups = examine(parts, _points(evidence, estimate, judgement), uncertainty, misfit=misfit)
+        scale = scale_of(evidence, judgement.predicted, linearised(evidence, estimate, judgement))
+        groups = examine(parts, scale, _points(evidence, estimate, judgement), uncertainty, misfit=misfit)
         return cls(evidence, estimate, tuple(groups))
 
     def beside(self, judgement: Judgement) -> tuple[Record, ...]:

@@ -283,21 +283,21 @@ class BinProblem:
             found[segment.record][segment.span] = own - np.asarray(fft.irfft(left[0], segment.samples))
         return found
 
-    def lines(self, z: FloatArray, coordinates: Coordinates, noise: FloatArray) -> list[RecordBins]:
-        """Every record at the bins of its transform, in order; one that no run reaches has no samples."""
+    def lines(
+        self, z: FloatArray, coordinates: Coordinates, noise: FloatArray, some: slice = slice(None)
+    ) -> list[RecordBins]:
+        """Every record, or some, at the bins of its transform, in order; one that no run reaches has no samples."""
         steps = self._all_steps(coordinates.values(z))
-        turn = coordinates.slopes(z)[:, None]
-        lowest = self._lowest_ringing_hz(coordinates.values(z))
+        turn, lowest = coordinates.slopes(z)[:, None], self._lowest_ringing_hz(coordinates.values(z))
         found: list[RecordBins] = []
         models: dict[tuple[int, float], ModelLines] = {}
         states: dict[tuple[int, float, float], FreeLines] = {}
         kept: dict[Any, Step] = {}
-        for number, record in enumerate(self.records):
-            segments = [segment for segment in self.segments if segment.record == number]
+        for number in range(len(self.records))[some]:
+            record, segments = self.records[number], [one for one in self.segments if one.record == number]
             floor = float((self.noise_floor[number] / noise[number]) ** 2)
             if len(segments) == 1 and segments[0].used is None:
-                key = segments[0].samples, *self._step_of(segments[0])
-                step = steps[self._step_of(segments[0])]
+                key, step = (segments[0].samples, *self._step_of(segments[0])), steps[self._step_of(segments[0])]
                 own: dict[str, Any] = self._whole(segments[0], step, turn, noise[number], kept)
                 own["free"] = states.setdefault(key, free_of_run(key[0], step[0].denominator))
             else:

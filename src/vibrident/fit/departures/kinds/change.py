@@ -30,6 +30,7 @@ class Change(Departure):
     pooled: ClassVar[bool] = False
     family: ClassVar[str] = "change"
     within: ClassVar[bool] = True
+    approximate: ClassVar[bool] = True
 
     def columns(self, part: Part, scale: Scale) -> Iterable[tuple[str, FloatArray]]:
         """By sums over blocks instead."""

@@ -31,7 +31,7 @@ class OtherRecord(Departure):
 
     def places(self, part: Part, scale: Scale, parameters: int) -> list[Places]:
         """The whole part; a sine has an amplitude and phase of its own, which its points compare."""
-        if part.pull is not None or scale.parts < 2:
+        if part.pull is not None or scale.records < 2:
             return []
         return in_widths([(Candidate(""), Sums.of(part, part.moved, parameters))])
 
