@@ -59,6 +59,7 @@ def text(pdf: bytes) -> str:
     return "\n".join(sheet.extract_text() for sheet in pypdf.PdfReader(io.BytesIO(pdf)).pages)
 
 
+@pytest.mark.slow
 def test_a_certificate_is_filled_in_after_the_fit_and_the_laboratory_is_remembered(visit, sound, results, tmp_path):
     page = visit()
     upload(page, results[0])
@@ -128,6 +129,7 @@ def test_a_certificate_before_and_after_adjustment_is_among_everything(visit, re
         assert b"2026-CALS_0042" in packed.read("certificate.toml")
 
 
+@pytest.mark.slow
 def test_the_laboratorys_own_template_is_chosen_and_removed(visit, results):
     """It reads no file of the server, and typst fetches nothing for it."""
     page = visit()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pytest
 from tests.support.lives import calibrated
 from tests.support.serving import upload
 
@@ -12,6 +13,7 @@ from vibrident.lab.history.store import Store
 WAIT_MS = 60_000
 
 
+@pytest.mark.slow
 def test_results_are_added_and_their_history_is_shown(visit, sound, press, history_store, tmp_path):
     life = [calibrated(0.1 * (1 + 0.001 * i), f"{2012 + 2 * i}-05-01", serial="on the page") for i in range(5)]
     history.add(history_store, life[:4])

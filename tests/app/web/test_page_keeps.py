@@ -112,6 +112,7 @@ def test_a_server_that_ended_in_the_middle_of_a_fit_is_followed_by_one_that_has_
     context.close()
 
 
+@pytest.mark.slow
 def test_where_nothing_is_kept_the_page_says_what_is_lost(browser, picture, tmp_path):
     context = browser.new_context()
     page = context.new_page()

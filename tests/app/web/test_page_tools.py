@@ -78,6 +78,7 @@ def test_predict_correct_track_and_plan(identified, picture, violations, made):
     assert violations(page) == []
 
 
+@pytest.mark.slow
 def test_models_are_compared_by_keyboard_and_a_wrong_one_is_refused_in_words(visit, made, sound, tmp_path):
     page = visit()
     upload(page, *made)
