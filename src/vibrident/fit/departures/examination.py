@@ -209,12 +209,13 @@ def _of_records(parts: Parts, scale: Scale, uncertainty: FloatArray) -> list[Fou
     kinds = DEPARTURES.all()
     looked = [departure for departure in kinds.values() if departure.of_light or not scale.narrow]
     every, seen = dict[Departure, list[Places]](), list[_Seen]()
-    for place, part in enumerate(parts):
+    for part in parts:
         own = {departure: departure.places(part, scale, len(uncertainty)) for departure in looked}
         for departure in [departure for departure in looked if departure.pooled]:
             places = own.pop(departure)
-            every[departure] = _pooled(every[departure], places) if place else places
-        seen.append(_Seen(place, part.name, part.own, own))
+            every[departure] = _pooled(every[departure], places) if seen else places
+        seen.append(_Seen(len(seen), part.name, part.own, own))
+        del part  # before the next one is made
     if not seen:
         return []
     fit, found = LinearFit.of([one.own for one in seen], uncertainty), list[Found]()

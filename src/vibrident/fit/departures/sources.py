@@ -17,7 +17,7 @@ from vibrident.base.fft_lengths import fast_below
 from vibrident.data.records import BoolArray, FloatArray, Record
 from vibrident.fit.bins import without_offset
 from vibrident.fit.departures.departure import Scale
-from vibrident.fit.departures.part import Parts
+from vibrident.fit.departures.part import Part, Parts
 from vibrident.fit.departures.signals import Signals, most_likely, projected
 from vibrident.fit.descent.iterate import beside_hum, likelier, together, with_edges
 from vibrident.fit.estimators import Estimate
@@ -67,8 +67,13 @@ def parts_of(evidence: Evidence, estimate: Estimate, predicted: Sequence[FloatAr
             return _of_sines(evidence, estimate, predicted, tones)
         return _of_samples(evidence, estimate, predicted)
 
+    def made() -> Iterator[Part]:
+        for one in signals():
+            yield one.part(_effects(evidence, estimate, one))
+            del one  # before the next one is made
+
     return Parts(
-        lambda: (one.part(_effects(evidence, estimate, one)) for one in signals()),
+        made,
         sum(min(record.samples, MOST_PIECES * LONGEST) for record in evidence.records),
     )
 
