@@ -6,7 +6,7 @@ from numpy.polynomial import legendre
 from tests.support.discrete_sensors import accelerometer, recursion, system_of, weights_of, without_free_response
 
 from vibrident.physics.discretisation import band_limited_inputs, method, sampled_inputs
-from vibrident.physics.discretisation.inputs import HALF_WIDTH, half_width_for
+from vibrident.physics.discretisation.inputs import HALF_WIDTH, filtered, half_width_for
 from vibrident.physics.models import parse
 
 N = 600
@@ -177,3 +177,19 @@ def test_short_records_get_a_shorter_window():
     assert [half_width_for(n) for n in (8, 20, 48, 100, 200, 10**6)] == [4, 4, 9, 20, 40, 40]
     step = band_limited_inputs(np.cos(0.05 * np.arange(30)), np.ones(30, dtype=bool), 4, 0.0)
     assert step.usable.sum() == 30 - 2 * 6 + 1
+
+
+@pytest.mark.parametrize("turns", [0.003, 0.13, 0.38])
+def test_a_filter_acts_on_the_signal_between_samples(turns):
+    """An average over 7.3 samples, of a tone, where all samples that it needs are there."""
+    window, wave, valid = 7.3, np.exp(2j * np.pi * (turns * np.arange(N) + 0.1)), np.ones(N, dtype=bool)
+    valid[300] = False
+
+    def average(f):
+        return np.exp(-1j * np.pi * f * window) * np.sinc(f * window)
+
+    found, whole = filtered(np.where(valid, wave.real, np.nan), valid, average)
+    exact = (average(turns) * wave).real
+    assert np.max(np.abs(found - exact)[whole]) < 1e-8 * abs(average(turns))
+    assert N - np.sum(whole) < 4 * (2 * HALF_WIDTH + window)
+    assert not whole[300 - HALF_WIDTH // 2 : 300 + HALF_WIDTH // 2].any()

@@ -55,8 +55,10 @@ def fit(name: str, weighting: str, evidence: Evidence, progress: Progress) -> Es
     problem, freedom, tones, z = first, np.inf, None, coordinates.first
     network = None if evidence.tones is None else network_problem(evidence, start)
     # The tones are cleaned at the start values, and once more at the fit.
-    for _ in range(1 if evidence.tones is None else 2):
+    for number in range(1 if evidence.tones is None else 2):
         if evidence.tones is not None:
+            if number and not model.has_network:
+                network = network_problem(evidence, coordinates.values(z))
             tones = residual_tones(evidence, network, coordinates, z)
             problem = weighted_problem(tones, model, coordinates.values(z), evidence)
             freedom = float(np.sum(tones.degrees_of_freedom))

@@ -58,6 +58,8 @@ def fit(name: str, evidence: Evidence, progress: Progress) -> Estimate:
     z = z if rough is None else _descend(coordinates, z, rough, progress).last
     settled = OF_TWO_MODES if model.shares else SETTLED
     for _ in range(ROUNDS):
+        if not model.has_network:  # its average acts as at the values that the network is made of
+            network = network_problem(evidence, coordinates.values(z))
         tones = residual_tones(evidence, network, coordinates, z)
         problem = weighted_problem(tones, model, coordinates.values(z), evidence)
         trace = _descend(coordinates, z, problem, progress)

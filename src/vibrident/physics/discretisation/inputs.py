@@ -16,6 +16,7 @@ from __future__ import annotations
 import functools
 import itertools
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,6 +32,7 @@ HALF_WIDTH = 40  # samples used on either side of a step
 KAISER_BETA = 20.0  # Kaiser β for the half width above: interpolation error below 1e-6 up to 0.43 of the sampling rate
 SERIES_TOLERANCE = 1e-10  # truncation error allowed for the Legendre series, relative to the response
 MAX_TERMS = 12
+KERNEL_ENDS = 1e-9  # part of a filter's largest value below which its kernel ends
 
 
 @dataclass(frozen=True)
@@ -89,10 +91,7 @@ def _filters(terms: int, half_width: int, shift: float) -> NDArray[np.float64]:
     nodes, node_weights = legendre.leggauss(terms + 24)
     x = 0.5 * (nodes + 1.0)
     distance = x[:, None] - offsets[None, :]
-    inside = np.clip(1.0 - (distance / half_width) ** 2, 0.0, None)
-    beta = KAISER_BETA * half_width / HALF_WIDTH
-    window = np.i0(beta * np.sqrt(inside)) / np.i0(beta)
-    kernel = np.sinc(distance) * window * (np.abs(distance) <= half_width)
+    kernel = np.sinc(distance) * _window(distance, half_width)
     basis = legendre.legvander(nodes, terms - 1)  # (nodes, terms)
     filters = (2 * np.arange(terms) + 1)[:, None] * (0.5 * node_weights[:, None] * basis).T @ kernel
     filters.flags.writeable = False
@@ -139,11 +138,43 @@ def band_limited_filters(valid: BoolArray, terms: int, delay_samples: float) -> 
     return StepFilters(_filters(terms, half, whole - delay_samples), 1 - half - whole, usable, 0.0)
 
 
+def filtered(
+    samples: FloatArray, valid: BoolArray, response: Callable[[FloatArray], NDArray[np.complex128]]
+) -> tuple[FloatArray, BoolArray]:
+    """The band-limited signal through ``samples`` behind a filter, and where all samples that this needs are valid.
+
+    ``response``: of the filter by frequencies over the sampling rate, up to one, of a signal of this length at most.
+    """
+    n = samples.shape[0]
+    half, size = half_width_for(n), fast_length(2 * n)
+    at = np.arange(-2 * half, 2 * half + 1)  # half samples: the filter acts on the interpolated signal
+    interpolation = np.zeros(2 * size)
+    interpolation[at] = 0.5 * np.sinc(0.5 * at) * _window(0.5 * at, half)
+    spectrum = np.asarray(fft.rfft(interpolation)) * response(np.arange(size + 1) / size)
+    kernel = 2.0 * np.asarray(fft.irfft(spectrum, 2 * size))[::2]
+    lags = np.flatnonzero(np.abs(kernel) > KERNEL_ENDS * np.max(np.abs(kernel)))
+    lags = np.where(lags > size // 2, lags - size, lags)
+    found = np.asarray(fft.irfft(fft.rfft(np.where(valid, samples, 0.0), size) * fft.rfft(kernel), size))[:n]
+    return found, _whole(valid, -int(np.max(lags)), -int(np.min(lags)))
+
+
+def _window(distance: FloatArray, half_width: int) -> FloatArray:
+    """Kaiser's window of the interpolation, at these distances in samples."""
+    inside = np.clip(1.0 - (distance / half_width) ** 2, 0.0, None)
+    beta = KAISER_BETA * half_width / HALF_WIDTH
+    return np.i0(beta * np.sqrt(inside)) / np.i0(beta) * (np.abs(distance) <= half_width)
+
+
 def _supported(valid: BoolArray, half: int) -> BoolArray:
+    return _whole(valid, 1 - half, half)
+
+
+def _whole(valid: BoolArray, begin: int, end: int) -> BoolArray:
+    """Where all samples from ``begin`` to ``end`` beside each are there and valid."""
     bad = np.concatenate([[0], np.cumsum(~valid)])
     n = valid.shape[0]
     k = np.arange(n)
-    first, last = k + 1 - half, k + half + 1
+    first, last = k + begin, k + end + 1
     inside = (first >= 0) & (last <= n)
     usable = np.zeros(n, dtype=bool)
     usable[inside] = bad[last[inside]] == bad[first[inside]]

@@ -11,6 +11,7 @@ acts back on the mass by what the core's response is, in time only, and vanishes
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -257,9 +258,8 @@ class SensorModel:
         s = 2j * np.pi * frequency_hz
         system = self.rational(parameters, quantity)
         response = system.gain * polynomial(system.numerator, s) / polynomial(system.denominator, s)
-        for addon in self.add_ons:
-            if addon.factor is not None:
-                response = response * addon.factor(parameters, s)
+        if not self.has_network:
+            response = response * self.factors(parameters, frequency_hz)
         if self.has_delay:
             response = response * exponential(-s * self.delay_s(parameters))
         return response
@@ -277,12 +277,21 @@ class SensorModel:
     @property
     def linear(self) -> SensorModel:
         """The model without its nonlinear parts: its linearisation for small signals."""
-        kept = tuple(addon for addon in self.add_ons if addon.force is None)
-        return (
-            self
-            if self.is_linear
-            else SensorModel("+".join([self.core.name, *(a.name for a in kept)]), self.core, kept)
-        )
+        return self if self.is_linear else self._without(lambda addon: addon.force is not None)
+
+    @property
+    def rational_part(self) -> SensorModel:
+        """The model without the factors that are not rational, but for the delay."""
+        return self if self.has_network else self._without(lambda addon: addon.factor is not None)
+
+    def _without(self, left_out: Callable[[AddOn], bool]) -> SensorModel:
+        kept = tuple(addon for addon in self.add_ons if not left_out(addon))
+        return SensorModel("+".join([self.core.name, *(addon.name for addon in kept)]), self.core, kept)
+
+    def factors(self, parameters: Parameters, frequency_hz: Any) -> Any:
+        """Complex response of the parts that are not rational, the delay left out, shape (points,)."""
+        s = 2j * np.pi * frequency_hz
+        return math.prod((addon.factor(parameters, s) for addon in self.add_ons if addon.factor is not None), start=1.0)
 
     def blocks(self, parameters: Parameters, quantity: Quantity) -> tuple[Rational, ...]:
         """The core and the parts parallel to it, from the reference quantity to their shares of the response."""
