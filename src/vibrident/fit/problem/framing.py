@@ -58,7 +58,7 @@ class Frame:
         """
         if not model.has_network:
             raise ModelError(
-                "This model has no network: it is not a rational function.",
+                "The network cannot be trained: the model is not a rational function.",
                 expected="a model without "
                 + " or ".join(repr(addon.name) for addon in model.add_ons if addon.factor is not None),
                 found=repr(model.name),
