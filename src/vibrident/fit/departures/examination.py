@@ -121,27 +121,27 @@ def _columns(found: Sequence[Found], scale: Scale, number: int, part: Part) -> l
 def _shifts(parts: Parts, found: Sequence[Sequence[Found]], scale: Scale, uncertainty: FloatArray) -> list[FloatArray]:
     """How far the departures of each round move the coordinates, by the amounts that all have together.
 
-    In the noise that is left beside them. How far the optimum itself is another one in that noise counts to the first.
+    In the noise that is left beside them, and by amounts of each record's own: what only looks alike in all, as a level
+    that each record exceeds by its own part, moves each by its own. Where they are alike this costs no precision. How
+    far the optimum itself is another one in that noise counts to the first.
     """
     shifts = [np.zeros(len(uncertainty)) for _ in found]
     every = [(number, one) for number, now in enumerate(found) for one in now if not one.departure.own_columns]
     if not every:
         return shifts
-    before, beside, own, widths = list[Own](), list[Own](), list[tuple[list[int], Sums]](), dict[int, int]()
+    before, beside, own, rounds = list[Own](), list[Own](), list[Sums](), list[int]()
     for place, part in enumerate(parts):
-        here = [key for key, (_, one) in enumerate(every) if one.place in (None, place)]
         columns = _columns([one for _, one in every], scale, place, part)
         quiet = part.in_noise_beside(columns)
         before.append(part.own)
         beside.append(quiet.own)
-        if here:
-            widths |= dict(zip(here, map(len, columns), strict=True))
-            white = np.concatenate([quiet.white(each) for each in columns])
-            own.append((here, Sums.of(quiet, white, len(uncertainty))))
-    fit, which = LinearFit.of(beside, uncertainty), np.repeat(sorted(widths), [widths[key] for key in sorted(widths)])
-    together = reduce(Sums.__add__, (sums.among(np.isin(which, here)) for here, sums in own))
-    for key, moved in zip(which.tolist(), fit.moved(together), strict=True):
-        shifts[every[key][0]] += moved
+        if columns:
+            here = [number for number, one in every if one.place in (None, place)]
+            rounds += np.repeat(here, [len(each) for each in columns]).tolist()
+            own.append(Sums.of(quiet, np.concatenate([quiet.white(each) for each in columns]), len(uncertainty)))
+    fit = LinearFit.of(beside, uncertainty)
+    for number, moved in zip(rounds, fit.moved(Sums.side_by_side(own)), strict=True):
+        shifts[number] += moved
     shifts[every[0][0]] += LinearFit.of(before, uncertainty).optimum(before) - fit.optimum(beside)
     return shifts
 

@@ -15,12 +15,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from functools import reduce
 
 import numpy as np
 
 from vibrident.base.tails import f_tail
-from vibrident.data.records import BoolArray, FloatArray
+from vibrident.data.records import FloatArray
 from vibrident.fit.departures.part import Own, Part
 from vibrident.fit.information import inverse_where_shown
 from vibrident.fit.response.rounding import TRIALS
@@ -80,8 +79,10 @@ class Sums:
     @staticmethod
     def side_by_side(every: Sequence[Sums]) -> Sums:
         """Of all columns of several records together."""
-        record = np.repeat(np.arange(len(every)), [len(one.score) for one in every])
-        return reduce(Sums.__add__, (one.among(record == number) for number, one in enumerate(every)))
+        own = {each.name: [getattr(one, each.name) for one in every] for each in fields(Sums)}
+        gram, spread, steps = (own.pop(name) for name in ("gram", "spread", "steps"))
+        joined = {name: np.concatenate(columns) for name, columns in own.items()}
+        return Sums(**joined, gram=_blocks(gram), spread=_blocks(spread), steps=np.sum(steps, axis=0))
 
     def beside(self, part: Part, parameters: int) -> Sums:
         """The same with the record's own parameters projected out, where it has any."""
@@ -129,27 +130,21 @@ class Sums:
             self.steps,
         )
 
-    def among(self, which: BoolArray) -> Sums:
-        """As some of more columns, of which the others are zero; ``which``: they are these, shape (more,)."""
-        put = np.eye(which.size)[:, which]
-        return Sums(
-            put @ self.score,
-            put @ self.gram @ put.T,
-            put @ self.spread @ put.T,
-            put @ self.cross,
-            put @ self.cross_spread,
-            put @ self.common,
-            put @ self.shift,
-            put @ self.least,
-            self.steps,
-        )
-
     def at(self, places: int | Sequence[int]) -> Sums:
         """Of some of the places."""
         return Sums(*(getattr(self, each.name)[places] for each in fields(self)))
 
     def __add__(self, other: Sums) -> Sums:
         return Sums(*(getattr(self, each.name) + getattr(other, each.name) for each in fields(self)))
+
+
+def _blocks(every: Sequence[FloatArray]) -> FloatArray:
+    """A matrix with these on its diagonal, each of shape (m, m)."""
+    ends = np.cumsum([len(one) for one in every]).tolist()
+    found = np.zeros((ends[-1], ends[-1]))
+    for end, one in zip(ends, every, strict=True):
+        found[end - len(one) : end, end - len(one) : end] = one
+    return found
 
 
 @dataclass(frozen=True, eq=False)

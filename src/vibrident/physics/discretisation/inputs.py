@@ -147,9 +147,9 @@ def filtered(
     """
     n = samples.shape[0]
     half, size = half_width_for(n), fast_length(2 * n)
-    at = np.arange(-2 * half, 2 * half + 1)  # half samples: the filter acts on the interpolated signal
+    late = np.arange(-half, half + 0.5, 0.5)  # half samples: the filter acts on the interpolated signal
     interpolation = np.zeros(2 * size)
-    interpolation[at] = 0.5 * np.sinc(0.5 * at) * _window(0.5 * at, half)
+    interpolation[np.arange(-2 * half, 2 * half + 1)] = 0.5 * np.sinc(late) * _window(late, half)
     spectrum = np.asarray(fft.rfft(interpolation)) * response(np.arange(size + 1) / size)
     kernel = 2.0 * np.asarray(fft.irfft(spectrum, 2 * size))[::2]
     lags = np.flatnonzero(np.abs(kernel) > KERNEL_ENDS * np.max(np.abs(kernel)))
