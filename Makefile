@@ -89,12 +89,12 @@ bench/peers/envs/%/.installed: bench/peers/%.txt | $(BIN)/python
 clean:  ## remove what make and the tools have made
 	rm -rf $(CORE) $(NETWORK) $(DEV) $(DOCS) site .pytest_cache .ruff_cache .hypothesis .jax_cache build dist demo reproduction
 
-# The pip that Python 3.11 brings takes three times as long to find the versions that suit each other.
+# The pip that Python 3.11 brings takes three times as long to find the versions that suit each other; it will do.
 $(BIN)/python $(PLAIN_VENV)/bin/python:
 	@test -n "$(PYTHON)" || { \
 		echo "No usable Python found: expected 3.11 to 3.14 with venv (Debian: python3-venv); set PYTHON=..." >&2; exit 1; }
 	$(PYTHON) -m venv $(@D:/bin=)
-	$@ -m pip install --quiet --quiet --disable-pip-version-check --upgrade pip
+	-$@ -m pip install --quiet --quiet --disable-pip-version-check --upgrade pip
 
 $(CORE): pyproject.toml | $(BIN)/python
 	$(PIP_INSTALL) --editable .
