@@ -157,7 +157,7 @@ def test_records_too_short_and_models_without_network_are_refused():
     with pytest.raises(InputError, match="long enough"):
         BinProblem.build(short, parse("accelerometer"), method("euler"), "acceleration", values_of("accelerometer"))
     values = values_of("accelerometer") | {"boxcar_length": 1e-3}
-    with pytest.raises(ModelError, match="no network"):
+    with pytest.raises(ModelError, match="cannot be trained"):
         BinProblem.build(short, parse("accelerometer+boxcar"), method("euler"), "acceleration", values)
 
 
