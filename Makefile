@@ -89,7 +89,8 @@ bench/peers/envs/%/.installed: bench/peers/%.txt | $(BIN)/python
 clean:  ## remove what make and the tools have made
 	rm -rf $(CORE) $(NETWORK) $(DEV) $(DOCS) site .pytest_cache .ruff_cache .hypothesis .jax_cache build dist demo reproduction
 
-# The pip that Python 3.11 brings takes three times as long to find the versions that suit each other; it will do.
+# The pip that Python 3.11 brings takes three times as long to find the versions that suit each other. It works, too,
+# where no newer one can be had.
 $(BIN)/python $(PLAIN_VENV)/bin/python:
 	@test -n "$(PYTHON)" || { \
 		echo "No usable Python found: expected 3.11 to 3.14 with venv (Debian: python3-venv); set PYTHON=..." >&2; exit 1; }
@@ -111,3 +112,7 @@ $(DEV): pyproject.toml | $(BIN)/python
 $(PLAIN_VENV)/.installed: pyproject.toml | $(PLAIN_VENV)/bin/python
 	$(PLAIN_VENV)/bin/python -m pip install --quiet --quiet --no-compile --editable '.[test]'
 	@touch $@
+
+$(DOCS): pyproject.toml | $(BIN)/python
+	$(PIP_INSTALL) --no-compile --editable '.[docs]'
+	@touch $@ $(CORE)
