@@ -25,7 +25,7 @@ class Scale:
     """What is common to all records.
 
     Attributes:
-        motion: the largest.
+        motion: largest size of a predicted response about its mean.
         bands_hz: edges of bands of like information.
         records: number of records.
         narrow: whether the noise of a sine is an interferometer's light.

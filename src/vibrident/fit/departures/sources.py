@@ -61,7 +61,7 @@ def parts_of(evidence: Evidence, estimate: Estimate, predicted: Sequence[FloatAr
         if not estimate.findings.method.is_exact or not evidence.records:
             return iter(())
         if isinstance(problem, BinProblem) and estimate.criterion == "samples":
-            groups = together(evidence.records)  # bins of all records at once are no less than the data
+            groups = together(evidence.records)  # bins of all records at once take more memory than the data
             return chain.from_iterable(_of_bins(evidence, estimate, problem, predicted, some) for some in groups)
         if evidence.only_sines and evidence.model.is_linear and tones is not None:
             return _of_sines(evidence, estimate, predicted, tones)

@@ -20,6 +20,7 @@ from vibrident.fit.judge.points import linearised
 from vibrident.fit.problem import Evidence
 from vibrident.fit.screening.hum import hum_tones, lacking
 from vibrident.fit.uncertainty.budget import patterns
+from vibrident.fit.uncertainty.linearised import Linearised
 from vibrident.fit.uncertainty.parameters import parameter_units
 from vibrident.physics.naming import in_words
 from vibrident.result import Finding, ResultWarning
@@ -72,8 +73,9 @@ class Examined:
         parts = parts_of(evidence, estimate, judgement.predicted, tones)
         misfit = not judgement.adequacy.adequate
         uncertainty = _deviation(estimate.covariance)
-        scale = scale_of(evidence, judgement.predicted, linearised(evidence, estimate, judgement))
-        groups = examine(parts, scale, _points(evidence, estimate, judgement), uncertainty, misfit=misfit)
+        linear = linearised(evidence, estimate, judgement)
+        scale, points = scale_of(evidence, judgement.predicted, linear), _points(evidence, estimate, judgement, linear)
+        groups = examine(parts, scale, points, uncertainty, misfit=misfit)
         return cls(evidence, estimate, tuple(groups))
 
     def beside(self, judgement: Judgement) -> tuple[Record, ...]:
@@ -143,12 +145,12 @@ def _always(evidence: Evidence, code: str) -> bool:
     return code == "few_fringes" or (code == "nonlinear" and not evidence.model.is_linear)
 
 
-def _points(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> PointsPart | None:
+def _points(evidence: Evidence, estimate: Estimate, judgement: Judgement, linear: Linearised) -> PointsPart | None:
     """The response of a table or of sines; None for other motion, or where nothing is left to judge by."""
     alone = evidence.calibration.table is not None or (evidence.only_sines and estimate.criterion != "samples")
     if not alone or not evidence.model.is_linear or judgement.adequacy.degrees_of_freedom <= 0:
         return None
-    points, linear = judgement.adequacy, linearised(evidence, estimate, judgement)
+    points = judgement.adequacy
     size = judgement.scatter or 1.0
     linear = replace(linear, matrix=linear.matrix / size, rest=linear.rest / size, weight=linear.weight / size)
     count = len(points.record)

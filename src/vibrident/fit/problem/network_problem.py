@@ -85,7 +85,7 @@ def network_of(
 ) -> NetworkProblem:
     """The network over records: at the bins of its transform where the model is linear, in time where not.
 
-    What is not rational, a digital average, acts on the reference before it, as at the start values.
+    Factors that are not rational, as of a digital average, act on the reference before it, with the start values.
 
     Raises:
         InputError: no record is long enough.

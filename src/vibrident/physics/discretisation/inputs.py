@@ -32,7 +32,7 @@ HALF_WIDTH = 40  # samples used on either side of a step
 KAISER_BETA = 20.0  # Kaiser β for the half width above: interpolation error below 1e-6 up to 0.43 of the sampling rate
 SERIES_TOLERANCE = 1e-10  # truncation error allowed for the Legendre series, relative to the response
 MAX_TERMS = 12
-KERNEL_ENDS = 1e-9  # part of a filter's largest value below which its kernel ends
+KERNEL_ENDS = 1e-9  # part of its largest value below which a filter's kernel ends: less than the interpolation errs by
 
 
 @dataclass(frozen=True)
