@@ -43,6 +43,17 @@ def test_every_labelling_has_the_same_response_and_the_same_one_form(name, truth
         assert canonical(model, values) == pytest.approx(truth, rel=1e-12)
 
 
+def test_a_pole_far_below_its_natural_frequency_is_not_lost():
+    """Of a damping ratio of 9e7 the difference of two numbers left zero, and the high-pass got no frequency."""
+    values = {"sensitivity": 2e-4, "natural_frequency": 6e7, "damping_ratio": 9e7, "highpass_frequency": 5e-3}
+    model = parse("accelerometer+highpass")
+    for one in relabellings(model, values):
+        found = changed(values, one)
+        assert all(np.isfinite(list(found.values())))
+        h = [model.frequency_response(these, F, "acceleration") for these in (values, found)]
+        np.testing.assert_allclose(*h, rtol=1e-12)
+
+
 @pytest.mark.parametrize(("name", "truth"), SENSORS)
 def test_the_derivative_of_a_relabelling_is_that_of_differences(name, truth):
     model = parse(name)

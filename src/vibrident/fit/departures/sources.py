@@ -292,7 +292,7 @@ def _in_time(
 
 def _free_motion(model: SensorModel, values: dict[str, float], rate_hz: float, used: BoolArray) -> FloatArray:
     """Free motion of the poles that last longer than a sample, zero where not used, shape (q, n)."""
-    poles = np.roots(np.array(model.rational(values).denominator[::-1], dtype=float)).astype(complex) / rate_hz
+    poles = model.poles(values) / rate_hz
     lasting = poles[(poles.imag >= 0.0) & (poles.real < 0.0) & (poles.real >= -1.0)]
     waves_of: ComplexArray = np.exp(lasting[:, None] * np.arange(used.size)) * used
     return np.concatenate([waves_of.real, waves_of.imag[lasting.imag > 0.0]])

@@ -70,7 +70,7 @@ def residual_tones(
         found = evidence.model.frequency_response(values, frequency, evidence.quantity)
         return np.asarray(found, dtype=complex)
 
-    poles = np.roots(np.array(evidence.model.rational(values).denominator[::-1], dtype=float)).astype(complex)
+    poles = evidence.model.poles(values)
     if predicted is None and problem is not None:
         predicted = problem.predict(coordinates, z)
     if predicted is not None:

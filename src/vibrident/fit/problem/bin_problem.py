@@ -324,7 +324,7 @@ class BinProblem:
 
     def _lowest_ringing_hz(self, values: dict[str, float]) -> float:
         """Lowest frequency of a free oscillation, Hz; zero where the sensor has none."""
-        poles = np.roots(np.array(self.trained.model.rational(values).denominator[::-1], dtype=float))
+        poles = self.trained.model.poles(values)
         ringing = np.abs(np.imag(poles[np.imag(poles) != 0.0]))
         return float(np.min(ringing)) / (2.0 * np.pi) if ringing.size else 0.0
 

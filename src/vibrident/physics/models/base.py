@@ -235,6 +235,10 @@ class SensorModel:
         zeros = (0.0,) * DERIVATIVES[quantity]
         return Rational(system.gain, zeros + system.numerator, system.denominator, system.angular_scale)
 
+    def poles(self, parameters: Parameters) -> Any:
+        """Of the rational part, rad/s, complex, shape (n,)."""
+        return np.roots(np.array(self.rational(parameters).denominator[::-1], dtype=float)).astype(complex)
+
     def delay_s(self, parameters: Parameters) -> Any:
         """Delay of the response channel behind the reference channel, s; positive: the response comes later."""
         return sum(addon.delay(parameters) for addon in self.add_ons if addon.delay is not None)

@@ -41,8 +41,9 @@ def _exchanged(core: Core, side: float) -> Relabelling:
 
     def exchange(values: Values) -> dict[str, Any]:
         natural, damping, corner = (values[name] for name in (frequency, ratio, _CORNER))
-        root = (damping * damping - 1.0) ** 0.5
-        mine, other = natural * (damping + side * root), natural * (damping - side * root)
+        apart = damping + (damping * damping - 1.0) ** 0.5
+        upper, lower = natural * apart, natural / apart  # their product: a difference would lose the lower one
+        mine, other = (upper, lower) if side > 0.0 else (lower, upper)
         now = (corner * other) ** 0.5
         found = dict(values) | {frequency: now, ratio: (corner + other) / (2.0 * now), _CORNER: mine}
         if gain is not None:
