@@ -141,17 +141,16 @@ def _birge(
     The network weighs a record by its whole residual, misfit and all; a sine's deviation is then compared with what
     white noise of that size would do to its tone.
     """
-    chi2 = adequacy.chi2_reduced or 0.0
     network, tones = estimate.findings.network, evidence.tones
-    if network is not None and tones is not None and adequacy.degrees_of_freedom > 0:
-        sines, others = points[0], points[1:]
-        samples = np.array([evidence.records[i].mask.sum() for i in tones.record])
-        own = network.noise[tones.record] * np.sqrt(2.0 / samples) / np.abs(tones.response)
-        weaker = np.minimum(1.0, sines.relative_deviation / own) ** 2
-        total = float(np.sum(sines.squares * weaker)) + sum(float(np.sum(part.squares)) for part in others)
-        total += sum(decay.parts.chi2 for decay in decays)
-        chi2 = total / adequacy.degrees_of_freedom
-    return float(np.sqrt(max(chi2, 1.0)))
+    if network is None or tones is None or adequacy.degrees_of_freedom <= 0:
+        return adequacy.birge
+    sines, others = points[0], points[1:]
+    samples = np.array([evidence.records[i].mask.sum() for i in tones.record])
+    own = network.noise[tones.record] * np.sqrt(2.0 / samples) / np.abs(tones.response)
+    weaker = np.minimum(1.0, sines.relative_deviation / own) ** 2
+    total = float(np.sum(sines.squares * weaker)) + sum(float(np.sum(part.squares)) for part in others)
+    total += sum(decay.parts.chi2 for decay in decays)
+    return float(np.sqrt(max(total / adequacy.degrees_of_freedom, 1.0)))
 
 
 def _misfit(adequacy: Adequacy, points: list[Points], response: Any, decays: Sequence[DecayDeviation] = ()) -> str:
@@ -224,8 +223,7 @@ def judge_decays(evidence: Evidence, estimate: Estimate) -> Judgement:
 
     predicted, verdict, text = free.predicted(evidence, estimate), *free.lack_of_fit(estimate)
     adequacy = Adequacy(np.zeros(0), np.zeros(0, dtype=complex), np.zeros(0), (), *verdict)
-    birge = float(np.sqrt(max(adequacy.chi2_reduced or 0.0, 1.0)))
-    return Judgement(adequacy, text, birge, predicted, signals=_excerpts(evidence, predicted))
+    return Judgement(adequacy, text, adequacy.birge, predicted, signals=_excerpts(evidence, predicted))
 
 
 def judge_table(evidence: Evidence, estimate: Estimate) -> Judgement:
@@ -257,7 +255,7 @@ def judge_table(evidence: Evidence, estimate: Estimate) -> Judgement:
     relative = problem.relative_deviation if scatter is None else problem.relative_deviation * scatter
     turn = np.asarray(problem.data[4]) * (scatter or 1.0)
     adequacy = Adequacy(table.frequency_hz, table.response, relative, names, chi2, degrees, adequate, turn)
-    return Judgement(adequacy, text, float(np.sqrt(max(chi2 or 0.0, 1.0))), scatter=scatter)
+    return Judgement(adequacy, text, adequacy.birge, scatter=scatter)
 
 
 def measured_curve(

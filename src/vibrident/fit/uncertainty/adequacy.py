@@ -43,6 +43,11 @@ class Adequacy:
     # standard deviation of the measured phase, rad, shape (n,); None: the relative deviation
     phase_deviation: FloatArray | None = None
 
+    @property
+    def birge(self) -> float:
+        """√(χ²/ν), at least one: the factor on the uncertainties that the deviations demand (Birge 1932)."""
+        return float(np.sqrt(max(self.chi2_reduced or 0.0, 1.0)))
+
 
 @dataclass(frozen=True, eq=False)
 class Points:
