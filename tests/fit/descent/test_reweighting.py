@@ -197,6 +197,15 @@ def test_free_motion_above_half_the_sampling_rate_tells_nothing() -> None:
     np.testing.assert_allclose(ends[1], ends[0], atol=0.1)
 
 
+def test_a_start_from_which_the_network_explodes_is_passed_over() -> None:
+    """Its residual is a number, and the square of that is none: eigenvalues of it did not converge."""
+    made, model = random_motion(), parse("accelerometer")
+    true = dict(sensor_named(PIEZO).parameters)
+    problem = BinProblem.build(made.records, model, method("bandlimited"), "acceleration", true)
+    coordinates = Coordinates.at(model, true, (100.0, 4000.0), 0.1)
+    assert reweighted(problem, coordinates, [coordinates.first], np.full(len(made.records), 1e-200)) is None
+
+
 @pytest.mark.parametrize("seed", [0, 12])
 def test_a_sensor_of_which_little_is_seen_reaches_its_optimum_in_noise_of_the_reference(seed):
     """Twenty times above the band: each full step led back to where it came from, and equal weights were rejected."""

@@ -96,7 +96,8 @@ def reweighted(
     for z in begins:
         with np.errstate(all="ignore"):  # a start may be where the network is not finite
             lines = evaluate(z)
-        if not all(np.all(np.isfinite(record.residual)) for record in lines):
+            finite = all(np.isfinite(np.linalg.norm(record.residual)) for record in lines)
+        if not finite:
             continue
         motions = [motion_of(record) for record in lines]
         here = iterate_at(lines, motions, beside_hum(lines, motions), z)
