@@ -198,7 +198,7 @@ def test_free_motion_above_half_the_sampling_rate_tells_nothing() -> None:
 
 
 def test_a_start_from_which_the_network_explodes_is_passed_over() -> None:
-    """Its residual is a number, and the square of that is none: eigenvalues of it did not converge."""
+    """Its residual is finite, but the sum of its squares overflows: eigenvalues of the noise did not converge."""
     made, model = random_motion(), parse("accelerometer")
     true = dict(sensor_named(PIEZO).parameters)
     problem = BinProblem.build(made.records, model, method("bandlimited"), "acceleration", true)

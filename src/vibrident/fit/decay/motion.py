@@ -69,7 +69,7 @@ def free_motion(natural_frequency_hz: float, damping_ratio: float, time_s: Float
         envelope = np.exp(np.minimum(-damping_ratio * angle, MOST_GROWTH))
         turned = np.sqrt(-square) * angle
         return np.stack([envelope * np.cos(turned), envelope * angle * np.sinc(turned / np.pi)], axis=1)
-    slow = np.exp(-(damping_ratio - np.sqrt(square)) * angle)
+    slow = np.exp(-angle / (damping_ratio + np.sqrt(square)))  # δ − √(δ² − 1) loses its digits
     twice = 2.0 * np.sqrt(square) * angle
     ratio = np.where(twice > 0, -np.expm1(-twice) / np.where(twice > 0, twice, 1.0), 1.0)
     return np.stack([0.5 * slow * (1.0 + np.exp(-twice)), slow * angle * ratio], axis=1)

@@ -127,7 +127,7 @@ def iterate_at(
     z: FloatArray,
     settled: float | None = None,
 ) -> Iterate | None:
-    """Information and gradient at ``z``, shape (p,); None where a direction is not known.
+    """Information and gradient at ``z``, shape (p,); None where a direction is not known, or a residual not finite.
 
     Args:
         lines: of the records, at ``z``.
@@ -137,6 +137,8 @@ def iterate_at(
         settled: where the step is no longer, in standard deviations, the noise is not read again behind it; None: it
             is, as ``spectra`` are of another place.
     """
+    if not finite(lines):
+        return None
     step = np.zeros(len(z))
     for last in range(ROUNDS):
         shares, variances, read = [], [], list[NoiseSpectrum]()
@@ -165,6 +167,12 @@ def iterate_at(
             if settled is None or last == ROUNDS - 1 or place.far <= settled:
                 return place
     return None
+
+
+def finite(lines: Sequence[RecordBins]) -> bool:
+    """Whether the sums of squares of the residuals are finite."""
+    with np.errstate(all="ignore"):
+        return all(np.isfinite(np.linalg.norm(record.residual)) for record in lines)
 
 
 def together(lines: Sequence[RecordBins] | Sequence[Record]) -> list[slice]:

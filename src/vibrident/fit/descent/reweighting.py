@@ -32,6 +32,7 @@ from vibrident.fit.descent.iterate import (
     SHARE,
     Iterate,
     beside_hum,
+    finite,
     iterate_at,
 )
 from vibrident.fit.descent.optimise import Bent
@@ -96,8 +97,7 @@ def reweighted(
     for z in begins:
         with np.errstate(all="ignore"):  # a start may be where the network is not finite
             lines = evaluate(z)
-            finite = all(np.isfinite(np.linalg.norm(record.residual)) for record in lines)
-        if not finite:
+        if not finite(lines):
             continue
         motions = [motion_of(record) for record in lines]
         here = iterate_at(lines, motions, beside_hum(lines, motions), z)

@@ -236,7 +236,7 @@ class SensorModel:
         return Rational(system.gain, zeros + system.numerator, system.denominator, system.angular_scale)
 
     def poles(self, parameters: Parameters) -> Any:
-        """Of the rational part, rad/s, complex, shape (n,)."""
+        """Poles of the rational part, rad/s, complex, shape (n,)."""
         return np.roots(np.array(self.rational(parameters).denominator[::-1], dtype=float)).astype(complex)
 
     def delay_s(self, parameters: Parameters) -> Any:

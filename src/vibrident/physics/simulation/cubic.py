@@ -106,7 +106,7 @@ def _static(k3: float, linear: float) -> float:
 
 def _memory(wn: float, damping: float) -> float:
     """Time in which the free motion decays, s."""
-    slowest = damping if damping < 1.0 else damping - math.sqrt(damping * damping - 1.0)
+    slowest = damping if damping < 1.0 else 1.0 / (damping + math.sqrt(damping * damping - 1.0))
     require(
         slowest > 0.0,
         "An undamped sensor has no steady motion of its own.",

@@ -41,8 +41,8 @@ def _exchanged(core: Core, side: float) -> Relabelling:
 
     def exchange(values: Values) -> dict[str, Any]:
         natural, damping, corner = (values[name] for name in (frequency, ratio, _CORNER))
-        apart = damping + (damping * damping - 1.0) ** 0.5
-        upper, lower = natural * apart, natural / apart  # their product: a difference would lose the lower one
+        ratio_up = damping + (damping * damping - 1.0) ** 0.5  # δ − √(δ² − 1) is one over it, and loses its digits
+        upper, lower = natural * ratio_up, natural / ratio_up
         mine, other = (upper, lower) if side > 0.0 else (lower, upper)
         now = (corner * other) ** 0.5
         found = dict(values) | {frequency: now, ratio: (corner + other) / (2.0 * now), _CORNER: mine}
