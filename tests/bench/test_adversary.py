@@ -202,8 +202,8 @@ def test_hum_beside_the_tones_of_a_stiff_sensor_is_told_from_them():
 
 
 def test_a_short_shock_whose_noise_few_lines_tell_is_no_sensitive_band():
-    """χ²/ν of 2.2 with 17 degrees of freedom is no misfit, and the shift of a part is judged by the same scatter."""
-    found = judge.judged(BY_NAME["extreme/1 records of 400/shock/above-light"].trial())
+    """χ²/ν of 2.7 with 9 degrees of freedom is no misfit, and the shift of a part is judged by the same scatter."""
+    found = judge.judged(BY_NAME["extreme/1 records of 400/shock/in-damped"].trial(9))
     assert found["chi2"] > 2.0
     assert found["class"] == judge.RIGHT
 

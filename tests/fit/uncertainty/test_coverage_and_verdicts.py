@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 import vibrident
-from vibrident.data.records import Calibration
+from vibrident.data.records import Calibration, Record
 from vibrident.fit.information import inverse_normal
-from vibrident.fit.response.verdict import rejected
+from vibrident.fit.response.verdict import REJECTION, as_chi2, chance_of
+from vibrident.fit.uncertainty.adequacy import band_points
 from vibrident.physics.simulation import SENSORS, ChannelNoise, simulate, with_noise
 
 TRUTH = dict(SENSORS["paper"].parameters)
@@ -61,18 +62,40 @@ def test_scatter_and_coverage_are_as_stated(tones: Calibration, estimator: str, 
         assert np.mean(chi2) == pytest.approx(1.0, abs=3.0 * np.sqrt(2.0 / degrees / draws) * 1.2)
 
 
-@pytest.mark.parametrize(("freedom", "points"), [(10.0, 75), (20.0, 75), (50.0, 12), (1e6, 12)])
+@pytest.mark.parametrize(("freedom", "points"), [(4.0, 300), (10.0, 75), (20.0, 75), (50.0, 12), (1e6, 12)])
 def test_the_level_of_the_verdict_is_what_it_says(freedom: float, points: int) -> None:
     """Rejections of right models at the level 10⁻³, by Monte Carlo over squares whose variances are estimated."""
-    rng, runs, parameters = np.random.default_rng(1), 40_000, 3
-    counted = 0
+    rng, runs, counted = np.random.default_rng(1), 20_000, 0
     for _ in range(10):
         squares = rng.chisquare(2.0, (runs // 10, points)) / (rng.chisquare(freedom, (runs // 10, points)) / freedom)
-        degrees = 2 * points - parameters
-        chi2 = np.sum(squares, axis=1) * (1.0 - 2.0 / freedom) * degrees / (2 * points)
-        known = np.full(points, freedom)
-        counted += sum(rejected(float(value), degrees, known) for value in chi2)
-    assert 3e-4 < counted / runs < 3e-3
+        counted += sum(chance_of(one, 0) < REJECTION for one in as_chi2(squares, freedom))
+    assert counted / runs == pytest.approx(REJECTION, abs=3.0 * np.sqrt(REJECTION / runs))
+
+
+@pytest.mark.parametrize("off", [2.0, 300.0])
+def test_misfits_of_all_points_and_of_one_are_found(off: float) -> None:
+    """Twice the noise at 150 points, or a single one of them beyond what its nine degrees of freedom explain."""
+    rng = np.random.default_rng(2)
+    factor = np.full(150, off) if off < 10.0 else np.where(np.arange(150) == 70, off, 1.0)
+    for _ in range(50):
+        squares = factor * rng.chisquare(2.0, 150) / (rng.chisquare(9.0, 150) / 9.0)
+        squares[70] = max(squares[70], 300.0) if off > 10.0 else squares[70]
+        assert chance_of(as_chi2(squares, 9.0), 3) < REJECTION
+
+
+def test_points_of_a_record_that_is_used_in_part_are_those_of_that_part() -> None:
+    """A third of a record that does not count changes nothing: lines of the whole record tell no more of its noise."""
+    rng, n, first = np.random.default_rng(3), 3000, 1000
+    motion, noise = rng.standard_normal(n), 0.1 * rng.standard_normal(n)
+    valid = np.arange(n) >= first
+    more = {"name": "r", "sampling_rate_hz": 1000.0, "excitation": "random"}
+    whole = Record(reference=motion, response=motion + noise, valid=valid, **more)
+    part = Record(reference=motion[first:], response=(motion + noise)[first:], **more)
+    one = np.ones_like
+    (seen,) = band_points([whole], [np.where(valid, motion, np.nan)], one)
+    (alone,) = band_points([part], [motion[first:]], one)
+    for each in ("frequency_hz", "squares", "freedom"):
+        np.testing.assert_array_equal(getattr(seen, each), getattr(alone, each))
 
 
 def test_an_open_direction_gets_a_large_variance_and_the_others_keep_theirs() -> None:

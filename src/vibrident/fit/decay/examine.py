@@ -14,14 +14,14 @@ from typing import Any
 
 import numpy as np
 
-from vibrident.base.tails import chi2_tail
+from vibrident.base.tails import chi2_tail, f_tail
 from vibrident.data.records import FloatArray, Record
 from vibrident.data.records.basis import resolution
 from vibrident.fit.decay.motion import DecayFit, Stretch, basis_of, fit, free_motion, motion_slopes, shortened, unit
 from vibrident.fit.decay.noise import WHITE, Noise, autoregression, tones_of
 from vibrident.fit.decay.release import free_stretch, trimmed, without_first
 from vibrident.fit.descent.optimise import Progress, silent
-from vibrident.fit.response.verdict import rejected
+from vibrident.fit.response.verdict import REJECTION
 from vibrident.fit.screening.drift import significant_rise
 
 #: Stretches of time that are compared: at most this many, of at least so many samples.
@@ -43,6 +43,11 @@ class Parts:
     chi2: float  # their sum in units of the noise
     degrees: int  # of freedom: two a part less what initial state, offset and drift take
     freedom: float  # samples behind the noise
+
+    @property
+    def chance(self) -> float:
+        """That one linear oscillator leaves as much."""
+        return f_tail(self.degrees, self.freedom, self.chi2 / self.degrees) if self.degrees > 0 else 1.0
 
 
 @dataclass(frozen=True)
@@ -116,7 +121,8 @@ def examine(records: Sequence[Record], progress: Progress = silent) -> Decays:
 def verdict(parts: Sequence[Parts], parameters: int = 2) -> tuple[float, int, bool]:
     """χ² of decays, its degrees of freedom, and whether one linear oscillator explains them."""
     chi2, degrees = sum(p.chi2 for p in parts), sum(p.degrees for p in parts) - parameters
-    return chi2, degrees, not rejected(chi2, degrees, np.array([p.freedom for p in parts]))
+    pooled = Parts(chi2, degrees, sum(p.freedom for p in parts))
+    return chi2, degrees, pooled.chance >= REJECTION
 
 
 def weighed(found: DecayFit) -> DecayFit:

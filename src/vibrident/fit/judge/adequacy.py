@@ -18,6 +18,7 @@ from vibrident.fit.problem import Evidence, network_of
 from vibrident.fit.problem.frequency_domain import response_residual
 from vibrident.fit.response import MeasuredResponse
 from vibrident.fit.response.explained import unexplained
+from vibrident.fit.response.verdict import probability
 from vibrident.fit.uncertainty.adequacy import (
     Adequacy,
     Points,
@@ -254,7 +255,8 @@ def judge_table(evidence: Evidence, estimate: Estimate) -> Judgement:
     names = (table.provenance.file or "table",) * table.points
     relative = problem.relative_deviation if scatter is None else problem.relative_deviation * scatter
     turn = np.asarray(problem.data[4]) * (scatter or 1.0)
-    adequacy = Adequacy(table.frequency_hz, table.response, relative, names, chi2, degrees, adequate, turn)
+    chance = 1.0 if chi2 is None else probability(chi2 * degrees, degrees)
+    adequacy = Adequacy(table.frequency_hz, table.response, relative, names, chi2, degrees, adequate, turn, chance)
     return Judgement(adequacy, text, adequacy.birge, scatter=scatter)
 
 

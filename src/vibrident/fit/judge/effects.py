@@ -14,7 +14,7 @@ from vibrident.fit.estimators import Estimate
 from vibrident.fit.judge.adequacy import Judgement, measured_curve
 from vibrident.fit.judge.points import linearised
 from vibrident.fit.problem import Evidence
-from vibrident.fit.response.verdict import REJECTION, rejected
+from vibrident.fit.response.verdict import REJECTION, as_chi2, chance_of, probability, shrunk
 from vibrident.fit.uncertainty.budget import DATA, BudgetRow, Explained, Weighted, effects_of, explain, patterns
 from vibrident.result import MeasuredCurve
 
@@ -44,11 +44,15 @@ def allowing_for_effects(evidence: Evidence, estimate: Estimate, judgement: Judg
     found = explain(weighted, effects, shape, linear, covariance)
     if found is None:
         return judgement
-    return _judged(judgement, effects, found, weighted(estimate.z, np.zeros(len(shape))))
+    return _judged(judgement, effects, found, len(estimate.z), weighted(estimate.z, np.zeros(len(shape))))
 
 
 def _judged(
-    judgement: Judgement, effects: Sequence[SystematicEffect], found: Explained, deviations: FloatArray
+    judgement: Judgement,
+    effects: Sequence[SystematicEffect],
+    found: Explained,
+    parameters: int,
+    deviations: FloatArray,
 ) -> Judgement:
     adequacy, degrees = judgement.adequacy, judgement.adequacy.degrees_of_freedom
     shown = tuple(zip(effects, found.amounts.tolist(), strict=True))
@@ -58,9 +62,8 @@ def _judged(
         return allowed
     before = adequacy.chi2_reduced * degrees
     chi2 = max(before - (float(deviations @ deviations) - found.chi2), 0.0)
-    freedom = np.concatenate([part.freedom for part in judgement.points]) if judgement.points else None
-    explained = not rejected(chi2, degrees, freedom) and believed
-    blamed = rejected(before, degrees, freedom)
+    explained = _chance(judgement, found, parameters, chi2) >= REJECTION and believed
+    blamed = adequacy.chance < REJECTION
     adequate = explained if adequacy.adequate or blamed else False
     text = judgement.lack_of_fit
     if blamed or adequacy.adequate:
@@ -71,6 +74,16 @@ def _judged(
         lack_of_fit=text,
         birge=max(judgement.birge * float(np.sqrt(chi2 / before)), 1.0) if before > 0 else judgement.birge,
     )
+
+
+def _chance(judgement: Judgement, found: Explained, parameters: int, chi2: float) -> float:
+    """Chance of what the effects leave."""
+    if not judgement.points:
+        return probability(chi2, judgement.adequacy.degrees_of_freedom)
+    freedom = _freedom(judgement)
+    squares = np.sum(np.square(found.left.reshape(2, -1)), axis=0) / shrunk(freedom)
+    points = np.concatenate([as_chi2(squares, freedom), judgement.adequacy.decays])
+    return chance_of(points, parameters, float(found.amounts @ found.amounts))
 
 
 def _misfit(judgement: Judgement, chi2_reduced: float) -> str:
@@ -112,15 +125,18 @@ def _deviations(evidence: Evidence, estimate: Estimate, judgement: Judgement) ->
             return (np.concatenate([radial, turn]) if problem.has_phase else radial) / scatter
 
         return of_table
-    freedom = np.concatenate([part.freedom for part in judgement.points])
-    # As the verdict weighs them: noise of ν degrees of freedom makes squares larger by ν/(ν − 2).
-    weight = np.sqrt(np.maximum(1.0 - 2.0 / freedom, 0.1)) / (adequacy.relative_deviation * np.abs(adequacy.measured))
+    weight = np.sqrt(shrunk(_freedom(judgement))) / (adequacy.relative_deviation * np.abs(adequacy.measured))
 
     def of_points(z: FloatArray, change: np.ndarray) -> FloatArray:
         error = weight * (adequacy.measured - model(z, change))
         return np.concatenate([error.real, error.imag])
 
     return of_points
+
+
+def _freedom(judgement: Judgement) -> FloatArray:
+    """Degrees of freedom behind the noise of each point, shape (n,)."""
+    return np.concatenate([part.freedom for part in judgement.points])
 
 
 def measured(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> MeasuredCurve:

@@ -1,6 +1,8 @@
-"""When deviations are larger than their noise explains: the χ² test that all verdicts share."""
+"""When deviations are larger than their noise explains: the test that all verdicts share."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 
@@ -9,29 +11,47 @@ from vibrident.data.records import FloatArray
 
 #: A model is rejected below this probability.
 REJECTION = 1e-3
-#: Least degrees of freedom of a variance: with fewer its spread is undefined.
-LEAST_FREEDOM = 6.0
 
 
-def probability(chi2: float, degrees: int, freedom: FloatArray | None = None) -> float:
-    """Chance of a χ² at least this large when the model is right.
+def as_chi2(squares: Any, freedom: Any) -> Any:
+    """χ² of two degrees of freedom as improbable as squares of two parts over a variance that is an estimate.
+
+    Of ν degrees of freedom half of the square is an F's, which exceeds q/2 with the chance (1 + q/ν)^(−ν/2).
 
     Args:
-        chi2: sum of squared deviations over their variance.
-        degrees: degrees of freedom.
-        freedom: degrees of freedom behind each variance, where variances are estimates. With the mean brought back by
-            1 − 2/ν, each square of two parts then has ν/(ν − 4) times the variance of a χ² (it is an F's), and the sum
-            is compared with the multiple of a χ² that has its mean and variance (Satterthwaite 1946).
+        squares: q, shape (n,).
+        freedom: ν behind each variance, shape (n,).
     """
+    return freedom * np.log1p(squares / freedom)
+
+
+def shrunk(freedom: FloatArray) -> FloatArray:
+    """1 − 2/ν: by so much squares over a variance of ν degrees of freedom are too large in the mean, shape (n,)."""
+    return np.maximum(1.0 - 2.0 / freedom, 0.1)
+
+
+def probability(chi2: float, degrees: int) -> float:
+    """Chance of a χ² at least this large when the model is right."""
+    return chi2_tail(degrees, chi2) if degrees > 0 else 1.0
+
+
+def rejected(chi2: float, degrees: int) -> bool:
+    """Whether the model is rejected."""
+    return probability(chi2, degrees) < REJECTION
+
+
+def chance_of(points: FloatArray, parameters: int, beside: float = 0.0) -> float:
+    """Chance of points at least as far from a right model, by their sum or by the furthest of them (Bonferroni).
+
+    The sum of many points hides one that is far off, as at a resonance that the model lacks.
+
+    Args:
+        points: χ² of two degrees of freedom each, shape (n,).
+        parameters: that were fitted to them.
+        beside: squares of what else was fitted, over their prior variance.
+    """
+    degrees = 2 * len(points) - parameters
     if degrees <= 0:
         return 1.0
-    spread = 1.0
-    if freedom is not None:
-        known = np.maximum(freedom, LEAST_FREEDOM)
-        spread = float(np.mean(known / (known - 4.0)))
-    return chi2_tail(degrees / spread, chi2 / spread)
-
-
-def rejected(chi2: float, degrees: int, freedom: FloatArray | None = None) -> bool:
-    """Whether the model is rejected; arguments as :func:`probability`."""
-    return probability(chi2, degrees, freedom) < REJECTION
+    furthest = len(points) * float(np.exp(-0.5 * np.max(points)))
+    return min(1.0, 2.0 * min(probability(float(np.sum(points)) + beside, degrees), furthest))

@@ -8,18 +8,20 @@ with the predicted response, against the part that is not. The model is rejected
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from vibrident.base.fft_lengths import fast_below
 from vibrident.base.tails import f_tail
 from vibrident.data.records import FloatArray, Record
+from vibrident.fit.response.alignment import MOST_CUT
 from vibrident.fit.response.remainder import coherent_remainder
 from vibrident.fit.response.response import ComplexArray, MeasuredResponse
 from vibrident.fit.response.rounding import rounding_variance
 from vibrident.fit.response.transform import line_frequencies, reference_colour
-from vibrident.fit.response.verdict import rejected
+from vibrident.fit.response.verdict import REJECTION, as_chi2, chance_of, rejected, shrunk
 
 if TYPE_CHECKING:
     from vibrident.fit.decay.beside import DecayDeviation
@@ -27,6 +29,7 @@ if TYPE_CHECKING:
 RANDOM_ENOUGH = 4.0  # most lag-one correlation, in standard deviations, of a table without uncertainties
 SMOOTH_TERMS = 6  # terms of the polynomial that such residuals must not follow
 PATTERN = 1e-5  # probability that random residuals are taken to follow it
+TINY = float(np.finfo(float).tiny)
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +45,10 @@ class Adequacy:
     adequate: bool  # the verdict
     # standard deviation of the measured phase, rad, shape (n,); None: the relative deviation
     phase_deviation: FloatArray | None = None
+    # chance of deviations as large, of a right model
+    chance: float = 1.0
+    # χ² of two degrees of freedom of each free decay among the records
+    decays: tuple[float, ...] = ()
 
     @property
     def birge(self) -> float:
@@ -51,7 +58,7 @@ class Adequacy:
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """Squared weighted deviations at n points; each has ``each`` real parts and a noise estimate of ``freedom``."""
+    """Squared weighted deviations at n points, of two real parts each, over a noise estimate of ``freedom``."""
 
     frequency_hz: FloatArray
     measured: ComplexArray
@@ -85,7 +92,8 @@ def band_points(
     channel itself; ``hum_hz``: tones of each record's response that do not come from the motion.
     """
     points = []
-    for index, (record, series) in enumerate(zip(records, predicted, strict=True)):
+    for index, (whole, prediction) in enumerate(zip(records, predicted, strict=True)):
+        record, series = _where_used(whole, prediction)
 
         def gain_squares(record: Record = record) -> FloatArray:
             return np.abs(response(line_frequencies(record.samples, record.sampling_rate_hz))) ** 2
@@ -106,6 +114,25 @@ def band_points(
     return points
 
 
+def _where_used(record: Record, predicted: FloatArray) -> tuple[Record, FloatArray]:
+    """From the first sample that counts to the last, less what a length that transforms fast costs.
+
+    Lines of a record of which only a part is used are alike, and tell less of the noise than their number.
+    """
+    used = np.flatnonzero(record.mask & np.isfinite(predicted))
+    if not used.size:
+        return record, predicted
+    span = slice(int(used[0]), int(used[0]) + fast_below(int(used[-1] - used[0]) + 1, MOST_CUT))
+    if span == slice(0, record.samples):
+        return record, predicted
+    reference = None if record.reference is None else record.reference[span]
+    masks = record.mask[span], record.reference_mask[span]
+    kept = replace(
+        record, reference=reference, response=record.response[span], valid=masks[0], reference_valid=masks[1]
+    )
+    return kept, predicted[span]
+
+
 def assess(parts: Sequence[Points], parameters: int, decays: Sequence[DecayDeviation] = ()) -> Adequacy:
     """Join points and free decays and judge.
 
@@ -116,10 +143,11 @@ def assess(parts: Sequence[Points], parameters: int, decays: Sequence[DecayDevia
     squares = np.concatenate([p.squares for p in parts])
     freedom = np.concatenate([p.freedom for p in parts])
     # Σ|e|²/s² with s² from ν degrees of freedom has mean 2 ν/(ν − 2): bring it back to χ².
-    chi2 = float(np.sum(squares * np.maximum(1.0 - 2.0 / freedom, 0.1)))
+    chi2 = float(squares @ shrunk(freedom))
     degrees = 2 * len(squares) - parameters + sum(decay.parts.degrees for decay in decays)
     chi2 += sum(decay.parts.chi2 for decay in decays)
-    freedom = np.concatenate([freedom, [decay.parts.freedom for decay in decays]])
+    free = tuple(-2.0 * float(np.log(max(decay.parts.chance, TINY))) for decay in decays)
+    chance = chance_of(np.concatenate([as_chi2(squares, freedom), free]), parameters)
     return Adequacy(
         np.concatenate([p.frequency_hz for p in parts]),
         np.concatenate([p.measured for p in parts]),
@@ -127,7 +155,9 @@ def assess(parts: Sequence[Points], parameters: int, decays: Sequence[DecayDevia
         tuple(name for p in parts for name in p.record),
         chi2 / degrees if degrees > 0 else None,
         degrees,
-        degrees > 0 and not rejected(chi2, degrees, freedom),
+        degrees > 0 and chance >= REJECTION,
+        chance=chance,
+        decays=free,
     )
 
 

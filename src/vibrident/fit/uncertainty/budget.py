@@ -161,6 +161,7 @@ class Explained:
     """What effects explain."""
 
     amounts: FloatArray  # a_k of each effect, in its standard uncertainties, shape (K,)
+    left: FloatArray  # weighted deviations beside them
     chi2: float  # what is left of Σ squares, the a_k counted in
     probability: float  # of a_k at least as large
 
@@ -211,7 +212,7 @@ def explain(
     stated = np.array([effect.kind != "rounding" for effect in effects])  # of the others the size is no claim
     beside = np.concatenate([np.ones(p, dtype=bool), ~stated])
     chance = _chance(amounts[stated], jacobian[:, beside], jacobian[:, ~beside])
-    return Explained(amounts, float(2.0 * found.cost), chance)
+    return Explained(amounts, found.fun[: -len(amounts)], float(2.0 * found.cost), chance)
 
 
 def _chance(amounts: FloatArray, slopes: FloatArray, effects: FloatArray) -> float:
