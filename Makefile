@@ -41,8 +41,9 @@ install: pyproject.toml | $(BIN)/python  ## at once what tests, lint and docs ne
 	$(PIP_INSTALL) --no-compile --editable '.[dev,docs]'
 	@touch $(CORE) $(NETWORK) $(DEV) $(DOCS)
 
-# Python writes the bytecode of what the tests import, whatever the surroundings say: pip would compile all of it.
-test test-plain nightly: export PYTHONDONTWRITEBYTECODE :=
+# Python writes the bytecode of what tests and documentation import, whatever the surroundings say: pip would compile all
+# of it.
+test test-plain nightly docs: export PYTHONDONTWRITEBYTECODE :=
 
 test: $(DEV)  ## every law once
 	$(COMPILE)
