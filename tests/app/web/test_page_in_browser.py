@@ -167,8 +167,8 @@ def test_what_was_confirmed_does_not_pass_for_a_calibration_file_of_the_user(vis
 
 def upload_simulated(page, folder: Path) -> None:
     """A short calibration of known truth, its columns to be guessed."""
-    made = "simulate --out . --samples 2000 --rate 12800 --seed 4 --response-noise 0.01"
-    printed(*shlex.split(made), folder=folder)
+    made = "--samples 2000 --rate 12800 --frequencies 100,250,400,630,1000 --seed 4 --response-noise 0.01"
+    printed(*shlex.split(f"simulate --out . {made}"), folder=folder)
     (folder / "calibration.toml").rename(folder / "as-simulated.toml")
     upload(page, *sorted(folder.glob("*.csv")))
     page.locator("#confirm").wait_for(timeout=WAIT_MS)

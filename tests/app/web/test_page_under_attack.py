@@ -14,8 +14,8 @@ from urllib.parse import urlsplit
 
 import h5py
 import pytest
-from tests.support.serving import VIBRIDENT, serving, simulated, start_anew, upload
-from tests.support.shell import printed
+from tests.support.sample_results import table2
+from tests.support.serving import VIBRIDENT, serving, start_anew, upload
 
 from vibrident.app.workflow.accounts import add
 
@@ -61,13 +61,7 @@ def test_text_of_others_stays_text(visit, picture, tmp_path):
 
 
 def test_a_result_of_unknown_origin_stays_text(visit, picture, tmp_path):
-    simulated(tmp_path / "made")
-    (tmp_path / "made" / "calibration.toml").write_text(
-        "[reference]\ncolumn = 2\n[response]\ncolumn = 3\n[sampling]\ntime_column = 1\n"
-        '[[records]]\nfile = "1*_Hz.csv"\nexcitation = "sine"\n'
-    )
-    printed("identify", "calibration.toml", "--no-plots", "--out", "out", folder=tmp_path / "made")
-    document = json.loads((tmp_path / "made" / "out" / "result.json").read_text())
+    document = table2().to_dict()
     document["warnings"] = [{"code": "lack_of_fit", "message": f"{TAG} {LINK}"}, {"code": "drift", "message": TAG}]
     document["sensor"] = {"serial_number": f"{TAG}*\\", "type": LINK}
     for signal in document["signals"]:
