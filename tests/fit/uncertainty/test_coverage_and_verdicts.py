@@ -98,6 +98,19 @@ def test_points_of_a_record_that_is_used_in_part_are_those_of_that_part() -> Non
         np.testing.assert_array_equal(getattr(seen, each), getattr(alone, each))
 
 
+def test_a_straight_drift_is_no_deviation() -> None:
+    """It is in every fit: its ends, which jump, leak into all bands of a shock, that agree in phase."""
+    rng, n = np.random.default_rng(4), 2000
+    motion, noise = np.exp(-(((np.arange(n) - 300.0) / 20.0) ** 2)), 1e-3 * rng.standard_normal(n)
+    drift = np.linspace(0.0, 0.05, n)
+    more = {"name": "r", "sampling_rate_hz": 1000.0, "excitation": "shock", "reference": motion}
+    one = np.ones_like
+    ((still,), (drifting,)) = (
+        band_points([Record(response=motion + noise + slow, **more)], [motion], one) for slow in (0.0 * drift, drift)
+    )
+    np.testing.assert_allclose(drifting.squares, still.squares, rtol=1e-6)
+
+
 def test_an_open_direction_gets_a_large_variance_and_the_others_keep_theirs() -> None:
     """Two parameters seen only as their sum: their sum's variance stays, each one's is huge."""
     row = np.array([1.0, 1.0, 0.0])

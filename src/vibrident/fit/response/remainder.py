@@ -252,9 +252,11 @@ def _passed_on(edges: tuple[int, ...]) -> FloatArray:
 
 
 def _without(residual: FloatArray, used: BoolArray, hum_hz: Sequence[float], rate: float) -> FloatArray:
-    """The residual without these tones; each may drift a little in size and phase, as one of inexact frequency does."""
-    if not len(hum_hz):
-        return residual
-    columns = waves(np.multiply(hum_hz, used.size / rate), used.size)
+    """The residual without a straight line, and these tones, as the fit has them.
+
+    Each tone may drift a little in size and phase, as one of inexact frequency does.
+    """
+    line = np.stack([np.ones(used.size), np.linspace(-1.0, 1.0, used.size)])
+    columns = np.concatenate([line, waves(np.multiply(hum_hz, used.size / rate), used.size)])
     amounts = np.linalg.lstsq(columns[:, used].T, residual[used], rcond=1e-9)[0]
     return np.where(used, residual - amounts @ columns, residual)
