@@ -68,7 +68,7 @@ def test_the_level_of_the_verdict_is_what_it_says(freedom: float, points: int) -
     rng, runs, counted = np.random.default_rng(1), 20_000, 0
     for _ in range(10):
         squares = rng.chisquare(2.0, (runs // 10, points)) / (rng.chisquare(freedom, (runs // 10, points)) / freedom)
-        counted += sum(chance_of(one, 0) < REJECTION for one in as_chi2(squares, freedom))
+        counted += sum(chance_of(one, 2 * points) < REJECTION for one in as_chi2(squares, freedom))
     assert counted / runs == pytest.approx(REJECTION, abs=3.0 * np.sqrt(REJECTION / runs))
 
 
@@ -80,7 +80,7 @@ def test_misfits_of_all_points_and_of_one_are_found(off: float) -> None:
     for _ in range(50):
         squares = factor * rng.chisquare(2.0, 150) / (rng.chisquare(9.0, 150) / 9.0)
         squares[70] = max(squares[70], 300.0) if off > 10.0 else squares[70]
-        assert chance_of(as_chi2(squares, 9.0), 3) < REJECTION
+        assert chance_of(as_chi2(squares, 9.0), 297) < REJECTION
 
 
 def test_points_of_a_record_that_is_used_in_part_are_those_of_that_part() -> None:

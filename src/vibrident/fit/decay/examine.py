@@ -44,11 +44,6 @@ class Parts:
     degrees: int  # of freedom: two a part less what initial state, offset and drift take
     freedom: float  # samples behind the noise
 
-    @property
-    def chance(self) -> float:
-        """That one linear oscillator leaves as much."""
-        return f_tail(self.degrees, self.freedom, self.chi2 / self.degrees) if self.degrees > 0 else 1.0
-
 
 @dataclass(frozen=True)
 class Change:
@@ -121,8 +116,8 @@ def examine(records: Sequence[Record], progress: Progress = silent) -> Decays:
 def verdict(parts: Sequence[Parts], parameters: int = 2) -> tuple[float, int, bool]:
     """χ² of decays, its degrees of freedom, and whether one linear oscillator explains them."""
     chi2, degrees = sum(p.chi2 for p in parts), sum(p.degrees for p in parts) - parameters
-    pooled = Parts(chi2, degrees, sum(p.freedom for p in parts))
-    return chi2, degrees, pooled.chance >= REJECTION
+    chance = f_tail(degrees, sum(p.freedom for p in parts), chi2 / degrees) if degrees > 0 else 1.0
+    return chi2, degrees, chance >= REJECTION
 
 
 def weighed(found: DecayFit) -> DecayFit:

@@ -101,7 +101,7 @@ def with_random_effect(evidence: Evidence, estimate: Estimate, progress: Progres
     degrees = problem.equations - len(estimate.z)
     rest = np.asarray(response_residual(estimate.z, estimate.coordinates, False, True, problem.quantity, problem.data))
     squares = np.sum(np.square(rest.reshape(2, -1)), axis=0)
-    if not chance_of(as_chi2(squares, tones.degrees_of_freedom), len(estimate.z)) < REJECTION:
+    if not chance_of(as_chi2(squares, tones.degrees_of_freedom), degrees) < REJECTION:
         return None
 
     def widened(error: float) -> tuple[FrequencyProblem, Trace]:

@@ -44,15 +44,11 @@ def allowing_for_effects(evidence: Evidence, estimate: Estimate, judgement: Judg
     found = explain(weighted, effects, shape, linear, covariance)
     if found is None:
         return judgement
-    return _judged(judgement, effects, found, len(estimate.z), weighted(estimate.z, np.zeros(len(shape))))
+    return _judged(judgement, effects, found, weighted(estimate.z, np.zeros(len(shape))))
 
 
 def _judged(
-    judgement: Judgement,
-    effects: Sequence[SystematicEffect],
-    found: Explained,
-    parameters: int,
-    deviations: FloatArray,
+    judgement: Judgement, effects: Sequence[SystematicEffect], found: Explained, deviations: FloatArray
 ) -> Judgement:
     adequacy, degrees = judgement.adequacy, judgement.adequacy.degrees_of_freedom
     shown = tuple(zip(effects, found.amounts.tolist(), strict=True))
@@ -62,7 +58,7 @@ def _judged(
         return allowed
     before = adequacy.chi2_reduced * degrees
     chi2 = max(before - (float(deviations @ deviations) - found.chi2), 0.0)
-    explained = _chance(judgement, found, parameters, chi2) >= REJECTION and believed
+    explained = _chance(judgement, found, chi2) >= REJECTION and believed
     blamed = adequacy.chance < REJECTION
     adequate = explained if adequacy.adequate or blamed else False
     text = judgement.lack_of_fit
@@ -76,14 +72,15 @@ def _judged(
     )
 
 
-def _chance(judgement: Judgement, found: Explained, parameters: int, chi2: float) -> float:
+def _chance(judgement: Judgement, found: Explained, chi2: float) -> float:
     """Chance of what the effects leave."""
+    degrees = judgement.adequacy.degrees_of_freedom
     if not judgement.points:
-        return probability(chi2, judgement.adequacy.degrees_of_freedom)
+        return probability(chi2, degrees)
     freedom = _freedom(judgement)
     squares = np.sum(np.square(found.left.reshape(2, -1)), axis=0) / shrunk(freedom)
-    points = np.concatenate([as_chi2(squares, freedom), judgement.adequacy.decays])
-    return chance_of(points, parameters, float(found.amounts @ found.amounts))
+    beside = judgement.adequacy.decays + float(found.amounts @ found.amounts)
+    return chance_of(as_chi2(squares, freedom), degrees, beside)
 
 
 def _misfit(judgement: Judgement, chi2_reduced: float) -> str:

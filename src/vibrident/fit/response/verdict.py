@@ -40,17 +40,16 @@ def rejected(chi2: float, degrees: int) -> bool:
     return probability(chi2, degrees) < REJECTION
 
 
-def chance_of(points: FloatArray, parameters: int, beside: float = 0.0) -> float:
+def chance_of(points: FloatArray, degrees: int, beside: float = 0.0) -> float:
     """Chance of points at least as far from a right model, by their sum or by the furthest of them (Bonferroni).
 
     The sum of many points hides one that is far off, as at a resonance that the model lacks.
 
     Args:
         points: χ² of two degrees of freedom each, shape (n,).
-        parameters: that were fitted to them.
-        beside: squares of what else was fitted, over their prior variance.
+        degrees: of freedom of all, less the parameters that were fitted.
+        beside: χ² of what else is judged with them.
     """
-    degrees = 2 * len(points) - parameters
     if degrees <= 0:
         return 1.0
     furthest = len(points) * float(np.exp(-0.5 * np.max(points)))

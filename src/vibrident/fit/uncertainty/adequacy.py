@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 RANDOM_ENOUGH = 4.0  # most lag-one correlation, in standard deviations, of a table without uncertainties
 SMOOTH_TERMS = 6  # terms of the polynomial that such residuals must not follow
 PATTERN = 1e-5  # probability that random residuals are taken to follow it
-TINY = float(np.finfo(float).tiny)
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,8 +46,8 @@ class Adequacy:
     phase_deviation: FloatArray | None = None
     # chance of deviations as large, of a right model
     chance: float = 1.0
-    # χ² of two degrees of freedom of each free decay among the records
-    decays: tuple[float, ...] = ()
+    # χ² of the free decays among the records
+    decays: float = 0.0
 
     @property
     def birge(self) -> float:
@@ -143,11 +142,10 @@ def assess(parts: Sequence[Points], parameters: int, decays: Sequence[DecayDevia
     squares = np.concatenate([p.squares for p in parts])
     freedom = np.concatenate([p.freedom for p in parts])
     # Σ|e|²/s² with s² from ν degrees of freedom has mean 2 ν/(ν − 2): bring it back to χ².
-    chi2 = float(squares @ shrunk(freedom))
+    free = sum(decay.parts.chi2 for decay in decays)
+    chi2 = float(squares @ shrunk(freedom)) + free
     degrees = 2 * len(squares) - parameters + sum(decay.parts.degrees for decay in decays)
-    chi2 += sum(decay.parts.chi2 for decay in decays)
-    free = tuple(-2.0 * float(np.log(max(decay.parts.chance, TINY))) for decay in decays)
-    chance = chance_of(np.concatenate([as_chi2(squares, freedom), free]), parameters)
+    chance = chance_of(as_chi2(squares, freedom), degrees, free)
     return Adequacy(
         np.concatenate([p.frequency_hz for p in parts]),
         np.concatenate([p.measured for p in parts]),
