@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 RANDOM_ENOUGH = 4.0  # most lag-one correlation, in standard deviations, of a table without uncertainties
 SMOOTH_TERMS = 6  # terms of the polynomial that such residuals must not follow
 PATTERN = 1e-5  # probability that random residuals are taken to follow it
+WHOLE = 0.9  # lines next to each other of a record that is used to this part have a correlation of sinc 0.9 = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,16 +115,14 @@ def band_points(
 
 
 def _where_used(record: Record, predicted: FloatArray) -> tuple[Record, FloatArray]:
-    """From the first sample that counts to the last, less what a length that transforms fast costs.
+    """From the first sample that counts to the last, where these are a part of the record.
 
     Lines of a record of which only a part is used are alike, and tell less of the noise than their number.
     """
     used = np.flatnonzero(record.mask & np.isfinite(predicted))
-    if not used.size:
+    if not used.size or used[-1] - used[0] + 1 > WHOLE * record.samples:
         return record, predicted
     span = slice(int(used[0]), int(used[0]) + fast_below(int(used[-1] - used[0]) + 1, MOST_CUT))
-    if span == slice(0, record.samples):
-        return record, predicted
     reference = None if record.reference is None else record.reference[span]
     masks = record.mask[span], record.reference_mask[span]
     kept = replace(
