@@ -52,6 +52,12 @@ def runs_of_true(flags: NDArray[np.bool_]) -> tuple[NDArray[np.int_], NDArray[np
     return edges[::2], edges[1::2]
 
 
+def span_of(flags: NDArray[np.bool_]) -> slice:
+    """From the first True to the last; empty without any."""
+    there = np.flatnonzero(flags)
+    return slice(int(there[0]), int(there[-1]) + 1) if there.size else slice(0, 0)
+
+
 def resolution(values: FloatArray) -> float:
     """Smallest step between values that occur: the quantisation, if there is any."""
     steps = np.diff(np.unique(values[:: max(1, values.size // 20000)]))

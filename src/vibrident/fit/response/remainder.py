@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from vibrident.base.fft_lengths import fast_below
 from vibrident.data.records import BoolArray, FloatArray, Record
-from vibrident.data.records.basis import distinct
+from vibrident.data.records.basis import distinct, span_of
 from vibrident.fit.response.alignment import MOST_CUT, TINY
 from vibrident.fit.response.bands import LEAST_POWER, LINES_IN_BAND, band_edges, power_and_coherence
 from vibrident.fit.response.response import LEAST_DEVIATION, ComplexArray
@@ -75,9 +75,9 @@ def coherent_remainder(
     if used.sum() < 8 * LINES_IN_BAND:
         return None
     n, rate = record.samples, record.sampling_rate_hz
-    left = _without(record.response - predicted, used, hum_hz, rate)
+    left = _without(np.where(used, record.response - predicted, 0.0), used, hum_hz, rate)
     # No window: white noise then has independent lines, whenever in the record the motion passes a band.
-    left[~used], motion = 0.0, np.where(used, predicted - np.mean(predicted[used]), 0.0)
+    motion = np.where(used, predicted - np.mean(predicted[used]), 0.0)
     spectra = transforms((motion, left))
     edges = band_edges(n, rate).astype(int)
     there, even, steady = noise_where_bands_move(left, motion, used, edges)
@@ -147,16 +147,15 @@ def noise_where_bands_move(
         The ratio, shape (bands,); the independent lines among those of a band, as a part: lines of noise that changes
         with time are alike; and the bands that move all along the record, shape (bands,), not in passing as in a sweep.
     """
-    places = np.flatnonzero(used)
-    samples, origin = int(places[-1] - places[0]) + 1, int(places[0])
-    length = fast_below(2 * (samples // (STRETCHES + 1)), MOST_CUT)
+    span = span_of(used)
+    length = fast_below(2 * ((span.stop - span.start) // (STRETCHES + 1)), MOST_CUT)
     window, last = hann(length), int(0.45 * length)
     groups = distinct(np.linspace(1, last, GROUPS + 1).astype(int))
     first = np.minimum(edges[:-1] * length // left.size, last - 1)
     end = np.maximum(-(-edges[1:] * length // left.size), first + 1)
     noise, moves = np.zeros((STRETCHES, len(groups) - 1)), np.zeros((STRETCHES, len(first)))
     still = np.zeros(noise.shape, dtype=bool)
-    begins = origin + np.arange(STRETCHES) * length // 2
+    begins = span.start + np.arange(STRETCHES) * length // 2
     counts = np.concatenate([[0], np.cumsum(used)])
     whole = np.maximum((counts[begins + length] - counts[begins]) / length, 1e-9)[:, None]
     together = STRETCHES if left.size <= MOST_KEPT else 1  # of a long record each copy counts
@@ -194,20 +193,15 @@ def _leaking(motion: FloatArray, used: BoolArray, totals: FloatArray, edges: NDA
         totals: its power in each band, shape (bands,).
         edges: first line of each band and the end of the last, shape (bands + 1,).
     """
-    own, width = motion[_span(used)], max(int(ENDS * motion.size), 1)
+    own, width = motion[span_of(used)], max(int(ENDS * motion.size), 1)
     cut = 0.5 * float(np.mean(own[:width] ** 2) + np.mean(own[-width:] ** 2)) / max(float(np.mean(own**2)), TINY)
     leaked = 0.5 * cut * _passed_on(tuple(edges.tolist())) @ (totals / np.diff(edges)) / np.pi**2
     return leaked > LEAKED * totals
 
 
-def _span(used: BoolArray) -> slice:
-    first, last = np.flatnonzero(used)[[0, -1]].tolist()
-    return slice(first, last + 1)
-
-
 def _faded(series: FloatArray, used: BoolArray) -> FloatArray:
     """A series under a window by which nothing leaks far, of the same power where it is steady."""
-    span, faded = _span(used), np.zeros(series.size)
+    span, faded = span_of(used), np.zeros(series.size)
     faded[span] = np.sqrt(8.0 / 3.0) * hann(span.stop - span.start) * series[span]
     return faded
 
@@ -252,11 +246,18 @@ def _passed_on(edges: tuple[int, ...]) -> FloatArray:
 
 
 def _without(residual: FloatArray, used: BoolArray, hum_hz: Sequence[float], rate: float) -> FloatArray:
-    """The residual without a straight line, and these tones, as the fit has them.
+    """The residual, zero where not used, without a straight line, and these tones, as the fit has them.
 
     Each tone may drift a little in size and phase, as one of inexact frequency does.
     """
     line = np.stack([np.ones(used.size), np.linspace(-1.0, 1.0, used.size)])
-    columns = np.concatenate([line, waves(np.multiply(hum_hz, used.size / rate), used.size)])
-    amounts = np.linalg.lstsq(columns[:, used].T, residual[used], rcond=1e-9)[0]
-    return np.where(used, residual - amounts @ columns, residual)
+    line *= used
+
+    def levelled(rows: FloatArray) -> FloatArray:
+        return np.asarray(rows - np.linalg.solve(line @ line.T, line @ rows.T).T @ line)
+
+    left = levelled(residual)
+    if not len(hum_hz):
+        return left
+    tones = levelled(waves(np.multiply(hum_hz, used.size / rate), used.size) * used)
+    return left - np.linalg.lstsq(tones.T, left, rcond=1e-9)[0] @ tones

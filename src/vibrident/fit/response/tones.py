@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from vibrident.base.fft_lengths import fast_length
 from vibrident.data.records import BoolArray, FloatArray, Record
+from vibrident.data.records.basis import span_of
 from vibrident.fit.information import inverse_where_shown
 from vibrident.fit.response.response import ComplexArray, MeasuredResponse
 from vibrident.fit.response.rounding import returning_error
@@ -183,7 +184,7 @@ def _fit(index: int, record: Record, frequency: float, poles: ComplexArray | Non
         kept = _told_apart(number, terms, record, float(mask.sum()))
         terms = terms.only(np.concatenate([kept, np.arange(number, len(terms.gram))]))
         number = len(kept)
-    own, place = terms.only(np.arange(number)), _span(mask)
+    own, place = terms.only(np.arange(number)), span_of(mask)
     harmonics, count = (number - 2) // 2, float(mask.sum())
     left = [_noise_left(one, mask) for one in (own, terms)]
     chosen = _noise_lines(mask.size, frequency, rate, harmonics, left)
@@ -235,7 +236,7 @@ class _Fit:
     ) -> _Fit:
         """By these terms, with the lines ``chosen``; ``raw``: the record as it was measured."""
         mask = record.mask
-        place, values = _span(mask), np.asarray(getattr(record, channel))
+        place, values = span_of(mask), np.asarray(getattr(record, channel))
         found, rest = fitted(terms, values[place] * mask[place])
         residual = np.zeros(mask.size)
         residual[place] = rest
@@ -262,19 +263,13 @@ def _beside(record: Record, frequency: float) -> FloatArray:
     return np.where(np.abs(places - own) < NEAREST_HUM, own + NEAREST_HUM, places)
 
 
-def _span(mask: BoolArray) -> slice:
-    """From the first sample that is used to the last."""
-    used = np.flatnonzero(mask)
-    return slice(int(used[0]), int(used[-1]) + 1) if used.size else slice(0, 0)
-
-
 def _terms(record: Record, frequency: float, poles: ComplexArray | None) -> tuple[Terms, int]:
     """Terms over the span that is used, and how many are the tone's own.
 
     cos hωt, sin hωt for the harmonics below 0.45 of the sampling rate, one, t; free response of stable poles that last
     longer than a few samples; hum.
     """
-    mask, rate, place = record.mask, record.sampling_rate_hz, _span(record.mask)
+    mask, rate, place = record.mask, record.sampling_rate_hz, span_of(record.mask)
     last = record.samples - 1
     highest = max(1, min(HARMONICS, int(0.45 * rate / frequency), int(last / 16)))
     every = (np.zeros(0) if poles is None else poles).astype(complex) / rate
@@ -309,7 +304,7 @@ def _told_apart(number: int, terms: Terms, record: Record, count: float) -> NDAr
     a factor, which grows with the harmonics. Those that are significant in either channel always stay: without
     them the tone would be biased.
     """
-    rows, place = np.arange(number), _span(record.mask)
+    rows, place = np.arange(number), span_of(record.mask)
     offset = rows[-2:]
     most = MOST_COST * _cost(terms.only(np.concatenate([rows[:2], offset])).gram, count)
     for highest in range((number - 2) // 2, 0, -1):
@@ -351,7 +346,7 @@ def _noise_left(terms: Terms, mask: BoolArray) -> FloatArray:
     if mask.size > SHORT or not isinstance(terms, WrittenOut):
         return np.broadcast_to(max(count - len(terms.gram), 1.0) / count, mask.size // 2 + 1)
     design, window = np.zeros((len(terms.gram), mask.size)), hann(mask.size) * mask
-    design[:, _span(mask)] = terms.rows
+    design[:, span_of(mask)] = terms.rows
     left, size, _ = np.linalg.svd(design.T, full_matrices=False)
     basis = left[:, size > 1e-5 * size[0]].T
     taken = np.sum(np.abs(np.asarray(fft.rfft(basis * window, axis=1))) ** 2, axis=0) / np.sum(window**2)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from vibrident.base.tails import chi2_tail
@@ -13,10 +11,11 @@ from vibrident.data.records import FloatArray
 REJECTION = 1e-3
 
 
-def as_chi2(squares: Any, freedom: Any) -> Any:
-    """χ² of two degrees of freedom as improbable as squares of two parts over a variance that is an estimate.
+def as_chi2(squares: FloatArray, freedom: FloatArray) -> FloatArray:
+    """χ² of two degrees of freedom, as improbable as squares of two parts over variances that are estimates.
 
-    Of ν degrees of freedom half of the square is an F's, which exceeds q/2 with the chance (1 + q/ν)^(−ν/2).
+    Half of such a square q is F-distributed with 2 and ν degrees of freedom, so chance makes it larger with the
+    probability (1 + q/ν)^(−ν/2) (Fisher's combination of probabilities; Fisher 1932).
 
     Args:
         squares: q, shape (n,).

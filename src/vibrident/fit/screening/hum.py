@@ -15,6 +15,7 @@ import numpy as np
 from numpy import fft
 
 from vibrident.data.records import BoolArray, FloatArray, Record
+from vibrident.data.records.basis import span_of
 from vibrident.fit.response.tones import own_sine
 from vibrident.fit.response.transform import hann, median, power_of, waves
 
@@ -110,8 +111,7 @@ def _seen(index: int, record: Record, given: FloatArray) -> list[_Tone]:
     used = record.mask & np.isfinite(predicted)
     if record.reference is None or used.sum() < SHORTEST:
         return []
-    first, last = np.flatnonzero(used)[[0, -1]]
-    whole = slice(first, last + 1)  # a window over more would cut a tone off where the prediction begins
+    whole = span_of(used)  # a window over more would cut a tone off where the prediction begins
     residual = np.where(used, record.response - predicted, 0.0)[whole]
 
     def moving() -> FloatArray:

@@ -16,6 +16,7 @@ import numpy as np
 from vibrident.base.fft_lengths import fast_below
 from vibrident.base.tails import f_tail
 from vibrident.data.records import FloatArray, Record
+from vibrident.data.records.basis import span_of
 from vibrident.fit.response.alignment import MOST_CUT
 from vibrident.fit.response.remainder import coherent_remainder
 from vibrident.fit.response.response import ComplexArray, MeasuredResponse
@@ -45,7 +46,7 @@ class Adequacy:
     adequate: bool  # the verdict
     # standard deviation of the measured phase, rad, shape (n,); None: the relative deviation
     phase_deviation: FloatArray | None = None
-    # chance of deviations as large, of a right model
+    # that a right model deviates as much
     chance: float = 1.0
     # χ² of the free decays among the records
     decays: float = 0.0
@@ -119,14 +120,18 @@ def _where_used(record: Record, predicted: FloatArray) -> tuple[Record, FloatArr
 
     Lines of a record of which only a part is used are alike, and tell less of the noise than their number.
     """
-    used = np.flatnonzero(record.mask & np.isfinite(predicted))
-    if not used.size or used[-1] - used[0] + 1 > WHOLE * record.samples:
+    assert record.reference is not None
+    whole = span_of(record.mask & np.isfinite(predicted))
+    samples = whole.stop - whole.start
+    if not 0 < samples <= WHOLE * record.samples:
         return record, predicted
-    span = slice(int(used[0]), int(used[0]) + fast_below(int(used[-1] - used[0]) + 1, MOST_CUT))
-    reference = None if record.reference is None else record.reference[span]
-    masks = record.mask[span], record.reference_mask[span]
+    span = slice(whole.start, whole.start + fast_below(samples, MOST_CUT))
     kept = replace(
-        record, reference=reference, response=record.response[span], valid=masks[0], reference_valid=masks[1]
+        record,
+        reference=record.reference[span],
+        response=record.response[span],
+        valid=record.mask[span],
+        reference_valid=record.reference_mask[span],
     )
     return kept, predicted[span]
 
@@ -140,7 +145,6 @@ def assess(parts: Sequence[Points], parameters: int, decays: Sequence[DecayDevia
         return Adequacy(np.zeros(0), np.zeros(0, complex), np.zeros(0), (), None, 0, adequate=False)
     squares = np.concatenate([p.squares for p in parts])
     freedom = np.concatenate([p.freedom for p in parts])
-    # Σ|e|²/s² with s² from ν degrees of freedom has mean 2 ν/(ν − 2): bring it back to χ².
     free = sum(decay.parts.chi2 for decay in decays)
     chi2 = float(squares @ shrunk(freedom)) + free
     degrees = 2 * len(squares) - parameters + sum(decay.parts.degrees for decay in decays)
