@@ -117,7 +117,7 @@ from docsite.models import models
 from vibrident.app.doctor import _plug_ins
 from vibrident.fit.estimators import ranked
 from vibrident.export.registry import EXPORTS
-from vibrident.data.io.readers import by_ending
+from vibrident.data.io.reader import by_ending
 from vibrident.physics.models import CORES
 from vibrident.physics.naming import in_words
 from vibrident.app.web.session import KNOWN

@@ -11,7 +11,7 @@ from vibrident.data.io.columns import Clock
 from vibrident.data.io.formats.hdf5 import Hdf5File
 from vibrident.data.io.formats.matlab import open_matlab_file
 from vibrident.data.io.formats.wav import WavFile
-from vibrident.data.io.readers import by_ending, open_columns
+from vibrident.data.io.reader import by_ending, open_columns
 
 SIGNAL = np.linspace(-1, 1, 20)
 

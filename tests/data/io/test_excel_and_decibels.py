@@ -9,7 +9,7 @@ import pytest
 import vibrident
 from vibrident.base.errors import InputError
 from vibrident.data.io import read, read_guarded
-from vibrident.data.io.readers import open_columns
+from vibrident.data.io.reader import open_columns
 
 F = np.geomspace(10.0, 1000.0, 30)
 S = 0.01 / (1 - (F / 700.0) ** 2 + 0.06j * F / 700.0)

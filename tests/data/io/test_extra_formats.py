@@ -9,7 +9,7 @@ from tests.support import file_formats as formats
 
 from vibrident.base.errors import InputError
 from vibrident.data.io import read
-from vibrident.data.io.readers import open_columns
+from vibrident.data.io.reader import open_columns
 from vibrident.data.io.sampling import plainest_clock
 
 LIBRARIES = {

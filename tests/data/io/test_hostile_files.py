@@ -14,7 +14,7 @@ from tests.support.file_formats import uff
 from vibrident.base import memory
 from vibrident.base.errors import InputError
 from vibrident.data.io import read
-from vibrident.data.io.readers import open_columns
+from vibrident.data.io.reader import open_columns
 from vibrident.result import Result
 
 MOST_BYTES = 60_000_000  # what such a file may cost, with all that h5py and pandas need

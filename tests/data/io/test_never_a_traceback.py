@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from vibrident.base.errors import InputError
 from vibrident.data.io import read
-from vibrident.data.io.readers import open_columns
+from vibrident.data.io.reader import open_columns
 
 
 def read_all(path) -> None:

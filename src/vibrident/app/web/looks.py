@@ -25,7 +25,7 @@ from vibrident.data.io import read
 from vibrident.data.io.certificate import CertificateData, certificate_text
 from vibrident.data.io.columns import require_room
 from vibrident.data.io.guess import Columns, guess_columns
-from vibrident.data.io.readers import open_columns
+from vibrident.data.io.reader import open_columns
 from vibrident.fit.response.motion import kind_of_motion
 from vibrident.result import Result
 from vibrident.show import certificate, document, figures, tables

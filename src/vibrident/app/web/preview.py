@@ -10,7 +10,7 @@ import numpy as np
 from vibrident.app.web.description import Description
 from vibrident.base.errors import InputError
 from vibrident.data.io.columns import ColumnFile, require_room
-from vibrident.data.io.readers import open_columns
+from vibrident.data.io.reader import open_columns
 from vibrident.data.records import FloatArray
 from vibrident.show import axes
 from vibrident.show.data_figures import lissajous

@@ -11,7 +11,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any, TypeVar
 
 from vibrident.base.errors import InputError, VibridentError
-from vibrident.data.io.readers import by_ending, unknown_format
+from vibrident.data.io.reader import by_ending, unknown_format
 from vibrident.data.io.record_files import natural
 
 #: Name of the calibration file that the page writes.

@@ -10,7 +10,7 @@ from pathlib import Path
 from vibrident.base.errors import InputError
 from vibrident.data.io.columns import ColumnFile
 from vibrident.data.io.header_units import is_time, quantity_of, si_scale
-from vibrident.data.io.readers import open_columns
+from vibrident.data.io.reader import open_columns
 
 _FREQUENCY = re.compile(r"f|freq.*|frequenz.*", re.IGNORECASE)
 _MAGNITUDE = re.compile(r"mag(nitude)?|abs.*|ampl.*|sens.*|betrag.*", re.IGNORECASE)

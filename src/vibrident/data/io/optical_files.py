@@ -24,8 +24,8 @@ from vibrident.data.interferometer.survey import Survey, survey
 from vibrident.data.io.calibration_file import CalibrationFile
 from vibrident.data.io.columns import ColumnFile
 from vibrident.data.io.optical_motion import clocks_apart, part_outside, require_motion, require_pulse
-from vibrident.data.io.readers import open_columns, sha256
-from vibrident.data.io.record_files import Part, named_parts, read_record, stated_sampling, timed
+from vibrident.data.io.reader import open_columns, sha256
+from vibrident.data.io.record_files import REPAIR, Part, named_parts, read_record, scaled, stated_sampling, timed
 from vibrident.data.io.sampling import SAME_RATE, Sampling, agreed_rate, cut
 from vibrident.data.io.sections import InterferometerSection
 from vibrident.data.records import Provenance, Quantity, Record
@@ -34,7 +34,6 @@ from vibrident.data.records import Provenance, Quantity, Record
 MOST_HELD = 1 << 23
 #: A shock is kept at a rate that leaves no more of its response's power to the ends of the record.
 WELL_INSIDE = 2e-3
-_REPAIR = "repair the file, or leave that part out with start_s / stop_s"
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +60,7 @@ class FileSignals:
         values = self.source.block(self.positions, first, self.kept.start + stop)
         if not np.isfinite(np.sum(values)):
             for position, column in zip(self.positions, values, strict=True):
-                self.source.require_finite(position, column, first, _REPAIR)
+                self.source.require_finite(position, column, first, REPAIR)
         return values
 
 
@@ -206,7 +205,7 @@ def _named(one: _Opened) -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        raise InputError(**{**vars(error), "where": f"{one.part.where}, {error.where}"}) from None
+        raise error.at(f"{one.part.where}, {error.where}") from None
 
 
 def _slower(one: _Opened, look: Survey) -> _Opened:
@@ -312,9 +311,8 @@ def _record(
         f"{to_response.unit}",
         f"reference: {what} from the {setting.kind} signals, {one.optical.rate_hz:.9g} Hz, every {found.factor}"
         f"{unsure}",
-        *([f"reference from {entry.reference_file}, SHA-256 {sha256(folder / entry.reference_file)}"]
-          if entry.reference_file is not None else []),
-    )  # fmt: skip
+        *one.part.other_file(folder),
+    )
     record = Record(
         name=one.name,
         reference=aligned.displacement_m,
@@ -323,9 +321,9 @@ def _record(
         excitation=entry.excitation,
         frequency_hz=entry.frequency_hz,
         valid=aligned.valid,
-        start_time_s=one.sampling.start_time_s + (entry.start_s or 0.0) + aligned.start_s,
+        start_time_s=one.sampling.start_time_s + one.part.start_s + aligned.start_s,
         provenance=Provenance(one.part.file, sha256(folder / one.part.file), history),
-        response_full_scale=None if to_response.full_scale is None else to_response.full_scale * abs(to_response.scale),
+        response_full_scale=scaled(to_response.full_scale, to_response.scale),
         reference_noise_order=4 if moving else 0,
         circumstances=entry.circumstances,
         optical=replace(found.summary, findings=(*one.doubts, *found.summary.findings)),

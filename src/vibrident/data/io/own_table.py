@@ -11,9 +11,8 @@ from vibrident.base.errors import InputError
 from vibrident.data.io.columns import library
 from vibrident.data.io.csv_layout import BLANKS, detect_layout
 from vibrident.data.io.guess import guess_columns
-from vibrident.data.io.header_units import seconds_per_unit
-from vibrident.data.io.readers import open_columns, sha256
-from vibrident.data.io.sampling import sampling_from_times
+from vibrident.data.io.reader import open_columns, sha256
+from vibrident.data.io.record_files import timed
 from vibrident.data.records import FloatArray, Provenance, Record
 
 ENDINGS = (".csv", ".txt", ".tsv", ".dat", ".parquet", ".pq", ".xlsx")
@@ -41,8 +40,7 @@ def read_signal(path: Path, column: str, time: str | None, rate_hz: float | None
         times_in = guess_columns(path).time
     if times_in is not None:
         at = source.position_of(times_in, "--time")
-        (times,) = source.load((at,))
-        rate = sampling_from_times(times * seconds_per_unit(source, at), lambda row: source.locate(at, row)).rate_hz
+        rate = timed(source, at, *source.load((at,))).rate_hz
     elif rate_hz is not None or clock is not None:
         rate = rate_hz if rate_hz is not None else clock.rate_hz  # type: ignore[union-attr]
     else:

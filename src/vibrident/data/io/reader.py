@@ -1,12 +1,17 @@
-"""A data format: its name, its file endings, and its reader."""
+"""Data formats: what one is, and the reader for a file's ending."""
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from vibrident.data.io.columns import ColumnFile
+from vibrident.base.errors import InputError
+from vibrident.data.io.columns import ColumnFile, require_regular, unreadable
+from vibrident.data.registry import READERS
+
+_SPREADSHEETS = frozenset({".xlsx", ".xlsm", ".xlsb", ".xls", ".ods", ".fods", ".numbers"})
 
 
 @dataclass(frozen=True)
@@ -20,3 +25,57 @@ class Reader:
     open: Callable[[Path], ColumnFile]
     extra: str = ""  # extra of vibrident, or package, that brings the library it needs; empty: it needs none
     plain: bool = False  # no native library and no links, so that it needs no separate process (docs/security.md)
+
+
+def by_ending() -> dict[str, Reader]:
+    """Ending → reader, of the built-in ones and those of plug-ins; a built-in one has precedence."""
+    found: dict[str, Reader] = {}
+    for reader in READERS.all().values():
+        for ending in reader.endings:
+            found.setdefault(ending, reader)
+    return found
+
+
+def open_columns(path: Path) -> ColumnFile:
+    """Open a data file with the reader for its ending; numbers are converted on demand.
+
+    Raises:
+        InputError: the ending is unknown, or the file is not of that format.
+    """
+    reader = by_ending().get(path.suffix.lower())
+    if reader is None:
+        raise unknown_format(path.suffix, str(path))
+    require_regular(path, "a file")
+    return reader.open(path)
+
+
+def sha256(path: Path) -> str:
+    """Return the hex digest of the bytes of a data file.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    try:
+        with path.open("rb") as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest()
+    except OSError as error:
+        raise unreadable(str(path), error, "a data file") from error
+
+
+def unknown_format(suffix: str, where: str) -> InputError:
+    """The error of a file ending without a reader; a spreadsheet has its own."""
+    if suffix.lower() in _SPREADSHEETS:
+        return InputError(
+            "A spreadsheet is not read.",
+            expected="a text file of columns, such as CSV, or one of " + ", ".join(by_ending()),
+            found=repr(suffix),
+            where=where,
+            remedy='open it and save the sheet as CSV ("CSV UTF-8"), one header line above the numbers',
+        )
+    return InputError(
+        "The file's format is not known.",
+        expected="a file ending in " + ", ".join(by_ending()),
+        found=repr(suffix) if suffix else "no ending",
+        where=where,
+        remedy="rename the file, or export it as CSV or HDF5",
+    )

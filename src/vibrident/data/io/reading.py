@@ -11,20 +11,15 @@ from vibrident.base.process import Limits
 from vibrident.data.io.calibration_file import CalibrationFile, read_calibration_file
 from vibrident.data.io.columns import memory_for
 from vibrident.data.io.header_units import reference_unit, unit_of_another_kind
-from vibrident.data.io.readers import by_ending, open_columns
+from vibrident.data.io.reader import by_ending, open_columns
 from vibrident.data.io.record_files import data_files, named_parts, read_record
 from vibrident.data.io.sections import effects_at
 from vibrident.data.io.table_file import read_table
 from vibrident.data.records import Calibration, Record
 
-#: Memory of a reading process for its libraries.
-_LIBRARIES_BYTES = 600_000_000
-#: Further memory, as a multiple of the numbers' limit.
-_COPIES = 2
-#: Time limit of a reading process.
-_SECONDS = 30.0
-#: Further time for each byte.
-_SECONDS_PER_BYTE = 1e-6
+# Of a reading process: memory for its libraries, and more as a multiple of the numbers' limit; time, and more a byte.
+_LIBRARIES_BYTES, _COPIES = 600_000_000, 2
+_SECONDS, _SECONDS_PER_BYTE = 30.0, 1e-6
 
 
 def read_guarded(path: str | os.PathLike[str]) -> Calibration:
@@ -49,7 +44,7 @@ def read_guarded(path: str | os.PathLike[str]) -> Calibration:
     except InputError as error:
         if error.where:
             raise
-        raise InputError(**{**vars(error), "where": f"{file}, one of its data files"}) from None
+        raise error.at(f"{file}, one of its data files") from None
 
 
 def read(path: str | os.PathLike[str]) -> Calibration:

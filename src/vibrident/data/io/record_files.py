@@ -14,7 +14,7 @@ from vibrident.base.errors import InputError
 from vibrident.data.io.calibration_file import CalibrationFile, RecordsEntry
 from vibrident.data.io.columns import ColumnFile
 from vibrident.data.io.header_units import require_channel_unit, require_response_unit, seconds_per_unit
-from vibrident.data.io.readers import open_columns, sha256
+from vibrident.data.io.reader import open_columns, sha256
 from vibrident.data.io.sampling import (
     SAME_RATE,
     Sampling,
@@ -27,7 +27,7 @@ from vibrident.data.io.sampling import (
 from vibrident.data.records import FloatArray, Provenance, Record
 
 _GLOB_SIGNS = re.compile(r"[*?\[]")
-_REPAIR = "repair the file, or leave that part out with start_s / stop_s"
+REPAIR = "repair the file, or leave that part out with start_s / stop_s"
 
 
 @dataclass(frozen=True)
@@ -38,14 +38,27 @@ class Part:
     file: str  # relative to the calibration file
     where: str
 
+    @property
+    def start_s(self) -> float:
+        """Where the record begins in the file."""
+        return self.entry.start_s or 0.0
+
+    @property
+    def stop_s(self) -> float:
+        """Where it ends, infinite for the file's end."""
+        return math.inf if self.entry.stop_s is None else self.entry.stop_s
+
+    def other_file(self, folder: Path) -> list[str]:
+        """For the history: the file of the reference, where it has one of its own."""
+        other = self.entry.reference_file
+        return [] if other is None else [f"reference from {other}, SHA-256 {sha256(folder / other)}"]
+
 
 def named_parts(calibration: CalibrationFile, folder: Path, where: str) -> list[tuple[Part, str]]:
     """The part to read for each record, and the record's name: by entry and, within a glob, in natural order.
 
-    ``folder``: where the file's relative paths start; ``where``: the calibration file, for messages.
-
-    Raises:
-        InputError: a glob matches nothing, or a file is asked for twice.
+    ``folder``: where relative paths start; ``where``: the calibration file, for messages. InputError where a glob
+    matches nothing, or a file is asked for twice.
     """
     parts = list(_parts(calibration.records, folder, where))
     _refuse_overlaps(parts, folder)
@@ -53,11 +66,7 @@ def named_parts(calibration: CalibrationFile, folder: Path, where: str) -> list[
 
 
 def data_files(calibration: CalibrationFile, folder: Path, where: str) -> list[str]:
-    """Names of all data files of a calibration, relative to its folder, globs resolved.
-
-    Raises:
-        InputError: a glob matches nothing.
-    """
+    """Names of all data files of a calibration, relative to its folder; InputError where a glob matches nothing."""
     if calibration.table is not None:
         return [calibration.table.file]
     parts = list(_parts(calibration.records, folder, where))
@@ -84,11 +93,8 @@ def _parts(entries: Sequence[RecordsEntry], folder: Path, where: str) -> Iterato
 def _files(pattern: str, folder: Path, where: str) -> list[str]:
     if not _GLOB_SIGNS.search(pattern) or os.path.exists(folder / pattern):
         return [pattern]
-    matches = [
-        Path(match).as_posix()
-        for match in glob.glob(pattern, root_dir=folder, recursive=True)
-        if not (folder / match).is_dir()
-    ]
+    found = glob.glob(pattern, root_dir=folder, recursive=True)
+    matches = [Path(match).as_posix() for match in found if not (folder / match).is_dir()]
     if not matches:
         raise InputError(
             "No file matches.",
@@ -104,8 +110,9 @@ def _refuse_overlaps(parts: Sequence[Part], folder: Path) -> None:
     """Refuse samples in two entries: they would count twice. Separate parts of one file are two records."""
     seen: dict[Path, list[Part]] = {}
     for part in parts:
-        for other in seen.setdefault((folder / part.file).resolve(), []):
-            if _start(part) < _stop(other) and _start(other) < _stop(part):
+        others = seen.setdefault((folder / part.file).resolve(), [])
+        for other in others:
+            if part.start_s < other.stop_s and other.start_s < part.stop_s:
                 raise InputError(
                     "Two [[records]] entries contain the same samples.",
                     expected="each sample in one record",
@@ -113,15 +120,7 @@ def _refuse_overlaps(parts: Sequence[Part], folder: Path) -> None:
                     where=part.where,
                     remedy="narrow the glob, or give each entry its own part with start_s and stop_s",
                 )
-        seen[(folder / part.file).resolve()].append(part)
-
-
-def _start(part: Part) -> float:
-    return part.entry.start_s or 0.0
-
-
-def _stop(part: Part) -> float:
-    return math.inf if part.entry.stop_s is None else part.entry.stop_s
+        others.append(part)
 
 
 def _record_names(parts: Sequence[Part]) -> list[str]:
@@ -130,7 +129,7 @@ def _record_names(parts: Sequence[Part]) -> list[str]:
     for part in parts:
         name = part.entry.name or part.file
         if part.entry.name is None and files.count(part.file) > 1:
-            name += f" from {_start(part):g} s"
+            name += f" from {part.start_s:g} s"
         if name in names:
             raise InputError(
                 "Two records have the same name.",
@@ -154,7 +153,7 @@ class _Channel:
     def physical(self, kept: slice, scale: float) -> FloatArray:
         """Return the kept values, all finite, in physical units."""
         values = self.values[kept]
-        self.source.require_finite(self.position, values, kept.start, _REPAIR)
+        self.source.require_finite(self.position, values, kept.start, REPAIR)
         return values * scale
 
     def step(self, channel: str, scale: float, unit: str) -> str:
@@ -164,7 +163,7 @@ class _Channel:
 
 
 def read_record(part: Part, name: str, calibration: CalibrationFile, folder: Path, reference_unit: str) -> Record:
-    """Read one record; arguments and errors as :func:`read_records`."""
+    """Read one record of a calibration file in ``folder``; InputError where its file cannot be used."""
     entry, to_response, to_reference = part.entry, calibration.response, calibration.reference
     channels = _load(part, calibration, folder)
     response, reference = channels["response"], channels.get("reference")
@@ -176,12 +175,11 @@ def read_record(part: Part, name: str, calibration: CalibrationFile, folder: Pat
     if reference is not None:
         require_same_start((response.source, response.position), (reference.source, reference.position))
     _check_frequency(part, sampling, response.source.file)
+    used = [channel.position for channel in channels.values() if channel.source is response.source]
     kept = cut(response.values.size, sampling.rate_hz, entry.start_s, entry.stop_s, part.where)
     history = [response.step("response", to_response.scale, to_response.unit)]
     if reference is not None:
-        history.append(reference.step("reference", to_reference.scale, reference_unit))
-    if reference is not None and entry.reference_file is not None:
-        history.append(f"reference from {entry.reference_file}, SHA-256 {sha256(folder / entry.reference_file)}")
+        history += [reference.step("reference", to_reference.scale, reference_unit), *part.other_file(folder)]
     if sampling.note:
         history.append(sampling.note)
     if kept != slice(0, response.values.size):
@@ -194,10 +192,10 @@ def read_record(part: Part, name: str, calibration: CalibrationFile, folder: Pat
         excitation=entry.excitation,
         frequency_hz=entry.frequency_hz,
         start_time_s=sampling.start_time_s + kept.start / sampling.rate_hz,
-        contradicting_rate_hz=None if "time" in channels else _other_rate(channels, sampling.rate_hz),
+        contradicting_rate_hz=None if time is not None else contradicting_rate(response.source, used, sampling.rate_hz),
         provenance=Provenance(part.file, sha256(folder / part.file), tuple(history)),
-        reference_full_scale=None if reference is None else _scaled(to_reference.full_scale, to_reference.scale),
-        response_full_scale=_scaled(to_response.full_scale, to_response.scale),
+        reference_full_scale=None if reference is None else scaled(to_reference.full_scale, to_reference.scale),
+        response_full_scale=scaled(to_response.full_scale, to_response.scale),
         circumstances=entry.circumstances,
     )
 
@@ -226,9 +224,7 @@ def _load(part: Part, calibration: CalibrationFile, folder: Path) -> dict[str, _
 
 
 def _check_headers(calibration: CalibrationFile, channels: dict[str, _Channel], reference_unit: str) -> None:
-    """Check the units in the headers against the calibration file; see header_units."""
-    response, reference = calibration.response, calibration.reference
-    at = channels["response"]
+    response, reference, at = calibration.response, calibration.reference, channels["response"]
     require_channel_unit(at.source, at.position, "[response]", unit=response.unit, scale=response.scale)
     if "unit" in response.model_fields_set:
         require_response_unit(at.source, at.position, "[response]", response.unit, response.scale)
@@ -238,11 +234,7 @@ def _check_headers(calibration: CalibrationFile, channels: dict[str, _Channel], 
 
 
 def timed(source: ColumnFile, position: int, times: FloatArray) -> Sampling:
-    """The sampling by a time column, in the unit of its header.
-
-    Raises:
-        InputError: a time is missing, or they are not evenly spaced.
-    """
+    """The sampling by a time column, in the unit of its header; InputError where times are missing or uneven."""
     source.require_finite(position, times, 0, "repair the time column, or give rate_hz")
     seconds = seconds_per_unit(source, position)
     sampling = sampling_from_times(times, lambda row: source.locate(position, row))
@@ -252,22 +244,13 @@ def timed(source: ColumnFile, position: int, times: FloatArray) -> Sampling:
     return Sampling(sampling.rate_hz / seconds, sampling.start_time_s * seconds, note)
 
 
-def _other_rate(channels: dict[str, _Channel], rate_hz: float) -> float | None:
-    main = channels["response"].source
-    used = [channel.position for channel in channels.values() if channel.source is main]
-    return contradicting_rate(main, used, rate_hz)
-
-
-def _scaled(full_scale: float | None, scale: float) -> float | None:
+def scaled(full_scale: float | None, scale: float) -> float | None:
+    """A channel's full scale in its unit; None where it is not stated."""
     return None if full_scale is None else full_scale * abs(scale)
 
 
 def stated_sampling(part: Part, calibration: CalibrationFile, channels: Sequence[tuple[ColumnFile, int]]) -> Sampling:
-    """The sampling by the rate of the calibration file or of the data file; two stated ones must agree.
-
-    Raises:
-        InputError: neither states one, or they differ.
-    """
+    """The sampling by the rate of the calibration file or of the data file; InputError for none, or two that differ."""
     entry = part.entry
     stated = entry.rate_hz if entry.rate_hz is not None else calibration.sampling.rate_hz
     agreed = agreed_rate(stated, channels, part.where, part.file)
@@ -310,12 +293,9 @@ def _require_same_length(channels: dict[str, _Channel]) -> None:
 
 #: A number or what is between two. One before "Hz", such as in ``0_05Hz`` or ``2.5 kHz``, may have a fraction.
 _PIECE = re.compile(r"(\d+)(?:(?:[._,p](\d+))?[ _-]?(k?)hz)?|\D+", re.IGNORECASE)
-#: A float has no more.
-_MOST_DIGITS = 300
-Key = tuple[tuple[tuple[int, float, str], ...], str]
 
 
-def natural(name: str) -> Key:
+def natural(name: str) -> tuple[tuple[tuple[int, float, str], ...], str]:
     """Sort key under which "2 Hz" comes before "10 Hz", "0_05hz" before "0_5hz", and "500 Hz" before "1 kHz"."""
     pieces: list[tuple[int, float, str]] = []
     for found in _PIECE.finditer(name):
@@ -323,5 +303,5 @@ def natural(name: str) -> Key:
         if whole is None:
             pieces.append((0, 0.0, found.group()))
         else:
-            pieces.append((1, float(f"{whole}.{fraction or 0}"[:_MOST_DIGITS]) * (1000.0 if kilo else 1.0), ""))
+            pieces.append((1, float(f"{whole}.{fraction or 0}"[:300]) * (1000.0 if kilo else 1.0), ""))
     return tuple(pieces), name

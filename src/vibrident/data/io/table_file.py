@@ -16,7 +16,7 @@ from vibrident.data.io.header_units import (
     require_response_unit,
     require_standard_uncertainty,
 )
-from vibrident.data.io.readers import open_columns, sha256
+from vibrident.data.io.reader import open_columns, sha256
 from vibrident.data.records import FloatArray, Provenance, ResponseTable
 
 _KEYS = ("frequency", "magnitude", "phase", "magnitude_uncertainty", "phase_uncertainty")

@@ -15,7 +15,7 @@ from vibrident.data.sources.source import Chunk, Wanted
 
 FORMS = ("csv", "float32")
 SEPARATORS = (b";", b"\t", b",")  # looked for in this order; white space otherwise
-LONGEST = 1_000_000  # bytes of a line
+PIECE = 1_000_000  # bytes that a source gives at once, and most of a line
 #: Deviation of a time stamp that is a rounding of it, in sampling intervals.
 ROUNDED = 0.1
 
@@ -33,7 +33,7 @@ def chunks(pieces: Iterator[bytes], wanted: Wanted, form: str, where: str) -> It
     for piece in pieces:
         whole, rest = decoder.split(rest + piece)
         position += len(whole)
-        if len(rest) > LONGEST:
+        if len(rest) > PIECE:
             raise InputError("A line does not end.", expected="lines of numbers", found="none", where=where)
         if whole and (columns := decoder.columns(whole)) is not None:
             yield from _cut(columns, wanted, position)

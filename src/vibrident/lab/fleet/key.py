@@ -13,7 +13,7 @@ from typing import Any
 
 from vibrident.base.errors import InputError
 from vibrident.data.io.calibration_file import CalibrationFile, read_calibration_file
-from vibrident.data.io.readers import sha256
+from vibrident.data.io.reader import sha256
 from vibrident.data.io.record_files import data_files
 from vibrident.data.io.toml_text import read_toml
 from vibrident.lab.fleet.orders import Orders

@@ -7,10 +7,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from vibrident.base.errors import InputError
-from vibrident.data.sources.decoding import chunks
+from vibrident.data.sources.decoding import PIECE, chunks
 from vibrident.data.sources.source import Chunk, Source, Wanted
 
-PIECE = 1_000_000  # bytes read at once
 WAIT_S = 0.05  # between looks
 
 

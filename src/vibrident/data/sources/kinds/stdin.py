@@ -6,10 +6,8 @@ import os
 import sys
 from collections.abc import Iterator
 
-from vibrident.data.sources.decoding import chunks
+from vibrident.data.sources.decoding import PIECE, chunks
 from vibrident.data.sources.source import Chunk, Source, Wanted
-
-PIECE = 1_000_000  # bytes read at once
 
 
 def _open(wanted: Wanted) -> Iterator[Chunk]:

@@ -6,10 +6,9 @@ import socket
 from collections.abc import Iterator
 
 from vibrident.base.errors import InputError
-from vibrident.data.sources.decoding import chunks
+from vibrident.data.sources.decoding import PIECE, chunks
 from vibrident.data.sources.source import Chunk, Source, Wanted
 
-PIECE = 1_000_000  # bytes received at once
 CONNECT_S = 10.0  # seconds to wait for a connection
 
 
