@@ -11,7 +11,7 @@ from vibrident.base.errors import InputError
 from vibrident.data.interferometer.choice import choose
 from vibrident.data.interferometer.effects import cyclic_error, together
 from vibrident.data.interferometer.phase import Path, unwrapped
-from vibrident.data.interferometer.setting import Held
+from vibrident.data.interferometer.setting import held
 from vibrident.data.interferometer.sine import fit_sine
 from vibrident.data.interferometer.survey import survey
 from vibrident.physics.simulation.optics import Optics, write_optical_calibration
@@ -141,7 +141,7 @@ def drawn_by(phase, *, drift=0.0, fading=0.0):
     turn = np.linspace(0.0, 1.0, phase.size)
     light = 1.0 + fading * np.sin(9.0 * turn)
     u = np.stack([drift * turn + light * np.cos(phase), 0.1 - drift * turn + 0.9 * light * np.sin(phase + 0.1)])
-    return Held(u + 0.01 * np.random.default_rng(1).standard_normal(u.shape), 1e6)
+    return held(u + 0.01 * np.random.default_rng(1).standard_normal(u.shape), 1e6)
 
 
 def test_an_arc_of_fading_light_takes_the_ellipse_of_a_larger_motion():
@@ -173,17 +173,17 @@ def test_clean_signals_raise_no_alarm():
     random, alarms, rate = np.random.default_rng(7), 0, 1e6
     for _ in range(24):
         centre, sizes, angle = random.uniform(-0.2, 0.2, 2), random.uniform(0.75, 1.25, 2), random.uniform(-0.25, 0.25)
-        noise, held = random.choice([0.003, 0.01, 0.05]), []
+        noise, drawn = random.choice([0.003, 0.01, 0.05]), []
         for frequency in (60.0, 150.0, 400.0, 1000.0):
             time = np.arange(30_000) / rate
             x = 10.0 / (2.0 * np.pi * frequency) ** 2 * np.cos(2.0 * np.pi * frequency * time + random.uniform(0, 6))
             phase = 4.0 * np.pi * x / 632.991e-9 + random.uniform(0.0, 6.0)
             u = centre[:, None] + sizes[:, None] * np.stack([np.cos(phase), np.sin(phase + angle)])
-            held.append(Held(np.rint(2000.0 * (u + noise * random.standard_normal(u.shape))), rate))
-        seen = [survey(signals) for signals in held]
+            drawn.append(held(np.rint(2000.0 * (u + noise * random.standard_normal(u.shape))), rate))
+        seen = [survey(signals) for signals in drawn]
         chosen, measured = choose(seen, "abcd"), []
         alarms += sum(bool(choice.findings) for choice in chosen)
-        for signals, choice in zip(held, chosen, strict=True):
+        for signals, choice in zip(drawn, chosen, strict=True):
             path = Path()
             list(unwrapped(signals, choice.ellipse, choice.knots, path))
             alarms += bool(path.gaps) or path.counted != path.by_phase

@@ -10,7 +10,7 @@ import pytest
 from vibrident.data.interferometer import ellipse, moments
 from vibrident.data.interferometer.choice import choose
 from vibrident.data.interferometer.demodulation import demodulate
-from vibrident.data.interferometer.setting import Held, Interferometer
+from vibrident.data.interferometer.setting import Interferometer, held
 from vibrident.data.interferometer.survey import survey
 
 CENTRE, FIRST, SECOND, ANGLE = np.array([0.3, -0.2]), 1.0, 0.8, 0.15
@@ -98,7 +98,7 @@ def test_a_sine_is_off_by_the_tangential_noise_alone(draws):
         phase = swing * np.cos(2.0 * np.pi * hertz * time + random.uniform(0.0, 6.0)) + random.uniform(0.0, 6.0)
         clean = CENTRE[:, None] + TRUE.matrix @ np.stack([np.cos(phase), np.sin(phase)])
         noise = 0.05 * random.standard_normal(clean.shape)
-        signals = Held(clean + noise, rate)
+        signals = held(clean + noise, rate)
         seen = survey(signals)
         made = demodulate(signals, setting, seen, choose([seen], ["a"])[0], 1, "a", hertz, hertz)
         c, s = TRUE.inverse @ noise
@@ -120,7 +120,7 @@ def test_effect_of_an_ellipse_s_error_on_a_sine_is_as_stated():
         phase = swing * np.cos(2.0 * np.pi * hertz * time) + middle
         random = np.random.default_rng(3)
         u = CENTRE[:, None] + TRUE.matrix @ np.stack([np.cos(phase), np.sin(phase)])
-        signals = Held(u + 1e-4 * random.standard_normal(u.shape), rate)
+        signals = held(u + 1e-4 * random.standard_normal(u.shape), rate)
         seen = survey(signals)
         choice = choose([seen], ["a"])[0]
         exact = demodulate(signals, setting, seen, choice, 1, "a", hertz, hertz)

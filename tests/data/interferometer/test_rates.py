@@ -12,7 +12,7 @@ from vibrident.data.interferometer.choice import choose
 from vibrident.data.interferometer.demodulation import demodulate
 from vibrident.data.interferometer.effects import effects
 from vibrident.data.interferometer.rough import highest_frequency, rough_frequency, slower
-from vibrident.data.interferometer.setting import Held, Interferometer
+from vibrident.data.interferometer.setting import Interferometer, held
 from vibrident.data.interferometer.survey import survey
 from vibrident.data.io import read
 from vibrident.physics.simulation.optics import Optics, write_optical_calibration
@@ -28,7 +28,7 @@ def found(rate, swing, noise, seed):
     phase = swing * np.cos(2.0 * np.pi * HERTZ * time + 0.3) + 0.7 + seed
     u = np.stack([0.05 + np.cos(phase), -0.03 + 0.85 * np.sin(phase + 0.12)])
     u = u + noise * np.sqrt(rate / SLOWEST) * random.standard_normal(u.shape)
-    signals = Held(u, rate)
+    signals = held(u, rate)
     signals = slower(signals) or signals
     seen = survey(signals)
     (choice,) = choose([seen], ["a"])
@@ -53,7 +53,7 @@ def of(phase, rate, noise=0.02):
     """Signals of a phase, and their ellipse."""
     random = np.random.default_rng(8)
     u = np.stack([np.cos(phase), np.sin(phase)])
-    signals = Held(u + noise * random.standard_normal(u.shape), rate)
+    signals = held(u + noise * random.standard_normal(u.shape), rate)
     return signals, choose([survey(signals)], ["a"])[0]
 
 
@@ -70,9 +70,9 @@ def test_a_line_of_noise_is_not_taken_for_motion():
     """Of one spectrum, a line stood out by chance in every third short record."""
     rate, time = 1e5, np.arange(20_000) / 1e5
     signals, choice = of(50.0 * np.sin(2.0 * np.pi * 100.0 * time), rate)
-    random = np.random.default_rng(9)
+    random, values = np.random.default_rng(9), signals.block(0, signals.samples)
     for _ in range(20):
-        again = Held(signals.values + 0.02 * random.standard_normal(signals.values.shape), rate)
+        again = held(values + 0.02 * random.standard_normal(values.shape), rate)
         assert highest_frequency(again, choice, 1)[0] < 1000.0
 
 

@@ -90,7 +90,7 @@ def _light(source: ColumnFile, given: Description) -> tuple[Stack, ...]:
     """Two photodetector signals over each other, with their ellipse if the motion determines one."""
     if len(given.signals) != 2 or None in given.signals:
         return ()
-    from vibrident.data.interferometer.setting import Held  # loads SciPy, which other previews do not need
+    from vibrident.data.interferometer.setting import held  # loads SciPy, which other previews do not need
     from vibrident.data.interferometer.survey import survey
 
     places = [source.position_of(column, "columns and units") for column in given.signals if column is not None]
@@ -99,7 +99,7 @@ def _light(source: ColumnFile, given: Description) -> tuple[Stack, ...]:
     if size < 2 or not np.isfinite(signals).all():
         return ()
     try:
-        seen = survey(Held(signals, 1.0))
+        seen = survey(held(signals, 1.0))
     except InputError:  # reported when the file is confirmed; the signals themselves show it
         return (Stack((lissajous(signals[:, :: max(size // MOST_SAMPLES, 1)], None),)),)
     return (Stack((lissajous(seen.points, seen.ellipse if seen.fitted else None),)),)

@@ -105,22 +105,19 @@ def finer(rate_hz: float, response_hz: float) -> int:
     return max(int(rate_hz / (FINER * response_hz)), 1)
 
 
-def together(
-    found: Demodulated, optical: Signals, offset_s: float, response: Signals, every: int, delay_s: float
-) -> Aligned:
+def together(found: Demodulated, optical: Signals, response: Signals, every: int, delay_s: float) -> Aligned:
     """Displacement and response at the same instants.
 
     If both are recorded together they pass the same filter, whose response cancels.
 
-    ``found``: the displacement; ``optical``: the signals it was made from; ``offset_s``: time of the first optical
-    sample; ``response``: one signal, its first sample at time zero; ``every``: decimation of the response; ``delay_s``:
-    the optical channel comes later by this.
+    ``found``: the displacement; ``optical``: the signals it was made from; ``response``: one signal, its first sample
+    at time zero; ``every``: decimation of the response; ``delay_s``: the optical channel comes later by this.
     """
     blocks = (response.block(s, min(s + BLOCK, response.samples)) for s in range(0, response.samples, BLOCK))
     values = decimated((block[0].astype(float, copy=False) for block in blocks), response.samples, every)
     rate, first = response.rate_hz / every, lost_at_an_end(every) / response.rate_hz
     time = first + np.arange(values.shape[0]) / rate
-    wanted = ((time + delay_s - offset_s) * optical.rate_hz - found.first) / found.factor
+    wanted = ((time + delay_s - optical.first_s) * optical.rate_hz - found.first) / found.factor
     spacing = optical.rate_hz / found.factor / rate
     count = min(values.shape[0], found.displacement_m.shape[0])
     if abs(spacing - 1.0) < 1e-9 and abs(float(wanted[0])) < 1e-6:

@@ -6,13 +6,12 @@ carrier remains as a slope of the phase.
 
 from __future__ import annotations
 
-import functools
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
 from vibrident.base.errors import InputError
-from vibrident.data.interferometer.decimation import HALF, PASS, Decimated, filtered, taps
+from vibrident.data.interferometer.decimation import HALF, PASS, at_lower_rate, filtered, taps
 from vibrident.data.interferometer.setting import FloatArray, Signals
 
 PIECES = 48  # pieces of the signal in which the carrier is searched
@@ -29,82 +28,62 @@ MOST_OF_SHOCK = 1.0 / 8.0  # … and for a shock, whose pulse short filters keep
 ROOM = 0.8  # usable part of the room beside the carrier
 
 
-@dataclass(frozen=True, eq=False)
-class Baseband(Decimated):
-    """A heterodyne signal, one, mixed down to two signals in quadrature."""
+def mixed_down(raw: Signals, near_hz: float, response_hz: float, where: str, most: float) -> tuple[Signals, float]:
+    """A heterodyne signal mixed down to two signals in quadrature, and its carrier, Hz, found near a frequency.
 
-    carrier_hz: float  # what it is mixed with
-    offset: float  # of the signal, removed: the filter lets it pass in part where the carrier's band is wide
+    ``raw``: one signal; ``near_hz``: its carrier, approximately; ``response_hz``: sampling rate of the sensor's
+    response; ``most``: of the signal's rate that the least band may take on either side.
 
-    @staticmethod
-    def around(raw: Signals, near_hz: float, response_hz: float, where: str, most: float = MOST_OF_ALL) -> Baseband:
-        """Find the carrier near a frequency, and how wide its band is.
+    Raises:
+        InputError: no carrier is found, or the band beside it is too narrow.
+    """
+    half = 0.5 * raw.rate_hz
+    if not 0 < near_hz < half:
+        raise InputError(
+            "The carrier lies above half the sampling rate.",
+            expected=f"carrier_hz below {half:.9g} Hz, half the sampling rate of the signal",
+            found=f"carrier_hz = {near_hz!r}",
+            where=f"{where}, [interferometer] carrier_hz",
+            remedy="correct carrier_hz, or rate_hz of [interferometer]",
+        )
+    room = ROOM * min(near_hz, half - near_hz)
+    length = min(PIECE, raw.samples)
+    starts = np.linspace(0, raw.samples - length, PIECES).astype(int)
+    pieces = np.stack([raw.block(int(s), int(s) + length)[0] for s in starts], dtype=float)
+    power = np.abs(np.fft.rfft((pieces - pieces.mean(axis=1, keepdims=True)) * np.blackman(pieces.shape[1]))) ** 2
+    low, high = _band(np.max(power, axis=0), raw.rate_hz, near_hz, room, where)
+    least = max(16.0 * raw.rate_hz / PIECE, min(LEAST * response_hz, most * raw.rate_hz))
+    whole = min(0.5 * WHOLE * (high - low), _clear(np.mean(power, axis=0), half))
+    wide = min(max(0.5 * MARGIN * (high - low), whole, least), room)
+    carrier_hz = float(np.clip(0.5 * (low + high), near_hz - 0.5 * room, near_hz + 0.5 * room))
+    wide = min(wide, ROOM * min(carrier_hz, half - carrier_hz))
+    factor = int(np.clip(PASS * raw.rate_hz / wide, 2, max(raw.samples // (8 * HALF), 2)))
+    cycles = carrier_hz / raw.rate_hz
+    kernel = 2.0 * taps(factor) * np.exp(-2j * np.pi * cycles * np.arange(2 * HALF * factor + 1))
+    offset = float(pieces.mean()) * kernel.sum()  # the filter lets it pass in part where the carrier's band is wide
 
-        ``raw``: one signal; ``near_hz``: its carrier, approximately; ``response_hz``: sampling rate of the sensor's
-        response; ``most``: of the signal's rate that the least band may take on either side.
+    def block(start: int, stop: int) -> FloatArray:
+        mixed = filtered(raw, (1, stop - start), factor, kernel, start)[0] - offset
+        return _parts(mixed * np.exp(-2j * np.pi * np.mod(cycles * factor * np.arange(start, stop), 1.0)))
 
-        Raises:
-            InputError: no carrier is found, or the band beside it is too narrow.
-        """
-        half = 0.5 * raw.rate_hz
-        if not 0 < near_hz < half:
-            raise InputError(
-                "The carrier lies above half the sampling rate.",
-                expected=f"carrier_hz below {half:.9g} Hz, half the sampling rate of the signal",
-                found=f"carrier_hz = {near_hz!r}",
-                where=f"{where}, [interferometer] carrier_hz",
-                remedy="correct carrier_hz, or rate_hz of [interferometer]",
-            )
-        room = ROOM * min(near_hz, half - near_hz)
-        length = min(PIECE, raw.samples)
-        starts = np.linspace(0, raw.samples - length, PIECES).astype(int)
-        pieces = np.stack([raw.block(int(s), int(s) + length)[0] for s in starts], dtype=float)
-        power = np.abs(np.fft.rfft((pieces - pieces.mean(axis=1, keepdims=True)) * np.blackman(pieces.shape[1]))) ** 2
-        low, high = _band(np.max(power, axis=0), raw.rate_hz, near_hz, room, where)
-        least = max(16.0 * raw.rate_hz / PIECE, min(LEAST * response_hz, most * raw.rate_hz))
-        whole = min(0.5 * WHOLE * (high - low), _clear(np.mean(power, axis=0), half))
-        wide = min(max(0.5 * MARGIN * (high - low), whole, least), room)
-        carrier = float(np.clip(0.5 * (low + high), near_hz - 0.5 * room, near_hz + 0.5 * room))
-        wide = min(wide, ROOM * min(carrier, half - carrier))
-        factor = np.clip(PASS * raw.rate_hz / wide, 2, max(raw.samples // (8 * HALF), 2))
-        return Baseband(raw, int(factor), carrier, float(pieces.mean()))
-
-    def block(self, start: int, stop: int) -> FloatArray:
-        """Samples from ``start`` up to ``stop``, shape (2, stop − start)."""
-        cycles = self.carrier_hz / self.raw.rate_hz
-        mixed = filtered(self.raw, (1, stop - start), self.factor, self._kernel, start)[0]
-        mixed -= self.offset * self._kernel.sum()
-        mixed *= np.exp(-2j * np.pi * np.mod(cycles * self.factor * np.arange(start, stop), 1.0))
-        return np.stack([mixed.real, mixed.imag])
-
-    @functools.cached_property
-    def _kernel(self) -> np.ndarray:
-        cycles = self.carrier_hz / self.raw.rate_hz
-        return 2.0 * taps(self.factor) * np.exp(-2j * np.pi * cycles * np.arange(2 * self.first + 1))
+    return at_lower_rate(raw, factor, block), carrier_hz
 
 
-@dataclass(frozen=True, eq=False)
-class Turned:
-    """Two signals in quadrature, turned back by what is left of their carrier: their phase is the motion's alone."""
+def turned_back(raw: Signals, left: np.polynomial.Legendre) -> Signals:
+    """Two signals in quadrature without what is left of their carrier: their phase is the motion's alone.
 
-    raw: Signals  # the signals
-    left: np.polynomial.Legendre  # phase of the carrier that is left, rad, over the index of a sample
+    ``left``: phase of the carrier that is left, rad, over the index of a sample.
+    """
 
-    @property
-    def samples(self) -> int:
-        """Number of samples of each signal."""
-        return self.raw.samples
+    def block(start: int, stop: int) -> FloatArray:
+        u = raw.block(start, stop)
+        return _parts((u[0] + 1j * u[1]) * np.exp(-1j * left(np.arange(start, stop))))
 
-    @property
-    def rate_hz(self) -> float:
-        """Samples per second."""
-        return self.raw.rate_hz
+    return replace(raw, block=block)
 
-    def block(self, start: int, stop: int) -> FloatArray:
-        """Samples from ``start`` up to ``stop``, shape (2, stop − start)."""
-        u = self.raw.block(start, stop)
-        turned = (u[0] + 1j * u[1]) * np.exp(-1j * self.left(np.arange(start, stop)))
-        return np.stack([turned.real, turned.imag])
+
+def _parts(values: np.ndarray) -> FloatArray:
+    return np.stack([np.real(values), np.imag(values)])
 
 
 def _clear(power: FloatArray, half_hz: float) -> float:

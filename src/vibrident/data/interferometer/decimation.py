@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import functools
 import itertools
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
@@ -104,35 +103,10 @@ def _collected(blocks: Iterable[FloatArray], decimator: Decimator, shape: tuple[
     return np.concatenate(values, axis=1)
 
 
-@dataclass(frozen=True, eq=False)
-class Decimated:
-    """Signals at a lower rate; subclasses make their samples."""
-
-    raw: Signals  # the signals
-    factor: int  # decimation
-
-    @property
-    def samples(self) -> int:
-        """Number of samples of each signal."""
-        return decimated_length(self.raw.samples, self.factor)
-
-    @property
-    def rate_hz(self) -> float:
-        """Samples per second."""
-        return self.raw.rate_hz / self.factor
-
-    @property
-    def first(self) -> int:
-        """Position of the first sample in the raw signals."""
-        return HALF * self.factor
-
-
-class Slower(Decimated):
-    """Slow signals at a lower rate: the same with less noise in a sample."""
-
-    def block(self, start: int, stop: int) -> FloatArray:
-        """Samples from ``start`` up to ``stop``, shape (signals, stop − start)."""
-        return np.asarray(filtered(self.raw, (2, stop - start), self.factor, taps(self.factor), start))
+def at_lower_rate(raw: Signals, factor: int, block: Callable[[int, int], FloatArray]) -> Signals:
+    """Signals at a lower rate, whose filtered samples ``block`` makes."""
+    first_s = lost_at_an_end(factor) / raw.rate_hz
+    return Signals(decimated_length(raw.samples, factor), raw.rate_hz / factor, block, first_s)
 
 
 def spoilt_outputs(gaps: list[tuple[int, int]], samples: int, factor: int) -> BoolArray:

@@ -9,7 +9,7 @@ import numpy as np
 
 from vibrident.base.errors import InputError
 from vibrident.data.interferometer import effects, phase
-from vibrident.data.interferometer.carrier import Turned
+from vibrident.data.interferometer.carrier import turned_back
 from vibrident.data.interferometer.choice import Choice
 from vibrident.data.interferometer.decimation import decimated, lost_at_an_end, spoilt_outputs
 from vibrident.data.interferometer.effects import Cyclic, cyclic_error
@@ -85,7 +85,7 @@ def demodulate(
     carrier = None if near_hz is None else left  # beside other motion its slope is not known
     around = None
     if left is None or carrier is not None:
-        turned = signals if carrier is None else Turned(signals, carrier)
+        turned = signals if carrier is None else turned_back(signals, carrier)
         pace = path.length / TURN / signals.samples
         around = cyclic_error(turned, choice.ellipse, choice.knots, pace, highest_hz)
     answer = _answer(values, main, rate, found, choice, signals, around)

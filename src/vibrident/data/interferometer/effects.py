@@ -26,7 +26,7 @@ from vibrident.data.effects import SystematicEffect
 from vibrident.data.interferometer.decimation import PASS
 from vibrident.data.interferometer.ellipse import Ellipse
 from vibrident.data.interferometer.phase import ORDERS, TURN, Path, unwrapped, waves
-from vibrident.data.interferometer.setting import BoolArray, FloatArray, Held, Signals
+from vibrident.data.interferometer.setting import BoolArray, FloatArray, Signals, held
 
 CHANCE = 1e-4  # a harmonic is significant below this probability
 PIECES = 64  # most pieces of a record
@@ -103,7 +103,7 @@ def cyclic_error(
     normals, scores = [], []
     for start in starts.tolist():
         path = Path()
-        piece = Held(signals.block(start, start + length), signals.rate_hz)
+        piece = held(signals.block(start, start + length), signals.rate_hz)
         moved = [(at - start, knot) for at, knot in knots]
         phase = np.concatenate(list(unwrapped(piece, ellipse, moved, path)))
         if path.gaps:

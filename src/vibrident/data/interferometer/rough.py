@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from vibrident.data.interferometer.choice import Choice
-from vibrident.data.interferometer.decimation import PASS, Slower, decimated, spoilt_outputs
+from vibrident.data.interferometer.decimation import PASS, at_lower_rate, decimated, filtered, spoilt_outputs, taps
 from vibrident.data.interferometer.phase import Path, unwrapped
-from vibrident.data.interferometer.setting import BoolArray, FloatArray, Held, Signals
+from vibrident.data.interferometer.setting import BoolArray, FloatArray, Signals, held
 from vibrident.data.interferometer.sine import peak
 
 PIECE = 1 << 20  # samples in which a sine is looked for first
@@ -48,19 +48,24 @@ def highest_frequency(signals: Signals, choice: Choice, factor: int) -> tuple[fl
     return _highest(phase[None, :], spoilt, signals.rate_hz / factor), bool(path.gaps)
 
 
-def slower(signals: Signals) -> Slower | None:
-    """Signals at the rate that their spectrum needs; None if it is theirs.
+def slower(signals: Signals) -> Signals | None:
+    """Two signals at the rate that their spectrum needs, with less noise in a sample; None if it is theirs.
 
     The ellipse of a motion below a fringe is told from noise sample by sample: so it is determined as well at any rate.
     """
-    values = _piece(signals, PIECE).values
+    piece = _piece(signals, PIECE)
+    values = piece.block(0, piece.samples)
     factor = int(PASS * signals.rate_hz / (ROOM * _highest(values, np.zeros(values.shape[1], bool), signals.rate_hz)))
     factor = min(factor, signals.samples // FEWEST)
-    return Slower(signals, factor) if factor > 1 else None
+    if factor <= 1:
+        return None
+    return at_lower_rate(
+        signals, factor, lambda start, stop: filtered(signals, (2, stop - start), factor, taps(factor), start)
+    )
 
 
-def _piece(signals: Signals, samples: int) -> Held:
-    return Held(signals.block(0, min(signals.samples, samples)).astype(float, copy=False), signals.rate_hz)
+def _piece(signals: Signals, samples: int) -> Signals:
+    return held(signals.block(0, min(signals.samples, samples)).astype(float, copy=False), signals.rate_hz)
 
 
 def _highest(values: FloatArray, spoilt: BoolArray, rate_hz: float) -> float:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,36 +34,18 @@ class Interferometer:
         return (self.direction or 1) * self.wavelength_m / (4.0 * math.pi * self.passes)
 
 
-class Signals(Protocol):
+@dataclass(frozen=True, eq=False)
+class Signals:
     """Signals that are read block by block; all of one sampling rate and length."""
 
-    @property
-    def samples(self) -> int:
-        """Number of samples of each."""
-        ...
-
-    @property
-    def rate_hz(self) -> float:
-        """Samples per second."""
-        ...
-
-    def block(self, start: int, stop: int) -> FloatArray:
-        """Samples from ``start`` up to ``stop``, shape (signals, stop − start)."""
-        ...
+    samples: int  # of each
+    rate_hz: float  # samples per second
+    block: Callable[[int, int], FloatArray]  # start, stop → these samples, shape (signals, stop − start)
+    first_s: float = 0.0  # time of the first sample; above zero for filtered ones
 
 
-@dataclass(frozen=True, eq=False)
-class Held:
+def held(values: FloatArray, rate_hz: float, first_s: float = 0.0) -> Signals:
     """Signals in memory, shape (signals, samples)."""
-
-    values: FloatArray
-    rate_hz: float
-
-    @property
-    def samples(self) -> int:
-        """Number of samples of each."""
-        return int(self.values.shape[1])
-
-    def block(self, start: int, stop: int) -> FloatArray:
-        """Samples from ``start`` up to ``stop``, shape (signals, stop − start)."""
-        return np.asarray(self.values[:, start:stop], dtype=float)
+    return Signals(
+        values.shape[1], rate_hz, lambda start, stop: np.asarray(values[:, start:stop], dtype=float), first_s
+    )

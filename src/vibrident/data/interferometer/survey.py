@@ -74,11 +74,7 @@ def sound(ellipse: Ellipse, u: FloatArray) -> BoolArray:
 
 
 def survey(signals: Signals) -> Survey:
-    """Look at two signals in quadrature.
-
-    Raises:
-        InputError: they draw no figure: one is constant, or both are the same.
-    """
+    """Look at two signals in quadrature. InputError: they draw no figure: one is constant, or both are the same."""
     points = _sample(signals)
     _require_two(points)
     coarse = _coarse(points)

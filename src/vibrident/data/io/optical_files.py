@@ -12,13 +12,12 @@ import numpy as np
 from vibrident.base.errors import InputError
 from vibrident.data.effects import SystematicEffect
 from vibrident.data.interferometer import alignment
-from vibrident.data.interferometer.carrier import MOST_OF_ALL, MOST_OF_SHOCK, Baseband, Turned
+from vibrident.data.interferometer.carrier import MOST_OF_ALL, MOST_OF_SHOCK, mixed_down, turned_back
 from vibrident.data.interferometer.choice import Choice, choose, of_carrier
-from vibrident.data.interferometer.decimation import Decimated
 from vibrident.data.interferometer.demodulation import Demodulated, demodulate
 from vibrident.data.interferometer.effects import Answer, Cyclic, effects, significant
 from vibrident.data.interferometer.rough import highest_frequency, rough_frequency, slower
-from vibrident.data.interferometer.setting import FloatArray, Held, Interferometer, Signals
+from vibrident.data.interferometer.setting import FloatArray, Interferometer, Signals, held
 from vibrident.data.interferometer.summary import OpticalFinding
 from vibrident.data.interferometer.survey import Survey, survey
 from vibrident.data.io.calibration_file import CalibrationFile
@@ -37,46 +36,18 @@ WELL_INSIDE = 2e-3
 
 
 @dataclass(frozen=True, eq=False)
-class FileSignals:
-    """Columns of a file, read block by block."""
-
-    source: ColumnFile
-    positions: tuple[int, ...]
-    rate_hz: float
-    kept: slice
-
-    @property
-    def samples(self) -> int:
-        """Number of samples of each."""
-        return self.kept.stop - self.kept.start
-
-    def block(self, start: int, stop: int) -> FloatArray:
-        """Samples from ``start`` up to ``stop``, shape (signals, stop − start).
-
-        Raises:
-            InputError: a value is not finite.
-        """
-        first = self.kept.start + start
-        values = self.source.block(self.positions, first, self.kept.start + stop)
-        if not np.isfinite(np.sum(values)):
-            for position, column in zip(self.positions, values, strict=True):
-                self.source.require_finite(position, column, first, REPAIR)
-        return values
-
-
-@dataclass(frozen=True, eq=False)
 class _Opened:
     """One record to be made; ``beside`` if response and optical signals are sampled together."""
 
     part: Part
     name: str
     optical: Signals
-    response: FileSignals
+    response: Signals
+    step: str  # the response's, for the history
     sampling: Sampling
     beside: bool
     doubts: tuple[OpticalFinding, ...]
     carrier_hz: float | None = None
-    offset_s: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +86,7 @@ def read_optical(calibration: CalibrationFile, folder: Path, where: str) -> Opti
         if error is not None:
             one, found = opened[index], made[index][0]
             if found.carrier is not None:
-                turned = Turned(one.optical, found.carrier)
+                turned = turned_back(one.optical, found.carrier)
                 one = replace(one, optical=turned, carrier_hz=found.summary.carrier_hz)
             choice = replace(choices[index], error=error.waves)
             made[index] = _record(one, seen[index], choice, setting, calibration, folder, moving=moving)
@@ -186,9 +157,10 @@ def _held(opened: Sequence[_Opened]) -> list[_Opened]:
     room, found = MOST_HELD, []
     for one in opened:
         signals = one.optical
-        if isinstance(signals, Decimated) and signals.samples <= room:
+        if signals.first_s > 0.0 and signals.samples <= room:
             with _named(one):
-                one = replace(one, optical=Held(signals.block(0, signals.samples), signals.rate_hz))
+                values = signals.block(0, signals.samples)
+            one = replace(one, optical=held(values, signals.rate_hz, signals.first_s))
             room -= signals.samples
         found.append(one)
     return found
@@ -210,7 +182,7 @@ def _named(one: _Opened) -> Iterator[None]:
 
 def _slower(one: _Opened, look: Survey) -> _Opened:
     found = None if look.whole else slower(one.optical)
-    return one if found is None else replace(one, optical=found, offset_s=found.first / one.optical.rate_hz)
+    return one if found is None else replace(one, optical=found)
 
 
 def _open(part: Part, name: str, calibration: CalibrationFile, section: InterferometerSection, folder: Path) -> _Opened:
@@ -222,8 +194,8 @@ def _open(part: Part, name: str, calibration: CalibrationFile, section: Interfer
     places = tuple(other.position_of(c, "[interferometer] columns") for c in section.columns)
     sampling = _sampling(part, calibration, main, at)
     optical_hz = _optical_rate(section, other, places, sampling, part)
-    optical = FileSignals(other, places, optical_hz, _kept(part, other.length(places[0]), optical_hz))
-    response = FileSignals(main, (at,), sampling.rate_hz, _kept(part, main.length(at), sampling.rate_hz))
+    optical = _of_file(other, places, optical_hz, part)
+    response = _of_file(main, (at,), sampling.rate_hz, part)
     beside = abs(optical_hz / sampling.rate_hz - 1.0) < SAME_RATE
     if beside and optical.samples != response.samples:
         raise InputError(
@@ -235,15 +207,27 @@ def _open(part: Part, name: str, calibration: CalibrationFile, section: Interfer
         )
     lasting = other.length(places[0]) / optical_hz, main.length(at) / sampling.rate_hz
     doubts = () if beside else clocks_apart(*lasting, name)
-    if section.carrier_hz is None:
-        return _Opened(part, name, optical, response, sampling, beside, doubts)
-    most = MOST_OF_SHOCK if part.entry.excitation == "shock" else MOST_OF_ALL
-    mixed = Baseband.around(optical, section.carrier_hz, sampling.rate_hz, part.where, most)
-    return _Opened(part, name, mixed, response, sampling, beside, doubts, mixed.carrier_hz, mixed.first / optical_hz)
+    carrier_hz = section.carrier_hz
+    if carrier_hz is not None:
+        most = MOST_OF_SHOCK if part.entry.excitation == "shock" else MOST_OF_ALL
+        optical, carrier_hz = mixed_down(optical, carrier_hz, sampling.rate_hz, part.where, most)
+    to = calibration.response
+    step = f"response: {main.file}, column {at + 1} × {to.scale!r} → {to.unit}"
+    return _Opened(part, name, optical, response, step, sampling, beside, doubts, carrier_hz)
 
 
-def _kept(part: Part, samples: int, rate_hz: float) -> slice:
-    return cut(samples, rate_hz, part.entry.start_s, part.entry.stop_s, part.where)
+def _of_file(source: ColumnFile, positions: tuple[int, ...], rate_hz: float, part: Part) -> Signals:
+    """Columns of a file, read block by block; a value that is not finite is refused."""
+    kept = cut(source.length(positions[0]), rate_hz, part.entry.start_s, part.entry.stop_s, part.where)
+
+    def block(start: int, stop: int) -> FloatArray:
+        values = source.block(positions, kept.start + start, kept.start + stop)
+        if not np.isfinite(np.sum(values)):
+            for position, column in zip(positions, values, strict=True):
+                source.require_finite(position, column, kept.start + start, REPAIR)
+        return values
+
+    return Signals(kept.stop - kept.start, rate_hz, block)
 
 
 def _sampling(part: Part, calibration: CalibrationFile, main: ColumnFile, at: int) -> Sampling:
@@ -290,10 +274,10 @@ def _record(
     every = max(every, least)
 
     def made(every: int) -> tuple[Demodulated, alignment.Aligned]:
-        alike = one.beside and one.offset_s == 0.0
+        alike = one.beside and one.optical.first_s == 0.0
         factor = every if alike else alignment.finer(one.optical.rate_hz, one.response.rate_hz / every)
         found = demodulate(one.optical, setting, look, choice, factor, one.name, near, top, one.carrier_hz)
-        aligned = alignment.together(found, one.optical, one.offset_s, one.response, every, setting.delay_s)
+        aligned = alignment.together(found, one.optical, one.response, every, setting.delay_s)
         return found, aligned.accelerated if moving else aligned
 
     found, aligned = made(every)
@@ -307,8 +291,7 @@ def _record(
     what = "acceleration in m/s²" if moving else "displacement in m"
     unsure = "" if setting.direction is not None else "; the direction is not stated: the sign of x is not known"
     history = (
-        f"response: {one.response.source.file}, column {one.response.positions[0] + 1} × {to_response.scale!r} → "
-        f"{to_response.unit}",
+        one.step,
         f"reference: {what} from the {setting.kind} signals, {one.optical.rate_hz:.9g} Hz, every {found.factor}"
         f"{unsure}",
         *one.part.other_file(folder),

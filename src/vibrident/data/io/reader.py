@@ -50,11 +50,7 @@ def open_columns(path: Path) -> ColumnFile:
 
 
 def sha256(path: Path) -> str:
-    """Return the hex digest of the bytes of a data file.
-
-    Raises:
-        InputError: the file cannot be read.
-    """
+    """Return the hex digest of the bytes of a data file. InputError: the file cannot be read."""
     try:
         with path.open("rb") as stream:
             return hashlib.file_digest(stream, "sha256").hexdigest()

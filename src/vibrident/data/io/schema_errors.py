@@ -16,11 +16,7 @@ _Document = TypeVar("_Document", bound=BaseModel)
 
 
 def validated(root: type[_Document], document: Mapping[str, Any], file: str, what: str = "calibration") -> _Document:
-    """The document of a ``what`` file, checked.
-
-    Raises:
-        InputError: a key is missing or unknown, or a value is not allowed.
-    """
+    """The document of a ``what`` file, checked. InputError: a key is missing or unknown, or a value is not allowed."""
     try:
         return root.model_validate(document)
     except ValidationError as error:

@@ -21,11 +21,7 @@ _NUMERIC = frozenset(
 
 
 def open_matlab_file(path: Path) -> ColumnFile:
-    """Open a MATLAB file of any version.
-
-    Raises:
-        InputError: the file is not a MATLAB file, or holds no plain numeric array.
-    """
+    """Open a MATLAB file of any version. InputError: the file is not a MATLAB file, or holds no plain numeric array."""
     import h5py
 
     return Hdf5File(path) if os.path.isfile(path) and h5py.is_hdf5(path) else MatlabFile(path)
