@@ -6,7 +6,7 @@ import contextlib
 import math
 import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,13 @@ from vibrident.data.io.toml_text import toml_entry, toml_section
 from vibrident.data.records import Calibration, Capability, FloatArray, Record, ResponseTable, SystematicEffect
 
 CALIBRATION_FILE = "calibration.toml"
+_TABLE_KEYS = {
+    "frequency": "frequency_hz",
+    "magnitude": "magnitude",
+    "phase": "phase_rad",
+    "magnitude_uncertainty": "magnitude_uncertainty",
+    "phase_uncertainty": "phase_uncertainty_rad",
+}
 _UNSAFE = re.compile(r"[^\w.+-]+")
 #: Devices of Windows, with any ending.
 _RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\.|$)", re.IGNORECASE)
@@ -42,7 +49,12 @@ def write_calibration(folder: str | os.PathLike[str], calibration: Calibration) 
     """
     target = Path(folder)
     _refuse_unwritable(calibration)
-    (files, tables), new = _data(calibration), not target.exists()
+    if calibration.table is not None:
+        files, tables = ["table.csv"], [_table_columns(calibration.table)]
+    else:
+        files = record_files([record.name for record in calibration.records])
+        tables = (_record_columns(record, calibration.quantity) for record in calibration.records)
+    new = not target.exists()
     try:
         target.mkdir(parents=True, exist_ok=True)
         with contextlib.ExitStack() as written:  # which renames the first one last
@@ -79,14 +91,6 @@ def _refuse_unwritable(calibration: Calibration) -> None:
             )
 
 
-def _data(calibration: Calibration) -> tuple[list[str], Iterator[dict[str, FloatArray]]]:
-    """Names of the data files, and the columns of each."""
-    if calibration.table is not None:
-        return ["table.csv"], iter([_table_columns(calibration.table)])
-    files = record_files([record.name for record in calibration.records])
-    return files, (_record_columns(record, calibration.quantity) for record in calibration.records)
-
-
 def record_files(records: list[str]) -> list[str]:
     """A unique CSV file name for each record, valid on every system."""
     stems: list[str] = []
@@ -101,27 +105,14 @@ def record_files(records: list[str]) -> list[str]:
 
 
 def _record_columns(record: Record, quantity: str) -> dict[str, FloatArray]:
-    columns = {"time_s": record.start_time_s + record.time_s}
-    if _has_reference(record):
-        assert record.reference is not None
-        columns[f"reference_{quantity}"] = record.reference
-    columns["response"] = record.response
-    return columns
-
-
-def _has_reference(record: Record) -> bool:
-    return record.reference is not None and record.excitation != "decay"
+    reference = None if record.excitation == "decay" else record.reference
+    columns = {"time_s": record.start_time_s + record.time_s, f"reference_{quantity}": reference}
+    return {name: values for name, values in columns.items() if values is not None} | {"response": record.response}
 
 
 def _table_columns(table: ResponseTable) -> dict[str, FloatArray]:
-    columns = {
-        "frequency_hz": table.frequency_hz,
-        "magnitude": table.magnitude,
-        "phase_rad": table.phase_rad,
-        "magnitude_uncertainty": table.magnitude_uncertainty,
-        "phase_uncertainty_rad": table.phase_uncertainty_rad,
-    }
-    return {name: values for name, values in columns.items() if values is not None}
+    """The columns that the table has, by their names in the file, which are those of its fields."""
+    return {name: values for name in _TABLE_KEYS.values() if (values := getattr(table, name)) is not None}
 
 
 def _write_columns(path: Path, columns: Mapping[str, FloatArray]) -> None:
@@ -140,12 +131,25 @@ def _toml(calibration: Calibration, files: list[str]) -> str:
         "standard_uncertainty": calibration.reference_standard_uncertainty,
     }
     response: dict[str, Any] = {"scale": 1.0, "unit": calibration.response_unit}
-    sections = [toml_section("sensor", {**calibration.sensor, "model": calibration.model})]
+    records = calibration.records
+    driven = [record for record in records if record.excitation != "decay"]
+    if driven:
+        full_scale = _common([record.reference_full_scale for record in driven], "reference_full_scale")
+        reference = {"column": f"reference_{calibration.quantity}", **reference, "full_scale": full_scale}
+    if records:
+        full_scale = _common([record.response_full_scale for record in records], "response_full_scale")
+        response = {"column": "response", **response, "full_scale": full_scale}
+    sections = [
+        toml_section("sensor", {**calibration.sensor, "model": calibration.model}),
+        toml_section("reference", reference),
+        toml_section("response", response),
+    ]
     if calibration.table is not None:
-        sections += [toml_section("reference", reference), toml_section("response", response)]
         sections.append(_table_section(calibration.table, files[0]))
     else:
-        sections += _record_sections(calibration, files, reference, response)
+        rate_hz = float(records[0].sampling_rate_hz)
+        sections.append(toml_section("sampling", {"rate_hz": rate_hz}))
+        sections += [toml_entry("records", _entry(*each, rate_hz)) for each in zip(records, files, strict=True)]
     sections += [toml_entry("uncertainty", _effect(effect)) for effect in calibration.effects]
     sections += [toml_entry("cmc", _capability(one)) for one in calibration.capabilities]
     if calibration.certificate:
@@ -172,36 +176,9 @@ def _capability(one: Capability) -> dict[str, Any]:
 
 
 def _table_section(table: ResponseTable, file: str) -> str:
-    keys = {
-        "frequency": "frequency_hz",
-        "magnitude": "magnitude",
-        "phase": "phase_rad",
-        "magnitude_uncertainty": "magnitude_uncertainty",
-        "phase_uncertainty": "phase_uncertainty_rad",
-    }
     written = _table_columns(table)
-    columns = {key: column for key, column in keys.items() if column in written}
+    columns = {key: column for key, column in _TABLE_KEYS.items() if column in written}
     return toml_section("table", {"file": file, **columns, "phase_unit": "rad"})
-
-
-def _record_sections(
-    calibration: Calibration, files: list[str], reference: dict[str, Any], response: dict[str, Any]
-) -> list[str]:
-    records = calibration.records
-    if any(_has_reference(record) for record in records):
-        reference = {"column": f"reference_{calibration.quantity}", **reference}
-    reference["full_scale"] = _common(
-        [r.reference_full_scale for r in records if _has_reference(r)], "reference_full_scale"
-    )
-    response = {"column": "response", **response}
-    response["full_scale"] = _common([r.response_full_scale for r in records], "response_full_scale")
-    rate = records[0].sampling_rate_hz
-    return [
-        toml_section("reference", reference),
-        toml_section("response", response),
-        toml_section("sampling", {"rate_hz": float(rate)}),
-        *(toml_entry("records", _entry(r, f, rate)) for r, f in zip(records, files, strict=True)),
-    ]
 
 
 def _entry(record: Record, file: str, common_rate_hz: float) -> dict[str, Any]:
