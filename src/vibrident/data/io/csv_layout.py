@@ -74,19 +74,14 @@ def is_number(cell: str, decimal: str) -> bool:
 
 
 def detect_layout(path: Path, file: str) -> CsvLayout:
-    """Find the layout of a text file from its first lines.
-
-    Raises:
-        InputError: the file cannot be read, is empty, is not text, or holds no rows of numbers.
-    """
+    """Find the layout of a text file from its first lines; InputError where it holds no rows of numbers."""
     try:
         with path.open("rb") as stream:
             head = stream.read(_HEAD_BYTES)
             whole = not stream.read(1)
     except OSError as error:
         raise unreadable(file, error, "a text file of columns") from error
-    lines, encoding = _head_lines(head, whole, file)
-    return _layout_of(lines, head, encoding, file)
+    return _layout_of(*_head_lines(head, whole, file), head, file)
 
 
 def too_long_a_line(file: str, line: int) -> InputError:
@@ -144,14 +139,18 @@ def _national(data: bytes) -> tuple[str, str]:
     return (text, "gb18030") if _CHINESE.search(text) else (data.decode("latin-1"), "latin-1")
 
 
-def _layout_of(lines: list[str], head: bytes, encoding: str, file: str) -> CsvLayout:
+def _layout_of(lines: list[str], encoding: str, head: bytes, file: str) -> CsvLayout:
     rows = [i for i, line in enumerate(lines) if line.strip() and not _is_comment(line)]
     sample = [lines[i] for i in rows[len(rows) // 2 :][-_SAMPLE_LINES:]]
     delimiter, decimal, fields = _dialect(sample, [lines[i] for i in rows])
     if decimal == "." and delimiter != ",":
         decimal = _decimal_of([lines[i] for i in rows], delimiter)
-    numeric = _numeric_columns([split_line(line, delimiter) for line in sample], fields, decimal)
-    first = next((i for i in rows if _has_number(split_line(lines[i], delimiter), fields, numeric, decimal)), None)
+    regular = [row for line in sample if len(row := split_line(line, delimiter)) == fields]
+    numeric = [n for n in range(fields) if 2 * sum(is_number(row[n], decimal) for row in regular) > len(regular)]
+    cells = {i: split_line(lines[i], delimiter) for i in rows}
+    first = next(
+        (i for i, row in cells.items() if len(row) == fields and any(is_number(row[n], decimal) for n in numeric)), None
+    )
     if first is None:
         raise InputError(
             "The file holds no rows of numbers.",
@@ -160,14 +159,14 @@ def _layout_of(lines: list[str], head: bytes, encoding: str, file: str) -> CsvLa
             where=f"{file}, first line: {lines[rows[0]].strip()[:60]!r}" if rows else file,
             remedy="export the data again; the file may hold the header alone",
         )
-    first = _behind_names([i for i in rows if i >= first], lines, delimiter, numeric, decimal)
-    cells = {i: split_line(lines[i], delimiter) for i in rows if i <= first}
-    _refuse_commas_of_two_kinds(cells, first, delimiter, fields, f"{file}, line {first + 1}")
+    first = _behind_names({i: row for i, row in cells.items() if i >= first}, numeric, decimal)
+    head_cells = [row for i, row in cells.items() if i < first]
+    _refuse_commas_of_two_kinds(head_cells, delimiter, fields, f"{file}, line {first + 1}")
     _refuse_mixed_first_row(cells[first], numeric, decimal, f"{file}, line {first + 1}")
-    data = (split_line(lines[i], delimiter) for i in rows if i >= first)
+    data = (row for i, row in cells.items() if i >= first)
     trailing = fields > 1 and all(len(row) != fields or row[-1] == "" for row in data)  # a separator at the end
     columns = fields - 1 if trailing else fields
-    names, units = _names(lines, first, cells, delimiter, columns)
+    names, units = _names(lines[:first], head_cells, delimiter, columns)
     offset = 0
     for _ in range(first):
         offset = head.index(b"\n", offset) + 1
@@ -217,17 +216,6 @@ def _decimal_of(lines: list[str], delimiter: str) -> str:
     return "," if commas > points else "."
 
 
-def _numeric_columns(rows: list[list[str]], fields: int, decimal: str) -> list[int]:
-    regular = [row for row in rows if len(row) == fields]
-    return [
-        column for column in range(fields) if 2 * sum(is_number(row[column], decimal) for row in regular) > len(regular)
-    ]
-
-
-def _has_number(row: list[str], fields: int, numeric: list[int], decimal: str) -> bool:
-    return len(row) == fields and any(is_number(row[column], decimal) for column in numeric)
-
-
 def _texts(row: list[str], numeric: list[int], decimal: str) -> list[int]:
     """Columns of numbers that hold text in this row."""
     return [
@@ -237,22 +225,20 @@ def _texts(row: list[str], numeric: list[int], decimal: str) -> list[int]:
     ]
 
 
-def _behind_names(rows: list[int], lines: list[str], delimiter: str, numeric: list[int], decimal: str) -> int:
+def _behind_names(rows: dict[int, list[str]], numeric: list[int], decimal: str) -> int:
     """The first data line: behind a row of names, if each line above has text among its numbers ("Channels, 2")."""
-    last: list[str] = []
-    for line in rows:
-        row = split_line(lines[line], delimiter)
-        if not _texts(row, numeric, decimal):
-            return line if last and len(_texts(last, numeric, decimal)) == len(numeric) else rows[0]
-        last = row
-    return rows[0]
+    last: list[int] = []
+    for line, row in rows.items():
+        texts = _texts(row, numeric, decimal)
+        if not texts:
+            return line if last and len(last) == len(numeric) else next(iter(rows))
+        last = texts
+    return next(iter(rows))
 
 
-def _refuse_commas_of_two_kinds(
-    cells: dict[int, list[str]], first: int, delimiter: str, fields: int, where: str
-) -> None:
+def _refuse_commas_of_two_kinds(above: list[list[str]], delimiter: str, fields: int, where: str) -> None:
     """Refuse rows with twice as many cells as names: commas are both decimal sign and delimiter."""
-    headers = [row for i, row in cells.items() if i < first and not any(is_number(cell, ".") for cell in row)]
+    headers = [row for row in above if not any(is_number(cell, ".") for cell in row)]
     names = len(headers[-1]) if headers else 0
     if delimiter == "," and names > 1 and fields == 2 * names:
         raise InputError(
@@ -278,7 +264,7 @@ def _refuse_mixed_first_row(row: list[str], numeric: list[int], decimal: str, wh
 
 
 def _names(
-    lines: list[str], first: int, cells: dict[int, list[str]], delimiter: str, columns: int
+    lines: list[str], cells: list[list[str]], delimiter: str, columns: int
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Take names and units from the lines above the data, a row of units below the names; or from the last comment."""
     without = ("",) * columns
@@ -289,20 +275,17 @@ def _names(
         trimmed = row[:-1] if len(row) == columns + 1 and row[-1].lower() in _NO_COLUMN else row
         return tuple(trimmed) if len(trimmed) == columns else None
 
-    above = [fitting(cells[i]) for i in sorted(cells) if i < first]
+    above = [fitting(row) for row in cells]
     if above and above[-1] is not None:
         names = above[-1]
-        if _is_units_row(names) and len(above) > 1 and above[-2] is not None:
+        filled = [cell for cell in names if cell]
+        units = bool(filled) and all(_UNIT.fullmatch(cell) for cell in filled)
+        if units and len(above) > 1 and above[-2] is not None:
             return above[-2], names
         return names, without
-    comments = [line for line in lines[:first] if _is_comment(line)]
+    comments = [line for line in lines if _is_comment(line)]
     if comments and not above:
         names = fitting(split_line(comments[-1].strip().lstrip("#% "), delimiter))
         if names is not None and (columns > 1 or names[0]) and not any(is_number(name, ".") for name in names):
             return names, without
     return without, without
-
-
-def _is_units_row(row: tuple[str, ...]) -> bool:
-    filled = [cell for cell in row if cell]
-    return bool(filled) and all(_UNIT.fullmatch(cell) for cell in filled)
