@@ -27,13 +27,10 @@ _REFERENCES = (
     (re.compile(r"disp|interferom|laser|weg", re.IGNORECASE), "displacement"),
 )
 #: Names of photodetector signals: cos and sin of the phase, each with the name of its partner.
-_DETECTORS = tuple(
-    (re.compile(first, re.IGNORECASE), re.compile(second, re.IGNORECASE))
-    for first, second in (
-        (r"(u|pd|det\w*?|photo\w*?|quad\w*?)[ _]?1", r"(u|pd|det\w*?|photo\w*?|quad\w*?)[ _]?2"),
-        (r"cos\w*", r"sin\w*"),
-        (r"i|in[ _-]?phase", r"q|quadrature"),
-    )
+_DETECTORS = (
+    (r"(u|pd|det\w*?|photo\w*?|quad\w*?)[ _]?1", r"(u|pd|det\w*?|photo\w*?|quad\w*?)[ _]?2"),
+    (r"cos\w*", r"sin\w*"),
+    (r"i|in[ _-]?phase", r"q|quadrature"),
 )
 _CARRIER = re.compile(r"hetero|beat|carrier", re.IGNORECASE)
 _RESPONSE = re.compile(
@@ -90,11 +87,7 @@ class Columns:
 
 
 def guess_columns(path: Path) -> Columns:
-    """Open a data file and guess the meaning of its columns from their names; its numbers are not read.
-
-    Raises:
-        InputError: the file cannot be opened.
-    """
+    """Open a data file and guess the meaning of its columns from their names; its numbers are not read."""
     source = open_columns(path)
     own = source.names
     columns = tuple(
@@ -124,8 +117,7 @@ def guess_columns(path: Path) -> Columns:
     if response is None and free:
         response = free[0]
     if reference is None and not detectors and len(free) > 1:
-        reference = free[0]
-        response = free[1]
+        reference, response = free[:2]
     unit, response_unit = _unit(names, reference), _unit(names, response)
     if table["frequency"] is not None and (per := _SENSITIVITY.fullmatch(_unit(names, table["magnitude"]))):
         response_unit, unit = per.groups()
@@ -172,16 +164,15 @@ def _reference(names: Sequence[str], positions: Sequence[int]) -> tuple[int | No
     for words, quantity in _REFERENCES:
         position = _first(names, positions, words)
         if position is not None:
-            more = [q for w, q in _REFERENCES if q and w.search(names[position])]
-            return position, quantity or (more[0] if more else None)
+            return position, quantity or next((q for w, q in _REFERENCES if q and w.search(names[position])), None)
     return None, None
 
 
 def _detectors(names: Sequence[str], positions: Sequence[int]) -> tuple[int, ...]:
     """Two signals in quadrature, one on a carrier, or none; only columns that can be chosen by their names."""
     plain = {p: _BRACKETS.sub("", names[p][:_LONGEST_NAME]).strip() for p in positions if names.count(names[p]) == 1}
-    for first, second in _DETECTORS:
-        pair = [next((p for p, name in plain.items() if words.fullmatch(name)), None) for words in (first, second)]
+    for both in _DETECTORS:
+        pair = [next((p for p, n in plain.items() if re.fullmatch(words, n, re.IGNORECASE)), None) for words in both]
         if pair[0] is not None and pair[1] is not None:
             return pair[0], pair[1]
     return tuple(p for p, name in plain.items() if _CARRIER.search(name))[:1]

@@ -19,26 +19,24 @@ def validated(root: type[_Document], document: Mapping[str, Any], file: str, wha
     """The document of a ``what`` file, checked. InputError: a key is missing or unknown, or a value is not allowed."""
     try:
         return root.model_validate(document)
-    except ValidationError as error:
-        raise _schema_error(error, root, file, what) from None
-
-
-def _schema_error(error: ValidationError, root: type[BaseModel], file: str, what: str) -> InputError:
-    """Return the InputError for the first finding in a ``what`` file; an unknown key precedes a missing one."""
-    findings = sorted(error.errors(), key=lambda finding: finding["type"] != "extra_forbidden")
-    finding = findings[0]
+    except ValidationError as error:  # an unknown key precedes a missing one
+        finding = min(error.errors(), key=lambda finding: finding["type"] != "extra_forbidden")
     if finding["type"] == "extra_forbidden":
-        return _unknown_key(finding, root, file)
+        raise _unknown_key(finding, root, file)
     if finding["type"] == "missing":
-        return _missing_key(finding, root, file)
-    return _bad_value(finding, root, file, what)
+        raise _missing_key(finding, root, file)
+    raise _bad_value(finding, root, file, what)
 
 
 def _unknown_key(finding: ErrorDetails, root: type[BaseModel], file: str) -> InputError:
     *parents, key = finding["loc"]
     section = _section_at(tuple(parents), root)
     keys = list(section.model_fields)
-    elsewhere = [_bracketed(name, field.annotation) for name, field in root.model_fields.items() if _knows(field, key)]
+    elsewhere = [
+        _bracketed(name, field.annotation)
+        for name, field in root.model_fields.items()
+        if (other := _section_of(field.annotation)) and key in other.model_fields
+    ]
     nearest = difflib.get_close_matches(str(key), keys, n=1, cutoff=0.0)[0]
     likely = difflib.SequenceMatcher(None, str(key), nearest).ratio() >= 0.75
     remedy = f"did you mean {nearest!r}?"
@@ -83,17 +81,14 @@ def _bad_value(finding: ErrorDetails, root: type[BaseModel], file: str, what: st
 
 def _known_part(location: tuple[Any, ...], root: type[BaseModel]) -> tuple[Any, ...]:
     """Drop pydantic's suffix for the branch of a union."""
-    known: list[Any] = []
     section: type[BaseModel] | None = root
-    for part in location:
+    for place, part in enumerate(location):
         if isinstance(part, int):
-            known.append(part)
             continue
         if section is None or part not in section.model_fields:
-            break
-        known.append(part)
+            return location[:place]
         section = _section_of(section.model_fields[part].annotation)
-    return tuple(known)
+    return location
 
 
 def _section_at(location: tuple[Any, ...], root: type[BaseModel]) -> type[BaseModel]:
@@ -107,15 +102,7 @@ def _section_at(location: tuple[Any, ...], root: type[BaseModel]) -> type[BaseMo
 def _section_of(annotation: Any) -> type[BaseModel] | None:
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
-    for argument in typing.get_args(annotation):
-        if (section := _section_of(argument)) is not None:
-            return section
-    return None
-
-
-def _knows(field: Any, key: Any) -> bool:
-    section = _section_of(field.annotation)
-    return section is not None and key in section.model_fields
+    return next((section for argument in typing.get_args(annotation) if (section := _section_of(argument))), None)
 
 
 def _bracketed(name: str, annotation: Any) -> str:

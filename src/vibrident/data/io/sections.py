@@ -14,7 +14,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from vibrident.base.errors import InputError
 from vibrident.data.effects import Capability, StatedKind, SystematicEffect
-from vibrident.data.interferometer.setting import Interferometer
+from vibrident.data.interferometer.setting import Interferometer, Kind
 
 
 class FileSection(BaseModel):
@@ -46,7 +46,7 @@ _SHORTEST, _LONGEST = 1e-7, 2e-5
 class InterferometerSection(FileSection):
     """[interferometer]: the photodetectors' signals and the displacement of one radian of phase."""
 
-    kind: Literal["quadrature", "heterodyne"]
+    kind: Kind
     columns: Annotated[list[Column], Field(min_length=1, max_length=2, description="a list of column numbers or names")]
     wavelength_m: Positive
     wavelength_relative_uncertainty: NotNegative = 0.0
@@ -64,11 +64,7 @@ class InterferometerSection(FileSection):
 
 
 def check_interferometer(section: InterferometerSection, reference: Collection[str], table: bool, where: str) -> None:
-    """Check the combination of the section's keys, with those of [reference], and whether there is a [table].
-
-    Raises:
-        InputError: they contradict each other.
-    """
+    """Refuse keys of the section, of [reference], or a [table] that contradict each other."""
     here = f"{where}, [interferometer]"
     if table:
         raise InputError(
@@ -121,9 +117,8 @@ def _require_light(wavelength_m: float, here: str) -> None:
 
 
 _EDGE = 1e-9  # relative width of the edge of a band
-_Row = Annotated[list[NotNegative], Field(min_length=2, max_length=2)]
 _Table = Annotated[
-    list[_Row],
+    list[Annotated[list[NotNegative], Field(min_length=2, max_length=2)]],
     Field(min_length=1, description="pairs of frequency in Hz and value, such as [[10, 0.002], [1000, 0.004]]"),
 ]
 
@@ -151,14 +146,19 @@ class UncertaintyEntry(FileSection):
     def effect(self) -> SystematicEffect:
         """The entry as the record of an effect."""
         freedom = math.inf if self.degrees_of_freedom is None else self.degrees_of_freedom
-        shape = _shape(self.table, self.from_hz, self.to_hz)
-        size = max((u for _, u in self.table), default=0.0) if self.table else float(self.standard_uncertainty or 0.0)
-        if not shape:
-            return SystematicEffect(self.source, self.kind, size, self.frequency_hz, freedom)
+        size = max(u for _, u in self.table) if self.table else float(self.standard_uncertainty or 0.0)
         scale = size if self.table and size else 1.0
-        change = {"gain": (1.0, 0.0), "phase": (0.0, -1.0)}[self.kind]
-        rows = tuple((f, change[0] * part / scale, change[1] * part / scale) for f, part in shape)
-        return SystematicEffect(self.source, self.kind, size, None, freedom, rows)
+        real, imaginary = (0.0, -1.0) if self.kind == "phase" else (1.0, 0.0)
+        rows = tuple((f, real * part / scale, imaginary * part / scale) for f, part in self._shape)
+        return SystematicEffect(self.source, self.kind, size, self.frequency_hz, freedom, rows)
+
+    @property
+    def _shape(self) -> list[tuple[float, float]]:
+        """Frequency and size of the rows of a table, or of a band of one; empty for neither."""
+        if self.table:
+            return [(float(f), float(u)) for f, u in self.table]
+        low = [] if self.from_hz is None else [(self.from_hz * (1.0 - _EDGE), 0.0), (self.from_hz, 1.0)]
+        return low + ([] if self.to_hz is None else [(self.to_hz, 1.0), (self.to_hz * (1.0 + _EDGE), 0.0)])
 
 
 class CapabilityEntry(FileSection):
@@ -175,26 +175,8 @@ class CapabilityEntry(FileSection):
         return Capability(self.quantity, self.expanded_uncertainty, self.from_hz or 0.0, self.to_hz or math.inf)
 
 
-def _shape(
-    table: Sequence[Sequence[float]] | None, low: float | None, high: float | None
-) -> tuple[tuple[float, float], ...]:
-    """Frequency and size of the rows of a table, or of a band of one; empty for neither."""
-    if table:
-        return tuple((float(f), float(u)) for f, u in table)
-    rows = []
-    if low is not None:
-        rows += [(low * (1.0 - _EDGE), 0.0), (low, 1.0)]
-    if high is not None:
-        rows += [(high, 1.0), (high * (1.0 + _EDGE), 0.0)]
-    return tuple(rows)
-
-
 def check_uncertainties(entries: Sequence[UncertaintyEntry], where: str) -> None:
-    """Check the combination of the keys of each entry.
-
-    Raises:
-        InputError: an entry has no size or two, or keys that its kind does not have.
-    """
+    """Refuse an entry that has no size or two, or keys that its kind does not have."""
     for number, entry in enumerate(entries, start=1):
         here = f"{where}, [[uncertainty]] entry {number}"
         if (entry.standard_uncertainty is None) == (entry.table is None):
@@ -238,20 +220,15 @@ def check_uncertainties(entries: Sequence[UncertaintyEntry], where: str) -> None
 def effects_at(
     entries: Sequence[UncertaintyEntry], temperatures_c: Sequence[float], where: str
 ) -> tuple[SystematicEffect, ...]:
-    """The effects that hold at all of these temperatures.
-
-    Raises:
-        InputError: an entry is for some temperatures, and none is stated, or some of them lie outside it.
-    """
+    """The effects that hold at all of these temperatures; InputError where an entry holds at some of them, or none is
+    stated."""
     found = []
     for number, entry in enumerate(entries, start=1):
-        if entry.from_c is None and entry.to_c is None:
-            found.append(entry.effect)
-            continue
         low = -math.inf if entry.from_c is None else entry.from_c
         high = math.inf if entry.to_c is None else entry.to_c
         inside = [low <= t <= high for t in temperatures_c]
-        if not inside or any(inside) != all(inside):
+        everywhere = low == -math.inf and high == math.inf
+        if not everywhere and (not inside or any(inside) != all(inside)):
             stated = ", ".join(f"{t:g}" for t in dict.fromkeys(temperatures_c)) or "none"
             raise InputError(
                 "A contribution holds at some temperatures, and those of the records do not decide whether it does.",

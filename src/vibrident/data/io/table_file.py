@@ -19,19 +19,15 @@ from vibrident.data.io.header_units import (
 from vibrident.data.io.reader import open_columns, sha256
 from vibrident.data.records import FloatArray, Provenance, ResponseTable
 
-_KEYS = ("frequency", "magnitude", "phase", "magnitude_uncertainty", "phase_uncertainty")
-_POSITIVE = frozenset({"frequency", "magnitude", "magnitude_uncertainty", "phase_uncertainty"})
+_KEYS = ("frequency", "magnitude", "phase", "magnitude_uncertainty", "phase_uncertainty")  # all positive but phase
 
 
 def read_table(calibration: CalibrationFile, folder: Path, where: str) -> ResponseTable:
-    """Read the tabulated response.
+    """Read the tabulated response; InputError where a column is missing or holds a value that cannot be used.
 
     Magnitude and its uncertainty are multiplied by [response] scale and divided by [reference] scale: response unit
-    per SI unit of the reference. Phase and its uncertainty become rad. Uncertainties are standard uncertainties (k = 1)
-    in the unit of their column.
-
-    Raises:
-        InputError: a column is missing or holds a value that cannot be used, or the scale is negative.
+    per SI unit of the reference. Phase and its uncertainty become rad. Uncertainties are standard ones (k = 1) in the
+    unit of their column.
     """
     section = calibration.table
     assert section is not None
@@ -60,8 +56,12 @@ def read_table(calibration: CalibrationFile, folder: Path, where: str) -> Respon
     }
     _check_headers(calibration, source, positions)
     columns = dict(zip(positions, source.load(tuple(positions.values())), strict=True))
-    if section.magnitude_unit == "dB":
-        columns = _from_decibels(columns)
+    if section.magnitude_unit == "dB":  # of levels and their standard uncertainties
+        columns["magnitude"] = 10.0 ** (columns["magnitude"] / 20.0)
+        if "magnitude_uncertainty" in columns:
+            columns["magnitude_uncertainty"] = (
+                columns["magnitude_uncertainty"] * columns["magnitude"] * np.log(10.0) / 20.0
+            )
     for key, values in columns.items():
         _check(key, values, source, positions[key])
     lengths = {key: values.size for key, values in columns.items()}
@@ -93,15 +93,6 @@ def read_table(calibration: CalibrationFile, folder: Path, where: str) -> Respon
     )
 
 
-def _from_decibels(columns: dict[str, FloatArray]) -> dict[str, FloatArray]:
-    """Level and its standard uncertainty in dB as magnitude and standard uncertainty."""
-    size = 10.0 ** (columns["magnitude"] / 20.0)
-    found = columns | {"magnitude": size}
-    if "magnitude_uncertainty" in columns:
-        found["magnitude_uncertainty"] = columns["magnitude_uncertainty"] * size * np.log(10.0) / 20.0
-    return found
-
-
 def _check_headers(calibration: CalibrationFile, source: ColumnFile, positions: dict[str, int]) -> None:
     """Check the units in the header against the calibration file; see header_units."""
     assert calibration.table is not None
@@ -127,8 +118,8 @@ def _times(values: FloatArray | None, factor: float) -> FloatArray | None:
 
 def _check(key: str, values: FloatArray, source: ColumnFile, position: int) -> None:
     source.require_finite(position, values, 0, "repair or remove that row")
-    bad = np.flatnonzero(values <= 0) if key in _POSITIVE else np.zeros(0, dtype=int)
-    if bad.size:
+    bad = np.flatnonzero(values <= 0)
+    if key != "phase" and bad.size:
         raise InputError(
             f"A value of {key} is not above zero.",
             expected="numbers above 0" + ('; for dB state magnitude_unit = "dB"' if key == "magnitude" else ""),

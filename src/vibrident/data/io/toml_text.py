@@ -20,17 +20,20 @@ _JOINED = re.compile(r"""(?:\.[ \t]*(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*){32}"""
 
 
 def read_toml(path: Path, what: str = "calibration") -> dict[str, Any]:
-    """The keys of a file; ``what`` names its kind in messages.
-
-    Raises:
-        InputError: the file cannot be read, is not TOML in UTF-8, or is too costly to parse.
-    """
+    """The keys of a file, of a kind that ``what`` names; InputError for none in UTF-8, or one too costly to parse."""
     kind = f"a {what} file (TOML)"
     require_regular(path, kind)
     try:
         with path.open("rb") as stream:
             text = stream.read(4 * MOST_BYTES + 4).decode("utf-8-sig")
-        _refuse_costly(text, what, str(path))
+        if len(text) > MOST_BYTES or (joined := _JOINED.search(text)):
+            raise InputError(
+                f"This is not a {what} file.",
+                expected=f"at most {MOST_BYTES} characters, and keys of one or two levels",
+                found=f"{len(text)} characters" if len(text) > MOST_BYTES else f"{joined.group()[:40]!r} and so on",
+                where=str(path),
+                remedy="name data files under [[records]] file, many of them with a glob",
+            )
         return tomllib.loads(text.replace("\r\n", "\n"))
     except OSError as error:
         raise unreadable(str(path), error, kind) from error
@@ -51,18 +54,6 @@ def read_toml(path: Path, what: str = "calibration") -> dict[str, Any]:
             where=f"{path}, line {line.group(1)}" if line else f"{path}, end of the file",
             remedy="correct that line" if path.suffix.lower() == ".toml" else f"name a {what} file (.toml)",
         ) from error
-
-
-def _refuse_costly(text: str, what: str, where: str) -> None:
-    """Refuse text that is too costly to parse and no such file."""
-    if len(text) > MOST_BYTES or (joined := _JOINED.search(text)):
-        raise InputError(
-            f"This is not a {what} file.",
-            expected=f"at most {MOST_BYTES} characters, and keys of one or two levels",
-            found=f"{len(text)} characters" if len(text) > MOST_BYTES else f"{joined.group()[:40]!r} and so on",
-            where=where,
-            remedy="name data files under [[records]] file, many of them with a glob",
-        )
 
 
 def toml_section(name: str, values: Mapping[str, Any]) -> str:
