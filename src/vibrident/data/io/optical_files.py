@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -50,8 +51,7 @@ class _Opened:
     carrier_hz: float | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class Optical:
+class Optical(NamedTuple):
     """What is read where an interferometer's signals are the reference."""
 
     records: tuple[Record, ...]
@@ -144,7 +144,8 @@ def _looked_at(opened: Sequence[_Opened], setting: Interferometer) -> tuple[list
     seen = [_surveyed(one) for one in opened]
     if setting.kind == "heterodyne":
         return opened, seen, [of_carrier(look, index) for index, look in enumerate(seen)]
-    slow = _held([_slower(one, look) for one, look in zip(opened, seen, strict=True)])
+    found = [None if look.whole else slower(one.optical) for one, look in zip(opened, seen, strict=True)]
+    slow = _held([replace(one, optical=to) if to else one for one, to in zip(opened, found, strict=True)])
     seen = [
         look if one is was else replace(_surveyed(one), at_limit=look.at_limit)
         for one, was, look in zip(slow, opened, seen, strict=True)
@@ -178,11 +179,6 @@ def _named(one: _Opened) -> Iterator[None]:
         yield
     except InputError as error:
         raise error.at(f"{one.part.where}, {error.where}") from None
-
-
-def _slower(one: _Opened, look: Survey) -> _Opened:
-    found = None if look.whole else slower(one.optical)
-    return one if found is None else replace(one, optical=found)
 
 
 def _open(part: Part, name: str, calibration: CalibrationFile, section: InterferometerSection, folder: Path) -> _Opened:

@@ -61,8 +61,7 @@ def read(path: str | os.PathLike[str]) -> Calibration:
         InputError: the file or the data cannot be used; the message says what, where and what to do.
     """
     file = Path(path)
-    where = str(file)
-    return calibration_of(read_calibration_file(file), file.parent, where)
+    return calibration_of(read_calibration_file(file), file.parent, str(file))
 
 
 def calibration_of(document: CalibrationFile, folder: Path, where: str) -> Calibration:
@@ -72,8 +71,7 @@ def calibration_of(document: CalibrationFile, folder: Path, where: str) -> Calib
     if document.interferometer is not None:
         from vibrident.data.io.optical_files import read_optical  # loads SciPy, which others do not need
 
-        optical = read_optical(document, folder, where)
-        records, quantity, unit, more = optical.records, optical.quantity, optical.unit, optical.effects
+        records, quantity, unit, more = read_optical(document, folder, where)
     else:
         unit = reference_unit(quantity, document.reference.unit, document.reference.scale, where)
         if document.table:

@@ -21,11 +21,7 @@ ROUNDED = 0.1
 
 
 def chunks(pieces: Iterator[bytes], wanted: Wanted, form: str, where: str) -> Iterator[Chunk]:
-    """Chunks of pieces of bytes; of each complete lines or frames, the rest with the next piece.
-
-    Raises:
-        InputError: the form is not known, or the bytes are not of it.
-    """
+    """Chunks of pieces of bytes; of each complete lines or frames, the rest with the next piece."""
     if form not in FORMS:
         raise unknown("The form of the samples is not known.", form, FORMS, where)
     decoder = _Lines(wanted, where) if form == "csv" else _Frames(wanted, where)
@@ -56,6 +52,14 @@ def _cut(columns: list[FloatArray], wanted: Wanted, position: int) -> Iterator[C
         yield Chunk(reference[first:last], response[first:last], stamped, clock, position=there)
 
 
+def _columns(wanted: Wanted) -> list[tuple[str, int | str | None]]:
+    """Key and column of reference, response and, where there is one, time."""
+    to = wanted.calibration
+    found = [("[reference] column", to.reference.column), ("[response] column", to.response.column)]
+    time = to.sampling.time_column
+    return found if time is None else [*found, ("[sampling] time_column", time)]
+
+
 class _Lines:
     """CSV: a first line that holds no numbers names the columns."""
 
@@ -63,10 +67,7 @@ class _Lines:
         self._where, self._line = where, 0
         self._separator: str | None = None
         self._positions: list[int] = []
-        to = wanted.calibration
-        self._wanted = [("[reference] column", to.reference.column), ("[response] column", to.response.column)]
-        if to.sampling.time_column is not None:
-            self._wanted.append(("[sampling] time_column", to.sampling.time_column))
+        self._wanted = _columns(wanted)
         # a file that is taken up again in its middle still has its names at its beginning
         self._resumed = wanted.position > 0
 
@@ -84,7 +85,7 @@ class _Lines:
             first, _, after = data.partition(b"\n")
             found = next((each for each in SEPARATORS if each in first), b"")
             self._separator = found.decode() or r"\s+"
-            fields = [f.strip().strip('"') for f in (first.decode("utf-8", "replace").split(found.decode() or None))]
+            fields = [f.strip().strip('"') for f in first.decode("utf-8", "replace").split(found.decode() or None)]
             named = not self._resumed and not all(_number(field) for field in fields)
             self._positions = [self._place(key, column, fields if named else []) for key, column in self._wanted]
             if named:
@@ -123,10 +124,7 @@ class _Frames:
     """Raw float32: as many channels as the largest column number."""
 
     def __init__(self, wanted: Wanted, where: str) -> None:
-        to = wanted.calibration
-        places = [to.reference.column, to.response.column]
-        if to.sampling.time_column is not None:
-            places.append(to.sampling.time_column)
+        places = [column for _, column in _columns(wanted)]
         if not all(isinstance(place, int) for place in places):
             raise InputError(
                 "Raw samples have no names of columns.",
