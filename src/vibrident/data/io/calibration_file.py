@@ -136,11 +136,7 @@ class CalibrationFile(FileSection):
 
 
 def read_calibration_file(path: Path) -> CalibrationFile:
-    """Read and check a calibration file.
-
-    Raises:
-        InputError: the file cannot be read, is not TOML, or its keys or values are not allowed.
-    """
+    """Read and check a calibration file; InputError where it is not TOML, or a key or value is not allowed."""
     return checked_calibration(read_toml(path), str(path))
 
 

@@ -164,28 +164,17 @@ class _Form(FileSection):
     certificate: CertificateSection = CertificateSection()
 
 
-_FILES = ("logo", "template", "before")
-
-
 @dataclass(frozen=True)
 class CertificateData:
-    """What was given for a certificate after the fit.
+    """What was given for a certificate after the fit."""
 
-    Attributes:
-        certificate: as [certificate] of a calibration file, plain values, dates as text.
-        sensor: further text of [sensor].
-        logo: file of the laboratory's logo (SVG, PNG or JPEG).
-        template: file of the laboratory's own typst template.
-        before: result.json of the calibration before an adjustment.
-        fonts: folder with further fonts.
-    """
-
+    # as [certificate] of a calibration file, plain values, dates as text
     certificate: Mapping[str, Any] = field(default_factory=dict)
-    sensor: Mapping[str, str] = field(default_factory=dict)
-    logo: Path | None = None
-    template: Path | None = None
-    before: Path | None = None
-    fonts: Path | None = None
+    sensor: Mapping[str, str] = field(default_factory=dict)  # further text of [sensor]
+    logo: Path | None = None  # file of the laboratory's logo (SVG, PNG or JPEG)
+    template: Path | None = None  # file of the laboratory's own typst template
+    before: Path | None = None  # result.json of the calibration before an adjustment
+    fonts: Path | None = None  # folder with further fonts
 
 
 def certificate_data(files: Sequence[str | os.PathLike[str]]) -> CertificateData:
@@ -201,7 +190,7 @@ def certificate_data(files: Sequence[str | os.PathLike[str]]) -> CertificateData
     for file in map(Path, files):
         found = validated(_CertificateFile, read_toml(file, "certificate"), str(file), "certificate")
         own = dict(found.certificate.stated())
-        for key in (*_FILES, "fonts"):
+        for key in ("logo", "template", "before", "fonts"):
             if key in own:
                 named[key] = _existing(file.parent / own.pop(key), key, str(file))
         stated |= own
@@ -215,11 +204,7 @@ def certificate_text(data: CertificateData) -> str:
 
 
 def certificate_section(values: Mapping[str, Any], where: str) -> Mapping[str, Any]:
-    """What a form was filled with, checked as [certificate] of a calibration file; ``where`` names the form.
-
-    Raises:
-        InputError: a key or value is not allowed.
-    """
+    """What a form was filled with, checked as [certificate] of a calibration file; ``where`` names the form."""
     return validated(_Form, {"certificate": dict(values)}, where, "certificate").certificate.stated()
 
 

@@ -21,19 +21,14 @@ from vibrident.base import extras, memory
 from vibrident.base.errors import InputError, did_you_mean
 from vibrident.data.records import FloatArray
 
-#: Most columns of a file.
-MOST_COLUMNS = 10_000
-#: Most characters of a line of text.
-LONGEST_LINE = 1 << 18
+MOST_COLUMNS = 10_000  # of a file
+LONGEST_LINE = 1 << 18  # most characters of a line of text
+_NAMES_IN_MESSAGE, _LONGEST_NAME = 12, 100  # more names are counted, longer ones cut
 _NUMBER_BYTES = 8
 
 
 def require_room(path: Path, numbers: int, number_bytes: int = _NUMBER_BYTES) -> None:
-    """Refuse to read more numbers, as declared, than a file of this size may hold.
-
-    Raises:
-        InputError: they are too many; or the environment variable of the limit is not a number.
-    """
+    """Refuse to read more numbers, as declared, than a file of this size may hold."""
     file_bytes = path.stat().st_size
     most = memory_for(file_bytes)
     needed = max(numbers, 0) * max(number_bytes, _NUMBER_BYTES)
@@ -48,11 +43,7 @@ def require_room(path: Path, numbers: int, number_bytes: int = _NUMBER_BYTES) ->
 
 
 def memory_for(file_bytes: int) -> float:
-    """Most bytes that the numbers of files of this size, together, may take.
-
-    Raises:
-        InputError: the environment variable of the limit is not a number.
-    """
+    """Most bytes that the numbers of files of this size may take; InputError where the environment's limit is none."""
     try:
         return memory.most_bytes(file_bytes)
     except ValueError as error:
@@ -75,11 +66,6 @@ def require_few(path: Path, columns: Sequence[object], what: str = "columns") ->
             where=str(path),
             remedy="export only the needed ones",
         )
-
-
-#: Most names in a message; the rest is counted.
-_NAMES_IN_MESSAGE = 12
-_LONGEST_NAME = 100
 
 
 @dataclass(frozen=True)
@@ -110,19 +96,12 @@ class ColumnFile(ABC):
     from 1, or a name) becomes a position through ``position_of``.
     """
 
-    #: True if names are paths, with a unit in the last part only.
-    names_are_paths = False
-    #: What the format calls a column.
-    word = "channel"
-    #: Columns that were read whole to give a part.
-    _kept: Mapping[int, FloatArray] = MappingProxyType({})
+    names_are_paths = False  # True for a unit in the last part only
+    word = "channel"  # what the format calls a column
+    _kept: Mapping[int, FloatArray] = MappingProxyType({})  # columns that were read whole to give a part
 
     def __init__(self, path: Path, channels: Sequence[Channel], refused: Mapping[str, str]) -> None:
-        """Take the usable columns, and the refused ones: name → reason.
-
-        Raises:
-            InputError: no column is usable, or there are too many.
-        """
+        """Take the usable columns, and the refused ones: name → reason; InputError for none or too many."""
         self._path = path
         self._channels = tuple(channels)
         self._refused = refused
@@ -177,12 +156,9 @@ class ColumnFile(ABC):
         return int(self._held([position])[0].shape[0])
 
     def block(self, positions: Sequence[int], start: int, stop: int) -> FloatArray:
-        """Samples of columns from ``start`` up to ``stop``, shape (columns, stop − start).
+        """Samples of columns from ``start`` up to ``stop``, shape (columns, stop − start); errors as ``load``.
 
         Formats that cannot read a part of a file keep all of it in memory.
-
-        Raises:
-            InputError: a column cannot be read as real numbers.
         """
         return np.stack([values[start:stop] for values in self._held(positions)])
 
@@ -197,16 +173,9 @@ class ColumnFile(ABC):
         return f"{self.file}, {self.word} {self.names[position]!r}, sample {row + 1}"
 
     def require_finite(self, position: int, values: FloatArray, first_row: int, remedy: str) -> None:
-        """Refuse a value that is missing, NaN or infinite.
+        """Refuse a value that is missing, NaN or infinite, with its place.
 
-        Args:
-            position: the column's position.
-            values: of it, shape (samples,).
-            first_row: row of the first value in the file, from 0.
-            remedy: what the user can do.
-
-        Raises:
-            InputError: a value is not finite; the message states which, and its place.
+        ``values``: of the column, shape (samples,); ``first_row``: row of the first in the file, from 0.
         """
         bad = np.flatnonzero(~np.isfinite(values))
         if bad.size:
@@ -220,14 +189,10 @@ class ColumnFile(ABC):
             )
 
     def position_of(self, column: int | str, key: str) -> int:
-        """Return the position of a column named in the calibration file.
+        """Return the position of a column that the calibration file names by number from 1, or name.
 
-        Args:
-            column: number from 1, or name.
-            key: the key that names it, such as "[response] column", for the message.
-
-        Raises:
-            InputError: the column does not exist or was refused, or the name is not unique.
+        ``key``: the key that names it, such as "[response] column", for the message. InputError where the column does
+        not exist or was refused, or the name is not unique.
         """
         where = f"{self.file}, asked for by {key}"
         wanted = self._plain_name(str(column))
@@ -295,11 +260,7 @@ class ColumnFile(ABC):
 
 
 def real_numbers(values: Any) -> FloatArray:
-    """Return values as float64 of shape (samples,), timestamps as seconds since the first.
-
-    Raises:
-        ValueError: they are not one real number a sample.
-    """
+    """Values as float64 of shape (samples,), timestamps as seconds since the first; ValueError for others."""
     array = np.asarray(values)
     if array.dtype.kind == "M":
         array = (array - array[:1]) / np.timedelta64(1, "s")  # subtracted first, to keep the digits of the seconds
@@ -311,20 +272,12 @@ def real_numbers(values: Any) -> FloatArray:
 
 
 def library(name: str, extra: str, path: Path) -> Any:
-    """Import a format's library, ``name``, which the extra ``extra`` of this package installs.
-
-    Raises:
-        InputError: it is not installed; ``path`` needs it.
-    """
+    """Import a format's library, ``name``, which the extra ``extra`` of this package installs and ``path`` needs."""
     return extras.library(name, extra, "This file format needs a library that is not installed.", str(path))
 
 
 def require_regular(path: Path, what: str) -> None:
-    """Refuse what may never end; for a missing file or a folder, the system's own error is clearer.
-
-    Raises:
-        InputError: the path is a device, a pipe or a socket.
-    """
+    """Refuse what may never end; for a missing file or a folder, the system's own error is clearer."""
     if os.path.exists(path) and not (os.path.isfile(path) or os.path.isdir(path)):
         raise InputError(
             "This is not a regular file.",
@@ -337,12 +290,9 @@ def require_regular(path: Path, what: str) -> None:
 
 @contextmanager
 def reading(path: Path, expected: str) -> Iterator[None]:
-    """Around the calls of a format's library: damaged files make them raise anything.
+    """Around the calls of a format's library: damaged files make them raise anything, which becomes InputError.
 
     The file is opened and closed first, because the system's error is clearer than a library's.
-
-    Raises:
-        InputError: the system or the library refuses the file.
     """
     try:
         path.open("rb").close()

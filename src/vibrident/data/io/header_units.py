@@ -30,13 +30,10 @@ PLAIN = str.maketrans({"²": "^2", "⁻": "-", "¹": "1", "·": "*", "⋅": "*",
 
 
 def reference_unit(quantity: str, unit: str, scale: float, where: str) -> str:
-    """Return the reference's unit after scaling.
+    """Return the reference's unit after scaling; InputError where ``unit`` and ``scale`` do not lead to it.
 
     A drive keeps its own unit. For the other quantities it is the SI unit: ``unit`` may name it, or, with a scale to
     SI, the unit in the file.
-
-    Raises:
-        InputError: ``unit`` belongs to another quantity, or is not SI while the scale is 1.
     """
     si = REFERENCE_UNITS[quantity]
     if quantity == "drive":
@@ -151,22 +148,14 @@ def header(source: ColumnFile, position: int) -> str:
 
 
 def seconds_per_unit(source: ColumnFile, position: int) -> float:
-    """Seconds per unit of a time column; 1 if its header states no unit.
-
-    Raises:
-        InputError: the header names a unit other than of time.
-    """
+    """Seconds per unit of a time column; 1 if its header states no unit; InputError for one other than of time."""
     if source.in_seconds(position):
         return 1.0
     return _own_unit(source, position, _SECONDS, "time_column", "seconds", "give rate_hz instead of time_column")
 
 
 def hertz_per_unit(source: ColumnFile, position: int) -> float:
-    """Hertz per unit of a frequency column; 1 if its header states no unit.
-
-    Raises:
-        InputError: the header names a unit other than of frequency.
-    """
+    """Hertz per unit of a frequency column; 1 if its header states no unit; InputError for one other than of that."""
     remedy = "write the frequencies in Hz, and Hz into the header"
     return _own_unit(source, position, _HERTZ, "[table] frequency", "Hz", remedy)
 
@@ -187,11 +176,7 @@ def is_time(name: str) -> bool:
 
 
 def require_phase_unit(source: ColumnFile, position: int, key: str, phase_unit: str) -> None:
-    """Check a column of phases, or of their uncertainties, against phase_unit.
-
-    Raises:
-        InputError: the header names another unit.
-    """
+    """Check that the header of phases, or of their uncertainties, names no other unit than phase_unit."""
     name = header(source, position)
     found = _spelling(name, _RADIANS)
     if found and _RADIANS.get(found) != _RADIANS[phase_unit]:
@@ -203,12 +188,10 @@ def require_phase_unit(source: ColumnFile, position: int, key: str, phase_unit: 
 def require_channel_unit(
     source: ColumnFile, position: int, key: str, *, unit: str, scale: float, quantity: Quantity | None = None
 ) -> None:
-    """Check a column of records against the section ``key`` of the calibration file.
+    """Check that the header of a column of records names no other quantity, nor a unit that needs another scale.
 
-    ``scale`` leads to ``unit`` ("": the quantity's own); ``quantity`` is that of the reference, None for the response.
-
-    Raises:
-        InputError: the header names another quantity, or a unit that needs another scale.
+    ``scale`` leads to ``unit`` ("": the quantity's own); ``quantity`` is that of the reference, None for the response;
+    ``key``: the section of the calibration file that states them.
     """
     found = unit_in_name(header(source, position))
     if not found:
@@ -230,9 +213,6 @@ def require_magnitude_unit(
     """Check a column of magnitudes, or of their uncertainties: not in dB or %, and in the stated unit.
 
     ``scale`` leads from the column to ``unit`` of the response per SI unit of the reference ``quantity``.
-
-    Raises:
-        InputError: the header contradicts this.
     """
     name = header(source, position)
     found = unit_in_name(name) or (name.rsplit("_", 1)[-1] if re.search(r"_(db|percent)$", name, re.IGNORECASE) else "")
@@ -257,11 +237,7 @@ def require_magnitude_unit(
 
 
 def require_response_unit(source: ColumnFile, position: int, key: str, unit: str, scale: float) -> None:
-    """Check the stated unit of a response or magnitude: charge is no voltage, nor is a converter's count, unscaled.
-
-    Raises:
-        InputError: the header names another unit, and nothing is said of how to convert it.
-    """
+    """Check the stated unit of a response or magnitude: charge is no voltage, nor is a converter's count, unscaled."""
     found, stated = unit_of_another_kind(source, position, unit), _base(unit)
     if found and abs(scale) == 1.0:
         remedy = f'set unit = "{found}"; or set scale to {unit} per {found}; or correct the header'
@@ -275,11 +251,7 @@ def unit_of_another_kind(source: ColumnFile, position: int, unit: str) -> str:
 
 
 def require_standard_uncertainty(source: ColumnFile, position: int, key: str) -> None:
-    """Check that a column of uncertainties is not of expanded ones, U = k u.
-
-    Raises:
-        InputError: its header names a coverage factor other than one, or says that they are expanded.
-    """
+    """Check that the header of a column of uncertainties does not say that they are expanded ones, U = k u."""
     name = _short(header(source, position))
     factor = _COVERAGE.search(name)
     if factor is not None and float(factor.group(1).replace(",", ".")) != 1.0:
@@ -330,7 +302,7 @@ def _short(name: str) -> str:
 def _known_elsewhere(found: str) -> bool:
     plain = found.lower()
     electric = any(_factor(found, unit) is not None for unit in ("V", "A", "C"))
-    return plain in _SECONDS or plain in _HERTZ or plain in _RADIANS or electric or quantity_of(found) is not None
+    return any(plain in units for units in (_SECONDS, _HERTZ, _RADIANS)) or electric or quantity_of(found) is not None
 
 
 def _factor(found: str, unit: str) -> float | None:
@@ -361,8 +333,7 @@ def _require_scale(
     """A scale of one, or one that converts g, must match the header; another may include an amplifier's gain."""
     if factor is None or math.isclose(abs(scale), factor, rel_tol=_SAME):
         return
-    conversion = any(math.isclose(abs(scale), known, rel_tol=_SAME) for known in (1.0, STANDARD_GRAVITY))
-    if conversion:
+    if any(math.isclose(abs(scale), known, rel_tol=_SAME) for known in (1.0, STANDARD_GRAVITY)):
         expected = f"a unit for scale = {scale!r} (to {unit})"
         remedy = f"set scale = {factor!r} for values in {found}; or correct the header"
         raise _contradiction(source, position, f"{key} scale", expected, found, remedy)

@@ -19,17 +19,11 @@ ENDINGS = (".csv", ".txt", ".tsv", ".dat", ".parquet", ".pq", ".xlsx")
 
 
 def read_signal(path: Path, column: str, time: str | None, rate_hz: float | None, scale: float) -> Record:
-    """A column of a table as a record without reference.
+    """A column of a table as a record without reference; InputError where nothing tells its sampling rate.
 
-    Args:
-        path: the table.
-        column: name, or number from 1, of the signal.
-        time: the same of the times, in s or the unit in its name; None for one whose name says so, if any.
-        rate_hz: samples per second, where there are no times and the file states no rate.
-        scale: response unit per unit of the column.
-
-    Raises:
-        InputError: a column is not there, or nothing tells the sampling rate.
+    ``column``: name, or number from 1, of the signal; ``time``: the same of the times, in s or the unit in its name,
+    None for one whose name says so, if any; ``rate_hz``: where there are no times and the file states no rate;
+    ``scale``: response unit per unit of the column.
     """
     source = open_columns(path)
     place = source.position_of(_key(column), "--column")
@@ -60,17 +54,11 @@ def _key(text: str) -> int | str:
 
 
 def with_columns(path: Path, target: Path, columns: Mapping[str, FloatArray]) -> Path:
-    """Write the table with further columns, in its own format; what it held stays as it was.
+    """Write the table with further columns into ``target``, in its own format; what it held stays as it was.
 
-    Args:
-        path: the table.
-        target: the file to write.
-        columns: heading to its values, one a row of the table.
-
-    Raises:
-        InputError: the table has another number of rows, or a column of that name.
+    ``columns``: heading to its values, one a row; InputError where the table has other rows, or such a column.
     """
-    names = set(open_columns(path).names)
+    names = open_columns(path).names
     for name in columns:
         if name in names:
             raise InputError(
@@ -80,8 +68,7 @@ def with_columns(path: Path, target: Path, columns: Mapping[str, FloatArray]) ->
                 where=str(path),
                 remedy="rename the column, or give the table as it was",
             )
-    ending = path.suffix.lower()
-    write = {".parquet": _parquet, ".pq": _parquet, ".xlsx": _excel}.get(ending, _text)
+    write = {".parquet": _parquet, ".pq": _parquet, ".xlsx": _excel}.get(path.suffix.lower(), _text)
     write(path, target, columns)
     return target
 

@@ -13,14 +13,10 @@ from vibrident.data.io.columns import Clock, ColumnFile
 from vibrident.data.io.header_units import header, is_time, seconds_per_unit, states_a_time_unit
 from vibrident.data.records import FloatArray
 
-#: Largest deviation of a time from its place, in sampling intervals; beyond, the record is interrupted.
-_TOLERANCE_SAMPLES = 0.5
-#: A cut this close to a sample, in sampling intervals, is at that sample; decimal fractions are not exact.
-_ROUNDING_SAMPLES = 1e-6
-#: Rates closer than this, relatively, are the same.
-SAME_RATE = 1e-9
-#: Largest relative difference of two clocks of a record: a computer's is right to 0.01 %.
-CLOCK_TOLERANCE = 2e-4
+# In sampling intervals: a time further from its place interrupts the record; a cut this close to a sample is at it.
+_TOLERANCE_SAMPLES, _ROUNDING_SAMPLES = 0.5, 1e-6
+SAME_RATE = 1e-9  # rates closer than this, relatively, are the same
+CLOCK_TOLERANCE = 2e-4  # largest relative difference of two clocks of a record: a computer's is right to 0.01 %
 _FEWEST_TIMES = 8
 _RATIOS_OF_UNITS = (1.0, 1e-3, 1e-6, 1e-9, 1e3, 1 / 60, 1 / 3600, 60.0, 3600.0)
 #: Channels may begin this far apart, in sampling intervals; 1 % is a phase error of 0.7° at a fifth of the rate.
@@ -39,12 +35,8 @@ class Sampling:
 def sampling_from_times(times_s: FloatArray, locate: Callable[[int], str]) -> Sampling:
     """Return the rate by linear regression over all times: rounding of single time stamps averages out.
 
-    Args:
-        times_s: shape (samples,), finite, s.
-        locate: description of a time's place, by its index.
-
-    Raises:
-        InputError: times do not increase, a gap exceeds half an interval, or the times leave a straight line.
+    ``times_s``: shape (samples,), finite; ``locate``: description of a time's place, by its index. InputError where
+    times do not increase, a gap exceeds half an interval, or they leave a straight line.
     """
     if times_s.size < 2:
         raise _uneven("A time column needs two rows or more.", f"{times_s.size} times", locate(0))
@@ -81,12 +73,9 @@ def _uneven(problem: str, found: str, where: str) -> InputError:
 
 
 def cut(samples: int, rate_hz: float, start_s: float | None, stop_s: float | None, where: str) -> slice:
-    """Return the samples with start_s ≤ t < stop_s, t counted from the file's first sample.
+    """Return the samples with start_s ≤ t < stop_s, t from the file's first sample; InputError where none are left.
 
     A stop beyond the end means the end.
-
-    Raises:
-        InputError: nothing is left.
     """
     stated = {"start_s": start_s, "stop_s": stop_s}
     first = 0 if start_s is None else math.ceil(start_s * rate_hz - _ROUNDING_SAMPLES)
@@ -107,15 +96,7 @@ def plainest_clock(interval_s: float, half_unit_s: float, start_ns: int | None =
 
     9.76562e-06 s in a file means some rate from 102399.99 to 102400.11 Hz; the plain reciprocal may be wrong by 5e-7.
     Of all numbers within the rounding, the one with the fewest digits is taken, as rate in Hz or interval in s, with
-    the rounding.
-
-    Args:
-        interval_s: the interval in the file, s.
-        half_unit_s: half a unit of its last place: largest rounding error, s.
-        start_ns: see Clock.
-
-    Raises:
-        ValueError: the interval is not above 0.
+    the rounding. ``half_unit_s``: half a unit of the interval's last place. ValueError for one that is not above 0.
     """
     if not (math.isfinite(interval_s) and interval_s > 0):
         raise ValueError(f"a sampling interval of {interval_s!r} s")
@@ -133,13 +114,7 @@ def clock_from_times(times_s: FloatArray, locate: Callable[[int], str]) -> Clock
     """Return the clock of samples with times: the rate by regression; None for fewer than two samples.
 
     Its rounding is a bound: rounded times change the slope by at most three largest deviations over the length.
-
-    Args:
-        times_s: shape (samples,), s.
-        locate: description of a time's place, by its index.
-
-    Raises:
-        InputError: the times are not evenly spaced; see sampling_from_times.
+    Arguments and errors as :func:`sampling_from_times`.
     """
     if times_s.size < 2:
         return None
@@ -152,13 +127,8 @@ def clock_from_times(times_s: FloatArray, locate: Callable[[int], str]) -> Clock
 def contradicting_rate(source: ColumnFile, used: Sequence[int], rate_hz: float) -> float | None:
     """Return the rate of the file's time column if it contradicts the rate in use; else None.
 
-    It needs one evenly spaced time column that is not a counter. If its name states no unit, a ratio between units of
-    time is not a contradiction.
-
-    Args:
-        source: the file.
-        used: positions of columns in use.
-        rate_hz: in use, samples per second.
+    It needs one evenly spaced time column, not ``used``, that is not a counter. If its name states no unit, a ratio
+    between units of time is not a contradiction.
     """
     names = [header(source, position) for position in range(len(source.names))]
     found = [position for position, name in enumerate(names) if is_time(name) and position not in used]
@@ -195,16 +165,8 @@ def agreed_rate(
 ) -> Clock | None:
     """Return the rate that the calibration file and the channels' files agree on; None if none is stated.
 
-    Each may differ by its own rounding; the least rounded one is taken.
-
-    Args:
-        stated_hz: rate_hz of the calibration file, if any.
-        channels: file and position of each channel.
-        where: the entry, for messages.
-        file: the record's file, for messages.
-
-    Raises:
-        InputError: two of them contradict each other.
+    Each may differ by its own rounding; the least rounded one is taken; InputError where two contradict each other.
+    ``channels``: file and position of each; ``where``, ``file``: the entry and the record's file, for messages.
     """
     agreed = None if stated_hz is None else Clock(stated_hz, SAME_RATE)
     whose = "the calibration file"
@@ -233,11 +195,7 @@ def agreed_rate(
 
 
 def require_same_start(first: tuple[ColumnFile, int], second: tuple[ColumnFile, int]) -> None:
-    """Refuse two channels that begin at different times: their phase would be wrong.
-
-    Raises:
-        InputError: they begin more than a hundredth of a sampling interval apart.
-    """
+    """Refuse two channels that begin more than a hundredth of a sampling interval apart: their phase would be wrong."""
     (one, at_one), (other, at_other) = first, second
     clock, other_clock = one.clock(at_one), other.clock(at_other)
     if type(one) is not type(other) or clock is None or other_clock is None:

@@ -26,11 +26,7 @@ _SPACE = 32
 
 
 def row_lines(path: Path, file: str, layout: CsvLayout) -> NDArray[np.int64]:
-    """Return the line number, from 1, of every row; blank lines are not rows. Shape (rows,).
-
-    Raises:
-        InputError: a row has more or fewer fields than the layout says.
-    """
+    """Line number, from 1, of every row, none of which is blank; InputError for one of other fields than the layout."""
     numbers: list[NDArray[np.int64]] = []
     line = layout.first_line
     with path.open("rb") as stream:
@@ -111,12 +107,9 @@ def _complete_rows(bytes_: NDArray[np.uint8], layout: CsvLayout) -> int:
     return len(rows) if np.all(rows[:, -1] == _NEWLINE) and np.all(rows[:, :-1] == delimiter) else 0
 
 
-#: Files up to this size are read without pandas, whose loading takes longer than reading many of them.
-LIGHT_BYTES = 1 << 20
-#: Bytes at the end of a file in which its last row is sought.
-TAIL_BYTES = 1 << 14
-#: Bytes of numbers and lines, beside delimiter and decimal sign.
-PLAIN = b"0123456789+-eE\n"
+LIGHT_BYTES = 1 << 20  # files up to this size are read without pandas: loading it takes longer
+TAIL_BYTES = 1 << 14  # at the end of a file, in which its last row is sought
+PLAIN = b"0123456789+-eE\n"  # numbers and lines, beside delimiter and decimal sign
 #: What pandas takes for a missing value.
 _NO_VALUE = frozenset(
     {

@@ -62,7 +62,6 @@ class ArrayFile(ColumnFile):
     """A file of named arrays; subclasses read them."""
 
     names_are_paths = True
-
     word = "array"
 
     def __init__(self, path: Path, columns: Sequence[ArrayColumn], refused: dict[str, str]) -> None:
@@ -86,8 +85,7 @@ class Hdf5File(ArrayFile):
 
     _file: Any = None
     _arrays: Mapping[str, Any] = MappingProxyType({})
-    #: Most values of a block for which there was room.
-    _roomy = 0
+    _roomy = 0  # most values of a block for which there was room
 
     def __init__(self, path: Path) -> None:
         import h5py

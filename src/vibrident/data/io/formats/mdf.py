@@ -47,11 +47,7 @@ class MdfFile(ColumnFile):
         super().__init__(path, channels, refused)
 
     def clock(self, position: int) -> Clock | None:
-        """Return the rate by regression over the time stamps of the channel's group.
-
-        Raises:
-            InputError: the time stamps have a gap, or the file is damaged.
-        """
+        """The rate by regression over the time stamps of the channel's group; InputError where they have a gap."""
         group, _ = self._channels[position].handle
         if group not in self._clocks:
             with self._opened() as file:
@@ -134,11 +130,7 @@ def _reason_against_conversion(conversion: Any, generation: int) -> str:
 
 
 def _refuse_formulas_of_time(file: Any, where: str) -> None:
-    """Time stamps are read with every channel, so theirs must be arithmetic in every group.
-
-    Raises:
-        InputError: a conversion is not arithmetic.
-    """
+    """Time stamps are read with every channel, so theirs must be arithmetic in every group."""
     for group, index in file.masters_db.items():
         channel = file.groups[group].channels[index]
         if reason := _reason_against_conversion(channel.conversion, _generation(file)):
