@@ -15,10 +15,8 @@ from scipy import fft
 from vibrident.data.interferometer.setting import BoolArray, FloatArray
 
 MOST = 1 << 16  # most samples of the fit
-ITERATIONS = 12  # Gauss–Newton steps of the frequency
 FEWEST_PERIODS = 0.9  # fewest periods
 SLOW = 1.0 / 3.0  # part of the sine's frequency below which motion is slow
-ROUNDS = 4  # rounds of the joint fit of slow motion and sine
 NEAR = 1.3  # an approximate frequency is right within this factor
 
 
@@ -62,12 +60,12 @@ def fit_sine(
     t = time - middle
     rows = np.empty((6, t.size))
     rows[2], rows[3] = 1.0, t / span
-    for _ in range(ITERATIONS):
+    for _ in range(12):  # steps of the frequency
         change = _turned(rows, seen, omega * t)
         omega += float(np.clip(change / span, -np.pi / span, np.pi / span))
         if abs(change) < 1e-9:
             break
-    found = _solved(rows[:4], seen)
+    found, *_ = np.linalg.lstsq(rows[:4].T, seen, rcond=None)
     mean = float(found[2] - found[3] * middle / span)
     angle = float(np.arctan2(-found[1], found[0]) - omega * middle)
     return Sine(float(np.hypot(found[0], found[1])), angle, omega / (2.0 * np.pi), mean, float(found[3]) / span)
@@ -85,14 +83,6 @@ def _turned(rows: FloatArray, seen: FloatArray, angle: FloatArray) -> float:
     along = normal @ slope
     size = float(slope @ along - along[:4] @ np.linalg.solve(linear, along[:4]))  # beside the linear rows
     return float(slope @ score - along[:4] @ found) / max(size, 1e-300)
-
-
-def _solved(design: FloatArray, seen: FloatArray) -> FloatArray:
-    """Least squares by normal equations, rows of the design of like size, with one step of refinement."""
-    size = np.sqrt(np.sum(design * design, axis=1)) + np.finfo(float).tiny
-    normal = design @ design.T / size[:, None] / size + 1e-14 * np.eye(design.shape[0])
-    found = np.linalg.solve(normal, design @ seen / size) / size
-    return found + np.linalg.solve(normal, design @ (seen - found @ design) / size) / size
 
 
 def peak(values: FloatArray, valid: BoolArray, rate_hz: float, near_hz: float | None = None) -> float:
@@ -126,7 +116,7 @@ def without_slow_motion(
     known = np.flatnonzero(valid)
     time = index / rate_hz
     slow = np.zeros(values.shape)
-    for _ in range(ROUNDS):
+    for _ in range(4):  # rounds of the joint fit
         wave = found.amplitude * np.cos(2.0 * np.pi * found.frequency_hz * time + found.angle)
         rest = np.interp(index, known, (values - wave)[known])
         parts = np.asarray(fft.dct(rest, type=2))

@@ -97,9 +97,7 @@ def survey(signals: Signals) -> Survey:
 
 def _require_two(points: FloatArray) -> None:
     size = np.std(points, axis=1)
-    alike = 1.0
-    if np.all(size > 0.0):
-        alike = abs(float(np.asarray(np.corrcoef(points))[0, 1]))
+    alike = abs(float(np.asarray(np.corrcoef(points))[0, 1])) if np.all(size > 0.0) else 1.0
     if alike > ALIKE:
         dead = [f"signal {i + 1} is constant" for i in range(2) if not size[i] > 0.0]
         raise InputError(
@@ -221,12 +219,9 @@ def _knots(blocks: Sequence[FloatArray], middles: Sequence[float], whole: Ellips
 def _covered(ellipse: Ellipse, points: FloatArray) -> float:
     v = ellipse.round(points[:, sound(ellipse, points)])
     counts, _ = np.histogram(np.arctan2(v[1], v[0]), bins=PARTS, range=(-np.pi, np.pi))
-    empty = np.concatenate([counts == 0, counts == 0])
-    longest = run = 0
-    for value in empty.tolist():
-        run = run + 1 if value else 0
-        longest = max(longest, run)
-    return 2.0 * np.pi * (1.0 - min(longest, PARTS) / PARTS)
+    filled = np.flatnonzero(counts)
+    longest = np.max(np.diff(filled, append=filled[:1] + PARTS) - 1, initial=0) if filled.size else PARTS
+    return float(2.0 * np.pi * (1.0 - longest / PARTS))
 
 
 def _scaled(ellipse: Ellipse, centre: FloatArray, scale: FloatArray) -> Ellipse:
