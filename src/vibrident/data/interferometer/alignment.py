@@ -149,7 +149,6 @@ def _whole(displacement: FloatArray, values: FloatArray, valid: BoolArray, rate:
             where="[interferometer]",
             remedy="record for longer, or check rate_hz and delay_s",
         )
-    count = (
-        fft.prev_fast_len(displacement.shape[0]) or displacement.shape[0]
-    )  # a few samples less, and every transform is quick
+    # a few samples less, and every transform is quick
+    count = fft.prev_fast_len(displacement.shape[0]) or displacement.shape[0]
     return Aligned(displacement[:count], values[:count], valid[:count], rate, start)

@@ -14,8 +14,7 @@ from vibrident.base.errors import InputError
 from vibrident.data.interferometer.decimation import HALF, PASS, at_lower_rate, filtered, taps
 from vibrident.data.interferometer.setting import FloatArray, Signals
 
-PIECES = 48  # pieces of the signal in which the carrier is searched
-PIECE = 8192  # samples of a piece
+PIECE = 8192  # samples of each of 48 pieces in which the carrier is searched
 PART = 1e-4  # the carrier's band is above this part of the largest line
 FLOOR = 45.0  # it is also above this multiple of the floor …
 QUIET = 0.05  # … which is this quantile of the spectrum: a wide band fills most of it
@@ -48,7 +47,7 @@ def mixed_down(raw: Signals, near_hz: float, response_hz: float, where: str, mos
         )
     room = ROOM * min(near_hz, half - near_hz)
     length = min(PIECE, raw.samples)
-    starts = np.linspace(0, raw.samples - length, PIECES).astype(int)
+    starts = np.linspace(0, raw.samples - length, 48).astype(int)
     pieces = np.stack([raw.block(int(s), int(s) + length)[0] for s in starts], dtype=float)
     power = np.abs(np.fft.rfft((pieces - pieces.mean(axis=1, keepdims=True)) * np.blackman(pieces.shape[1]))) ** 2
     low, high = _band(np.max(power, axis=0), raw.rate_hz, near_hz, room, where)

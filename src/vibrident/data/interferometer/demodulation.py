@@ -22,8 +22,6 @@ from vibrident.data.interferometer.survey import Survey
 MOST_LEFT_OUT = 0.5  # largest part of a record that may be left out
 MOST_GAPS = 400  # most gaps that are examined one by one
 EXCERPT = 2000  # samples of the excerpt
-POINTS = 4000  # points kept for pictures
-CARRIER_ROUNDS = 4  # rounds of the fits of carrier and sine
 NEARLY_TOO_FAST = 2.3  # where the phase jumps, a larger change elsewhere means that turns are missed there too
 
 
@@ -107,7 +105,7 @@ def demodulate(
         path.counted,
         path.by_phase,
         choice.ellipse.radial_noise,
-        seen.points[:, :: max(seen.points.shape[1] // POINTS, 1) | 1],
+        seen.points[:, :: max(seen.points.shape[1] // 4000, 1) | 1],  # enough for pictures
         *_excerpt(position / signals.rate_hz, values * setting.metres_per_radian, valid, near_hz),
         carrier_hz,
         () if around is None else tuple((n, *around.amplitude(i)) for i, n in enumerate(effects.ORDERS)),
@@ -181,7 +179,7 @@ def _without_carrier(
     design = np.stack([np.ones_like(t), t, 1.5 * t * t - 0.5], axis=1)
     time = np.arange(values.shape[0]) / rate
     wave, total = np.zeros(values.shape), np.zeros(3)
-    for _ in range(1 if near_hz is None else CARRIER_ROUNDS):
+    for _ in range(1 if near_hz is None else 4):
         found, *_ = np.linalg.lstsq(design[valid], (values - wave)[valid], rcond=None)
         values = values - design @ found
         total += found

@@ -22,7 +22,7 @@ import numpy as np
 from scipy import fft
 from scipy.special import j1
 
-from vibrident.data.effects import SystematicEffect
+from vibrident.data.effects import EffectKind, SystematicEffect
 from vibrident.data.interferometer.decimation import PASS
 from vibrident.data.interferometer.ellipse import Ellipse
 from vibrident.data.interferometer.phase import ORDERS, TURN, Path, unwrapped, waves
@@ -48,12 +48,8 @@ _OF_ELLIPSE = np.array([
     [0.0, 0.0, 0.0, 0.0, 0.0],
     [0.0, 0.0, 0.0, 0.0, 0.0],
 ])  # fmt: skip
-BANDS = 16  # bands of motion that is not a sine
 MOST = 1 << 18  # most samples used
-MOST_PATTERNS = 24  # most patterns that are kept, the largest ones
 NEGLIGIBLE = 0.05  # a pattern below this part of the noise of its points is dropped
-SOURCE = "ellipse of the interferometer"
-CYCLIC = "cyclic error of the interferometer"
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,13 +126,11 @@ def cyclic_error(
     return Cyclic(found, inverse @ spread @ inverse, len(left) - 7.0, allowed)
 
 
-def together(found: Sequence[Cyclic]) -> Cyclic | None:
-    """The mean of several records, weighted by their covariances; None without records.
+def together(found: Sequence[Cyclic]) -> Cyclic:
+    """The mean of several records, weighted by their covariances.
 
     Its covariance is that of their scatter, if they scatter by more than theirs.
     """
-    if not found:
-        return None
     weights = [np.linalg.inv(one.covariance) for one in found]
     covariance = np.linalg.inv(np.sum(weights, axis=0))
     mean = covariance @ np.sum([w @ one.waves for w, one in zip(weights, found, strict=True)], axis=0)
@@ -147,11 +141,12 @@ def together(found: Sequence[Cyclic]) -> Cyclic | None:
     return Cyclic(mean, covariance * max(scatter, 1.0), best.freedom, by_ellipse)
 
 
-def significant(found: Sequence[Cyclic]) -> Cyclic | None:
+def significant(found: Sequence[Cyclic | None]) -> Cyclic | None:
     """The cyclic error of a set-up in the orders that are significant over all its records; None without any."""
-    whole = together(found)
-    if whole is None:
+    measured = [one for one in found if one is not None]
+    if not measured:
         return None
+    whole = together(measured)
     there = np.repeat([whole.rarity(i) < CHANCE for i in range(len(ORDERS))], 2)
     if not there.any():
         return None
@@ -192,7 +187,7 @@ def of_motion(phase: FloatArray, valid: BoolArray, rate_hz: float) -> tuple[Floa
     window = np.hanning(count) if count > 64 else np.ones(count)
     reference = np.asarray(fft.rfft((phase - phase.mean()) * window))
     lines = np.arange(reference.shape[0]) * rate_hz / count
-    edges = np.geomspace(max(lines[1], 1e-5 * rate_hz), 0.45 * rate_hz, BANDS + 1)
+    edges = np.geomspace(max(lines[1], 1e-5 * rate_hz), 0.45 * rate_hz, 17)  # of 16 bands
     found = waves(phase)
     errors = np.asarray(fft.rfft((found - found.mean(axis=1, keepdims=True)) * window, axis=1))
     frequencies, columns = [], []
@@ -216,15 +211,20 @@ def effects(
     found = []
     for group in dict.fromkeys(answer.group for answer in answers):
         members = [(answer, answer.relative) for answer in answers if answer.group == group]
-        found += _patterns(SOURCE, "ellipse", members, members[0][0].covariance, grid)
+        found += _patterns("ellipse of the interferometer", "ellipse", members, members[0][0].covariance, grid)
     for some, covariance in cyclic:
-        found += _patterns(CYCLIC, "cyclic", [(answer, answer.harmonics) for answer in some], covariance, grid)
+        members = [(answer, answer.harmonics) for answer in some]
+        found += _patterns("cyclic error of the interferometer", "cyclic", members, covariance, grid)
     found.sort(key=lambda item: -item[0])
-    return tuple(effect for _, effect in found[:MOST_PATTERNS])
+    return tuple(effect for _, effect in found[:24])  # the largest ones
 
 
 def _patterns(
-    source: str, kind: str, members: Sequence[tuple[Answer, np.ndarray]], covariance: FloatArray, grid: FloatArray
+    source: str,
+    kind: EffectKind,
+    members: Sequence[tuple[Answer, np.ndarray]],
+    covariance: FloatArray,
+    grid: FloatArray,
 ) -> list[tuple[float, SystematicEffect]]:
     """Independent effects of amplitudes with a covariance, with their size over the noise; not negligible ones.
 
@@ -246,7 +246,7 @@ def _patterns(
 
 
 def _pattern(
-    source: str, kind: str, parts: Sequence[tuple[FloatArray, np.ndarray]], grid: FloatArray
+    source: str, kind: EffectKind, parts: Sequence[tuple[FloatArray, np.ndarray]], grid: FloatArray
 ) -> SystematicEffect:
     """An effect with a tabulated pattern: zero at the frequencies of other records."""
     values = np.zeros(grid.shape, dtype=complex)
@@ -260,4 +260,4 @@ def _pattern(
     shape = tuple(
         (float(f), float(v.real) / largest, float(v.imag) / largest) for f, v in zip(grid, values, strict=True)
     )
-    return SystematicEffect(source, kind, largest, pattern=shape)  # type: ignore[arg-type]
+    return SystematicEffect(source, kind, largest, pattern=shape)

@@ -27,7 +27,6 @@ from vibrident.data.interferometer.setting import FloatArray
 PRIOR = 0.25  # standard deviation of the prior of log(B/A) and of ε (rad)
 LEAST_PART = 0.02  # least part of a direction's apparent information that is taken for real, the rest being noise
 LEAST_SHOWN = 0.08  # an ellipse is not determined where this part is smaller
-ITERATIONS = 100  # most iterations of the fit
 TOLERANCE = 1e-9  # length of a step, relative to the amplitudes, that ends them
 LONGEST_STEP = 0.3  # longest step
 FURTHEST = 10.0  # largest change of the area from the start; beyond it the samples do not determine the ellipse
@@ -155,7 +154,7 @@ def fit(blocks: Sequence[FloatArray], start: Ellipse) -> Ellipse | None:
     """
     whole = np.sum(blocks, axis=0)
     ellipse, found = replace(start, noise=_noise(whole, start)), False
-    for _ in range(ITERATIONS):
+    for _ in range(100):
         try:
             step, *_ = _step(whole, ellipse)
         except linalg.LinAlgError:  # the samples lie on a line, or nearly

@@ -31,8 +31,6 @@ WHOLE = 0.12  # largest distance of the step from a whole number of turns, turns
 SURE = 0.08  # largest uncertainty of the step, turns
 ROUGH = 2.0  # largest rms of the residual over the noise
 TURN = 2.0 * np.pi
-
-
 ORDERS = (1, 2, 4)  # orders of the cyclic error: harmonics of the phase
 
 

@@ -12,8 +12,7 @@ from vibrident.data.interferometer.sine import peak
 
 PIECE = 1 << 20  # samples in which a sine is looked for first
 PERIODS = 3.0  # fewest periods in them; otherwise more samples are taken
-MEANS = 1 << 14  # means made from them
-LINES = 1 << 14  # most samples of a spectrum
+MEANS = 1 << 14  # means made from them; also the most samples of a spectrum
 SPECTRA = 8  # fewest spectra, half overlapping, less one: of fewer, a line of noise stands out by chance
 SMOOTH = 5  # lines that are averaged
 ABOVE = 6.0  # motion is above this multiple of the floor
@@ -71,7 +70,7 @@ def _piece(signals: Signals, samples: int) -> Signals:
 def _highest(values: FloatArray, spoilt: BoolArray, rate_hz: float) -> float:
     """Frequency up to which signals, shape (signals, n), stand above the noise, Hz."""
     samples = values.shape[1]
-    length = max(min(samples // SPECTRA, LINES), min(samples, 64))
+    length = max(min(samples // SPECTRA, MEANS), min(samples, 64))
     starts = np.linspace(0, samples - length, max(2 * samples // length - 1, 1)).astype(int)
     starts = np.array([s for s in starts if not spoilt[s : s + length].any()] or starts)
     window, line = np.blackman(length) ** 2, np.stack([np.ones(length), np.linspace(-1.0, 1.0, length)])

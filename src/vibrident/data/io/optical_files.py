@@ -101,10 +101,10 @@ def read_optical(calibration: CalibrationFile, folder: Path, where: str) -> Opti
 def _cyclic_errors(made: Sequence[Demodulated], setting: Interferometer) -> list[Cyclic | None]:
     """The significant cyclic error of each record: one of the set-up, or its own beside a carrier, whose phase begins
     anew in every record."""
-    measured = [[] if found.answer.cyclic is None else [found.answer.cyclic] for found in made]
+    measured = [found.answer.cyclic for found in made]
     if setting.kind == "quadrature":
-        return [significant([one for some in measured for one in some])] * len(made)
-    return [significant(some) for some in measured]
+        return [significant(measured)] * len(made)
+    return [significant([one]) for one in measured]
 
 
 def _left_of(
@@ -128,14 +128,12 @@ def _left_of(
 
 
 def _stated_effects(setting: Interferometer) -> list[SystematicEffect]:
-    found = []
-    if setting.wavelength_relative_uncertainty > 0:
-        u = setting.wavelength_relative_uncertainty
-        found.append(SystematicEffect("wavelength of the interferometer", "gain", u))
-    if setting.delay_standard_uncertainty_s > 0:
-        u = setting.delay_standard_uncertainty_s
-        found.append(SystematicEffect("delay of the interferometer", "timing", u))
-    return found
+    wavelength, delay_s = setting.wavelength_relative_uncertainty, setting.delay_standard_uncertainty_s
+    found = [
+        SystematicEffect("wavelength of the interferometer", "gain", wavelength),
+        SystematicEffect("delay of the interferometer", "timing", delay_s),
+    ]
+    return [effect for effect in found if effect.standard_uncertainty > 0]
 
 
 def _looked_at(opened: Sequence[_Opened], setting: Interferometer) -> tuple[list[_Opened], list[Survey], list[Choice]]:
@@ -188,7 +186,12 @@ def _open(part: Part, name: str, calibration: CalibrationFile, section: Interfer
     assert column is not None  # checked with the calibration file
     at = main.position_of(column, "[response] column")
     places = tuple(other.position_of(c, "[interferometer] columns") for c in section.columns)
-    sampling = _sampling(part, calibration, main, at)
+    time = calibration.sampling.time_column
+    if time is not None and part.entry.rate_hz is None:
+        place = main.position_of(time, "[sampling] time_column")
+        sampling = timed(main, place, *main.load([place]))
+    else:
+        sampling = stated_sampling(part, calibration, [(main, at)])
     optical_hz = _optical_rate(section, other, places, sampling, part)
     optical = _of_file(other, places, optical_hz, part)
     response = _of_file(main, (at,), sampling.rate_hz, part)
@@ -224,14 +227,6 @@ def _of_file(source: ColumnFile, positions: tuple[int, ...], rate_hz: float, par
         return values
 
     return Signals(kept.stop - kept.start, rate_hz, block)
-
-
-def _sampling(part: Part, calibration: CalibrationFile, main: ColumnFile, at: int) -> Sampling:
-    entry, column = part.entry, calibration.sampling.time_column
-    if column is not None and entry.rate_hz is None:
-        place = main.position_of(column, "[sampling] time_column")
-        return timed(main, place, *main.load([place]))
-    return stated_sampling(part, calibration, [(main, at)])
 
 
 def _optical_rate(
