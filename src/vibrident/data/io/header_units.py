@@ -105,7 +105,6 @@ _SYMBOLS = {
     "м/с²": "m/s^2", "м/с^2": "m/s^2", "м/с2": "m/s^2",
 }  # fmt: skip
 _WIDE_SIGNS = str.maketrans("（）［］【】｛｝＜＞／", "()[][]{}<>/")
-_PREFIXES = {"n": 1e-9, "u": 1e-6, "m": 1e-3, "": 1.0, "k": 1e3}
 _COUNTED = frozenset({"samples", "sample", "ticks", "tick", "counts", "count", "points", "point", "index", "smp", "#"})
 _BRACKETS = re.compile(r"[\[(<{]\s*(.+?)\s*[\])>}]\s*$")
 _AFTER_SLASH = re.compile(r"^[^/\[(]*[\w)\]]\s*/\s*(\(.+\)|.+)$")
@@ -117,7 +116,12 @@ _TIMES = frozenset(
     {"t", "time", "times", "timestamp", "zeit", "seconds", "second", "sec", "elapsed", "elapsed time", "relative time",
      "时间", "時間", "时刻", "время", "temps", "tiempo", "tempo"}
 )  # fmt: skip
-_BASES = ("V", "A", "C", "m/s^2", "m/s", "m")
+#: A unit to what it is a multiple of, and the factor.
+_MULTIPLES = {
+    prefix + base: (base, factor)
+    for base in ("V", "A", "C", "m/s^2", "m/s", "m")
+    for prefix, factor in {"p": 1e-12, "n": 1e-9, "u": 1e-6, "m": 1e-3, "": 1.0, "k": 1e3}.items()
+}
 #: Of a response; metres in a name may be of what it is per, "S in V/(m/s²)".
 _ELECTRIC = ("V", "A", "C", "counts")
 #: Numbers of an analogue-to-digital converter.
@@ -307,16 +311,8 @@ def _known_elsewhere(found: str) -> bool:
 
 def _factor(found: str, unit: str) -> float | None:
     """The found unit in terms of the stated one; None if they are not multiples of one unit."""
-    found, unit = (text.translate(PLAIN).strip("()") for text in (found, unit))
-    for base in _BASES:
-        multiples = _multiples(base)
-        if found in multiples and unit in multiples:
-            return multiples[found] / multiples[unit]
-    return None
-
-
-def _multiples(base: str) -> dict[str, float]:
-    return {prefix + base: factor for prefix, factor in _PREFIXES.items()} | {"p" + base: 1e-12}
+    (base, factor), (other, stated) = (_MULTIPLES.get(u.translate(PLAIN).strip("()"), ("", 1.0)) for u in (found, unit))
+    return factor / stated if base and base == other else None
 
 
 def _base(unit: str) -> str:
@@ -324,7 +320,7 @@ def _base(unit: str) -> str:
     unit = unit.translate(PLAIN).strip("()")
     if unit.lower() in _CODES:
         return "counts"
-    return next((base for base in _BASES if unit in _multiples(base)), "")
+    return _MULTIPLES.get(unit, ("", 1.0))[0]
 
 
 def _require_scale(
