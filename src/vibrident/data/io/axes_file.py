@@ -44,7 +44,7 @@ def read_axes(path: str | os.PathLike[str]) -> AxesCalibration:
     responses = _by_axis(document.get("response"), "[[response]]", where)
     several = isinstance(document.get("reference"), list)
     references = _by_axis(document["reference"], "[[reference]]", where) if several else {}
-    single = dict(document.get("reference") or {}) if not several else {}
+    single = {} if several else dict(document.get("reference") or {})
     purity = single.pop("transverse_motion", 0.0)
     if isinstance(purity, bool) or not isinstance(purity, int | float) or not 0 <= purity < 1:
         raise InputError(
@@ -54,7 +54,7 @@ def read_axes(path: str | os.PathLike[str]) -> AxesCalibration:
             where=f"{where}, [reference]",
             remedy="correct it, or leave it out",
         )
-    first = next(iter(references.values())) if several else single
+    first = next(iter(references.values()), single)
 
     def read(response: Mapping[str, Any], reference: Mapping[str, Any]) -> Calibration:
         one = {**document, "response": response, "reference": reference}

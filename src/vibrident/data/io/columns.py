@@ -12,7 +12,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -98,13 +97,13 @@ class ColumnFile(ABC):
 
     names_are_paths = False  # True for a unit in the last part only
     word = "channel"  # what the format calls a column
-    _kept: Mapping[int, FloatArray] = MappingProxyType({})  # columns that were read whole to give a part
 
     def __init__(self, path: Path, channels: Sequence[Channel], refused: Mapping[str, str]) -> None:
         """Take the usable columns, and the refused ones: name → reason; InputError for none or too many."""
         self._path = path
         self._channels = tuple(channels)
         self._refused = refused
+        self._kept: dict[int, FloatArray] = {}  # columns that were read whole to give a part
         require_few(path, self._channels, f"{self.word}s")
         if not self._channels:
             reasons = "; ".join(f"{name!r} is {reason}" for name, reason in list(refused.items())[:5])
@@ -163,10 +162,9 @@ class ColumnFile(ABC):
         return np.stack([values[start:stop] for values in self._held(positions)])
 
     def _held(self, positions: Sequence[int]) -> list[FloatArray]:
-        held = self._kept = dict(self._kept)
-        missing = [position for position in positions if position not in held]
-        held.update(zip(missing, self.load(missing) if missing else (), strict=True))
-        return [held[position] for position in positions]
+        missing = [position for position in positions if position not in self._kept]
+        self._kept.update(zip(missing, self.load(missing) if missing else (), strict=True))
+        return [self._kept[position] for position in positions]
 
     def locate(self, position: int, row: int) -> str:
         """Place of a value for messages: file, column, and line or sample. ``row`` counts samples from 0."""

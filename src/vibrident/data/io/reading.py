@@ -15,7 +15,7 @@ from vibrident.data.io.reader import by_ending, open_columns
 from vibrident.data.io.record_files import data_files, named_parts, read_record
 from vibrident.data.io.sections import effects_at
 from vibrident.data.io.table_file import read_table
-from vibrident.data.records import Calibration, Record
+from vibrident.data.records import Calibration
 
 # Of a reading process: memory for its libraries, and more as a multiple of the numbers' limit; time, and more a byte.
 _LIBRARIES_BYTES, _COPIES = 600_000_000, 2
@@ -79,6 +79,9 @@ def calibration_of(document: CalibrationFile, folder: Path, where: str) -> Calib
         else:
             parts = named_parts(document, folder, where)
             records = tuple(read_record(part, name, document, folder, unit) for part, name in parts)
+    temperatures = [t for record in records if (t := record.circumstances.temperature_c) is not None]
+    if not temperatures and document.certificate.temperature_c is not None:
+        temperatures = [document.certificate.temperature_c]
     return Calibration(
         records=records,
         table=table,
@@ -90,16 +93,9 @@ def calibration_of(document: CalibrationFile, folder: Path, where: str) -> Calib
         sensor=document.sensor_text,
         source=where,
         certificate=document.certificate.stated(),
-        effects=(*effects_at(document.uncertainty, _temperatures(document, records), where), *more),
+        effects=(*effects_at(document.uncertainty, temperatures, where), *more),
         capabilities=tuple(entry.capability for entry in document.cmc),
     )
-
-
-def _temperatures(document: CalibrationFile, records: tuple[Record, ...]) -> list[float]:
-    """Of the records that state one; else that of the certificate."""
-    own = [record.circumstances.temperature_c for record in records]
-    room = document.certificate.temperature_c
-    return [t for t in own if t is not None] or ([] if room is None else [room])
 
 
 def _with_unit_of_header(document: CalibrationFile, folder: Path, where: str) -> CalibrationFile:

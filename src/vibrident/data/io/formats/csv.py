@@ -21,8 +21,7 @@ from vibrident.data.io.reader import Reader
 from vibrident.data.records import FloatArray
 
 _CHUNK_BYTES = 1 << 20  # counting needs ten times as much memory
-_NEWLINE = 10
-_SPACE = 32
+_NEWLINE = ord("\n")
 
 
 def row_lines(path: Path, file: str, layout: CsvLayout) -> NDArray[np.int64]:
@@ -86,7 +85,7 @@ def _fields(chunk: bytes, layout: CsvLayout) -> NDArray[np.int64]:
         return np.full(rows, layout.fields)
     ends = np.flatnonzero(bytes_ == _NEWLINE)
     starts = np.concatenate(([0], ends + 1)) if chunk[-1] != _NEWLINE else np.concatenate(([0], ends[:-1] + 1))
-    ink = bytes_ > _SPACE
+    ink = bytes_ > ord(" ")
     if layout.delimiter == BLANKS:
         begins = ink.copy()
         begins[1:] &= ~ink[:-1]
@@ -122,7 +121,6 @@ _STAMP = re.compile(
     r"(?:(?P<year>\d{4})[-/.](?P<month>\d\d)[-/.](?P<day>\d\d)[ T]+|(?P<d>\d\d)\.(?P<m>\d\d)\.(?P<y>\d{4})[ T]+)?"
     r"(?P<time>\d\d:\d\d:\d\d)(?:[.,](?P<fraction>\d{1,9}))?Z?"
 )
-_DAY_S = 86400.0
 
 
 def _better_by_pandas(path: Path) -> bool:
@@ -324,7 +322,7 @@ def _seconds_of_stamps(cells: Sequence[str]) -> FloatArray:
     stamps = np.array(texts, dtype="datetime64[ns]")
     seconds = (stamps - stamps[:1]) / np.timedelta64(1, "s")  # subtracted first, to keep the digits
     if not dated:
-        seconds[1:] += _DAY_S * np.cumsum(np.diff(seconds) < -0.5 * _DAY_S)
+        seconds[1:] += 86400.0 * np.cumsum(np.diff(seconds) < -43200.0)
     return np.asarray(seconds, dtype=np.float64)
 
 

@@ -7,10 +7,10 @@ from a fill value. A file read here must hold its numbers itself, within the lim
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -83,10 +83,6 @@ class ArrayFile(ColumnFile):
 class Hdf5File(ArrayFile):
     """An HDF5 file. Only the datasets that are needed are read."""
 
-    _file: Any = None
-    _arrays: Mapping[str, Any] = MappingProxyType({})
-    _roomy = 0  # most values of a block for which there was room
-
     def __init__(self, path: Path) -> None:
         import h5py
 
@@ -105,6 +101,8 @@ class Hdf5File(ArrayFile):
 
         with reading(path, _EXPECTED), h5py.File(path, "r") as file:
             file.visititems(visit)
+        self._arrays: dict[str, Any] = {}  # datasets that were looked up
+        self._roomy = 0  # most values of a block for which there was room
         super().__init__(path, columns, refused)
 
     def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
@@ -118,7 +116,7 @@ class Hdf5File(ArrayFile):
 
     def length(self, position: int) -> int:
         """Number of samples of a column; nothing is read."""
-        return int(max(self._opened()[self._channels[position].handle.array].shape))
+        return int(max(self._file[self._channels[position].handle.array].shape))
 
     def block(self, positions: Sequence[int], start: int, stop: int) -> FloatArray:
         """Samples of columns from ``start`` up to ``stop``; nothing else is read. See ColumnFile.
@@ -138,19 +136,17 @@ class Hdf5File(ArrayFile):
             return found
 
     def _array(self, name: str) -> Any:
-        """A dataset, looked up once."""
         if name not in self._arrays:
-            self._arrays = {**self._arrays, name: self._opened()[name]}
+            self._arrays[name] = self._file[name]
         return self._arrays[name]
 
-    def _opened(self) -> Any:
+    @cached_property
+    def _file(self) -> Any:
         """The file, kept open from the first block on."""
         import h5py
 
-        if self._file is None:
-            with reading(self._path, _EXPECTED):
-                self._file = h5py.File(self._path, "r")
-        return self._file
+        with reading(self._path, _EXPECTED):
+            return h5py.File(self._path, "r")
 
 
 def _slice(dataset: Any, start: int, stop: int) -> Any:

@@ -15,8 +15,6 @@ from vibrident.data.io.reader import Reader
 from vibrident.data.records import FloatArray
 
 _MINISEED = "a miniSEED file of channels without gaps"
-#: Largest gap between consecutive records, in sampling intervals.
-_SEAM = 0.5
 
 
 class MiniSeedFile(ColumnFile):
@@ -65,7 +63,7 @@ def _gap(parts: Sequence[Any]) -> str:
             return f"at {rate_hz:g} Hz first and at {after.stats.sampling_rate:g} Hz later"
         samples_ns = before.stats.npts / rate_hz * 1e9
         missing = (after.stats.starttime.ns - before.stats.starttime.ns - samples_ns) * 1e-9 * rate_hz
-        if abs(missing) > _SEAM:
+        if abs(missing) > 0.5:
             kind = "a gap" if missing > 0 else "an overlap"
             return f"interrupted: {kind} of {abs(missing):.3g} samples at {before.stats.endtime}"
     return ""

@@ -29,10 +29,10 @@ class ParquetFile(ColumnFile):
         refused: dict[str, str] = {}
         of_the_file = (schema.metadata or {}).get(_RATE_KEY)
         for field in schema:
-            if _usable(types, field.type):
+            timed = types.is_timestamp(field.type) or types.is_duration(field.type)
+            if timed or any(of(field.type) for of in (types.is_integer, types.is_floating, types.is_boolean)):
                 rate = (field.metadata or {}).get(_RATE_KEY, of_the_file)
                 clock = _clock(rate, f"{path}, column {field.name!r}")
-                timed = types.is_timestamp(field.type) or types.is_duration(field.type)
                 channels.append(Channel(field.name, field.name, clock, timed))
             else:
                 refused[field.name] = f"of type {field.type}"
@@ -54,11 +54,6 @@ def _numbers(metadata: Any, names: set[str]) -> int:
     chunks = [group.column(index) for group in groups for index in range(group.num_columns)]
     unpacked = sum(chunk.total_uncompressed_size for chunk in chunks if chunk.path_in_schema in names)
     return max(metadata.num_rows * len(names), sum(group.num_rows for group in groups) * len(names), unpacked // 8)
-
-
-def _usable(types: Any, kind: Any) -> bool:
-    tests = (types.is_integer, types.is_floating, types.is_boolean, types.is_timestamp, types.is_duration)
-    return any(test(kind) for test in tests)
 
 
 def _clock(text: bytes | None, where: str) -> Clock | None:

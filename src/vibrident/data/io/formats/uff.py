@@ -14,13 +14,9 @@ from vibrident.data.io.sampling import clock_from_times, plainest_clock
 from vibrident.data.records import FloatArray
 
 _EXPECTED = "a universal file with data sets 58 (functions at nodal degrees of freedom)"
-_FREQUENCY = 18
 #: Function types without a rule against time signals: general or unknown, and time response.
 _TIME_SIGNALS = (0, 1)
-_COMPLEX = (5, 6)
 _DIRECTIONS = {1: "+X", 2: "+Y", 3: "+Z", 4: "+RX", 5: "+RY", 6: "+RZ"}
-#: FORTRAN's E13.5 prints five significant digits; C's prints six.
-_LEAST_DIGITS = 5
 
 
 class UffFile(ColumnFile):
@@ -36,9 +32,13 @@ class UffFile(ColumnFile):
         usable: list[tuple[int, dict[str, Any]]] = []
         with reading(path, _EXPECTED):
             file = self._pyuff.UFF(str(path))
-            for place in (place for place, kind in enumerate(file.get_set_types()) if kind == 58):
+            for place, kind in enumerate(file.get_set_types()):
+                if kind != 58:
+                    continue
                 header = file.read_sets(place, header_only=True)
-                self._refuse_more_than_there_is(header)
+                stated, held = int(header["num_pts"]), path.stat().st_size
+                if not 0 < stated <= held:  # pyuff makes as many abscissas as the header states
+                    raise ValueError(f"{stated} values in a file of {held} bytes")
                 if reason := _reason_against(header):
                     refused[_name(header, repeated=False)] = reason
                 else:
@@ -61,12 +61,6 @@ class UffFile(ColumnFile):
             require_room(self._path, sum(self._channels[position].handle[1] for position in positions))
             return tuple(self._signal(file, *self._channels[position].handle) for position in positions)
 
-    def _refuse_more_than_there_is(self, header: dict[str, Any]) -> None:
-        """Refuse a false length: pyuff makes as many abscissas as the header states."""
-        stated, held = int(header["num_pts"]), self._path.stat().st_size
-        if not 0 < stated <= held:
-            raise ValueError(f"{stated} values in a file of {held} bytes")
-
     def _clock(self, file: Any, place: int, header: dict[str, Any]) -> Clock | None:
         """From the abscissas, if each sample has one; else from the interval."""
         if header["abscissa_spacing"] == 1:
@@ -85,9 +79,9 @@ class UffFile(ColumnFile):
 def _reason_against(header: dict[str, Any]) -> str:
     if header["func_type"] not in _TIME_SIGNALS:
         return f"of function type {header['func_type']} and not a time response (1)"
-    if header["abscissa_spec_data_type"] == _FREQUENCY:
+    if header["abscissa_spec_data_type"] == 18:
         return "over frequency and not over time"
-    if header["ord_data_type"] in _COMPLEX:
+    if header["ord_data_type"] in (5, 6):
         return "complex"
     return ""
 
@@ -103,7 +97,7 @@ def _name(header: dict[str, Any], *, repeated: bool) -> str:
 def _half_unit(interval_s: float) -> float:
     """Half a unit of the last place of an interval in the file, s."""
     stated = Decimal(repr(interval_s))
-    digits = max(len(stated.normalize().as_tuple().digits), _LEAST_DIGITS)
+    digits = max(len(stated.normalize().as_tuple().digits), 5)  # FORTRAN's E13.5 prints five, C's six
     return 0.5 * 10.0 ** (stated.adjusted() - digits + 1)
 
 
