@@ -57,11 +57,7 @@ def reference_unit(quantity: str, unit: str, scale: float, where: str) -> str:
 
 def quantity_of(unit: str) -> str | None:
     """Quantity of a unit in a file; None if unknown."""
-    plain = _plain(unit)
-    for quantity, si in REFERENCE_UNITS.items():
-        if si in _SPELLINGS and (plain in _SPELLINGS[si] or plain.lower() in _IN_SI[quantity]):
-            return quantity
-    return None
+    return next((quantity for quantity in _IN_SI if si_scale(quantity, unit) is not None), None)
 
 
 def si_scale(quantity: str, unit: str) -> float | None:

@@ -131,15 +131,20 @@ def _record_names(parts: Sequence[Part]) -> list[str]:
         if part.entry.name is None and files.count(part.file) > 1:
             name += f" from {part.start_s:g} s"
         if name in names:
-            raise InputError(
-                "Two records have the same name.",
-                expected="a unique name for each record",
-                found=repr(name),
-                where=f"{part.where}, name",
-                remedy="change one of the names",
-            )
+            raise same_name(name, f"{part.where}, name")
         names.append(name)
     return names
+
+
+def same_name(name: str, where: str) -> InputError:
+    """The error of two records of one name."""
+    return InputError(
+        "Two records have the same name.",
+        expected="a unique name for each record",
+        found=repr(name),
+        where=where,
+        remedy="change one of the names",
+    )
 
 
 @dataclass(frozen=True)

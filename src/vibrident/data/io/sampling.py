@@ -174,15 +174,12 @@ def agreed_rate(
         clock = source.clock(position)
         if clock is None:
             continue
-        if agreed is None or clock.rate_rounding < agreed.rate_rounding:
-            finer, coarser = clock, agreed
-        else:
-            finer, coarser = agreed, clock
-        if coarser is not None and not math.isclose(finer.rate_hz, coarser.rate_hz, rel_tol=coarser.rate_rounding):
+        finer, coarser = sorted((agreed or clock, clock), key=lambda one: one.rate_rounding)
+        if agreed is not None and not math.isclose(finer.rate_hz, coarser.rate_hz, rel_tol=coarser.rate_rounding):
             raise InputError(
                 "The sampling rate contradicts the file.",
                 expected=f"{clock.rate_hz!r} samples per second, as {source.file} states",
-                found=f"{agreed.rate_hz!r} in {whose}" if agreed is not None else "",
+                found=f"{agreed.rate_hz!r} in {whose}",
                 where=f"{where}, for {file}",
                 remedy="remove or correct rate_hz"
                 if stated_hz is not None

@@ -15,6 +15,7 @@ import numpy as np
 
 from vibrident.base.errors import InputError
 from vibrident.base.files import unwritable, whole
+from vibrident.data.io.record_files import same_name
 from vibrident.data.io.toml_text import toml_entry, toml_section
 from vibrident.data.records import Calibration, Capability, FloatArray, Record, ResponseTable, SystematicEffect
 
@@ -82,13 +83,7 @@ def _refuse_unwritable(calibration: Calibration) -> None:
                 remedy="write the calibration before samples are left out",
             )
         if names.count(record.name) > 1:
-            raise InputError(
-                "Two records have the same name.",
-                expected="a unique name for each record",
-                found=repr(record.name),
-                where="calibration to be written",
-                remedy="change one of the names",
-            )
+            raise same_name(record.name, "calibration to be written")
 
 
 def record_files(records: list[str]) -> list[str]:
@@ -145,7 +140,9 @@ def _toml(calibration: Calibration, files: list[str]) -> str:
         toml_section("response", response),
     ]
     if calibration.table is not None:
-        sections.append(_table_section(calibration.table, files[0]))
+        written = _table_columns(calibration.table)
+        columns = {key: column for key, column in _TABLE_KEYS.items() if column in written}
+        sections.append(toml_section("table", {"file": files[0], **columns, "phase_unit": "rad"}))
     else:
         rate_hz = float(records[0].sampling_rate_hz)
         sections.append(toml_section("sampling", {"rate_hz": rate_hz}))
@@ -173,12 +170,6 @@ def _effect(effect: SystematicEffect) -> dict[str, Any]:
 def _capability(one: Capability) -> dict[str, Any]:
     ends = {"from_hz": one.from_hz or None, "to_hz": one.to_hz if math.isfinite(one.to_hz) else None}
     return {"quantity": one.quantity, "expanded_uncertainty": one.expanded_uncertainty, **ends}
-
-
-def _table_section(table: ResponseTable, file: str) -> str:
-    written = _table_columns(table)
-    columns = {key: column for key, column in _TABLE_KEYS.items() if column in written}
-    return toml_section("table", {"file": file, **columns, "phase_unit": "rad"})
 
 
 def _entry(record: Record, file: str, common_rate_hz: float) -> dict[str, Any]:
