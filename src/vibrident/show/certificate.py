@@ -27,7 +27,7 @@ from vibrident.show.formulas import Mixed
 from vibrident.show.history import date_of
 from vibrident.show.issue import NOTHING_MORE, Issue, missing
 from vibrident.show.language import ENGLISH, Say
-from vibrident.show.numbers import COVERAGE_FACTOR, plain, printed, reference_unit, sensor_name
+from vibrident.show.numbers import plain, printed, reference_unit, sensor_name
 from vibrident.show.points import measured_band
 from vibrident.show.views import (
     Beside,
@@ -35,6 +35,7 @@ from vibrident.show.views import (
     Document,
     Fact,
     Facts,
+    K,
     Letterhead,
     Section,
     Sentence,
@@ -222,7 +223,7 @@ def _uncertainty(result: Result, say: Say) -> str:
     """What U is and what it covers with which probability."""
     known, k = coverage(result), parameter_factor(result)
     lines = [say("text", "uncertainty"), known.text(say)]
-    if k != COVERAGE_FACTOR:
+    if k != K:
         freedom = plain(known.degrees_of_freedom, 3)
         lines.append(say("text", "student_parameters", factor=plain(k, 3), freedom=freedom))
     return " ".join(lines)

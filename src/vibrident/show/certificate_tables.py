@@ -14,12 +14,11 @@ from vibrident.physics.naming import parameter_name
 from vibrident.result import Parameter, Result
 from vibrident.show import figures, tables
 from vibrident.show.coverage import parameter_factor, unstated
+from vibrident.show.curves import column
 from vibrident.show.formulas import Mixed, Words
 from vibrident.show.language import ENGLISH, Say
 from vibrident.show.numbers import (
-    COVERAGE_FACTOR,
     NONE,
-    at,
     nominal_frequency,
     parameter_scale,
     percent,
@@ -32,7 +31,7 @@ from vibrident.show.numbers import (
 from vibrident.show.points import Point, nominal_points, reference_point
 from vibrident.show.setting_tables import budget as english_budget
 from vibrident.show.setting_tables import point_budget
-from vibrident.show.views import Column, Fact, Facts, Figure, Sentence, Table, columns, listed
+from vibrident.show.views import Column, Fact, Facts, Figure, K, Sentence, Table, columns, listed
 from vibrident.use.conformity import DEVIATION, Judged, judged
 
 MOST_FILES = 30  # data files listed; the result lists them all
@@ -80,7 +79,7 @@ def reference(result: Result, say: Say = ENGLISH) -> Facts:
 
 def _bar(expanded: str, unit: str) -> str:
     space = "" if unit == "°" else " "
-    return "" if expanded == NONE else f", U = {expanded}{space}{unit} (k = {COVERAGE_FACTOR:g})"
+    return "" if expanded == NONE else f", U = {expanded}{space}{unit} (k = {K:g})"
 
 
 def sensitivity(result: Result, say: Say = ENGLISH) -> Table | None:
@@ -122,11 +121,11 @@ def measured(result: Result, say: Say = ENGLISH) -> Table | None:
     if total == 0:
         return None
     phases, step = bool(np.isfinite(points.phase_deg).any()), max(1, -(-total // MOST_POINTS))
-    rows = []
+    names = ("magnitude", "phase_deg", "magnitude_uncertainty", "phase_deg_uncertainty")
+    known, rows = [column(points, name) for name in names], []
     for i in range(0, total, step):
         f = float(points.frequency_hz[i])
-        columns = ("magnitude", "phase_deg", "magnitude_uncertainty", "phase_deg_uncertainty")
-        place = Point(nominal_frequency(f) or NONE, f, *(at(getattr(points, name), i) for name in columns))
+        place = Point(nominal_frequency(f) or NONE, f, *(float(values[i]) for values in known))
         rows.append(_row(place, scale.factor, phases))
     notes = [say("text", "measured_note"), *([say("text", "thinned", step=step, total=total)] if step > 1 else [])]
     notes += [say("text", "unstated")] if any(NONE in row[1:] for row in rows) else []
@@ -152,7 +151,7 @@ def curve(result: Result, say: Say = ENGLISH) -> Figure | None:
 def parameters(result: Result, say: Say = ENGLISH) -> Table:
     """The parameter table without the columns that a certificate does not need."""
     whole = tables.parameters(result)
-    few = parameter_factor(result) != COVERAGE_FACTOR
+    few = parameter_factor(result) != K
     names = ("parameter", "symbol", "value", "u", *(("k",) if few else ()), "U", "unit", "remark")
     kept = whole.select(tuple(whole.header.index(name) for name in names))
     heads = tuple(
@@ -262,7 +261,7 @@ def adjustment(result: Result, before: Result | None, say: Say = ENGLISH) -> Tab
     rows = []
     for name, one, other in found:
         scale = parameter_scale(result, other)
-        texts = [stated(each, COVERAGE_FACTOR, scale) for each in (one, other)]
+        texts = [stated(each, K, scale) for each in (one, other)]
         change = percent(100.0 * (other.value / one.value - 1.0)) if one.value else NONE
         numbers = [text for number in texts for text in (number.value, number.expanded)]
         rows.append((name, *numbers, pretty(texts[0].unit), change))

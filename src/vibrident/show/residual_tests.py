@@ -13,8 +13,8 @@ import numpy as np
 from vibrident.data.records import FloatArray
 from vibrident.result import Result
 from vibrident.show.curves import bars_of_deviation, column, principal
-from vibrident.show.numbers import COVERAGE_FACTOR, NONE, plain, signed
-from vibrident.show.views import Table, columns
+from vibrident.show.numbers import NONE, plain, signed
+from vibrident.show.views import K, Table, columns
 
 LEVEL = 0.01  # probability below which a test fails
 #: One test: its name, the value found, the value expected of noise, whether it passes, and what a failure means.
@@ -27,10 +27,10 @@ def residual_tests(result: Result) -> Table:
     measured, halves = result.measured, bars_of_deviation(result.measured)
     noise = 100.0 * column(measured, "magnitude_noise") / column(measured, "magnitude")
     common = _in_common(column(measured, "deviation_uncertainty_percent"), noise)
-    z = _ordered(result, column(measured, "deviation_percent"), halves[0] / COVERAGE_FACTOR)
+    z = _ordered(result, column(measured, "deviation_percent"), halves[0] / K)
     tests = [_chi_squared(result), *_pattern_tests("magnitude", z, common)]
     common = _in_common(column(measured, "deviation_phase_uncertainty_deg"), column(measured, "phase_deg_noise"))
-    z = _ordered(result, principal(column(measured, "deviation_phase_deg")), halves[1] / COVERAGE_FACTOR)
+    z = _ordered(result, principal(column(measured, "deviation_phase_deg")), halves[1] / K)
     tests += _pattern_tests("phase", z, common)
     rows = [(*words, "passed" if passed else "failed", meaning) for *words, passed, meaning in tests]
     note = (
@@ -71,8 +71,8 @@ def _pattern_tests(name: str, z: FloatArray, common: bool) -> list[_Outcome]:
     from scipy.special import bdtr, ndtri
 
     n = z.size
-    inside = int(np.sum(np.abs(z) <= COVERAGE_FACTOR))
-    coverage = math.erf(COVERAGE_FACTOR / math.sqrt(2.0))
+    inside = int(np.sum(np.abs(z) <= K))
+    coverage = math.erf(K / math.sqrt(2.0))
     far = float(ndtri(1.0 - LEVEL / (2.0 * n)))
     largest = float(np.max(np.abs(z)))
     lagged = float(np.sum(z[1:] * z[:-1]) / np.sum(z**2)) if np.any(z) else 0.0

@@ -11,8 +11,8 @@ from vibrident.base.amounts import Scale, pretty
 from vibrident.physics.naming import parameter_name
 from vibrident.result import Result
 from vibrident.show.language import ENGLISH
-from vibrident.show.numbers import COVERAGE_FACTOR, NONE, parameter_scale, plain, sensitivity_scale, uncertainty, with_u
-from vibrident.show.views import Column, Table, columns
+from vibrident.show.numbers import NONE, parameter_scale, plain, sensitivity_scale, uncertainty, with_u
+from vibrident.show.views import Column, K, Table, columns
 
 
 def budget(result: Result) -> Table | None:
@@ -60,7 +60,7 @@ def point_budget(result: Result) -> tuple[Table, ...]:
         for i, place in enumerate(places):
             u = None if np.isnan(total[place]) else factor * float(total[place])
             cells = [uncertainty(None if size[i] is None else factor * size[i]) for size in sizes]
-            both = uncertainty(u), uncertainty(None if u is None else COVERAGE_FACTOR * u)
+            both = uncertainty(u), uncertainty(None if u is None else K * u)
             rows.append((f"{found['frequency_hz'][i]:.5g}", *cells, *both))
         heads = [str(source["source"]) for source in found["sources"]]
         columns_ = [Column("f", "number", "Hz"), *columns(*heads, kind="number")]
