@@ -13,11 +13,10 @@ from vibrident.base.nominal import Nominal
 from vibrident.physics.naming import described, parameter_name
 from vibrident.result import Result
 from vibrident.show import axes
-from vibrident.show.curves import continuous, numbers, principal
+from vibrident.show.curves import continuous, principal
 from vibrident.show.formulas import Words
 from vibrident.show.language import ENGLISH
 from vibrident.show.numbers import (
-    COVERAGE_FACTOR,
     NONE,
     pair,
     percent,
@@ -31,7 +30,7 @@ from vibrident.show.numbers import (
     with_sign,
 )
 from vibrident.show.points import Point, nominal_points, reference_point, sensitivity_at
-from vibrident.show.views import LINES, Column, Figure, Panel, Series, Stack, Table, columns
+from vibrident.show.views import LINES, Column, Figure, K, Panel, Series, Stack, Table, columns
 from vibrident.use.comparison import normalized_error, not_comparable, shared_covariance, shared_sources
 
 MOST_COLUMNS = 5  # results in one table, including the first; more results need further tables
@@ -54,7 +53,7 @@ class Value:
     @property
     def expanded(self) -> float | None:
         """U, k = 2."""
-        return None if self.u is None else COVERAGE_FACTOR * self.u
+        return None if self.u is None else K * self.u
 
 
 @dataclass(frozen=True)
@@ -257,7 +256,7 @@ def _fixed_point(text: str) -> str:
 def _joint(value: Value, base: Value, factor: float) -> float | None:
     if value.expanded is None or base.expanded is None:
         return None
-    both = COVERAGE_FACTOR**2 * shared_covariance(value.shared, base.shared)
+    both = K**2 * shared_covariance(value.shared, base.shared)
     return max(value.expanded**2 + base.expanded**2 - 2 * both, 0.0) ** 0.5 * factor
 
 
@@ -286,8 +285,9 @@ def beside(results: Sequence[Result], names: Sequence[str]) -> Figure | None:
         curve, look = result.response, replace(LINES[i % len(LINES)], marker="", width=1.6)
         x, magnitude, phase = curve.frequency_hz, curve.magnitude, continuous(curve.phase_deg)
         base = [sensitivity_at(first, Nominal(f, f)) for f in curve.frequency_hz]
-        ratio = magnitude / numbers([None if point is None else point.magnitude for point in base])
-        turned = principal(phase - numbers([None if point is None else point.phase_deg for point in base]))
+        sizes = np.array([None if point is None else point.magnitude for point in base], dtype=float)
+        angles = np.array([None if point is None else point.phase_deg for point in base], dtype=float)
+        ratio, turned = magnitude / sizes, principal(phase - angles)
         label = name if name not in [other for _, other in alike[:i]] else f"{name} ({i + 1})"
         for part, y in zip(parts, (magnitude * scale.factor, phase, 100.0 * (ratio - 1.0), turned), strict=True):
             part.append(Series(x, y, label, look))

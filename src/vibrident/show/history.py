@@ -11,7 +11,6 @@ import numpy as np
 from vibrident.result import Result
 from vibrident.show import axes
 from vibrident.show.comparison import ComparedQuantity, Value, difference, error, printed_value, quantities
-from vibrident.show.curves import numbers
 from vibrident.show.formulas import Words
 from vibrident.show.numbers import NONE, sensor_name, with_sign
 from vibrident.show.views import GREY, MEASURED, Figure, FloatArray, Look, Panel, Series, Stack, Table, columns
@@ -92,8 +91,8 @@ def drift(history: History, name: str) -> Figure:
 
 def changes(quantity: ComparedQuantity) -> tuple[FloatArray, FloatArray, str]:
     """Change from the first value and U of each value, and the unit of both: % where the quantity allows it."""
-    value = numbers([None if v is None else v.value for v in quantity.values])
-    expanded = numbers([None if v is None else v.expanded for v in quantity.values])
+    value = np.array([None if v is None else v.value for v in quantity.values], dtype=float)
+    expanded = np.array([None if v is None else v.expanded for v in quantity.values], dtype=float)
     if quantity.relative and value[0]:
         return 100.0 * (value / value[0] - 1.0), 100.0 * expanded / abs(value[0]), "%"
     return (value - value[0]) * quantity.scale.factor, expanded * quantity.scale.factor, quantity.scale.unit
