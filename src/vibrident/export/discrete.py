@@ -76,10 +76,6 @@ class SecondOrderSections:
             value = value * ((b0 * delta + b1) * delta + b2) / ((delta + a1) * delta + a2)
         return value
 
-    def rounded(self) -> SecondOrderSections:
-        """Rounded to single precision."""
-        return SecondOrderSections(self.rows.astype(np.float32).astype(float), self.interval_s)
-
     def cmsis(self) -> np.ndarray:
         """The same in z, as CMSIS-DSP orders it: b0 b1 b2 −a1 −a2 a section, shape (sections, 5)."""
         b0, b1, b2, a1, a2 = self.rows.T

@@ -10,7 +10,7 @@ a power of frequency/rate with their number. Small weights outside the band limi
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -36,13 +36,8 @@ class Taps:
 
     def response(self, frequency_hz: FloatArray, interval_s: float) -> np.ndarray:
         """Response to e^{jωt} sampled."""
-        return response_of(self.taps, self.lead, frequency_hz, interval_s)
-
-
-def response_of(taps: np.ndarray, lead: int, frequency_hz: FloatArray, interval_s: float) -> np.ndarray:
-    """Σ_m h_m z^{−lead−m}."""
-    turn = -2j * np.pi * np.asarray(frequency_hz) * interval_s
-    return np.exp(np.multiply.outer(turn, lead + np.arange(len(taps)))) @ taps
+        turn = -2j * np.pi * np.asarray(frequency_hz) * interval_s
+        return np.exp(np.multiply.outer(turn, self.lead + np.arange(len(self.taps)))) @ self.taps
 
 
 def fitted(
@@ -149,11 +144,10 @@ class Filter:
         """Response to e^{jωt} sampled, latency included."""
         return self.taps.response(frequency_hz, 1.0 / self.rate_hz) * self.sections.response(frequency_hz)
 
-    def in_single_precision(self, frequency_hz: FloatArray) -> np.ndarray:
+    def in_single_precision(self) -> Filter:
         """The same with coefficients rounded to float."""
-        taps = self.taps.taps.astype(np.float32).astype(float)
-        own = response_of(taps, self.taps.lead, frequency_hz, 1.0 / self.rate_hz)
-        return own * self.sections.rounded().response(frequency_hz)
+        taps, rows = (values.astype(np.float32).astype(float) for values in (self.taps.taps, self.sections.rows))
+        return replace(self, taps=replace(self.taps, taps=taps), sections=replace(self.sections, rows=rows))
 
     def late(self, frequency_hz: FloatArray) -> np.ndarray:
         """The factor e^{−jωT·latency}."""
