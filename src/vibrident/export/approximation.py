@@ -18,8 +18,7 @@ from vibrident.export.poles_zeros import PolesZeros, paired, poles_zeros
 from vibrident.export.sensor import Exported, require_linear
 from vibrident.show.views import K
 
-#: Largest relative error of an approximation over the band.
-TOLERANCE = 1e-10
+TOLERANCE = 1e-10  # largest relative error of an approximation over the band
 MOST_ORDER = 12
 
 

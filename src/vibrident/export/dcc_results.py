@@ -27,8 +27,7 @@ _NAMES = {
     "deg": "degree", "°": "degree", "N": "newton", "Pa": "pascal", "W": "watt", "F": "farad", "Ω": "ohm", "K": "kelvin",
     "%": "percent", "min": "minute",
 }  # fmt: skip
-#: Spellings of dimensionless counts.
-_ONE = {"1", "count", "counts", "LSB", "digit", "digits"}
+_ONE = {"1", "count", "counts", "LSB", "digit", "digits"}  # spellings of dimensionless counts
 _PREFIXES = {
     "f": "femto", "p": "pico", "n": "nano", "u": "micro", "µ": "micro", "μ": "micro", "m": "milli", "c": "centi",
     "k": "kilo", "M": "mega", "G": "giga",

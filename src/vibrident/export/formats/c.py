@@ -21,8 +21,7 @@ from vibrident.export.form import Format, Options, template
 from vibrident.export.poles_zeros import poles_zeros
 from vibrident.export.sensor import ExportedSensor, identity
 
-#: Gain that counts as stopped, relative to the largest gain in the band.
-PASSED = 0.1
+PASSED = 0.1  # gain that counts as stopped, relative to the largest gain in the band
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,10 +141,8 @@ def _common(made: Firmware, name: str, about: str) -> dict[str, str]:
         "OUTPUT": c_comment(made.sensor.output_unit),
     }
     for which, f in filters.items():
-        common[f"{which}_LATENCY"] = str(f.latency)
-        common[f"{which}_SECTIONS"] = str(len(f.sections.rows))
-        common[f"{which}_TAPS"] = str(len(f.taps.taps))
-        common[f"{which}_LEAD"] = str(f.taps.lead)
+        common |= {f"{which}_LATENCY": str(f.latency), f"{which}_SECTIONS": str(len(f.sections.rows))}
+        common |= {f"{which}_TAPS": str(len(f.taps.taps)), f"{which}_LEAD": str(f.taps.lead)}
     return common
 
 
