@@ -309,20 +309,12 @@ def _alike(values: Sequence[Any]) -> bool:
     return len(set.intersection(*keys)) * 2 >= len(set.union(*keys))
 
 
-_LAYERS = {
-    "W1": ("input → hidden", "Ts B"),
-    "W2": ("hidden → output", "C (I + Ts A)⁻¹"),
-    "W3": ("feedback hidden → hidden", "I + Ts A"),
-    "W4": ("feedforward input → output", "D − C (I + Ts A)⁻¹ Ts B"),
-}
-
-
 @dataclass(frozen=True)
 class WeightRow:
     """One weight for print."""
 
-    name: str  # W1 … W4, or another name that the result holds
-    layer: str  # which neurons it connects; empty for other names
+    name: str  # W1 … W4
+    layer: str  # which neurons it connects
     meaning: str  # what it is of the physics, under forward Euler at least
     numbers: tuple[tuple[str, ...], ...]  # rows of the matrix as text
 
@@ -330,22 +322,8 @@ class WeightRow:
 def weight_rows(weights: Mapping[str, Any], digits: int = 6) -> list[WeightRow]:
     """W1 to W4 in the order of the paper's Table 1, as far as the result holds them."""
     rows = []
-    for name in _LAYERS:
-        entry = weights.get(name)
-        if entry is None:
-            continue
-        layer, euler = _LAYERS[name]
-        if isinstance(entry, Mapping):
-            layer, euler, entry = entry.get("layer", layer), entry.get("meaning", euler), entry.get("value", ())
-        rows.append(WeightRow(name, layer, euler, tuple(_rows(entry, digits))))
+    for name, entry in ((name, weights[name]) for name in ("W1", "W2", "W3", "W4") if name in weights):
+        matrix = np.atleast_2d(np.array(entry["value"], dtype=float)).tolist()
+        numbers = tuple(tuple(plain(value, digits) for value in row) for row in matrix)
+        rows.append(WeightRow(name, entry["layer"], entry["meaning"], numbers))
     return rows
-
-
-def _rows(values: Any, digits: int) -> Iterator[tuple[str, ...]]:
-    if not isinstance(values, list | tuple):
-        values = (values,)
-    if any(isinstance(value, list | tuple) for value in values):
-        for value in values:
-            yield from _rows(value, digits)
-    else:
-        yield tuple(plain(value, digits) for value in values)
