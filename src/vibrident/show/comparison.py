@@ -18,7 +18,6 @@ from vibrident.show.formulas import Words
 from vibrident.show.language import ENGLISH
 from vibrident.show.numbers import (
     NONE,
-    pair,
     percent,
     plain,
     reference_unit,
@@ -28,6 +27,7 @@ from vibrident.show.numbers import (
     signed,
     unit_of_sensitivity,
     with_sign,
+    with_u,
 )
 from vibrident.show.points import Point, nominal_points, reference_point, sensitivity_at
 from vibrident.show.views import LINES, Column, Figure, K, Panel, Series, Stack, Table, columns
@@ -103,36 +103,29 @@ def _sensitivity_kind(result: Result) -> tuple[str, str]:
 
 
 def _magnitudes(label: str, points: Sequence[Point | None], results: Sequence[Result]) -> ComparedQuantity:
-    values = (
-        None
-        if point is None
-        else Value(
-            point.magnitude,
-            point.magnitude_uncertainty,
-            shared_sources(result, sensitivity=(point.frequency_hz, point.magnitude)),
-        )
-        for point, result in zip(points, results, strict=True)
-    )
+    values: list[Value | None] = []
+    for point, result in zip(points, results, strict=True):
+        if point is None:
+            values.append(None)
+            continue
+        shared = shared_sources(result, sensitivity=(point.frequency_hz, point.magnitude))
+        values.append(Value(point.magnitude, point.magnitude_uncertainty, shared))
     return ComparedQuantity(label, sensitivity_scale(results[0]), tuple(values))
 
 
 def comparison_tables(results: Sequence[Result], names: Sequence[str]) -> tuple[tuple[str, Table], ...]:
     """Titles and tables: what the results are, their parameters, and their sensitivities at nominal frequencies.
 
-    Args:
-        results: at least two; differences are from the first.
-        names: what to call each.
+    ``results``: at least two; differences are from the first; ``names``: what to call each.
     """
     found = []
     reasons = [not_comparable(results[0], result) for result in results]
-    for chunk in _chunks(len(results)):
-        chosen, called = [results[i] for i in chunk], [names[i] for i in chunk]
-        part = "" if len(results) <= MOST_COLUMNS else f" ({', '.join(called)})"
-        found.append((f"What is compared{part}", _subjects(chosen, called)))
+    chunks = [(chunk, [names[i] for i in chunk]) for chunk in _chunks(len(results))]
+    parts = ["" if len(chunks) == 1 else f" ({', '.join(called)})" for _, called in chunks]
+    for (chunk, called), part in zip(chunks, parts, strict=True):
+        found.append((f"What is compared{part}", _subjects([results[i] for i in chunk], called)))
     rows = quantities(results)
-    for chunk in _chunks(len(results)) if rows else []:
-        called = [names[i] for i in chunk]
-        part = "" if len(results) <= MOST_COLUMNS else f" ({', '.join(called)})"
+    for (chunk, called), part in zip(chunks if rows else [], parts, strict=False):
         body = tuple(line for row in rows for line in _lines(row, chunk, reasons))
         heads = (*columns("quantity", "unit", ""), *columns(*called, kind="number"))
         found.append((f"Parameters{part}", Table(heads, body, notes=(EN,))))
@@ -183,10 +176,9 @@ def _at_nominal(first: Result, other: Result, names: tuple[str, str], reason: st
         rows.append((*row, *_compared(phases, reason)))
     if not rows:
         return None
-    values = [
-        column for name in names for column in (Column(f"{name}: |S|", "number", scale.unit), Column("U", "number"))
-    ]
-    heads = (Column("nominal", "number", "Hz"), *values, *columns("difference", Words("E_n"), kind="number"))
+    pairs = [(Column(f"{name}: |S|", "number", scale.unit), Column("U", "number")) for name in names]
+    heads = (Column("nominal", "number", "Hz"), *pairs[0], *pairs[1])
+    heads += columns("difference", Words("E_n"), kind="number")
     heads += (Column("phase difference", "number", "°"), Column(Words("E_n of phase"), "number"))
     table = Table(heads, tuple(rows), notes=("Values are those of each identified model.",))
     return table if any(row[-2] != NONE for row in rows) else table.select(tuple(range(len(heads) - 2)))
@@ -227,9 +219,7 @@ def _lines(row: ComparedQuantity, chunk: Sequence[int], reasons: Sequence[str]) 
 
 def printed_value(value: Value | None, factor: float) -> tuple[str, str]:
     """Value and U as text, the value to the place of U."""
-    if value is None:
-        return NONE, NONE
-    return pair(value.value * factor, None if value.expanded is None else value.expanded * factor)
+    return (NONE, NONE) if value is None else with_u(value.value, value.u, factor)
 
 
 def difference(value: Value | None, base: Value, row: ComparedQuantity) -> str:
@@ -300,11 +290,11 @@ def beside(results: Sequence[Result], names: Sequence[str]) -> Figure | None:
         axes.about_zero("Difference\nin °", values[3], floor=1e-3),
     )
     titles = ("", "", f"Magnitude, difference from {names[0]}", f"Phase, difference from {names[0]}")
-    panels = [
+    panels = tuple(
         Panel(x_axis, y, tuple(part), height, title, rules=(0.0,) if title else ())
-        for part, y, height, title in zip(parts, y_axes, (2.0, 1.3, 1.2, 1.2), titles, strict=True)
-    ]
-    shown = tuple(panel for panel, value in zip(panels, values, strict=True) if np.isfinite(value).any())
+        for part, y, height, title, value in zip(parts, y_axes, (2.0, 1.3, 1.2, 1.2), titles, values, strict=True)
+        if np.isfinite(value).any()
+    )
     phase = ENGLISH("text", "phase")
     caption = Words(f"Sensitivity of each result's model, and its difference from the first. {phase}")
-    return Figure("curves", "Sensitivity", (Stack(shown),), "", caption)
+    return Figure("curves", "Sensitivity", (Stack(panels),), "", caption)

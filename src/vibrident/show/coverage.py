@@ -63,7 +63,7 @@ def interval_text(result: Result) -> Words:
 def unstated(result: Result) -> tuple[str, ...]:
     """Which of ``gain`` and ``phase`` no uncertainty was stated of, of those that the result has."""
     phases = bool(np.isfinite(result.measured.phase_deg).any())
-    parts = (("gain",) if result.has_gain else ()) + (("phase",) if result.has_gain and phases else ())
+    parts = ("gain", *(["phase"] if phases else [])) if result.has_gain else ()
     return tuple(part for part in parts if part not in (result.uncertainty.get("covers") or ()))
 
 

@@ -71,12 +71,8 @@ def _any(values: FloatArray) -> bool:
 def response_panels(model: Curve | None, measured: Curve, scale: Scale, quantity: str, label: str) -> tuple[Panel, ...]:
     """Magnitude and, where there is any, phase.
 
-    Args:
-        model: drawn as a line with its band; None leaves it out.
-        measured: drawn as points with bars.
-        scale: unit in which the magnitudes are drawn, and the factor to it.
-        quantity: of the reference.
-        label: what the points are called.
+    ``model``: drawn as a line with its band; ``measured``: drawn as points with bars, called ``label``; ``scale``: of
+    the magnitudes; ``quantity``: of the reference.
     """
     curves = [curve for curve in (model, measured) if curve is not None]
     x = axes.frequency(np.concatenate([curve.frequency_hz for curve in curves]))
