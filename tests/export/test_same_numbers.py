@@ -15,7 +15,7 @@ import vibrident
 from vibrident.data.records import Calibration, ResponseTable, SystematicEffect
 from vibrident.export import export
 from vibrident.result import Result
-from vibrident.show import certificate_tables, document, report
+from vibrident.show import certificate_tables, document, report, setting_tables
 from vibrident.show.media import html
 
 SPACE = {"dcc": "https://ptb.de/dcc", "si": "https://ptb.de/si"}
@@ -97,13 +97,13 @@ def test_pdf_and_html(result):
         "html": " ".join(re.sub(r"<[^>]+>", " ", html.printed(document.report(result))).split()),
     }
     tables = [certificate_tables.measured(result), certificate_tables.parameters(result)]
-    tables += [certificate_tables.budget(result), *certificate_tables.point_budgets(result)]
+    tables += [setting_tables.budget(result), *certificate_tables.point_budgets(result)]
     for table in tables:
         numbers = [j for j, column in enumerate(table.columns) if column.kind == "number"]
         for row in table.rows:
             for medium, text in printed.items():
                 assert [row[j] for j in numbers if row[j] and row[j] not in text] == [], medium
-    for row, source in zip(certificate_tables.budget(result).rows, result.settings["uncertainty_budget"], strict=False):
+    for row, source in zip(setting_tables.budget(result).rows, result.settings["uncertainty_budget"], strict=False):
         scaled = float(row[5]) / source["contributions"]["sensitivity"]
         assert abs(np.log10(scaled) - round(np.log10(scaled))) < 0.03  # two digits, and a prefix
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from vibrident.data.records import STANDARD_GRAVITY, Calibration, Record, ResponseTable
+from vibrident.physics.discretisation.weights import MEANING
 from vibrident.result import (
     WARNING_CODES,
     Correlation,
@@ -23,11 +24,14 @@ from vibrident.result import (
 S0 = 1.020 / STANDARD_GRAVITY  # V/(m/s²)
 NATURAL_HZ, DAMPING, DELAY_S = 652.0, 0.182, 12.4e-6
 THIRD_OCTAVES = tuple(10 ** (n / 10) for n in range(10, 31))  # 10 Hz to 1 kHz, 21 of them
-WEIGHTS = {
+_VALUES = {
     "W1": [[0.0], [1.953125e-05]],
     "W2": [[1.71253e6, 33.447]],
     "W3": [[0.98412, 1.953125e-05], [-327.742, 0.97088]],
     "W4": [[-6.53e-4]],
+}
+WEIGHTS = {
+    name: {"layer": layer, "meaning": meaning, "value": _VALUES[name]} for name, (layer, meaning) in MEANING.items()
 }
 
 

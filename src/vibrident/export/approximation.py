@@ -14,13 +14,11 @@ from functools import partial
 import numpy as np
 
 from vibrident.base.errors import InputError
-from vibrident.export.poles_zeros import PolesZeros, poles_zeros
+from vibrident.export.poles_zeros import PolesZeros, paired, poles_zeros
 from vibrident.export.sensor import Exported, require_linear
+from vibrident.show.views import K
 
-#: A negative delay within so many standard uncertainties is zero.
-COVERAGE = 2.0
-#: Largest relative error of an approximation over the band.
-TOLERANCE = 1e-10
+TOLERANCE = 1e-10  # largest relative error of an approximation over the band
 MOST_ORDER = 12
 
 
@@ -64,7 +62,7 @@ def held(sensor: Exported) -> tuple[PolesZeros, list[str]]:
 def _late(sensor: Exported) -> tuple[PolesZeros, str]:
     """The sensor's delay, in poles and zeros and in words."""
     delay, name = sensor.delay_s, next(addon.name for addon in sensor.model.add_ons if addon.delay is not None)
-    if delay < 0 and -delay <= COVERAGE * sensor.delay_u_s:
+    if delay < 0 and -delay <= K * sensor.delay_u_s:
         none = np.empty(0, complex)
         return PolesZeros(none, none, 1.0), f"delay of {delay!r} s, which is zero within its U (k = 2): left out"
     if delay < 0:
@@ -116,24 +114,16 @@ def _coefficients(order: int) -> list[float]:
     ]  # fmt: skip
 
 
-def _sorted(found: np.ndarray) -> np.ndarray:
-    """Conjugate pairs side by side, imaginary parts exactly opposite."""
-    upper = found[np.imag(found) > 1e-9 * np.abs(found)]
-    real = np.real(found[np.abs(np.imag(found)) <= 1e-9 * np.abs(found)]).astype(complex)
-    return np.concatenate([real, np.ravel(np.stack([upper, upper.conj()], axis=1))])
-
-
 def _delay(delay_s: float, order: int) -> PolesZeros:
-    poles = _sorted(np.roots(_coefficients(order)[::-1])) / delay_s
+    poles = paired(np.roots(_coefficients(order)[::-1])) / delay_s
     return PolesZeros(-poles, poles, (-1.0) ** order)
 
 
 def _boxcar(length_s: float, order: int) -> PolesZeros:
     q = _coefficients(order)
-    poles = _sorted(np.roots(q[::-1]))
+    poles = paired(np.roots(q[::-1]))
     odd = [2.0 * c for c in q[1::2]]  # (Q(x) − Q(−x))/x, a polynomial in x²
-    squares = np.roots(odd[::-1]) if len(odd) > 1 else np.empty(0)
-    zeros = np.ravel([[1j * np.sqrt(-v), -1j * np.sqrt(-v)] for v in squares.real]) if len(odd) > 1 else np.empty(0)
+    zeros = np.ravel([[1j * np.sqrt(-v), -1j * np.sqrt(-v)] for v in np.roots(odd[::-1]).real])
     gain = odd[-1] / q[-1]
     excess = len(poles) - len(zeros)
     return PolesZeros(np.asarray(zeros, complex) / length_s, poles / length_s, gain / length_s**excess)

@@ -19,14 +19,15 @@ from vibrident.export.dcc_tree import Tree, cleaned, numeral
 from vibrident.export.form import library
 from vibrident.result import Curve, Parameter, Result
 from vibrident.show.coverage import coverage
+from vibrident.show.curves import column
+from vibrident.show.views import K
 
 _NAMES = {
     "V": "volt", "A": "ampere", "C": "coulomb", "Hz": "hertz", "s": "second", "m": "metre", "rad": "radian",
     "deg": "degree", "°": "degree", "N": "newton", "Pa": "pascal", "W": "watt", "F": "farad", "Ω": "ohm", "K": "kelvin",
     "%": "percent", "min": "minute",
 }  # fmt: skip
-#: Spellings of dimensionless counts.
-_ONE = {"1", "count", "counts", "LSB", "digit", "digits"}
+_ONE = {"1", "count", "counts", "LSB", "digit", "digits"}  # spellings of dimensionless counts
 _PREFIXES = {
     "f": "femto", "p": "pico", "n": "nano", "u": "micro", "µ": "micro", "μ": "micro", "m": "milli", "c": "centi",
     "k": "kilo", "M": "mega", "G": "giga",
@@ -41,11 +42,7 @@ def d_si(unit: str) -> str:
     Raises:
         InputError: the unit is unknown, or dsiUnits is not installed.
     """
-    powers = _parsed(unit)
-    parts = []
-    for name, power in powers.items():
-        if power:
-            parts.append(name if power == 1 else f"{name}\\tothe{{{power}}}")
+    parts = (name if power == 1 else f"{name}\\tothe{{{power}}}" for name, power in _parsed(unit).items() if power)
     text = "".join(parts) or "\\one"
     kind = library("dsi_unit", "dcc").DsiUnit
     with warnings.catch_warnings():
@@ -126,32 +123,28 @@ def measurement(tree: Tree, result: Result) -> Any:
     make, text = tree.make, tree.text
     stated, version = result.certificate, result.provenance.get("vibrident")
     release = cleaned(f"v{version}" if version else "not stated")
-    methods = [
-        make(
-            "usedMethod",
-            text("name", f"model {result.model}, estimator {result.estimator}"),
-            text("description", "identification of a parametric model of the sensor from its calibration data"),
-        )
-    ]
+    methods = []
     if stated.get("procedure"):
-        methods.insert(
-            0,
-            make("usedMethod", text("name", "calibration procedure"), tree.stated("description", stated["procedure"])),
-        )
+        said = tree.stated("description", stated["procedure"])
+        methods.append(make("usedMethod", text("name", "calibration procedure"), said))
+    about = text("description", "identification of a parametric model of the sensor from its calibration data")
+    methods.append(make("usedMethod", text("name", f"model {result.model}, estimator {result.estimator}"), about))
     equipment = [_equipment(tree, entry) for entry in stated.get("instruments", ())]
     conditions = [
         _condition(tree, stated, *entry) for entry in _CONDITIONS if stated.get(f"{entry[1]}_{entry[2]}") is not None
     ]
-    results = [_result(tree, "parameters", [_parameter(tree, result, *p) for p in result.parameters.items()])]
+    quantities = [_parameter(tree, result, *p) for p in result.parameters.items()]
+    results = [_result(tree, "parameters", tree.titled("parameters"), quantities)]
     if result.correlation.names and np.isfinite(np.array(result.correlation.matrix, float)).all():
-        results.append(_result(tree, "correlation", [_correlation(tree, result)]))
-    for key, curve in (("response", result.response), ("measured", result.measured)):
+        title = text("name", "Correlation of the estimated parameters")
+        results.append(_result(tree, "correlation", title, [_correlation(tree, result)]))
+    for key, title, curve in (("response", "curve", result.response), ("measured", "measured", result.measured)):
         # Points with frequency and magnitude: D-SI's lists allow no blanks.
-        whole = np.flatnonzero(np.isfinite(curve.frequency_hz) & np.isfinite(curve.magnitude)).tolist()
-        if whole:
-            results.append(_result(tree, key, [_curve(tree, result, curve, whole)]))
+        whole = np.flatnonzero(np.isfinite(curve.frequency_hz) & np.isfinite(curve.magnitude))
+        if whole.size:
+            results.append(_result(tree, key, tree.titled(title), [_curve(tree, result, curve, whole)]))
     if lists := _budget(tree, result):
-        results.append(_result(tree, "budget", lists))
+        results.append(_result(tree, "budget", tree.titled("budget"), lists))
     return make(
         "measurementResult",
         text("name", "Sensitivity of a vibration sensor"),
@@ -191,12 +184,7 @@ def _equipment(tree: Tree, entry: Mapping[str, Any]) -> Any:
     )
 
 
-#: Key of a result → heading of a certificate.
-_TITLES = {"parameters": "parameters", "response": "curve", "measured": "measured", "budget": "budget"}
-
-
-def _result(tree: Tree, key: str, data: Sequence[Any]) -> Any:
-    name = tree.titled(_TITLES[key]) if key in _TITLES else tree.text("name", "Correlation of the estimated parameters")
+def _result(tree: Tree, key: str, name: Any, data: Sequence[Any]) -> Any:
     return tree.make("result", name, tree.make("data", *data), id=key)
 
 
@@ -228,27 +216,19 @@ def _parameter(tree: Tree, result: Result, name: str, p: Parameter) -> Any:
             tree.make("si:coverageProbability", text="0.95"),
         )
     else:
-        spread = _expanded(tree, None if u is None else 2.0 * u, coverage(result).probability)
+        spread = _expanded(tree, None if u is None else K * u, coverage(result).probability)
     notes = [name.replace("_", " ") + (", derived from the estimated ones" if p.derived else "")]
     notes += [] if p.identifiable else ["not determined by the data"]
     notes += [] if u is not None else ["uncertainty not stated"]
-    notes += _half_open(low, high)
-    if p.value is None or not math.isfinite(
-        p.value
-    ):  # of a derived one that is not finite: JSON has no infinity, nor has D-SI
-        said = tree.text("noQuantity", "no finite value")
-    else:
-        said = _real(tree, p.value, d_si(p.unit), spread, name)
-    return tree.make("quantity", tree.text("name", name), tree.text("description", "; ".join(notes)), said)
-
-
-def _half_open(low: float | None, high: float | None) -> list[str]:
-    """In words, because D-SI's interval has two ends."""
-    if low is not None and high is None:
-        return [f"95 % coverage interval from {numeral(low)}, without an upper limit"]
+    if low is not None and high is None:  # in words, because D-SI's interval has two ends
+        notes.append(f"95 % coverage interval from {numeral(low)}, without an upper limit")
     if low is None and high is not None:
-        return [f"95 % coverage interval up to {numeral(high)}, without a lower limit"]
-    return []
+        notes.append(f"95 % coverage interval up to {numeral(high)}, without a lower limit")
+    if p.value is not None and math.isfinite(p.value):
+        said = _real(tree, p.value, d_si(p.unit), spread, name)
+    else:  # a derived one: JSON has no infinity, nor has D-SI
+        said = tree.text("noQuantity", "no finite value")
+    return tree.make("quantity", tree.text("name", name), tree.text("description", "; ".join(notes)), said)
 
 
 def _real(tree: Tree, value: float, unit: str, spread: Any, label: str | None = None) -> Any:
@@ -274,49 +254,42 @@ def _expanded(tree: Tree, expanded: float | None, probability: float) -> Any:
 
 
 def _correlation(tree: Tree, result: Result) -> Any:
-    rows = [
-        _list(tree, name, row, r"\one")
-        for name, row in zip(result.correlation.names, result.correlation.matrix, strict=True)
-    ]
-    order = "columns in the order of the rows: " + ", ".join(result.correlation.names)
+    names = result.correlation.names
+    rows = [_list(tree, name, row, r"\one") for name, row in zip(names, result.correlation.matrix, strict=True)]
+    order = "columns in the order of the rows: " + ", ".join(names)
     return tree.make("list", tree.text("name", "Correlation matrix"), tree.text("description", order), *rows)
 
 
-def _curve(tree: Tree, result: Result, curve: Curve, whole: Sequence[int]) -> Any:
+def _curve(tree: Tree, result: Result, curve: Curve, whole: np.ndarray) -> Any:
     """Frequency, magnitude and phase as lists; the phase is left out if a point lacks it."""
-    quantity = result.quantity
     unit = d_si(f"({result.response_unit})/({result.reference.get('unit') or 'm/s^2'})")
     probability = coverage(result).probability
-
-    def at(values: FloatArray) -> list[float | None]:
-        return [None if math.isnan(value) else value for value in values[whole].tolist()]
-
-    phase = at(curve.phase_deg)
+    sizes, phases = (column(curve, name)[whole] for name in ("magnitude", "phase_deg"))
+    u_sizes, u_phases = (column(curve, f"{name}_uncertainty")[whole] for name in ("magnitude", "phase_deg"))
     parts = [
-        _list(tree, "Frequency", at(curve.frequency_hz), d_si("Hz")),
-        _list(tree, "Magnitude", at(curve.magnitude), unit, at(curve.magnitude_uncertainty), probability),
+        _list(tree, "Frequency", curve.frequency_hz[whole], d_si("Hz")),
+        _list(tree, "Magnitude", sizes, unit, u_sizes, probability),
     ]
-    if None not in phase:
-        spread = at(curve.phase_deg_uncertainty)
-        parts.append(_list(tree, "Phase, lag negative", phase, d_si("deg"), spread, probability))
-    about = tree.text("description", f"response per {quantity}")
+    if not np.isnan(phases).any():
+        parts.append(_list(tree, "Phase, lag negative", phases, d_si("deg"), u_phases, probability))
+    about = tree.text("description", f"response per {result.quantity}")
     return tree.make("list", tree.text("name", "Sensitivity over frequency"), about, *parts)
 
 
 def _list(
     tree: Tree,
     title: str,
-    values: Sequence[float | None],
+    values: Sequence[float] | FloatArray,
     unit: str,
-    u: Sequence[float | None] = (),
+    u: Sequence[float] | FloatArray = (),
     probability: float = 0.95,
 ) -> Any:
     """A list with one unit; expanded uncertainties (k = 2) if every point has one."""
     spread = None
-    if u and None not in u:
+    if len(u) and not np.isnan(u).any():
         spread = tree.make(
             "si:expandedUncXMLList",
-            tree.make("si:uncertaintyXMLList", text=_joined(u, 2.0)),
+            tree.make("si:uncertaintyXMLList", text=" ".join(numeral(K * each) for each in u)),
             tree.make("si:coverageFactorXMLList", text="2.0"),
             tree.make("si:coverageProbabilityXMLList", text=_probability(probability)),
         )
@@ -325,15 +298,11 @@ def _list(
         tree.text("name", title),
         tree.make(
             "si:realListXMLList",
-            tree.make("si:valueXMLList", text=_joined(values)),
+            tree.make("si:valueXMLList", text=" ".join(map(numeral, values))),
             tree.make("si:unitXMLList", text=unit),
             spread,
         ),
     )
-
-
-def _joined(values: Sequence[float | None], factor: float = 1.0) -> str:
-    return " ".join(numeral(factor * value) for value in values if value is not None)
 
 
 def _probability(value: float) -> str:

@@ -8,12 +8,9 @@ from vibrident.base.escaping import xml_text
 from vibrident.export.form import library
 from vibrident.show.language import Say
 
-#: Language of the texts written here, ISO 639-1.
-LANGUAGE = "en"
-#: Namespace of the certificate.
-DCC = "https://ptb.de/dcc"
-#: Namespace of the quantities.
-SI = "https://ptb.de/si"
+LANGUAGE = "en"  # language of the texts written here, ISO 639-1
+DCC = "https://ptb.de/dcc"  # namespace of the certificate
+SI = "https://ptb.de/si"  # namespace of the quantities
 
 
 class Tree:

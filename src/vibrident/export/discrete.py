@@ -76,10 +76,6 @@ class SecondOrderSections:
             value = value * ((b0 * delta + b1) * delta + b2) / ((delta + a1) * delta + a2)
         return value
 
-    def rounded(self) -> SecondOrderSections:
-        """Rounded to single precision."""
-        return SecondOrderSections(self.rows.astype(np.float32).astype(float), self.interval_s)
-
     def cmsis(self) -> np.ndarray:
         """The same in z, as CMSIS-DSP orders it: b0 b1 b2 −a1 −a2 a section, shape (sections, 5)."""
         b0, b1, b2, a1, a2 = self.rows.T
@@ -94,33 +90,22 @@ class SecondOrderSections:
 def sections_of(system: PolesZeros, interval_s: float, filling: np.ndarray, at_hz: float) -> SecondOrderSections:
     """Sections with a system's poles and zeros mapped by e^{sT}, and its magnitude at one frequency.
 
-    Args:
-        system: at most as many zeros as poles.
-        interval_s: sampling interval.
-        filling: zeros in z for each zero at infinity.
-        at_hz: where the magnitude is exact; the sign is the system's.
+    ``system``: at most as many zeros as poles; ``filling``: zeros in z for each zero at infinity; ``at_hz``: where the
+    magnitude is exact; the sign is the system's.
     """
     zeros = np.concatenate([np.expm1(system.zeros * interval_s), np.asarray(filling, complex) - 1.0])
     poles = np.expm1(system.poles * interval_s)
     if len(poles) % 2:
         zeros, poles = np.append(zeros, -1.0), np.append(poles, -1.0)  # z/z
-    sections = _paired(zeros, poles, interval_s)
-    at = np.array([at_hz])
-    gain = float(np.abs(system.response(at) / sections.response(at))[0])
-    rows = sections.rows.copy()
-    rows[0, :3] *= np.copysign(gain, system.gain)
-    return SecondOrderSections(rows, interval_s)
-
-
-def _paired(zeros: np.ndarray, poles: np.ndarray, interval_s: float) -> SecondOrderSections:
-    """As many zeros as poles, in δ: each pair of poles with the nearest pair of zeros."""
-    pairs = _pairs(zeros)
-    rows = []
-    for pole in sorted(_pairs(poles), key=lambda pair: float(np.min(np.abs(pair)))):
+    pairs, rows = _pairs(zeros), []
+    for pole in sorted(_pairs(poles), key=lambda pair: float(np.min(np.abs(pair)))):  # each with the nearest zeros
         near = min(pairs, key=lambda pair: abs(np.mean(pair) - np.mean(pole)))
         pairs = [pair for pair in pairs if pair is not near]
         rows.append([*np.poly(near).real, *np.poly(pole).real[1:]])
-    return SecondOrderSections(np.array(rows), interval_s)
+    sections, at = SecondOrderSections(np.array(rows), interval_s), np.array([at_hz])
+    gain = float(np.abs(system.response(at) / sections.response(at))[0])
+    sections.rows[0, :3] *= np.copysign(gain, system.gain)
+    return sections
 
 
 def _pairs(roots: np.ndarray) -> list[np.ndarray]:

@@ -10,7 +10,7 @@ a power of frequency/rate with their number. Small weights outside the band limi
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -36,13 +36,8 @@ class Taps:
 
     def response(self, frequency_hz: FloatArray, interval_s: float) -> np.ndarray:
         """Response to e^{jωt} sampled."""
-        return response_of(self.taps, self.lead, frequency_hz, interval_s)
-
-
-def response_of(taps: np.ndarray, lead: int, frequency_hz: FloatArray, interval_s: float) -> np.ndarray:
-    """Σ_m h_m z^{−lead−m}."""
-    turn = -2j * np.pi * np.asarray(frequency_hz) * interval_s
-    return np.exp(np.multiply.outer(turn, lead + np.arange(len(taps)))) @ taps
+        turn = -2j * np.pi * np.asarray(frequency_hz) * interval_s
+        return np.exp(np.multiply.outer(turn, self.lead + np.arange(len(self.taps)))) @ self.taps
 
 
 def fitted(
@@ -70,11 +65,34 @@ def fitted(
         size: weight of the taps' size, to which rounding is proportional.
         fewest: least number of taps.
     """
+    (low, high), top, ts = band_hz, 0.5 * rate_hz, 1.0 / rate_hz
+
+    def fit(order: np.ndarray, latency: int) -> tuple[np.ndarray, float]:
+        """Taps at these delays, and their largest relative error over the band."""
+        taps, points = len(order), 3 * len(order) + 40
+        # Dense towards both ends, as a polynomial needs it.
+        inside = low + (high - low) * 0.5 * (1.0 - np.cos(np.pi * (np.arange(points) + 0.5) / points))
+        inside = np.concatenate([inside, np.geomspace(low, high, 40), [low, high]])
+        above = np.linspace(min(high * 1.5, 0.5 * (high + top)), top, points)
+
+        def columns(f: FloatArray) -> np.ndarray:
+            return base(f)[:, None] * np.exp(np.multiply.outer(-2j * np.pi * f * ts, order))
+
+        target = wanted(inside) * np.exp(-2j * np.pi * inside * latency * ts)
+        largest = float(np.max(np.abs(target)))
+        own = columns(inside) / target[:, None]
+        plain = size * float(np.max(np.abs(own))) * np.eye(taps)
+        rows = np.concatenate([own, outside / largest * columns(above), plain])
+        right = np.concatenate([np.ones(len(inside)), np.zeros(len(above) + taps)])
+        matrix = np.concatenate([rows.real, rows.imag])
+        h = np.linalg.lstsq(matrix, np.concatenate([right, np.zeros(len(right))]), rcond=1e-15)[0]
+        return h, float(np.max(np.abs(own @ h - 1.0)))
+
     best: Taps | None = None
     for count in (count for count in TAPS if count >= fewest):
         latency = max(0, int(np.ceil(0.5 * (count - 1) - shift - 1e-9)))
         lead = max(0, int(np.round(shift + latency - 0.5 * (count - 1))))
-        h, error = _fit(wanted, base, band_hz, rate_hz, lead + np.arange(count), latency, outside, size)
+        h, error = fit(lead + np.arange(count), latency)
         if best is None or error < 0.5 * best.error:
             best = Taps(h, lead, latency, error)
         if best.error <= tolerance:
@@ -83,53 +101,15 @@ def fitted(
     return best
 
 
-def _fit(
-    wanted: Response,
-    base: Response,
-    band_hz: tuple[float, float],
-    rate_hz: float,
-    order: np.ndarray,
-    latency: int,
-    outside: float,
-    size: float,
-) -> tuple[np.ndarray, float]:
-    """Taps at these delays, and their largest relative error over the band."""
-    (low, high), taps, points = band_hz, len(order), 3 * len(order) + 40
-    # Dense towards both ends, as a polynomial needs it.
-    inside = low + (high - low) * 0.5 * (1.0 - np.cos(np.pi * (np.arange(points) + 0.5) / points))
-    inside = np.concatenate([inside, np.geomspace(low, high, 40), [low, high]])
-    top, ts = 0.5 * rate_hz, 1.0 / rate_hz
-    above = np.linspace(min(high * 1.5, 0.5 * (high + top)), top, points)
-
-    def columns(f: FloatArray) -> np.ndarray:
-        return base(f)[:, None] * np.exp(np.multiply.outer(-2j * np.pi * f * ts, order))
-
-    target = wanted(inside) * np.exp(-2j * np.pi * inside * latency * ts)
-    largest = float(np.max(np.abs(target)))
-    own = columns(inside) / target[:, None]
-    plain = size * float(np.max(np.abs(own))) * np.eye(taps)
-    rows = np.concatenate([own, outside / largest * columns(above), plain])
-    right = np.concatenate([np.ones(len(inside)), np.zeros(len(above) + taps)])
-    matrix = np.concatenate([rows.real, rows.imag])
-    h = np.linalg.lstsq(matrix, np.concatenate([right, np.zeros(len(right))]), rcond=1e-15)[0]
-    return h, float(np.max(np.abs(rows[: len(inside)] @ h - 1.0)))
-
-
-#: Highest usable frequency over the sampling rate.
-USABLE = 0.45
-#: Relative error of the model over the band at which no further taps are added.
-MODEL_TOLERANCE = 1e-10
-#: The same of the correction.
-CORRECTION_TOLERANCE = 1e-4
+USABLE = 0.45  # highest usable frequency over the sampling rate
+MODEL_TOLERANCE = 1e-10  # relative error of the model over the band at which no further taps are added
+CORRECTION_TOLERANCE = 1e-4  # the same of the correction
 #: Sampling zeros of first-order hold for one and two zeros at infinity (Åström, Hagander & Sternby 1984).
 _SAMPLING_ZEROS = {0: (), 1: (-1.0,), 2: (-2.0 + 3.0**0.5, -2.0 - 3.0**0.5)}
-#: Corner of the correction's high-pass, in place of an integrator, over the band's lower edge.
-BELOW = 0.01
-#: Weight of the correction's gain above the band, relative to its error in the band.
-OUTSIDE = 1e-3
+BELOW = 0.01  # corner of the correction's high-pass, in place of an integrator, over the band's lower edge
+OUTSIDE = 1e-3  # weight of the correction's gain above the band, relative to its error in the band
 LOW_PASS_ORDER = 8
-#: Longest delay line, samples.
-LONGEST = 16384
+LONGEST = 16384  # longest delay line, samples
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,11 +129,10 @@ class Filter:
         """Response to e^{jωt} sampled, latency included."""
         return self.taps.response(frequency_hz, 1.0 / self.rate_hz) * self.sections.response(frequency_hz)
 
-    def in_single_precision(self, frequency_hz: FloatArray) -> np.ndarray:
+    def in_single_precision(self) -> Filter:
         """The same with coefficients rounded to float."""
-        taps = self.taps.taps.astype(np.float32).astype(float)
-        own = response_of(taps, self.taps.lead, frequency_hz, 1.0 / self.rate_hz)
-        return own * self.sections.rounded().response(frequency_hz)
+        taps, rows = (values.astype(np.float32).astype(float) for values in (self.taps.taps, self.sections.rows))
+        return replace(self, taps=replace(self.taps, taps=taps), sections=replace(self.sections, rows=rows))
 
     def late(self, frequency_hz: FloatArray) -> np.ndarray:
         """The factor e^{−jωT·latency}."""

@@ -36,9 +36,8 @@ class PolesZeros:
 
     def times(self, other: PolesZeros) -> PolesZeros:
         """The two in series."""
-        return PolesZeros(
-            np.concatenate([self.zeros, other.zeros]), np.concatenate([self.poles, other.poles]), self.gain * other.gain
-        )
+        zeros, poles = np.concatenate([self.zeros, other.zeros]), np.concatenate([self.poles, other.poles])
+        return PolesZeros(zeros, poles, self.gain * other.gain)
 
     def polynomials(self) -> tuple[np.ndarray, np.ndarray]:
         """Numerator and denominator, real, descending powers of s."""
@@ -53,9 +52,7 @@ def poles_zeros(sensor: Exported) -> PolesZeros:
     factors = [model.core.rational(values).denominator]
     factors += [addon.rational(values, unit).denominator for addon in model.add_ons if addon.rational is not None]
     poles = np.concatenate([roots(np.array(factor, float)) for factor in factors])
-    numerator = np.array(system.numerator, float)
-    lead = np.flatnonzero(numerator)[-1]
-    numerator = numerator[: lead + 1]
+    numerator = np.trim_zeros(np.array(system.numerator, float), "b")
     return PolesZeros(roots(numerator), poles, float(system.gain) * float(numerator[-1]))
 
 
@@ -85,7 +82,7 @@ def _quadratic(b: float, c: float) -> np.ndarray:
 
 
 def _polished(c: np.ndarray) -> np.ndarray:
-    """Companion roots in a variable of the roots' own size, then Newton's steps; conjugates made exact."""
+    """Companion roots in a variable of the roots' own size, then Newton's steps."""
     scale = float(np.abs(c[0])) ** (1.0 / (len(c) - 1))
     descending = (c * scale ** (np.arange(len(c)) - (len(c) - 1.0)))[::-1]
     found = np.roots(descending)
@@ -93,9 +90,14 @@ def _polished(c: np.ndarray) -> np.ndarray:
     for _ in range(3):
         step = np.polyval(descending, found) / np.polyval(slope, found)
         found = found - np.where(np.isfinite(step) & (np.abs(step) < 1e-3 * np.abs(found)), step, 0.0)
-    upper = found[found.imag > 1e-12 * np.abs(found)]
-    real = found[np.abs(found.imag) <= 1e-12 * np.abs(found)].real.astype(complex)
-    return scale * np.concatenate([real, np.ravel(np.stack([upper, upper.conj()], axis=1))])
+    return scale * paired(found)
+
+
+def paired(found: np.ndarray) -> np.ndarray:
+    """Real roots, then conjugates side by side, their imaginary parts exactly opposite."""
+    upper = found[np.imag(found) > 1e-12 * np.abs(found)]
+    real = np.real(found[np.abs(np.imag(found)) <= 1e-12 * np.abs(found)]).astype(complex)
+    return np.concatenate([real, np.ravel(np.stack([upper, upper.conj()], axis=1))])
 
 
 def uncertainties(sensor: Exported, which: str) -> np.ndarray | None:
@@ -115,7 +117,8 @@ def uncertainties(sensor: Exported, which: str) -> np.ndarray | None:
         low, high = (getattr(poles_zeros(one), which) for one in near)
         slopes.append((high - low) / (2 * step) if len(low) == len(high) == len(base) else np.zeros(len(base)))
     slope: np.ndarray = np.stack(slopes, axis=1)  # (roots, parameters)
-    covariance = known.covariance
-    real = np.sqrt(np.maximum(np.einsum("ri,ij,rj->r", np.real(slope), covariance, np.real(slope)), 0.0))
-    imag = np.sqrt(np.maximum(np.einsum("ri,ij,rj->r", np.imag(slope), covariance, np.imag(slope)), 0.0))
+    real, imag = (
+        np.sqrt(np.maximum(np.einsum("ri,ij,rj->r", part, known.covariance, part), 0.0))
+        for part in (np.real(slope), np.imag(slope))
+    )
     return real + 1j * imag

@@ -29,13 +29,8 @@ def write_module(
 ) -> list[Path]:
     """Write ``NAME_control.py`` or ``NAME_scipy.py``, whose ``sensor()`` is an object of that package.
 
-    Args:
-        sensor: to be written.
-        folder: of the file.
-        options: its name.
-        imports: line that imports the package.
-        kind: class of the object, its package first.
-        make: expression for the object, of ZEROS, POLES and GAIN.
+    ``imports``: line that imports the package; ``kind``: class of the object, its package first; ``make``: expression
+    for it, of ZEROS, POLES and GAIN.
     """
     poles_zeros, words = held(sensor)
     names, covariance = sensor.known.model.parameter_names, sensor.known.covariance

@@ -59,12 +59,6 @@ def unit(name: str) -> str:
     return _SPELLING.get(name, name)
 
 
-def normal_frequency_hz(sensor: ExportedSensor) -> float:
-    """Frequency of the stated sensitivity: the middle of the band on a logarithmic axis."""
-    low, high = sensor.band_hz
-    return float((low * high) ** 0.5)
-
-
 def caveats(sensor: ExportedSensor) -> list[str]:
     """Limits of the description by poles and zeros."""
     lines = [

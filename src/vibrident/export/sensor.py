@@ -17,8 +17,7 @@ from vibrident.physics.models import ADD_ONS, SensorModel, parse
 from vibrident.result import Result
 from vibrident.result.sensor import IdentifiedSensor
 
-#: Points at which errors over the band are computed.
-POINTS = 400
+POINTS = 400  # points at which errors over the band are computed
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,12 +179,10 @@ def identity(sensor: ExportedSensor) -> list[str]:
         lines.append(f"{name} = {p.value!r}{unit}, standard uncertainty u = {u}{note}")
     if result.warning_codes:
         lines.append("warnings of the result: " + ", ".join(result.warning_codes))
-    for name in sensor.left_out:
-        lines.append(f"left out on request: {name}")
+    lines += [f"left out on request: {name}" for name in sensor.left_out]
     bent = {addon.name: addon.title for addon in sensor.known.model.add_ons if addon.force is not None}
-    for name in sensor.left_out:
-        if name in bent:
-            lines.append(f"without the {bent[name]} this is the sensor's response to small signals only")
+    spring = "without the {} this is the sensor's response to small signals only"
+    lines += [spring.format(bent[name]) for name in sensor.left_out if name in bent]
     if set(sensor.left_out) - set(bent):
         error = sensor.error_of_leaving_out
         lines.append(f"without it, the response deviates from the model by up to {error:.2e} (relative) over the band")

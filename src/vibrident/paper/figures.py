@@ -20,8 +20,7 @@ from vibrident.physics.discretisation import Weights, method
 from vibrident.physics.models import parse
 from vibrident.physics.models.state_space import realise
 from vibrident.physics.network.readback import network_response
-from vibrident.show import axes
-from vibrident.show.media import drawing
+from vibrident.show import axes, plots
 from vibrident.show.views import BLACK, BLUE, LINES, Axis, Figure, Look, Panel, Series, Stack
 
 Stacks = tuple[Stack, ...]
@@ -47,7 +46,7 @@ def draw_all(run: Reproduction, folder: Path) -> list[Figure]:
     drawn = [(picture, picture.draw(run)) for picture in wanted]
     figures = [Figure(p.name, "", stacks, "", p.caption, across=2 if len(stacks) > 2 else 0) for p, stacks in drawn]
     for figure in figures:
-        drawing.save(replace(figure, caption=""), folder / f"{figure.name}.png")
+        plots.save(replace(figure, caption=""), folder / f"{figure.name}.png")
     return figures
 
 

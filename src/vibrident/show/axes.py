@@ -34,14 +34,13 @@ def frequency(values: FloatArray, label: str = "Frequency in Hz") -> Axis:
         margin = 0.04 * (high - low)
         return Axis(label, low - margin, high + margin, linear_ticks(low - margin, high + margin, thousands=True))
     margin = (high / low) ** 0.03
-    return logarithmic(label, low / margin, high * margin, thousands=True)
+    return _logarithmic(label, low / margin, high * margin, thousands=True)
 
 
 def size(label: str, values: FloatArray, low: FloatArray | None = None, high: FloatArray | None = None) -> Axis:
     """Of positive sizes: logarithmic where they span more than 3:1.
 
-    ``label``: what they are, and their unit; ``values``: what must be in view; ``low``: ends of bars and bands, in view
-    as far as a factor of two beyond the values; ``high``: as low.
+    ``low``, ``high``: ends of bars and bands, in view as far as a factor of two beyond the values.
     """
     known = usable(values, positive=True)
     if known.size == 0:
@@ -52,7 +51,7 @@ def size(label: str, values: FloatArray, low: FloatArray | None = None, high: Fl
     top = min(max(float(ends[1].max(initial=largest)), largest), largest * 2)
     if largest / smallest > 3:
         margin = (top / bottom) ** 0.06
-        return logarithmic(label, bottom / margin, top * margin)
+        return _logarithmic(label, bottom / margin, top * margin)
     margin = 0.08 * (top - bottom) or 0.05 * top
     return Axis(label, bottom - margin, top + margin, linear_ticks(bottom - margin, top + margin))
 
@@ -60,11 +59,8 @@ def size(label: str, values: FloatArray, low: FloatArray | None = None, high: Fl
 def about_zero(label: str, values: FloatArray, half: FloatArray | None = None, floor: float = 1e-6) -> Axis:
     """Of deviations: zero in the middle, bars in view as far as they do not dwarf the values.
 
-    Args:
-        label: what they are, and their unit.
-        values: deviations.
-        half: half lengths of the bars; NaN for no bar.
-        floor: least half range, so that rounding noise does not look like a deviation.
+    ``half``: half lengths of the bars, NaN for no bar; ``floor``: least half range, so that rounding noise does not
+    look like a deviation.
     """
     known = usable(values)
     reach = float(np.abs(known).max(initial=0.0))
@@ -78,9 +74,9 @@ def about_zero(label: str, values: FloatArray, half: FloatArray | None = None, f
 def angle(label: str, values: FloatArray) -> Axis:
     """Of angles in degrees."""
     known = usable(values)
-    low, high = float(known.min(initial=0.0)) if not known.size else float(known.min()), float(known.max(initial=-1e9))
     if not known.size:
         return Axis(label, -1.0, 1.0, linear_ticks(-1.0, 1.0))
+    low, high = float(known.min()), float(known.max())
     margin = 0.07 * max(high - low, 1.0)
     steps = _ANGLES if high - low > 40 else _STEPS
     return Axis(label, low - margin, high + margin, linear_ticks(low - margin, high + margin, steps=steps))
@@ -91,13 +87,8 @@ def linear(
 ) -> Axis:
     """Of any numbers.
 
-    Args:
-        label: what they are, and their unit.
-        values: what must be in view.
-        most: ticks.
-        whole: ticks at whole numbers only.
-        margin: on both sides, of the range.
-        base: the axis begins at zero.
+    ``most``: ticks; ``whole``: ticks at whole numbers only; ``margin``: on both sides, of the range; ``base``: the axis
+    begins at zero.
     """
     known = usable(values)
     if known.size == 0:
@@ -121,8 +112,7 @@ def named(label: str, names: Sequence[str]) -> Axis:
     return Axis(label, 0.4, len(names) + 0.6, tuple((float(i), name) for i, name in enumerate(names, 1)))
 
 
-def logarithmic(label: str, low: float, high: float, *, thousands: bool = False) -> Axis:
-    """A logarithmic axis with these limits."""
+def _logarithmic(label: str, low: float, high: float, *, thousands: bool = False) -> Axis:
     return Axis(label, low, high, log_ticks(low, high, thousands=thousands), log=True)
 
 

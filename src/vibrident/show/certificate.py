@@ -17,24 +17,22 @@ from vibrident.base.amounts import pretty
 from vibrident.result import Result
 from vibrident.show import certificate_tables as parts
 from vibrident.show import tables
-from vibrident.show.certificate_tables import instruments as instruments
-from vibrident.show.certificate_tables import parameters as parameters
-from vibrident.show.certificate_tables import reference as reference
-from vibrident.show.certificate_tables import sensitivity as sensitivity
 from vibrident.show.coverage import coverage, parameter_factor, scatter_only, unstated
 from vibrident.show.findings import findings
 from vibrident.show.formulas import Mixed
 from vibrident.show.history import date_of
-from vibrident.show.issue import NOTHING_MORE, Issue, missing
+from vibrident.show.issue import GROUPS, NOTHING_MORE, Issue, missing
 from vibrident.show.language import ENGLISH, Say
-from vibrident.show.numbers import COVERAGE_FACTOR, plain, printed, reference_unit, sensor_name
+from vibrident.show.numbers import plain, printed, reference_unit, sensor_name
 from vibrident.show.points import measured_band
+from vibrident.show.setting_tables import budget
 from vibrident.show.views import (
     Beside,
     Block,
     Document,
     Fact,
     Facts,
+    K,
     Letterhead,
     Section,
     Sentence,
@@ -43,32 +41,22 @@ from vibrident.show.views import (
     section,
 )
 
-#: Keys that have a place of their own; others are listed as further statements.
-_PLACED = {
-    *("number", "laboratory", "laboratory_address", "accreditation", "customer", "customer_address", "order_number"),
-    *("date_of_receipt", "date_of_calibration", "date_of_issue", "place", "condition", "mounting", "direction"),
-    *("amplitude", "conditioning", "procedure", "traceability", "instruments", "operator", "approved_by", "remarks"),
-    *("temperature_c", "temperature_uncertainty_c", "relative_humidity_percent", "air_pressure_hpa"),
-    *("relative_humidity_uncertainty_percent", "air_pressure_uncertainty_hpa", "reference_frequency_hz"),
-    *("deviations", "external_results", "opinions", "requirements", "decision_rule", "replaces", "changes"),
-    *("language", "second_language", "country"),
-}
 _SENSOR = ("manufacturer", "type", "serial_number")
 
 
 def certificate(result: Result, issue: Issue = NOTHING_MORE) -> Document:
     """Everything that a certificate states of a result, to be signed."""
     say = Say.of(result)
-    nominal = sensitivity(result, say) or Sentence(say("text", "no_nominal"))
+    nominal = parts.sensitivity(result, say) or Sentence(say("text", "no_nominal"))
     stated = result.certificate
 
     def part(name: str, *blocks: Block | None) -> Section:
         return section(name, say("section", name), *blocks)
 
     sections = [
-        part("instruments", instruments(result, say)),
+        part("instruments", parts.instruments(result, say)),
         part("traceability", Sentence(_text(stated, "traceability") or "")),
-        part("reference", reference(result, say)),
+        part("reference", parts.reference(result, say)),
         part("conformity", *parts.conformity(result, say)),
         part("limits", *_doubts(result, say)),
         replace(findings(result), title=say("section", "findings")),
@@ -76,9 +64,9 @@ def certificate(result: Result, issue: Issue = NOTHING_MORE) -> Document:
         part("adjustment", parts.adjustment(result, issue.before, say)),
         part("sensitivity", nominal),
         part("curve", parts.curve(result, say)),
-        part("parameters", parameters(result, say)),
+        part("parameters", parts.parameters(result, say)),
         part("temperature", parts.temperature(result, say)),
-        part("budget", parts.budget(result, say), *parts.point_budgets(result, say)),
+        part("budget", budget(result, say), *parts.point_budgets(result, say)),
         part("data", parts.files(result, say)),
         part("statements", *map(Sentence, statements(result, say))),
         part("opinions", *map(Sentence, _listed(stated, "opinions"))),
@@ -163,10 +151,10 @@ def groups(result: Result, say: Say = ENGLISH) -> tuple[Facts, ...]:
         (say("label", "measured_band"), _band(result, say)),
         (say("label", "evaluation"), say("text", "evaluation", model=result.model, estimator=result.estimator)),
     ]
-    further = [(_words(key), _plain(value)) for key, value in stated.items() if key not in _PLACED]
-    titled = {"object": device, "order": order, "conditions": conditions, "method": method}
-    titled |= {"further": further} if further else {}
-    return tuple(Facts(tuple(rows), say("group", name)) for name, rows in titled.items())
+    placed = {key for keys in GROUPS.values() for key in keys}
+    further = [(_words(key), _plain(value)) for key, value in stated.items() if key not in placed]
+    titled = {"object": device, "order": order, "conditions": conditions, "method": method, "further": further}
+    return tuple(Facts(tuple(rows), say("group", name)) for name, rows in titled.items() if rows)
 
 
 def _words(key: str) -> str:
@@ -187,9 +175,8 @@ def _ambient(stated: Mapping[str, Any], name: str, suffix: str, unit: str) -> st
     value, expanded = stated.get(f"{name}_{suffix}"), stated.get(f"{name}_uncertainty_{suffix}")
     if value is None:
         return None
-    return f"{printed(f'{value:.12g}')} {unit}" + (
-        f" (U = {expanded:.12g} {unit}, k = 2)" if expanded is not None else ""
-    )
+    bar = "" if expanded is None else f" (U = {expanded:.12g} {unit}, k = 2)"
+    return f"{printed(f'{value:.12g}')} {unit}{bar}"
 
 
 def _band(result: Result, say: Say) -> str:
@@ -205,14 +192,20 @@ def statements(result: Result, say: Say = ENGLISH) -> tuple[str, ...]:
     covers = result.settings.get("uncertainty_covers")
     relative = result.settings.get("reference_standard_uncertainty")
     verdict = "adequate" if result.fit.adequate else "not_adequate"
+    unknown = any(p.standard_uncertainty is None for p in result.parameters.values())
+
+    def sources(one: Say) -> str:
+        """Of the uncertainty; our own words for them in the language."""
+        return "; ".join(one.known(source) for source in str(covers).split("; "))
+
     found = [
         say.each(lambda one: _uncertainty(result, one)),
-        Mixed(say.each(lambda one: f"{one('text', 'covers')} {_sources(str(covers), one)}.")) if covers else "",
+        Mixed(say.each(lambda one: f"{one('text', 'covers')} {sources(one)}.")) if covers else "",
         say("text", "reference", percent=plain(100.0 * relative, 3)) if relative else "",
         say("text", "cmc") if result.settings.get("cmc") else "",
         say.each(lambda one: f"{one('text', verdict)} {tables.worst(result.measured, one)}".strip()),
         tables.small_signals(result),
-        say("text", "unstated") if _unstated(result) else "",
+        say("text", "unstated") if unknown or np.isnan(result.response.magnitude_uncertainty).any() else "",
         say("text", "no_reproduction"),
     ]
     return tuple(part for part in found if part)
@@ -222,20 +215,10 @@ def _uncertainty(result: Result, say: Say) -> str:
     """What U is and what it covers with which probability."""
     known, k = coverage(result), parameter_factor(result)
     lines = [say("text", "uncertainty"), known.text(say)]
-    if k != COVERAGE_FACTOR:
+    if k != K:
         freedom = plain(known.degrees_of_freedom, 3)
         lines.append(say("text", "student_parameters", factor=plain(k, 3), freedom=freedom))
     return " ".join(lines)
-
-
-def _sources(covers: str, say: Say) -> str:
-    """The sources of an uncertainty; our own words for them in the language."""
-    return "; ".join(say.known(source) for source in covers.split("; "))
-
-
-def _unstated(result: Result) -> bool:
-    unknown = [p.standard_uncertainty is None for p in result.parameters.values()]
-    return any(unknown) or bool(np.isnan(result.response.magnitude_uncertainty).any())
 
 
 def _draft(result: Result, say: Say) -> tuple[Sentence, ...]:

@@ -14,12 +14,11 @@ from vibrident.physics.naming import parameter_name
 from vibrident.result import Parameter, Result
 from vibrident.show import figures, tables
 from vibrident.show.coverage import parameter_factor, unstated
+from vibrident.show.curves import column
 from vibrident.show.formulas import Mixed, Words
 from vibrident.show.language import ENGLISH, Say
 from vibrident.show.numbers import (
-    COVERAGE_FACTOR,
     NONE,
-    at,
     nominal_frequency,
     parameter_scale,
     percent,
@@ -30,9 +29,8 @@ from vibrident.show.numbers import (
     with_u,
 )
 from vibrident.show.points import Point, nominal_points, reference_point
-from vibrident.show.setting_tables import budget as english_budget
 from vibrident.show.setting_tables import point_budget
-from vibrident.show.views import Column, Fact, Facts, Figure, Sentence, Table, columns, listed
+from vibrident.show.views import Column, Fact, Facts, Figure, K, Sentence, Table, columns, listed
 from vibrident.use.conformity import DEVIATION, Judged, judged
 
 MOST_FILES = 30  # data files listed; the result lists them all
@@ -57,8 +55,10 @@ def reference(result: Result, say: Say = ENGLISH) -> Facts:
     label = say("label", "reference_frequency_hz")
     if point is None:
         asked = result.certificate.get("reference_frequency_hz")
-        reason = say.known(why) if asked is None else say("text", "outside", frequency=f"{asked:.6g}")
-        reason = reason if asked is not None else Words(f"{reason[:1].upper()}{reason[1:]}.")
+        reason = say.known(why)
+        reason = Words(f"{reason[:1].upper()}{reason[1:]}.")
+        if asked is not None:
+            reason = say("text", "outside", frequency=f"{asked:.6g}")
         return Facts(((label, None), (say("label", "reason"), reason)))
     scale = sensitivity_scale(result)
     magnitude, expanded = with_u(point.magnitude, point.magnitude_uncertainty, scale.factor)
@@ -80,7 +80,7 @@ def reference(result: Result, say: Say = ENGLISH) -> Facts:
 
 def _bar(expanded: str, unit: str) -> str:
     space = "" if unit == "°" else " "
-    return "" if expanded == NONE else f", U = {expanded}{space}{unit} (k = {COVERAGE_FACTOR:g})"
+    return "" if expanded == NONE else f", U = {expanded}{space}{unit} (k = {K:g})"
 
 
 def sensitivity(result: Result, say: Say = ENGLISH) -> Table | None:
@@ -122,11 +122,11 @@ def measured(result: Result, say: Say = ENGLISH) -> Table | None:
     if total == 0:
         return None
     phases, step = bool(np.isfinite(points.phase_deg).any()), max(1, -(-total // MOST_POINTS))
-    rows = []
+    names = ("magnitude", "phase_deg", "magnitude_uncertainty", "phase_deg_uncertainty")
+    known, rows = [column(points, name) for name in names], []
     for i in range(0, total, step):
         f = float(points.frequency_hz[i])
-        columns = ("magnitude", "phase_deg", "magnitude_uncertainty", "phase_deg_uncertainty")
-        place = Point(nominal_frequency(f) or NONE, f, *(at(getattr(points, name), i) for name in columns))
+        place = Point(nominal_frequency(f) or NONE, f, *(float(values[i]) for values in known))
         rows.append(_row(place, scale.factor, phases))
     notes = [say("text", "measured_note"), *([say("text", "thinned", step=step, total=total)] if step > 1 else [])]
     notes += [say("text", "unstated")] if any(NONE in row[1:] for row in rows) else []
@@ -152,7 +152,7 @@ def curve(result: Result, say: Say = ENGLISH) -> Figure | None:
 def parameters(result: Result, say: Say = ENGLISH) -> Table:
     """The parameter table without the columns that a certificate does not need."""
     whole = tables.parameters(result)
-    few = parameter_factor(result) != COVERAGE_FACTOR
+    few = parameter_factor(result) != K
     names = ("parameter", "symbol", "value", "u", *(("k",) if few else ()), "U", "unit", "remark")
     kept = whole.select(tuple(whole.header.index(name) for name in names))
     heads = tuple(
@@ -167,28 +167,15 @@ def parameters(result: Result, say: Say = ENGLISH) -> Table:
     return replace(kept, columns=heads, rows=rows, notes=notes).telling()
 
 
-def budget(result: Result, say: Say = ENGLISH) -> Table | None:
-    """The uncertainty budget of the parameters; None where the result holds none."""
-    table = english_budget(result)
-    if table is None:
-        return None
-    heads = [replace(one, title=say("head", one.title)) for one in table.columns[:3]]
-    heads += [one if one.title in ("u", "ν") else replace(one, title=say.known(one.title)) for one in table.columns[3:]]
-    rows = [(say.known(row[0]) if say.has(row[0]) else row[0], *row[1:]) for row in table.rows[:-1]]
-    rows.append((say("text", "u_of_result"), *table.rows[-1][1:]))
-    return replace(table, columns=tuple(heads), rows=tuple(rows), notes=(say("text", "budget_note"),))
-
-
 def point_budgets(result: Result, say: Say = ENGLISH) -> tuple[Table, ...]:
     """The budget of the measured points, frequency by frequency; none without stated effects."""
     found = []
-    for table in point_budget(result):
-        heads = [replace(one, title=say.known(one.title) if say.has(one.title) else one.title) for one in table.columns]
+    for table in point_budget(result, say):
         unit = table.columns[-1].unit
         unit = f"({unit})" if "/" in unit else unit
         title = say.each(lambda one, table=table, unit=unit: f"{one('head', table.name)}, u / {unit}")
         step = max(1, -(-len(table.rows) // MOST_POINTS))
-        found.append(replace(table, columns=tuple(heads), rows=table.rows[::step], title=Mixed(title)))
+        found.append(replace(table, rows=table.rows[::step], title=Mixed(title)))
     return tuple(found)
 
 
@@ -223,13 +210,9 @@ def _judged(result: Result, row: Judged, say: Say) -> tuple[str, ...]:
         scale = parameter_scale(result, result.parameters[row.quantity])
         name, factor, unit = say.known(parameter_name(row.quantity).words), scale.factor, scale.printed or "1"
     low, high = (plain(end * factor) for end in (row.low, row.high))
-    limits = (
-        f"≤ {high}"
-        if math.isinf(row.low)
-        else f"≥ {low}"
-        if math.isinf(row.high)
-        else f"{low}\N{NO-BREAK SPACE}…\N{NO-BREAK SPACE}{high}"
-    )
+    limits = f"{low}\N{NO-BREAK SPACE}…\N{NO-BREAK SPACE}{high}"
+    if math.isinf(row.low) or math.isinf(row.high):
+        limits = f"≤ {high}" if math.isinf(row.low) else f"≥ {low}"
     value, expanded = with_u(row.value if math.isfinite(row.value) else None, row.u, factor)
     word = "not_judged" if row.met is None else "pass" if row.met else "fail"
     chance = NONE if row.probability is None else _chance(row.probability)
@@ -251,18 +234,18 @@ def adjustment(result: Result, before: Result | None, say: Say = ENGLISH) -> Tab
     if before is None:
         return None
     found: list[tuple[str, Parameter, Parameter]] = []
-    points = [reference_point(one)[0] for one in (before, result)]
-    if points[0] is not None and points[1] is not None:
+    first, last = (reference_point(one)[0] for one in (before, result))
+    if first is not None and last is not None:
         unit = f"{result.response_unit}/({result.reference.get('unit') or 'm/s^2'})"
-        pair = [Parameter(p.magnitude, unit, p.magnitude_uncertainty, (None, None)) for p in points if p is not None]
-        found.append((say.each(lambda one: f"{one('label', 'magnitude')}, {points[1].nominal} Hz"), pair[0], pair[1]))  # type: ignore[union-attr]
+        one, other = (Parameter(p.magnitude, unit, p.magnitude_uncertainty, (None, None)) for p in (first, last))
+        found.append((say.each(lambda each: f"{each('label', 'magnitude')}, {last.nominal} Hz"), one, other))
     for name, after in result.parameters.items():
         if name in before.parameters and not after.derived and before.parameters[name].unit == after.unit:
             found.append((say.known(parameter_name(name).words), before.parameters[name], after))
     rows = []
     for name, one, other in found:
         scale = parameter_scale(result, other)
-        texts = [stated(each, COVERAGE_FACTOR, scale) for each in (one, other)]
+        texts = [stated(each, K, scale) for each in (one, other)]
         change = percent(100.0 * (other.value / one.value - 1.0)) if one.value else NONE
         numbers = [text for number in texts for text in (number.value, number.expanded)]
         rows.append((name, *numbers, pretty(texts[0].unit), change))

@@ -13,13 +13,11 @@ from vibrident.base.nominal import Nominal
 from vibrident.physics.naming import described, parameter_name
 from vibrident.result import Result
 from vibrident.show import axes
-from vibrident.show.curves import continuous, numbers, principal
+from vibrident.show.curves import continuous, principal
 from vibrident.show.formulas import Words
 from vibrident.show.language import ENGLISH
 from vibrident.show.numbers import (
-    COVERAGE_FACTOR,
     NONE,
-    pair,
     percent,
     plain,
     reference_unit,
@@ -29,9 +27,10 @@ from vibrident.show.numbers import (
     signed,
     unit_of_sensitivity,
     with_sign,
+    with_u,
 )
 from vibrident.show.points import Point, nominal_points, reference_point, sensitivity_at
-from vibrident.show.views import LINES, Column, Figure, Panel, Series, Stack, Table, columns
+from vibrident.show.views import LINES, Column, Figure, K, Panel, Series, Stack, Table, columns
 from vibrident.use.comparison import normalized_error, not_comparable, shared_covariance, shared_sources
 
 MOST_COLUMNS = 5  # results in one table, including the first; more results need further tables
@@ -54,7 +53,7 @@ class Value:
     @property
     def expanded(self) -> float | None:
         """U, k = 2."""
-        return None if self.u is None else COVERAGE_FACTOR * self.u
+        return None if self.u is None else K * self.u
 
 
 @dataclass(frozen=True)
@@ -104,36 +103,29 @@ def _sensitivity_kind(result: Result) -> tuple[str, str]:
 
 
 def _magnitudes(label: str, points: Sequence[Point | None], results: Sequence[Result]) -> ComparedQuantity:
-    values = (
-        None
-        if point is None
-        else Value(
-            point.magnitude,
-            point.magnitude_uncertainty,
-            shared_sources(result, sensitivity=(point.frequency_hz, point.magnitude)),
-        )
-        for point, result in zip(points, results, strict=True)
-    )
+    values: list[Value | None] = []
+    for point, result in zip(points, results, strict=True):
+        if point is None:
+            values.append(None)
+            continue
+        shared = shared_sources(result, sensitivity=(point.frequency_hz, point.magnitude))
+        values.append(Value(point.magnitude, point.magnitude_uncertainty, shared))
     return ComparedQuantity(label, sensitivity_scale(results[0]), tuple(values))
 
 
 def comparison_tables(results: Sequence[Result], names: Sequence[str]) -> tuple[tuple[str, Table], ...]:
     """Titles and tables: what the results are, their parameters, and their sensitivities at nominal frequencies.
 
-    Args:
-        results: at least two; differences are from the first.
-        names: what to call each.
+    ``results``: at least two; differences are from the first; ``names``: what to call each.
     """
     found = []
     reasons = [not_comparable(results[0], result) for result in results]
-    for chunk in _chunks(len(results)):
-        chosen, called = [results[i] for i in chunk], [names[i] for i in chunk]
-        part = "" if len(results) <= MOST_COLUMNS else f" ({', '.join(called)})"
-        found.append((f"What is compared{part}", _subjects(chosen, called)))
+    chunks = [(chunk, [names[i] for i in chunk]) for chunk in _chunks(len(results))]
+    parts = ["" if len(chunks) == 1 else f" ({', '.join(called)})" for _, called in chunks]
+    for (chunk, called), part in zip(chunks, parts, strict=True):
+        found.append((f"What is compared{part}", _subjects([results[i] for i in chunk], called)))
     rows = quantities(results)
-    for chunk in _chunks(len(results)) if rows else []:
-        called = [names[i] for i in chunk]
-        part = "" if len(results) <= MOST_COLUMNS else f" ({', '.join(called)})"
+    for (chunk, called), part in zip(chunks if rows else [], parts, strict=False):
         body = tuple(line for row in rows for line in _lines(row, chunk, reasons))
         heads = (*columns("quantity", "unit", ""), *columns(*called, kind="number"))
         found.append((f"Parameters{part}", Table(heads, body, notes=(EN,))))
@@ -184,10 +176,9 @@ def _at_nominal(first: Result, other: Result, names: tuple[str, str], reason: st
         rows.append((*row, *_compared(phases, reason)))
     if not rows:
         return None
-    values = [
-        column for name in names for column in (Column(f"{name}: |S|", "number", scale.unit), Column("U", "number"))
-    ]
-    heads = (Column("nominal", "number", "Hz"), *values, *columns("difference", Words("E_n"), kind="number"))
+    pairs = [(Column(f"{name}: |S|", "number", scale.unit), Column("U", "number")) for name in names]
+    heads = (Column("nominal", "number", "Hz"), *pairs[0], *pairs[1])
+    heads += columns("difference", Words("E_n"), kind="number")
     heads += (Column("phase difference", "number", "°"), Column(Words("E_n of phase"), "number"))
     table = Table(heads, tuple(rows), notes=("Values are those of each identified model.",))
     return table if any(row[-2] != NONE for row in rows) else table.select(tuple(range(len(heads) - 2)))
@@ -228,9 +219,7 @@ def _lines(row: ComparedQuantity, chunk: Sequence[int], reasons: Sequence[str]) 
 
 def printed_value(value: Value | None, factor: float) -> tuple[str, str]:
     """Value and U as text, the value to the place of U."""
-    if value is None:
-        return NONE, NONE
-    return pair(value.value * factor, None if value.expanded is None else value.expanded * factor)
+    return (NONE, NONE) if value is None else with_u(value.value, value.u, factor)
 
 
 def difference(value: Value | None, base: Value, row: ComparedQuantity) -> str:
@@ -257,7 +246,7 @@ def _fixed_point(text: str) -> str:
 def _joint(value: Value, base: Value, factor: float) -> float | None:
     if value.expanded is None or base.expanded is None:
         return None
-    both = COVERAGE_FACTOR**2 * shared_covariance(value.shared, base.shared)
+    both = K**2 * shared_covariance(value.shared, base.shared)
     return max(value.expanded**2 + base.expanded**2 - 2 * both, 0.0) ** 0.5 * factor
 
 
@@ -286,8 +275,9 @@ def beside(results: Sequence[Result], names: Sequence[str]) -> Figure | None:
         curve, look = result.response, replace(LINES[i % len(LINES)], marker="", width=1.6)
         x, magnitude, phase = curve.frequency_hz, curve.magnitude, continuous(curve.phase_deg)
         base = [sensitivity_at(first, Nominal(f, f)) for f in curve.frequency_hz]
-        ratio = magnitude / numbers([None if point is None else point.magnitude for point in base])
-        turned = principal(phase - numbers([None if point is None else point.phase_deg for point in base]))
+        sizes = np.array([None if point is None else point.magnitude for point in base], dtype=float)
+        angles = np.array([None if point is None else point.phase_deg for point in base], dtype=float)
+        ratio, turned = magnitude / sizes, principal(phase - angles)
         label = name if name not in [other for _, other in alike[:i]] else f"{name} ({i + 1})"
         for part, y in zip(parts, (magnitude * scale.factor, phase, 100.0 * (ratio - 1.0), turned), strict=True):
             part.append(Series(x, y, label, look))
@@ -300,11 +290,11 @@ def beside(results: Sequence[Result], names: Sequence[str]) -> Figure | None:
         axes.about_zero("Difference\nin °", values[3], floor=1e-3),
     )
     titles = ("", "", f"Magnitude, difference from {names[0]}", f"Phase, difference from {names[0]}")
-    panels = [
+    panels = tuple(
         Panel(x_axis, y, tuple(part), height, title, rules=(0.0,) if title else ())
-        for part, y, height, title in zip(parts, y_axes, (2.0, 1.3, 1.2, 1.2), titles, strict=True)
-    ]
-    shown = tuple(panel for panel, value in zip(panels, values, strict=True) if np.isfinite(value).any())
+        for part, y, height, title, value in zip(parts, y_axes, (2.0, 1.3, 1.2, 1.2), titles, values, strict=True)
+        if np.isfinite(value).any()
+    )
     phase = ENGLISH("text", "phase")
     caption = Words(f"Sensitivity of each result's model, and its difference from the first. {phase}")
-    return Figure("curves", "Sensitivity", (Stack(shown),), "", caption)
+    return Figure("curves", "Sensitivity", (Stack(panels),), "", caption)

@@ -11,8 +11,8 @@ from vibrident.base.tails import f_tail
 from vibrident.result import Result
 from vibrident.show.formulas import Words
 from vibrident.show.language import ENGLISH, Say
-from vibrident.show.numbers import COVERAGE_FACTOR, plain
-from vibrident.show.views import Sentence
+from vibrident.show.numbers import plain
+from vibrident.show.views import K, Sentence
 
 _KEY = "effective_degrees_of_freedom"
 _NEARLY_NORMAL = 60.0  # effective degrees of freedom from which k = 2 covers 95 %
@@ -34,27 +34,26 @@ class Coverage:
 
 def coverage(result: Result) -> Coverage:
     """Coverage of every U of a result."""
-    k = COVERAGE_FACTOR
     if _KEY not in result.settings:
-        return Coverage(None, math.erf(k / math.sqrt(2.0)))
+        return Coverage(None, math.erf(K / math.sqrt(2.0)))
     freedom = result.settings[_KEY]
     if freedom is None or not math.isfinite(freedom) or freedom > 1e6:  # JSON has no infinity: it is written as null
-        return Coverage(math.inf, math.erf(k / math.sqrt(2.0)))
-    return Coverage(float(freedom), 1.0 - f_tail(1.0, float(freedom), k**2))
+        return Coverage(math.inf, math.erf(K / math.sqrt(2.0)))
+    return Coverage(float(freedom), 1.0 - f_tail(1.0, float(freedom), K**2))
 
 
 def parameter_factor(result: Result) -> float:
     """K of the parameters' U: 2, or the larger one of Student's t if few degrees of freedom require it."""
     k, freedom = result.settings.get("coverage_factor"), coverage(result).degrees_of_freedom
     if not isinstance(k, int | float) or freedom is None or freedom >= _NEARLY_NORMAL:
-        return COVERAGE_FACTOR
-    return max(float(k), COVERAGE_FACTOR)
+        return K
+    return max(float(k), K)
 
 
 def interval_text(result: Result) -> Words:
     """Which k the parameters' U and intervals have, where that is not 2; else empty."""
     k = parameter_factor(result)
-    if k == COVERAGE_FACTOR:
+    if k == K:
         return Words()
     freedom = plain(coverage(result).degrees_of_freedom, 3)
     said = f"U and 95 % interval of the parameters are u times k = {plain(k, 3)} (Student's t with ν_eff = {freedom})."
@@ -64,7 +63,7 @@ def interval_text(result: Result) -> Words:
 def unstated(result: Result) -> tuple[str, ...]:
     """Which of ``gain`` and ``phase`` no uncertainty was stated of, of those that the result has."""
     phases = bool(np.isfinite(result.measured.phase_deg).any())
-    parts = (("gain",) if result.has_gain else ()) + (("phase",) if result.has_gain and phases else ())
+    parts = ("gain", *(["phase"] if phases else [])) if result.has_gain else ()
     return tuple(part for part in parts if part not in (result.uncertainty.get("covers") or ()))
 
 

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
 
 import numpy as np
 
 from vibrident.base.amounts import scaled
 from vibrident.result import Curve, MeasuredCurve, Result
 from vibrident.show.views import FloatArray, K
-
-
-def numbers(values: Sequence[float | None]) -> FloatArray:
-    """Values as an array, None as NaN; shape (values,)."""
-    return np.array([np.nan if value is None else value for value in values], dtype=np.float64)
 
 
 def column(curve: Curve, name: str) -> FloatArray:
@@ -84,23 +79,17 @@ def largest(*values: FloatArray) -> float:
     return max((float(np.abs(v[np.isfinite(v)]).max(initial=0.0)) for v in values), default=0.0)
 
 
-def unit_of_time(time: FloatArray) -> tuple[float, str]:
-    """Factor and unit for times in seconds that span so much."""
-    scale = scaled("s", float(np.ptp(time)) if time.size else 0.0)
-    return scale.factor, scale.unit
-
-
 def record_frequencies(result: Result) -> dict[str, float]:
     """Frequency of each record that was excited at one frequency alone, Hz."""
-    found: dict[str, set[float]] = {}
-    for name, frequency in zip(result.measured.record, result.measured.frequency_hz.tolist(), strict=False):
-        found.setdefault(name, set()).add(frequency)
-    return {name: next(iter(frequencies)) for name, frequencies in found.items() if len(frequencies) == 1}
+    excited = set(zip(result.measured.record, result.measured.frequency_hz.tolist(), strict=False))
+    times = Counter(name for name, _ in excited)
+    return {name: frequency for name, frequency in excited if times[name] == 1}
 
 
 def from_start(time_s: FloatArray) -> tuple[FloatArray, str]:
     """Times for an axis and its label; those of a clock that counts from an epoch are counted from the first."""
-    factor, unit = unit_of_time(time_s)
-    if time_s.size and abs(time_s[0]) > 100.0 * max(float(np.ptp(time_s)), 1e-12):
-        return (time_s - time_s[0]) * factor, f"Time from {time_s[0]:.12g} s in {unit}"
-    return time_s * factor, f"Time in {unit}"
+    span = float(np.ptp(time_s)) if time_s.size else 0.0
+    scale = scaled("s", span)
+    if time_s.size and abs(time_s[0]) > 100.0 * max(span, 1e-12):
+        return (time_s - time_s[0]) * scale.factor, f"Time from {time_s[0]:.12g} s in {scale.unit}"
+    return time_s * scale.factor, f"Time in {scale.unit}"

@@ -17,10 +17,11 @@ from vibrident.show.formulas import Words
 from vibrident.show.language import ENGLISH
 from vibrident.show.numbers import frequency_text, magnitude_scale, sensitivity_unit, subject
 from vibrident.show.response_figures import response_panels
-from vibrident.show.views import BLACK, BLUE, LINES, VERMILION, Figure, FloatArray, Look, Panel, Series, Stack
+from vibrident.show.views import BLACK, BLUE, VERMILION, Figure, FloatArray, Look, Panel, Series, Stack
 
 if TYPE_CHECKING:
     from vibrident.data.interferometer.ellipse import Ellipse  # loads SciPy, which the other pictures do not need
+    from vibrident.data.interferometer.summary import OpticalSummary
 
 MOST = 6  # most records in a picture
 MOST_LIGHT = 4  # most records in a picture of raw light
@@ -34,7 +35,7 @@ def inspection(calibration: Calibration) -> Figure:
         return _table(calibration, calibration.table)
     records = sorted(calibration.records, key=lambda record: sine_frequency(record) or 0.0)
     doubtful = [not record.mask.all() for record in records]
-    chosen, faulty = _some(records, doubtful, MOST), sum(doubtful)
+    chosen, faulty = [records[i] for i in _some(doubtful, MOST)], sum(doubtful)
     stacks = tuple(_record(record, calibration) for record in chosen)
     left_out = f"× left out of every fit ({faulty} records affected)." if faulty else ""
     shown = f"{len(chosen)} of {len(calibration.records)} records shown. " * (len(chosen) < len(calibration.records))
@@ -42,42 +43,31 @@ def inspection(calibration: Calibration) -> Figure:
         f"{shown}Upper panel: reference ({calibration.quantity}); lower panel: response. Sines, shocks and decays: an "
         f"excerpt. {left_out}"
     )
-    return Figure(
-        "inspect", "Calibration data", stacks, subject(calibration.model, calibration.sensor), caption, choice=True
-    )
+    head = subject(calibration.model, calibration.sensor)
+    return Figure("inspect", "Calibration data", stacks, head, caption, choice=True)
 
 
 def _table(calibration: Calibration, table: ResponseTable) -> Figure:
-    points = Curve(
-        frequency_hz=table.frequency_hz,
-        magnitude=table.magnitude,
-        phase_deg=_degrees(table.phase_rad, table.points),
-        magnitude_uncertainty=_optional(table.magnitude_uncertainty, table.points),
-        phase_deg_uncertainty=_degrees(table.phase_uncertainty_rad, table.points),
+    absent = np.empty(0)
+    phase, u_phase = (
+        absent if values is None else np.rad2deg(values) for values in (table.phase_rad, table.phase_uncertainty_rad)
     )
+    u = absent if table.magnitude_uncertainty is None else table.magnitude_uncertainty
+    points = Curve(table.frequency_hz, table.magnitude, phase, u, u_phase)
     unit = sensitivity_unit(calibration.response_unit, calibration.reference_unit)
     panels = response_panels(None, points, magnitude_scale(unit, points.magnitude), calibration.quantity, "table")
     bars = "Bars: expanded uncertainty U, k = 2. " if table.magnitude_uncertainty is not None else ""
     caption = Words(f"{bars}{ENGLISH('text', 'phase') if table.phase_rad is not None else ''}")
-    return Figure(
-        "inspect", "Calibration data", (Stack(panels),), subject(calibration.model, calibration.sensor), caption
-    )
+    head = subject(calibration.model, calibration.sensor)
+    return Figure("inspect", "Calibration data", (Stack(panels),), head, caption)
 
 
-def _optional(values: FloatArray | None, points: int) -> FloatArray:
-    return np.full(points, np.nan) if values is None else values
-
-
-def _degrees(values: FloatArray | None, points: int) -> FloatArray:
-    return _optional(None if values is None else np.rad2deg(values), points)
-
-
-def _some(records: Sequence[Record], first: Sequence[bool], most: int) -> list[Record]:
-    """At most so many records, in their order: half of them those that come first, where there are others."""
+def _some(first: Sequence[bool], most: int) -> list[int]:
+    """Numbers of at most so many records, in their order: half of them those that come first, if there are others."""
     ahead, others = ([i for i, chosen in enumerate(first) if chosen == kind] for kind in (True, False))
     kept = [ahead[i] for i in spread(len(ahead), most // 2 if others else most)]
     kept += [others[i] for i in spread(len(others), most - len(kept))]
-    return [records[i] for i in sorted(kept)]
+    return sorted(kept)
 
 
 def _record(record: Record, calibration: Calibration) -> Stack:
@@ -86,15 +76,15 @@ def _record(record: Record, calibration: Calibration) -> Stack:
     x = axes.linear(clock, time, most=4, margin=0.02)
     panels = []
     channels = (
-        ("Reference", record.reference, calibration.reference_unit, LINES[0]),
-        ("Response", record.response, calibration.response_unit, LINES[1]),
+        ("Reference", record.reference, calibration.reference_unit, BLUE),
+        ("Response", record.response, calibration.response_unit, VERMILION),
     )
-    for word, values, unit, look in channels:
+    for word, values, unit, colour in channels:
         if values is None:
             continue
         scale = scaled(unit, float(np.abs(values[part]).max()))
         shown, bad = values[part] * scale.factor, ~record.mask[part]
-        series = [Series(*envelope(time, shown), look=Look(look.colour, width=1.0))]
+        series = [Series(*envelope(time, shown), look=Look(colour, width=1.0))]
         if bad.any():
             series.append(Series(time[bad], shown[bad], "", Look(BLACK, marker="x"), "points"))
         panels.append(Panel(x, axes.linear(f"{word}\nin {scale.unit}", shown, most=4), tuple(series), 0.9))
@@ -107,20 +97,26 @@ def _record(record: Record, calibration: Calibration) -> Stack:
 
 def light(calibration: Calibration) -> Figure:
     """The signals of at most four records over each other, with the ellipse, and a piece of the displacement."""
-    records = [record for record in calibration.records if record.optical is not None]
-    doubtful = [record.optical is not None and bool(record.optical.findings) for record in records]
-    chosen = _some(records, doubtful, MOST_LIGHT)
-    stacks = tuple(stack for record in chosen for stack in (_lissajous(record), _displacement(record)))
+    records = [(record, record.optical) for record in calibration.records if record.optical is not None]
+    chosen = [records[i] for i in _some([bool(optical.findings) for _, optical in records], MOST_LIGHT)]
+    stacks = tuple(stack for record, optical in chosen for stack in _light(record.name, optical))
     shown = f"{len(chosen)} of {len(records)} records shown. " if len(chosen) < len(records) else ""
     caption = f"{shown}Left: the two signals over each other and the ellipse. Right: the displacement."
     return Figure("light", "Interferometer", stacks, subject(calibration.model, calibration.sensor), caption, across=2)
 
 
-def _lissajous(record: Record) -> Stack:
-    optical = record.optical
-    assert optical is not None
-    panel = lissajous(optical.points, optical.ellipse)
-    return Stack((panel,), f"{record.name}\n{optical.fringes:.4g} fringes")
+def _light(name: str, optical: OpticalSummary) -> tuple[Stack, Stack]:
+    """Both signals over each other, and beside them a piece of the displacement."""
+    time, clock = from_start(optical.excerpt_s)
+    size = scaled("m", float(np.nanmax(np.abs(optical.excerpt_m), initial=0.0)))
+    series = Series(time, optical.excerpt_m * size.factor, look=Look(BLUE, width=0.8))
+    y = axes.linear(f"Displacement\nin {size.unit}", series.y, most=4)
+    moved = Panel(axes.linear(clock, time, margin=0.02), y, (series,), 1.7)
+    lost = f"{optical.gaps} gaps, {100 * optical.left_out:.2g} % left out" if optical.gaps else "nothing left out"
+    return (
+        Stack((lissajous(optical.points, optical.ellipse),), f"{name}\n{optical.fringes:.4g} fringes"),
+        Stack((moved,), f"{lost};\nphase noise {optical.phase_noise_rad:.2g} rad", 1.6),
+    )
 
 
 def lissajous(points: FloatArray, ellipse: Ellipse | None) -> Panel:
@@ -133,18 +129,6 @@ def lissajous(points: FloatArray, ellipse: Ellipse | None) -> Panel:
         seen = np.append(points, around, axis=1)
     x, y = (axes.linear(f"{word} signal", one, most=4) for word, one in zip(("First", "Second"), seen, strict=True))
     return Panel(x, y, tuple(series), 1.7, square=True)
-
-
-def _displacement(record: Record) -> Stack:
-    optical = record.optical
-    assert optical is not None
-    time, clock = from_start(optical.excerpt_s)
-    size = scaled("m", float(np.nanmax(np.abs(optical.excerpt_m), initial=0.0)))
-    series = Series(time, optical.excerpt_m * size.factor, look=Look(BLUE, width=0.8))
-    y = axes.linear(f"Displacement\nin {size.unit}", series.y, most=4)
-    lost = f"{optical.gaps} gaps, {100 * optical.left_out:.2g} % left out" if optical.gaps else "nothing left out"
-    title = f"{lost};\nphase noise {optical.phase_noise_rad:.2g} rad"
-    return Stack((Panel(axes.linear(clock, time, margin=0.02), y, (series,), 1.7),), title, 1.6)
 
 
 def sine_frequency(record: Record) -> float | None:

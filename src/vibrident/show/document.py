@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from vibrident.physics.naming import parameter_name
 from vibrident.result import Result
-from vibrident.show import certificate, figures, tables
+from vibrident.show import certificate, certificate_tables, figures, tables
 from vibrident.show.comparison import beside, comparison_tables
 from vibrident.show.coverage import parameter_factor, scatter_only
 from vibrident.show.findings import findings
@@ -50,16 +50,12 @@ def report(result: Result, more: Sequence[Section] = ()) -> Document:
         section("residuals", "Residuals", residual_tests(result), figures.residuals(result)),
         section("fit", "Fit", tables.fit(result)),
         section("budget", "Uncertainty budget", *_budget(result)),
-        section("temperature", "Temperature", certificate.parts.temperature(result)),
+        section("temperature", "Temperature", certificate_tables.temperature(result)),
         section("repeats", "Runs", repeats(result)),
         section("interferometer", "Interferometer", light(result)),
         section("correlation", "Correlation of the estimated parameters", tables.correlation(result)),
         section("training", "Training", *_training(result)),
-        *(
-            [section("certificate", "Statements of the laboratory", *_certificate(result))]
-            if result.certificate
-            else []
-        ),
+        section("certificate", "Statements of the laboratory", *(_certificate(result) if result.certificate else ())),
         *more,
         section("settings", "Settings", *tables.values(others)),
         section("provenance", "Provenance", *_provenance(result)),
@@ -98,7 +94,7 @@ def verdict(result: Result) -> Sentence:
 def cards(result: Result) -> Cards:
     """The sensitivity at the reference frequency, and the estimated parameters."""
     found = []
-    (_, chosen), *values = certificate.reference(result).rows if result.has_gain else (("", None),)
+    (_, chosen), *values = certificate_tables.reference(result).rows if result.has_gain else (("", None),)
     if chosen:
         frequency = chosen.split(";")[0]
         found += [(f"{label} at {frequency}", text or NONE) for label, text in values]
@@ -118,15 +114,16 @@ def _card(label: str, text: str) -> Card:
 
 
 def _curves(result: Result) -> list[Section]:
-    nominal, measured = certificate.sensitivity(result), tables.measured(result)
-    folded = (
-        None if nominal is None else Folded("Table at nominal frequencies", (nominal,)),
-        None if measured is None else Folded("Table of measured points", (measured,)),
-    )
+    nominal = _folded("Table at nominal frequencies", certificate_tables.sensitivity(result))
+    measured = _folded("Table of measured points", tables.measured(result))
     return [
-        section("sensitivity", "Sensitivity", figures.sensitivity(result), folded[0]),
-        section("deviation", "Deviation", figures.deviation(result), folded[1]),
+        section("sensitivity", "Sensitivity", figures.sensitivity(result), nominal),
+        section("deviation", "Deviation", figures.deviation(result), measured),
     ]
+
+
+def _folded(summary: str, table: Table | None) -> Folded | None:
+    return None if table is None else Folded(summary, (table,))
 
 
 def _budget(result: Result) -> Sequence[Block]:
@@ -139,19 +136,19 @@ def _budget(result: Result) -> Sequence[Block]:
 
 
 def _training(result: Result) -> tuple[Block | None, ...]:
-    sentence, weights = tables.training(result), tables.weights(result)
-    folded = None if weights is None else Folded("Weights of the network (the paper's Table 1)", (weights,))
-    return Sentence(sentence) if sentence else None, figures.training(result), folded
+    sentence = tables.training(result)
+    weights = _folded("Weights of the network (the paper's Table 1)", tables.weights(result))
+    return Sentence(sentence) if sentence else None, figures.training(result), weights
 
 
 def _certificate(result: Result) -> tuple[Block | None, ...]:
     """What the certificate says besides the numbers; blanks are left as blanks."""
-    head, instruments = certificate.letterhead(result), certificate.instruments(result)
+    head, instruments = certificate.letterhead(result), certificate_tables.instruments(result)
     rows: list[Fact] = [("Number", head.number), ("Laboratory", ", ".join(head.lines) or None)]
     rows += [row for group in certificate.groups(result) for row in group.rows]
     rows += [("Traceability", result.certificate.get("traceability")), *certificate.signatures(result)]
     rows += [("Remark", remark) for remark in certificate.remarks(result)]
-    judged = certificate.parts.conformity(result)
+    judged = certificate_tables.conformity(result)
     return Facts(tuple(rows)), (instruments if instruments.rows else None), *judged
 
 

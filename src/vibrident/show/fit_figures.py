@@ -10,9 +10,9 @@ import numpy as np
 
 from vibrident.base.amounts import scaled
 from vibrident.physics.naming import in_words
-from vibrident.result import Result, Signal, Training
+from vibrident.result import MeasuredCurve, Result, Signal, Training
 from vibrident.show import axes
-from vibrident.show.curves import bars_of_deviation, column, from_start, largest, numbers, record_frequencies, spread
+from vibrident.show.curves import bars_of_deviation, column, from_start, largest, record_frequencies, spread
 from vibrident.show.numbers import frequency_text, shortened, subject
 from vibrident.show.views import (
     BLACK,
@@ -44,18 +44,13 @@ def signals(result: Result) -> Figure | None:
     if not ordered:
         return None
     ordered = [ordered[i] for i in spread(len(ordered), MOST_RECORDS)]
-    sizes = [largest(one.measured) for one in ordered], [largest(_residual(one)) for one in ordered]
-    common = max(sizes[0]), max(sizes[1])
+    common = largest(*(one.measured for one in ordered)), largest(*(one.measured - one.predicted for one in ordered))
     stacks = tuple(_signal(signal, frequencies.get(signal.record), common) for signal in ordered)
     caption = "Measured and predicted response of a part of each record, and the residual on a scale of its own."
     if len(ordered) < len(result.signals):
         caption += f" Of {len(result.signals)} records these are {len(ordered)}, spread evenly."
     title = "Measured and predicted response"
     return Figure("signals", title, stacks, subject(result.model, result.sensor), caption, choice=True)
-
-
-def _residual(signal: Signal) -> FloatArray:
-    return signal.measured - signal.predicted
 
 
 def _signal(signal: Signal, frequency_hz: float | None, common: tuple[float, float]) -> Stack:
@@ -91,8 +86,8 @@ def residuals(result: Result) -> Figure | None:
         values = np.concatenate([_in_own_rmse(signal) for signal in result.signals])
         right = _distribution(values, "Residual / rmse of its record\n(dimensionless)", "residuals")
     else:
-        left = _by_point(result)
-        right = _distribution(*_deviations(result), "points")
+        left = _by_point(result.measured)
+        right = _distribution(*_deviations(result.measured), "points")
     caption = (
         "Distribution of the residuals beside the normal one; values beyond the ends are counted in the last bars."
     )
@@ -102,7 +97,7 @@ def residuals(result: Result) -> Figure | None:
 
 def _by_record(result: Result) -> Panel:
     frequencies = record_frequencies(result)
-    percent = 100 * numbers([signal.nrmse for signal in result.signals])
+    percent = 100 * np.array([signal.nrmse for signal in result.signals], dtype=float)
     label = "Residual rms / sd of response\nin %"
     names = [signal.record for signal in result.signals]
     if all(name in frequencies for name in names):
@@ -116,41 +111,37 @@ def _by_record(result: Result) -> Panel:
     return _stems(x, count, percent, label, "by record", names)
 
 
-def _by_point(result: Result) -> Panel:
-    frequency = result.measured.frequency_hz
-    relative = column(result.measured, "deviation_percent") / 100
-    phase = column(result.measured, "deviation_phase_deg")
+def _by_point(measured: MeasuredCurve) -> Panel:
+    frequency = measured.frequency_hz
+    relative, phase = column(measured, "deviation_percent") / 100, column(measured, "deviation_phase_deg")
     percent = 100 * np.abs((1 + relative) * np.exp(1j * np.deg2rad(np.nan_to_num(phase))) - 1)
     return _stems(axes.frequency(frequency), frequency, percent, "|model / measured − 1|\nin %", "by frequency", ())
 
 
 def _stems(x: Axis, places: FloatArray, percent: FloatArray, label: str, title: str, names: Sequence[str]) -> Panel:
-    positive = percent[np.isfinite(percent) & (percent > 0)]
+    positive = axes.usable(percent, positive=True)
     wide = positive.size and positive.max() > 30 * positive.min()
     y = axes.size(label, percent) if wide else axes.linear(label, np.append(1.12 * positive, 0.0), base=True)
     kind = "stems" if len(places) <= 80 else "points"
     shown = tuple(shortened(name, 40) for name in names)
-    series = (
-        Series(places, percent, "", Look(VERMILION, marker="o" if len(places) <= CROWD else "."), kind, names=shown),
-    )
+    look = Look(VERMILION, marker="o" if len(places) <= CROWD else ".")
+    series = (Series(places, percent, "", look, kind, names=shown),)
     return Panel(x, y, series, 2.0, title, empty="" if positive.size else "no residuals in the result")
 
 
 def _in_own_rmse(signal: Signal) -> FloatArray:
-    residual = _residual(signal)
-    residual = residual[np.isfinite(residual)]
+    residual = axes.usable(signal.measured - signal.predicted)
     size = math.sqrt(float(np.mean(residual**2))) if residual.size else 0.0
     return residual / size if size > 0 else residual[:0]
 
 
-def _deviations(result: Result) -> tuple[FloatArray, str]:
-    measured = result.measured
+def _deviations(measured: MeasuredCurve) -> tuple[FloatArray, str]:
     percent = column(measured, "deviation_percent")
     relative_u = bars_of_deviation(measured)[0] / K
     known = np.isfinite(percent) & np.isfinite(relative_u) & (relative_u > 0)
     if known.any():
         return percent[known] / relative_u[known], "Magnitude deviation / its u\n(dimensionless)"
-    return percent[np.isfinite(percent)], "Magnitude deviation\nin %"
+    return axes.usable(percent), "Magnitude deviation\nin %"
 
 
 def _distribution(values: FloatArray, label: str, counted: str) -> Panel:
@@ -169,7 +160,7 @@ def _distribution(values: FloatArray, label: str, counted: str) -> Panel:
         density = np.exp(-(x**2) / 2) / math.sqrt(2 * math.pi) * values.size * width
         series.append(Series(x, density, "normal, sd 1", Look(BLACK, "dashed", 1.1)))
         top = max(top, float(density.max()))
-    x_axis = axes.linear(label, edges, margin=0.02, most=6)
+    x_axis = axes.linear(label, edges, margin=0.02)
     y_axis = axes.linear(f"Number of {counted}", np.array([1.1 * top]), base=True, whole=True)
     return Panel(x_axis, y_axis, tuple(series), 2.0, "distribution")
 
@@ -191,7 +182,7 @@ def training(result: Result) -> Figure | None:
     changes = [i for i in run.weighting_changes if 0 < i < max(len(run.loss), 2)]
     marks = tuple((i - 0.5, "other weights") for i in changes)
     x = axes.linear("Iteration", np.arange(float(max(len(run.loss), 2))), whole=True, most=8)
-    panels = [_loss(x, numbers(run.loss), changes, marks)]
+    panels = [_loss(x, np.array(run.loss, dtype=float), changes, marks)]
     if run.parameters:
         panels.append(_parameters(x, run, marks))
         panels[0] = replace(panels[0], marks=tuple((place, "") for place, _ in marks))
@@ -205,7 +196,7 @@ def training(result: Result) -> Figure | None:
 
 def _loss(x: Axis, loss: FloatArray, changes: Sequence[int], marks: tuple[tuple[float, str], ...]) -> Panel:
     label = "Loss (mean squared\nweighted residual)"
-    known = loss[np.isfinite(loss)]
+    known = axes.usable(loss)
     y = axes.size(label, loss) if known.size and known.min() > 0 else axes.linear(label, loss)
     parts = np.split(np.arange(loss.size, dtype=float), changes)
     look = Look(BLACK, marker=_marker("D", loss.size))
@@ -216,19 +207,19 @@ def _loss(x: Axis, loss: FloatArray, changes: Sequence[int], marks: tuple[tuple[
 def _parameters(x: Axis, run: Training, marks: tuple[tuple[float, str], ...]) -> Panel:
     series = []
     for i, (name, trace) in enumerate(run.parameters.items()):
-        values = numbers(trace)
-        usable = values[np.isfinite(values)]
-        if usable.size == 0:
+        values = np.array(trace, dtype=float)
+        known = axes.usable(values)
+        if known.size == 0:
             continue
-        look, label, final = LINES[i % len(LINES)], in_words(name), usable[-1]
-        if final == 0:  # no reference value: show the change, added to 1
-            values, label = 1 + values / (float(np.abs(usable).max()) or 1.0), f"1 + {label} / its largest"
+        look, label = LINES[i % len(LINES)], in_words(name)
+        if known[-1] == 0:  # no reference value: show the change, added to 1
+            values, label = 1 + values / (largest(values) or 1.0), f"1 + {label} / its largest"
         else:
-            values = values / final
+            values = values / known[-1]
         shown = Look(look.colour, look.dash, look.width, _marker(look.marker, values.size))
         series.append(Series(np.arange(values.size, dtype=float), values, label, shown))
     label = "Parameter / final value\n(dimensionless)"
-    pooled = np.concatenate([np.zeros(0), *(one.y[np.isfinite(one.y)] for one in series)])
+    pooled = axes.usable(np.concatenate([np.zeros(0), *(one.y for one in series)]))
     wide = pooled.size and pooled.min() > 0 and pooled.max() / pooled.min() > 30
     y = axes.size(label, pooled) if wide else axes.linear(label, np.append(pooled, 1.0))
     return Panel(x, y, tuple(series), 1.5, rules=(1.0,), marks=marks, empty="" if series else "no parameters recorded")

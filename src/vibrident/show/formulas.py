@@ -46,10 +46,9 @@ def formulas() -> Mapping[str, tuple[str, str, str]]:
 
 
 def typeset(text: str, escape: Callable[[str], str], mark: Callable[[str, str, str], str]) -> str:
-    """A text for a medium, with the formulas in it set where it is ours.
+    """A text for a medium: escaped, and in ``Words`` with the formulas set.
 
-    ``text``: ``Words``, or any other text, which is escaped alone; ``escape``: what the medium makes of text; ``mark``:
-    from base, small text and ``sub`` or ``sup`` to what the medium writes.
+    ``mark``: from base, small text and ``sub`` or ``sup`` to what the medium writes.
     """
     escaped = escape(text)
     if not isinstance(text, Words):
@@ -57,6 +56,11 @@ def typeset(text: str, escape: Callable[[str], str], mark: Callable[[str, str, s
     found = {escape(text): parts for text, parts in formulas().items()}
     pattern = "|".join(re.escape(text) for text in found)
     return re.sub(rf"(?<![A-Za-z0-9_])(?:{pattern})(?![A-Za-z0-9_])", lambda match: mark(*found[match[0]]), escaped)
+
+
+def marked(base: str, small: str, kind: str) -> str:
+    """A formula in HTML, which Markdown knows too."""
+    return f"{base}<{kind}>{small}</{kind}>"
 
 
 def in_a_line(text: str) -> str:

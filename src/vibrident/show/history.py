@@ -10,8 +10,7 @@ import numpy as np
 
 from vibrident.result import Result
 from vibrident.show import axes
-from vibrident.show.comparison import ComparedQuantity, Value, difference, error, printed_value, quantities
-from vibrident.show.curves import numbers
+from vibrident.show.comparison import ComparedQuantity, difference, error, printed_value, quantities
 from vibrident.show.formulas import Words
 from vibrident.show.numbers import NONE, sensor_name, with_sign
 from vibrident.show.views import GREY, MEASURED, Figure, FloatArray, Look, Panel, Series, Stack, Table, columns
@@ -38,9 +37,9 @@ def histories(results: Sequence[Result], names: Sequence[str]) -> tuple[History,
     """A history of each serial number that has results of at least two dates."""
     groups: dict[tuple[str, ...], list[tuple[datetime.date, str, Result]]] = {}
     for result, name in zip(results, names, strict=True):
-        serial, date = str(result.sensor.get("serial_number") or ""), date_of(result)
-        if serial and date is not None:
-            kind = (serial, *(str(result.sensor.get(key) or "") for key in ("manufacturer", "type")))
+        kind = tuple(str(result.sensor.get(key) or "") for key in ("serial_number", "manufacturer", "type"))
+        date = date_of(result)
+        if kind[0] and date is not None:
             groups.setdefault(kind, []).append((date, name, result))
     found = []
     for entries in groups.values():
@@ -92,8 +91,8 @@ def drift(history: History, name: str) -> Figure:
 
 def changes(quantity: ComparedQuantity) -> tuple[FloatArray, FloatArray, str]:
     """Change from the first value and U of each value, and the unit of both: % where the quantity allows it."""
-    value = numbers([None if v is None else v.value for v in quantity.values])
-    expanded = numbers([None if v is None else v.expanded for v in quantity.values])
+    known = [(None, None) if v is None else (v.value, v.expanded) for v in quantity.values]
+    value, expanded = np.array(known, dtype=float).T
     if quantity.relative and value[0]:
         return 100.0 * (value / value[0] - 1.0), 100.0 * expanded / abs(value[0]), "%"
     return (value - value[0]) * quantity.scale.factor, expanded * quantity.scale.factor, quantity.scale.unit
@@ -105,18 +104,13 @@ def drift_table(history: History) -> Table:
     for quantity in history.quantities:
         unit = quantity.scale.printed
         for i, (label, value) in enumerate(zip(history.labels, quantity.values, strict=True)):
-            first, before = _base(quantity, 0), _base(quantity, i - 1)
-            rows.append(
-                (
-                    quantity.label if i == 0 else "",
-                    unit if i == 0 else "",
-                    label,
-                    *printed_value(value, quantity.scale.factor),
-                    difference(value, first, quantity) if i and first is not None else "",
-                    _en(history, quantity, i, 0) if i else "",
-                    _en(history, quantity, i, i - 1) if i and before is not None else NONE if i else "",
-                )
-            )
+            first = quantity.values[0]
+            said = (label, *printed_value(value, quantity.scale.factor))
+            if i == 0:
+                rows.append((quantity.label, unit, *said, "", "", ""))
+                continue
+            change = "" if first is None else difference(value, first, quantity)
+            rows.append(("", "", *said, change, _en(history, quantity, i, 0), _en(history, quantity, i, i - 1)))
     notes = [
         Words(
             "Change is from the first date; E_n to the first date and to the date before, with U (k = 2): |E_n| > 1 is "
@@ -128,10 +122,6 @@ def drift_table(history: History) -> Table:
         notes.append(Words("Where no date of calibration is stated, the date is that of the evaluation."))
     heads = columns("value", "U", "change", Words("E_n to first"), Words("E_n to previous"), kind="number")
     return Table((*columns("quantity", "unit", "date"), *heads), tuple(rows), notes=tuple(notes))
-
-
-def _base(quantity: ComparedQuantity, i: int) -> Value | None:
-    return quantity.values[i] if i >= 0 else None
 
 
 def _en(history: History, quantity: ComparedQuantity, i: int, base: int) -> str:

@@ -19,7 +19,8 @@ REQUIRED = (
     *("number", "laboratory", "laboratory_address", "place", "customer", "customer_address", "date_of_calibration"),
     *("date_of_issue", "procedure", "traceability", "temperature_c", "approved_by"),
 )
-_GROUPS: Mapping[str, tuple[str, ...]] = {
+#: Heading of the form → keys of [certificate]; all that have a place of their own.
+GROUPS: Mapping[str, tuple[str, ...]] = {
     "document": ("number", "date_of_issue", "language", "second_language", "replaces", "changes"),
     "laboratory": ("laboratory", "laboratory_address", "accreditation", "country", "operator", "approved_by"),
     "order": ("customer", "customer_address", "order_number", "date_of_receipt", "date_of_calibration", "place"),
@@ -49,35 +50,25 @@ _CHOICES = {
 
 @dataclass(frozen=True)
 class FormField:
-    """An entry of the form.
+    """An entry of the form."""
 
-    Attributes:
-        key: of [certificate].
-        label: in words.
-        group: heading above it, in words.
-        kind: what is entered; ``lines`` is one text of several lines, ``paragraphs`` a list of texts, a line each.
-        required: whether a certificate without it is a draft.
-        choices: of kind ``choice``.
-    """
-
-    key: str
-    label: str
-    group: str
-    kind: Kind
-    required: bool
-    choices: tuple[str, ...] = ()
+    key: str  # of [certificate]
+    label: str  # in words
+    group: str  # heading above it, in words
+    kind: Kind  # what is entered; ``lines`` is one text of several lines, ``paragraphs`` a list of texts, a line each
+    required: bool  # whether a certificate without it is a draft
+    choices: tuple[str, ...] = ()  # of kind ``choice``
 
 
 def form(language: str = "en") -> tuple[FormField, ...]:
     """The entries of a certificate, in the order of the form; what is entered is checked by ``certificate_section``."""
     say = Say(language)
     found = []
-    for group, keys in _GROUPS.items():
-        for key in keys:
-            number = "float" in str(CertificateSection.model_fields[key].annotation)
-            kind: Kind = _KINDS.get(key, "number" if number else "text")
-            label = say("label", key)
-            found.append(FormField(key, label, say("group", group), kind, key in REQUIRED, _CHOICES.get(key, ())))
+    for key, group in ((key, group) for group, keys in GROUPS.items() for key in keys):
+        number = "float" in str(CertificateSection.model_fields[key].annotation)
+        kind: Kind = _KINDS.get(key, "number" if number else "text")
+        words = say("label", key), say("group", group)
+        found.append(FormField(key, *words, kind, key in REQUIRED, _CHOICES.get(key, ())))
     return tuple(found)
 
 
@@ -95,19 +86,12 @@ def lacking(certificate: Mapping[str, Any], sensor: Mapping[str, Any]) -> tuple[
 
 @dataclass(frozen=True)
 class Issue:
-    """What belongs to a certificate and not to a result.
+    """What belongs to a certificate and not to a result."""
 
-    Attributes:
-        before: the result before an adjustment.
-        logo: of the laboratory, as SVG, PNG or JPEG.
-        template: the laboratory's own typst file in place of ours.
-        fonts: folders with further fonts.
-    """
-
-    before: Result | None = None
-    logo: bytes | None = None
-    template: Path | None = None
-    fonts: tuple[Path, ...] = ()
+    before: Result | None = None  # the result before an adjustment
+    logo: bytes | None = None  # of the laboratory, as SVG, PNG or JPEG
+    template: Path | None = None  # the laboratory's own typst file in place of ours
+    fonts: tuple[Path, ...] = ()  # folders with further fonts
 
 
 NOTHING_MORE = Issue()
@@ -120,7 +104,9 @@ def issued(result: Result, given: Sequence[str | os.PathLike[str]] | Certificate
         InputError: a file, or one that it names, cannot be read or holds what is not allowed.
     """
     data = given if isinstance(given, CertificateData) else certificate_data(given)
-    return stated(result, data), _issue(data)
+    logo = None if data.logo is None else data.logo.read_bytes()
+    before = None if data.before is None else Result.load(data.before)
+    return stated(result, data), Issue(before, logo, data.template, () if data.fonts is None else (data.fonts,))
 
 
 def stated(result: Result, data: CertificateData) -> Result:
@@ -132,9 +118,3 @@ def stated(result: Result, data: CertificateData) -> Result:
 
 def _over(first: Mapping[str, Any], second: Mapping[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in {**first, **second}.items() if value is not None}
-
-
-def _issue(data: CertificateData) -> Issue:
-    logo = None if data.logo is None else data.logo.read_bytes()
-    before = None if data.before is None else Result.load(data.before)
-    return Issue(before, logo, data.template, () if data.fonts is None else (data.fonts,))

@@ -11,12 +11,10 @@ from typing import Any
 from vibrident.result import Result
 from vibrident.show.formulas import Words
 
-_FOLDER = Path(__file__).parent / "languages"
-
 
 @cache
 def _texts(code: str) -> dict[str, dict[str, str]]:
-    return tomllib.loads((_FOLDER / f"{code}.toml").read_text(encoding="utf-8"))
+    return tomllib.loads((Path(__file__).parent / "languages" / f"{code}.toml").read_text(encoding="utf-8"))
 
 
 class Say:

@@ -18,17 +18,17 @@ _NOTE = (
 
 def main_table(matrix: Matrix) -> Table:
     """Main and transverse sensitivity and misalignment of each output, a row a frequency."""
-    rows, found = [], matrix.main()
+    rows = []
     scale = magnitude_scale(matrix.unit, np.abs(matrix.values).ravel())
-    for one in found:
+    for one in matrix.main():
         for n, f in enumerate(matrix.frequency_hz):
-            pairs = (
-                with_u(one["magnitude"][n], one["magnitude_uncertainty"][n], scale.factor),
-                with_u(one["phase_deg"][n], one["phase_deg_uncertainty"][n], 1.0),
-                with_u(one["transverse_percent"][n], one["transverse_uncertainty_percent"][n], 1.0),
-                with_u(one["misalignment_deg"][n], one["misalignment_uncertainty_deg"][n], 1.0),
+            cells = (
+                *with_u(one["magnitude"][n], one["magnitude_uncertainty"][n], scale.factor),
+                *with_u(one["phase_deg"][n], one["phase_deg_uncertainty"][n], 1.0),
+                *with_u(one["transverse_percent"][n], one["transverse_uncertainty_percent"][n], 1.0),
+                *with_u(one["misalignment_deg"][n], one["misalignment_uncertainty_deg"][n], 1.0),
             )
-            rows.append((one["output"] if n == 0 else "", f"{f:.5g}", *(text for pair in pairs for text in pair)))
+            rows.append((one["output"] if n == 0 else "", f"{f:.5g}", *cells))
     heads = [("f", "Hz"), ("|S|", scale.unit), ("U", scale.unit), ("phase", "°"), ("U", "°")]
     heads += [("transverse", "%"), ("U", "%"), ("misalignment", "°"), ("U", "°")]
     numbers = (Column(title, "number", unit) for title, unit in heads)

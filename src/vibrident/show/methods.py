@@ -43,13 +43,10 @@ def labels(results: Sequence[Result]) -> list[str]:
 def compared(
     results: Sequence[Result], names: Sequence[str] = (), truth: Mapping[str, float] | None = None
 ) -> tuple[Table, Table]:
-    """Several results of one sensor: their parameters, and how they fit.
+    """Several results of one sensor, called by their estimators where there are no names: parameters, and how they fit.
 
-    Args:
-        results: at least one.
-        names: what to call each; by default its estimator, with the model where models differ.
-        truth: true values by parameter name in the unit of the first result that has the parameter; deviations are
-            from these where given, from the first result otherwise.
+    ``truth``: true values by parameter name in the unit of the first result that has the parameter; deviations are from
+    these where given, from the first result otherwise.
     """
     called = list(names) or labels(results)
     return _parameters(results, called, truth or {}), _metrics(results, called)
@@ -102,9 +99,9 @@ def _metrics(results: Sequence[Result], names: Sequence[str]) -> Table:
     timed = any(isinstance(time, int | float) for time in times)
     rows = []
     for result, name, time in zip(results, names, times, strict=True):
-        row = [name, *(plain(getattr(result.fit, field), 6 if field == "r2" else 4) for field in _FIELDS)]
-        row += [str(len(result.warnings)), *([plain(time if isinstance(time, int | float) else None, 3)] * timed)]
-        rows.append(tuple(row))
+        row = (name, *(plain(getattr(result.fit, field), 6 if field == "r2" else 4) for field in _FIELDS))
+        lasted = (plain(time if isinstance(time, int | float) else None, 3),) * timed
+        rows.append((*row, str(len(result.warnings)), *lasted))
     heads = [*(words.METRICS[field].label for field in _FIELDS), "warn.", *(["time/s"] * timed)]
     title = f"Fit{f' (RMSE, MAE in {pretty(units.pop())})' if len(units) == 1 else ''}"
     return Table((Column("method"), *columns(*heads, kind="number")), tuple(rows), title=title)
@@ -128,17 +125,15 @@ def models(results: Mapping[str, Result], left_out: Mapping[str, Mapping[str, An
         rows.append((*row, "yes" if result.fit.adequate else "no", str(weak) if weak else NONE))
     heads = ["parameters", "χ²", "AIC", "BIC", *(["predicted", "in u"] if left_out else []), "explains", "weak"]
     notes = ("predicted: rms deviation at records left out of the fit",) if left_out else ()
-    table = Table(
-        (Column("method"), *columns(*heads, kind="number")), tuple(rows), notes=notes, title="Choice of the model"
-    )
+    titled = (Column("method"), *columns(*heads, kind="number"))
+    table = Table(titled, tuple(rows), notes=notes, title="Choice of the model")
     return table, Sentence(recommendation(results).words)
 
 
 def joint(result: Result) -> tuple[Table | Sentence, ...]:
     """What calibrations that were fitted together share: the joint values, each one's own, and the verdict on these.
 
-    Args:
-        result: of any of them; its settings hold what is shown.
+    The settings of the result of any of them hold it.
     """
     found = result.settings["joint"]
     files = [one["file"] for one in found["calibrations"]]
@@ -167,10 +162,8 @@ def joint(result: Result) -> tuple[Table | Sentence, ...]:
 def network_beside(results: Sequence[Result], truth: Mapping[str, float], true_curve: Mapping[float, float]) -> Table:
     """Results of several estimators in one table: parameters, points of the curve, and the weights of the network.
 
-    Args:
-        results: of one calibration; the last is of the network.
-        truth: true values by parameter name, in the results' units.
-        true_curve: frequency in Hz to the true magnitude of the sensitivity.
+    ``results``: of one calibration, the network's last; ``truth``: true values by parameter name, in the results'
+    units; ``true_curve``: frequency in Hz to the true magnitude of the sensitivity.
     """
     called = labels(results)
     values = []

@@ -7,18 +7,18 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from decimal import ROUND_HALF_EVEN, Decimal
-from typing import Any, TypeGuard
+from decimal import Decimal
+from typing import TypeGuard
 
 from vibrident.base import amounts
 from vibrident.base.amounts import NONE, PLAIN_DIGITS, SUPERSCRIPTS, Scale, pretty, scaled
 from vibrident.base.nominal import nominal_name, same
 from vibrident.data.records import REFERENCE_UNITS, FloatArray
 from vibrident.result import Parameter, Result
+from vibrident.show.views import K
 
-COVERAGE_FACTOR = 2.0  # coverage factor of every expanded uncertainty that is printed
 _MOST_DIGITS = 15  # digits of a value beyond which a float has nothing more to say
 
 
@@ -33,23 +33,15 @@ class Stated:
     unit: str  # with the SI prefix that reads well; empty for the unit one
 
 
-def place(uncertainty: float, digits: int = 2) -> int:
-    """Power of ten of the last digit kept of an uncertainty: −3 for 0.0123 and two digits, and for 0.00996 too.
-
-    ``uncertainty``: positive and finite; ``digits``: significant digits kept.
-    """
+def place(uncertainty: float) -> int:
+    """Power of ten of the second digit of an uncertainty, positive and finite: −3 for 0.0123, and for 0.00996 too."""
     exact = Decimal(repr(float(uncertainty)))
-    last = exact.adjusted() - digits + 1
-    return last if _rounded(exact, last).adjusted() == exact.adjusted() else last + 1  # 0.0996 becomes 0.10
-
-
-def _rounded(value: Decimal, last: int) -> Decimal:
-    unit = Decimal(1).scaleb(last)
-    return (value / unit).quantize(Decimal(1), rounding=ROUND_HALF_EVEN) * unit
+    last = exact.adjusted() - 1
+    return last if round(exact, -last).adjusted() == exact.adjusted() else last + 1  # 0.0996 becomes 0.10
 
 
 def printed(number: str) -> str:
-    """A number as it is set: ``-1.5e-7`` becomes ``−1.5·10⁻⁷``; zero has neither sign nor power."""
+    """A number, or –, as it is set: ``-1.5e-7`` becomes ``−1.5·10⁻⁷``; zero has neither sign nor power."""
     head, _, power = number.partition("e")
     if not head.strip("+-0."):
         return head.lstrip("+-") if "." in head and not power else "0"
@@ -58,8 +50,7 @@ def printed(number: str) -> str:
 
 def plain(value: float | None, digits: int = PLAIN_DIGITS) -> str:
     """A number without stated uncertainty: that many significant digits at most; – for None and not finite."""
-    text = amounts.plain(value, digits)
-    return text if text == NONE else printed(text)
+    return printed(amounts.plain(value, digits))
 
 
 def signed(value: float | None, places: int) -> str:
@@ -80,17 +71,13 @@ def pair(value: float | None, uncertainty: float | None) -> tuple[str, str]:
     ``value``: best estimate; ``uncertainty``: standard uncertainty, same unit.
     """
     value_text, u_text = rounded(value, uncertainty)
-    return _set(value_text), _set(u_text)
+    return printed(value_text), printed(u_text)
 
 
 def rounded(value: float | None, uncertainty: float | None) -> tuple[str, str]:
     """The same as Python writes numbers, to compute with."""
     texts = _aligned(value, uncertainty, [uncertainty])
     return texts[0], texts[1]
-
-
-def _set(text: str) -> str:
-    return text if text == NONE else printed(text)
 
 
 def _aligned(value: float | None, uncertainty: float | None, own: list[float | None]) -> list[str]:
@@ -111,7 +98,7 @@ def _aligned(value: float | None, uncertainty: float | None, own: list[float | N
 
 
 def _fixed(value: Decimal, last: int, power: int) -> str:
-    text = f"{_rounded(value, last).scaleb(-power):.{max(0, power - last)}f}"
+    text = f"{round(value, -last).scaleb(-power):.{max(0, power - last)}f}"
     if not text.strip("-0."):
         return "0" if power else text.lstrip("-")  # no negative zero
     return f"{text}e{power}" if power else text
@@ -126,11 +113,11 @@ def concise(value: float | None, uncertainty: float | None) -> str:
     """Value with its standard uncertainty in the last digits, GUM 7.2.2: ``104.01(11)``; the value alone without u."""
     text, u = rounded(value, uncertainty)
     if not _known(uncertainty) or uncertainty == 0 or text == NONE:
-        return _set(text)
+        return printed(text)
     head, _, power = text.partition("e")
     u_head, _, u_power = u.partition("e")
     if power != u_power:
-        return f"{_set(text)} ± {_set(u)}"
+        return f"{printed(text)} ± {printed(u)}"
     digits = u_head.replace(".", "").lstrip("0") if float(u_head) < 1 else u_head
     return f"{printed(head)}({digits}){printed(f'1e{power}').removeprefix('1') if power else ''}"
 
@@ -141,7 +128,7 @@ def natural_scale(parameter: Parameter) -> Scale:
     return scaled(parameter.unit, max(sizes, default=0.0))
 
 
-def stated(parameter: Parameter, k: float = COVERAGE_FACTOR, scale: Scale | None = None) -> Stated:
+def stated(parameter: Parameter, k: float = K, scale: Scale | None = None) -> Stated:
     """All numbers of a parameter in one unit, rounded by GUM 7.2.6; U = k u.
 
     ``scale``: unit and factor to it; None for a natural prefix.
@@ -149,7 +136,7 @@ def stated(parameter: Parameter, k: float = COVERAGE_FACTOR, scale: Scale | None
     u = parameter.standard_uncertainty
     scale = scale or natural_scale(parameter)
     value, u = scale.times(parameter.value), scale.times(u)
-    texts = [_set(text) for text in _aligned(value, u, [u, None if u is None else k * u])]
+    texts = [printed(text) for text in _aligned(value, u, [u, None if u is None else k * u])]
     low, high = map(scale.times, parameter.interval_95)
     return Stated(
         value=texts[0],
@@ -194,15 +181,9 @@ def with_sign(number: str) -> str:
 
 def with_u(value: float | None, u: float | None, factor: float) -> tuple[str, str]:
     """Value to the place of its U (k = 2), and U; both times ``factor``."""
-    if value is None:
+    if not _known(value):
         return NONE, NONE
-    return pair(value * factor, None if u is None else COVERAGE_FACTOR * u * factor)
-
-
-def at(values: Sequence[Any] | FloatArray, index: int) -> Any:
-    """The value, or None where there are fewer, or it is not known."""
-    value = values[index] if index < len(values) else None
-    return None if isinstance(value, float) and math.isnan(value) else value
+    return pair(value * factor, None if u is None else K * u * factor)
 
 
 def reference_unit(result: Result) -> str:

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from vibrident.base.errors import unknown
 from vibrident.result import Result
-from vibrident.show import figures
 from vibrident.show.data_figures import inspection, light
+from vibrident.show.figures import PICTURES
 from vibrident.show.media import drawing
 from vibrident.show.use_figures import correction, plan, tracking
 from vibrident.show.views import Figure
@@ -19,18 +18,7 @@ from vibrident.show.views import Figure
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Picture
 
-__all__ = [
-    "PICTURES",
-    "applicable",
-    "correction",
-    "draw",
-    "inspection",
-    "light",
-    "plan",
-    "save",
-    "save_all",
-    "tracking",
-]
+__all__ = ["PICTURES", "correction", "draw", "inspection", "light", "plan", "save", "save_all", "tracking"]
 
 
 def draw(name: str, result: Result) -> Picture:
@@ -43,33 +31,25 @@ def draw(name: str, result: Result) -> Picture:
     Raises:
         InputError: there is no such picture.
     """
-    if name not in figures.PICTURES:
-        raise unknown("There is no such picture of a result.", name, list(figures.PICTURES), "name of the picture")
-    made = figures.PICTURES[name](result)
+    if name not in PICTURES:
+        raise unknown("There is no such picture of a result.", name, list(PICTURES), "name of the picture")
+    made = PICTURES[name](result)
     return drawing.picture(made or Figure(name, f"{name.capitalize()}: nothing in the result", ()))
 
 
-#: Name of each picture of a result (its file name without suffix) and what draws it, in the order of a report.
-PICTURES: dict[str, Callable[[Result], Picture]] = {name: partial(draw, name) for name in figures.PICTURES}
-
-
-def applicable(result: Result) -> list[str]:
-    """Names of the pictures that the result has something to show in, in the order of a report."""
-    return [name for name, make in figures.PICTURES.items() if make(result) is not None]
-
-
 def save(figure: Figure | Picture, path: str | os.PathLike[str]) -> Path:
-    """Write one figure in the format of the path's suffix (png, svg or pdf); return the path."""
+    """Write one figure in the format of the path's suffix (png, svg or pdf), without a date; return the path."""
     target = Path(path)
     target.parent.mkdir(parents=True, exist_ok=True)
-    return drawing.save(figure, target)
+    target.write_bytes(drawing.content(figure, target.suffix[1:].lower()))
+    return target
 
 
 def save_all(
     result: Result,
     folder: str | os.PathLike[str],
     formats: Sequence[str] = ("png",),
-    names: Sequence[str] = tuple(figures.PICTURES),
+    names: Sequence[str] = tuple(PICTURES),
 ) -> list[Path]:
     """Draw every picture that the result has something to show in.
 
@@ -85,7 +65,7 @@ def save_all(
     """
     written = []
     for name in names:
-        if (figure := figures.PICTURES[name](result)) is not None:
+        if (figure := PICTURES[name](result)) is not None:
             drawn = drawing.picture(figure)
             written.extend(save(drawn, Path(folder) / f"{name}.{suffix}") for suffix in formats)
     return written

@@ -73,8 +73,7 @@ def sensitivity_at(result: Result, where: Nominal) -> Point | None:
     if abs(frequency[nearest] / where.frequency_hz - 1.0) <= _OWN or frequency.size == 1:
         return _own_point(curve, nearest, where)
     right = min(max(int(np.searchsorted(frequency, where.frequency_hz)), 1), frequency.size - 1)
-    pair = slice(right - 1, right + 1)
-    return _between(result, pair, where)
+    return _between(result, slice(right - 1, right + 1), where)
 
 
 def _own_point(curve: Curve, i: int, where: Nominal) -> Point:
@@ -112,12 +111,9 @@ def _mixed(ends: FloatArray, share: float) -> float | None:
 def _model_response(result: Result, frequency_hz: FloatArray) -> ComplexArray:
     """Complex response of the result's model; one at all frequencies if this version does not know the model."""
     quantity: Any = result.quantity
+    flat = np.ones(frequency_hz.shape, dtype=complex)
     try:
         response = result.to_sensor().frequency_response(frequency_hz, quantity)
     except (InputError, KeyError):
-        return np.ones(frequency_hz.shape, dtype=complex)
-    return (
-        response
-        if np.all(np.isfinite(response)) and np.all(response != 0)
-        else np.ones(frequency_hz.shape, dtype=complex)
-    )
+        return flat
+    return response if np.all(np.isfinite(response)) and np.all(response != 0) else flat

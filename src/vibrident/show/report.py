@@ -43,14 +43,7 @@ def content(
     more: Sequence[Section] = (),
     issue: Issue = NOTHING_MORE,
 ) -> bytes:
-    """The file of a report, as bytes.
-
-    Args:
-        results: one result, or several to be set side by side.
-        form: ``html``, ``pdf`` or ``md`` (without pictures).
-        names: what to call each of several; by default 1, 2, ….
-        more: sections that the report of one result has as well; a certificate has none.
-        issue: of a certificate: the result before an adjustment, logo, template, fonts.
+    """What ``write`` writes, as bytes: Markdown without pictures; several results are called 1, 2, … by default.
 
     Raises:
         InputError: the form is not known, or what it needs is not installed (``pip install 'vibrident[report]'``).
@@ -94,7 +87,7 @@ def render(
     """
     if pictures is None:
         return markdown.render(document.report(result, more))
-    links = markdown.links(plots.applicable(result), pictures, pictures if relative_to is None else relative_to)
+    links = markdown.links(plots.PICTURES, pictures, pictures if relative_to is None else relative_to)
     return markdown.render(document.report(result, more), links)
 
 

@@ -7,14 +7,15 @@ probability of 1 %. The verdict on the model is the result's own; these show whe
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import numpy as np
 
 from vibrident.data.records import FloatArray
 from vibrident.result import Result
 from vibrident.show.curves import bars_of_deviation, column, principal
-from vibrident.show.numbers import COVERAGE_FACTOR, NONE, plain, signed
-from vibrident.show.views import Table, columns
+from vibrident.show.numbers import NONE, plain, signed
+from vibrident.show.views import K, Table, columns
 
 LEVEL = 0.01  # probability below which a test fails
 #: One test: its name, the value found, the value expected of noise, whether it passes, and what a failure means.
@@ -24,14 +25,13 @@ FEWEST = 8  # fewer points tell nothing of a pattern
 
 def residual_tests(result: Result) -> Table:
     """Every test of the magnitude and, where there is one, of the phase."""
-    measured, halves = result.measured, bars_of_deviation(result.measured)
-    noise = 100.0 * column(measured, "magnitude_noise") / column(measured, "magnitude")
-    common = _in_common(column(measured, "deviation_uncertainty_percent"), noise)
-    z = _ordered(result, column(measured, "deviation_percent"), halves[0] / COVERAGE_FACTOR)
-    tests = [_chi_squared(result), *_pattern_tests("magnitude", z, common)]
-    common = _in_common(column(measured, "deviation_phase_uncertainty_deg"), column(measured, "phase_deg_noise"))
-    z = _ordered(result, principal(column(measured, "deviation_phase_deg")), halves[1] / COVERAGE_FACTOR)
-    tests += _pattern_tests("phase", z, common)
+    read, halves = partial(column, result.measured), bars_of_deviation(result.measured)
+    noise = 100.0 * read("magnitude_noise") / read("magnitude"), read("phase_deg_noise")
+    whole = read("deviation_uncertainty_percent"), read("deviation_phase_uncertainty_deg")
+    off = read("deviation_percent"), principal(read("deviation_phase_deg"))
+    tests = [_chi_squared(result)]
+    for i, name in enumerate(("magnitude", "phase")):
+        tests += _pattern_tests(name, _ordered(result, off[i], halves[i] / K), _in_common(whole[i], noise[i]))
     rows = [(*words, "passed" if passed else "failed", meaning) for *words, passed, meaning in tests]
     note = (
         "Deviations in units of their standard uncertainty, in the order of frequency; fewer than "
@@ -71,23 +71,18 @@ def _pattern_tests(name: str, z: FloatArray, common: bool) -> list[_Outcome]:
     from scipy.special import bdtr, ndtri
 
     n = z.size
-    inside = int(np.sum(np.abs(z) <= COVERAGE_FACTOR))
-    coverage = math.erf(COVERAGE_FACTOR / math.sqrt(2.0))
+    inside = int(np.sum(np.abs(z) <= K))
+    coverage = math.erf(K / math.sqrt(2.0))
     far = float(ndtri(1.0 - LEVEL / (2.0 * n)))
     largest = float(np.max(np.abs(z)))
     lagged = float(np.sum(z[1:] * z[:-1]) / np.sum(z**2)) if np.any(z) else 0.0
     limit = float(ndtri(1.0 - LEVEL / 2.0)) / math.sqrt(n)
     enough, near = float(bdtr(inside, n, coverage)) >= LEVEL, f"{100 * coverage:.1f} % of them"
+    outlier = "one point is an outlier"
     small = "uncertainties of the points too small, or a misfit at some of them"
     sizes: list[_Outcome] = [
         (f"{name}: points within U", f"{inside} of {n}", near, enough, small),
-        (
-            f"{name}: largest deviation",
-            f"{largest:.2f} u",
-            f"below {far:.2f} u",
-            largest <= far,
-            "one point is an outlier",
-        ),
+        (f"{name}: largest deviation", f"{largest:.2f} u", f"below {far:.2f} u", largest <= far, outlier),
     ]
     if common:  # these effects make a pattern along frequency
         return sizes

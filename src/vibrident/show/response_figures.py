@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from vibrident.base.amounts import Scale
@@ -14,7 +12,6 @@ from vibrident.show.formulas import Words
 from vibrident.show.language import ENGLISH
 from vibrident.show.numbers import (
     NONE,
-    at,
     rounded,
     sensitivity_scale,
     shortened,
@@ -27,8 +24,8 @@ from vibrident.show.views import (
     BLACK,
     BLUE,
     CROWD,
+    MEASURED,
     ORANGE,
-    VERMILION,
     Figure,
     FloatArray,
     K,
@@ -37,9 +34,6 @@ from vibrident.show.views import (
     Series,
     Stack,
 )
-
-_PER_DRIVE = {"drive": "Response per drive"}
-_BEYOND = Look(BLACK, "dashed", 1.1)
 
 
 def sensitivity(result: Result) -> Figure | None:
@@ -77,23 +71,20 @@ def _any(values: FloatArray) -> bool:
 def response_panels(model: Curve | None, measured: Curve, scale: Scale, quantity: str, label: str) -> tuple[Panel, ...]:
     """Magnitude and, where there is any, phase.
 
-    Args:
-        model: drawn as a line with its band; None leaves it out.
-        measured: drawn as points with bars.
-        scale: unit in which the magnitudes are drawn, and the factor to it.
-        quantity: of the reference.
-        label: what the points are called.
+    ``model``: drawn as a line with its band; ``measured``: drawn as points with bars, called ``label``; ``scale``: of
+    the magnitudes; ``quantity``: of the reference.
     """
     curves = [curve for curve in (model, measured) if curve is not None]
     x = axes.frequency(np.concatenate([curve.frequency_hz for curve in curves]))
-    word = _PER_DRIVE.get(quantity, f"Sensitivity to {quantity}" if quantity else "Sensitivity")
+    word = "Response per drive" if quantity == "drive" else f"Sensitivity to {quantity}" if quantity else "Sensitivity"
     name = f"{word}\nin {scale.unit}"
     series = _quantity(model, measured, "magnitude", scale.factor, scale.unit, label)
     values = np.concatenate([np.zeros(0), *(one.y for one in series)])
-    ends = [_ends(series, sign) for sign in (-1, 1)]
+    bars = [(one.y, one.half) for one in series if one.half is not None]
+    ends = [np.concatenate([np.zeros(0), *(y + sign * half for y, half in bars)]) for sign in (-1, 1)]
     empty = "" if (values > 0).any() else "no points"
     panels = [Panel(x, axes.size(name, values, *ends), series, 2.45, empty=empty)]
-    if any(np.isfinite(curve.phase_deg).any() for curve in curves):
+    if any(_any(curve.phase_deg) for curve in curves):
         series = _quantity(model, measured, "phase_deg", 1.0, "°", label)
         shown = [one.y for one in series]
         for one in series:
@@ -103,35 +94,41 @@ def response_panels(model: Curve | None, measured: Curve, scale: Scale, quantity
     return tuple(panels)
 
 
-def _ends(series: Sequence[Series], sign: int) -> FloatArray:
-    return np.concatenate([np.zeros(0), *(one.y + sign * one.half for one in series if one.half is not None)])
-
-
 def _quantity(
     model: Curve | None, measured: Curve, quantity: str, factor: float, unit: str, label: str
 ) -> tuple[Series, ...]:
     """Line and points of a magnitude or a phase, in the order of frequency."""
     found, line = [], None
     phase = quantity == "phase_deg"
-    crowd = len(measured.frequency_hz) > CROWD
-    if model is not None and np.isfinite(getattr(model, quantity)).any():
+    if model is not None and _any(getattr(model, quantity)):
         x, y, half, texts = _sorted(model, quantity, factor, unit)
         known = np.isfinite(y)
         x, y, half = x[known], continuous(y[known]) if phase else y[known], half[known]
         line = x, y
         look = Look(BLUE, marker="s" if x.size == 1 else "")
-        band = half if np.isfinite(half).any() else None
-        texts = tuple(text for text, keep in zip(texts, known, strict=True) if keep)
+        band = half if _any(half) else None
+        texts = tuple(filter(None, texts))
         found.append(Series(x, y, "model", look, half=band, band="model, U (k = 2)", texts=texts))
-    if np.isfinite(getattr(measured, quantity)).any():
+    if _any(getattr(measured, quantity)):
         x, y, half, texts = _sorted(measured, quantity, factor, unit)
         if phase:
             y = continuous(y) if line is None else nearest_turn(y, np.interp(x, *line))
-        bars = None if crowd or not np.isfinite(half).any() else half
-        look = Look(ORANGE if crowd else VERMILION, marker="." if crowd else "o")
-        named = f"{label}, U (k = 2)" if bars is not None else label
-        found.append(Series(x, y, named, look, "points", bars, texts=texts, names=_records(measured)))
+        found.append(_points(measured, x, y, half, label, texts))
     return tuple(found)
+
+
+def _points(
+    measured: Curve, x: FloatArray, y: FloatArray, half: FloatArray, label: str, texts: tuple[str, ...]
+) -> Series:
+    """Marks with bars, in the order of frequency; many are a cloud without bars."""
+    crowd = len(x) > CROWD
+    bars = None if crowd or not _any(half) else half
+    look = Look(ORANGE, marker=".") if crowd else MEASURED
+    named = label if bars is None else f"{label}, U (k = 2)"
+    records: tuple[str, ...] = getattr(measured, "record", ())
+    order = np.argsort(measured.frequency_hz, kind="stable")
+    names = tuple(shortened(records[i], 40) for i in order) if records else ()
+    return Series(x, y, named, look, "points", bars, texts=texts, names=names)
 
 
 def _sorted(
@@ -163,12 +160,6 @@ def _deviated(value: float, half: float) -> str:
     return with_sign(rounded(value, half)[0] if half > 0 else f"{value:.3g}")
 
 
-def _records(measured: Curve) -> tuple[str, ...]:
-    names = getattr(measured, "record", ())
-    order = np.argsort(measured.frequency_hz, kind="stable")
-    return tuple(shortened(at(names, i) or "", 40) for i in order) if names else ()
-
-
 def deviation(result: Result) -> Figure | None:
     """Model − measured at each excited frequency with U (k = 2), and around zero the model's own U.
 
@@ -184,14 +175,14 @@ def deviation(result: Result) -> Figure | None:
     own = 100.0 * expanded(model, "magnitude") / column(model, "magnitude")
     size = 100.0 / column(measured, "magnitude")
     parts = [("Magnitude deviation", "%", percent, bars[0], own, *_apart(measured, "magnitude", size))]
-    if np.isfinite(phase).any():
+    if _any(phase):
         of_phase = _apart(measured, "phase_deg", np.ones(frequency.size))
         parts.append(("Phase deviation", "°", phase, bars[1], expanded(model, "phase_deg"), *of_phase))
     panels = [_deviation(result, *part) for part in parts]
-    crowd = len(frequency) > CROWD
+    bars_are = "dashed lines" if frequency.size > CROWD else "bars"
     caption = (
         "Deviation = model − measured, magnitude relative to measured. Expanded uncertainty U, k = 2: "
-        f"{'dashed lines' if crowd else 'bars'} deviation, band as named."
+        f"{bars_are} deviation, band as named."
     )
     title = "Deviation of the model from the measurement"
     return Figure("deviation", title, (Stack(tuple(panels)),), subject(result.model, result.sensor), caption)
@@ -220,22 +211,19 @@ def _deviation(
     frequency = measured.frequency_hz
     order = np.argsort(frequency, kind="stable")
     x, y, bars = frequency[order], values[order], half[order]
-    crowd = len(x) > CROWD
     y_axis, series = axes.about_zero(f"{word}\nin {unit}", y, bars), []
     inside = band[(x_model >= x[0]) & (x_model <= x[-1]) & np.isfinite(band)]
     if inside.size and float(np.median(inside)) > y_axis.high:  # it would fill the panel
         title = title or f"U of the model (k = 2): {_span(inside)} {unit}"
-    elif np.isfinite(band).any():
+    elif _any(band):
         order = np.argsort(x_model, kind="stable")
-        nothing = Look(BLACK, width=0.0)
-        series.append(Series(x_model[order], 0.0 * x_model, "", nothing, half=band[order], band=named))
-    label = "model − measured" if crowd or not np.isfinite(bars).any() else "model − measured, U (k = 2)"
-    look = Look(ORANGE if crowd else VERMILION, marker="." if crowd else "o")
-    drawn = None if crowd or not np.isfinite(bars).any() else bars
+        unseen = Look(BLACK, width=0.0)
+        series.append(Series(x_model[order], 0.0 * x_model, "", unseen, half=band[order], band=named))
     texts = tuple(f"{f:.6g} Hz: {_deviated(value, bar)} {unit}" for f, value, bar in zip(x, y, bars, strict=True))
-    series.append(Series(x, y, label, look, "points", drawn, texts=texts, names=_records(measured)))
-    if crowd and np.isfinite(bars).any():
+    series.append(_points(measured, x, y, bars, "model − measured", texts))
+    if len(x) > CROWD and _any(bars):
         few = spread(len(x), 4 * CROWD)
-        series += [Series(x[few], sign * bars[few], "measured, U (k = 2)", _BEYOND) for sign in (1, -1)]
-    empty = "" if np.isfinite(y).any() else "no measured points to compare with"
+        look = Look(BLACK, "dashed", 1.1)
+        series += [Series(x[few], sign * bars[few], "measured, U (k = 2)", look) for sign in (1, -1)]
+    empty = "" if _any(y) else "no measured points to compare with"
     return Panel(axes.frequency(frequency), y_axis, tuple(series), 1.6, title, rules=(0.0,), empty=empty)

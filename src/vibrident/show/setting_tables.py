@@ -10,23 +10,22 @@ import numpy as np
 from vibrident.base.amounts import Scale, pretty
 from vibrident.physics.naming import parameter_name
 from vibrident.result import Result
-from vibrident.show.language import ENGLISH
-from vibrident.show.numbers import COVERAGE_FACTOR, NONE, parameter_scale, plain, sensitivity_scale, uncertainty, with_u
-from vibrident.show.views import Column, Table, columns
+from vibrident.show.language import ENGLISH, Say
+from vibrident.show.numbers import NONE, parameter_scale, plain, sensitivity_scale, uncertainty, with_u
+from vibrident.show.views import Column, K, Table, columns
 
 
-def budget(result: Result) -> Table | None:
+def budget(result: Result, say: Say = ENGLISH) -> Table | None:
     """A row a source and a column a parameter; None where the settings hold no such budget."""
     rows = result.settings.get("uncertainty_budget")
     if not isinstance(rows, list | tuple) or not rows or not all(_is_row(row) for row in rows):
         return None
-    names = [
-        name for name in dict.fromkeys(n for row in rows for n in row["contributions"]) if name in result.parameters
-    ]
+    contributed = dict.fromkeys(name for row in rows for name in row["contributions"])
+    names = [name for name in contributed if name in result.parameters]
     units = {name: parameter_scale(result, result.parameters[name]) for name in names}
-    body = [
+    body: list[tuple[str, ...]] = [
         (
-            str(row["source"]),
+            _translated(str(row["source"]), say),
             str(row.get("type") or NONE),
             str(row.get("kind") or NONE),
             _stated(row),
@@ -36,13 +35,18 @@ def budget(result: Result) -> Table | None:
         for row in rows
     ]
     together = (_size(result.parameters[name].standard_uncertainty, units[name]) for name in names)
-    body.append(("u of the result", "", "", "", "", *together))
-    heads = [Column(parameter_name(name).words, "number", units[name].printed) for name in names]
-    heads = (*columns("source", "type", "kind"), *columns("u", "ν", kind="number"), *heads)
-    return Table(heads, tuple(body), notes=(ENGLISH("text", "budget_note"),))
+    body.append((say("text", "u_of_result"), "", "", "", "", *together))
+    heads = columns(*(say("head", key) for key in ("source", "type", "kind"))), columns("u", "ν", kind="number")
+    own = (Column(say.known(parameter_name(name).words), "number", units[name].printed) for name in names)
+    return Table((*heads[0], *heads[1], *own), tuple(body), notes=(say("text", "budget_note"),))
 
 
-def point_budget(result: Result) -> tuple[Table, ...]:
+def _translated(source: str, say: Say) -> str:
+    """Our own words for a source in the languages; those of others as they are."""
+    return say.known(source) if say.has(source) else source
+
+
+def point_budget(result: Result, say: Say = ENGLISH) -> tuple[Table, ...]:
     """Of magnitude and, where there is any, phase: a row a frequency and a column a source; empty without effects."""
     found = result.settings.get("point_budget")
     if not isinstance(found, Mapping) or not found.get("sources"):
@@ -60,12 +64,11 @@ def point_budget(result: Result) -> tuple[Table, ...]:
         for i, place in enumerate(places):
             u = None if np.isnan(total[place]) else factor * float(total[place])
             cells = [uncertainty(None if size[i] is None else factor * size[i]) for size in sizes]
-            both = uncertainty(u), uncertainty(None if u is None else COVERAGE_FACTOR * u)
+            both = uncertainty(u), uncertainty(None if u is None else K * u)
             rows.append((f"{found['frequency_hz'][i]:.5g}", *cells, *both))
-        heads = [str(source["source"]) for source in found["sources"]]
-        columns_ = [Column("f", "number", "Hz"), *columns(*heads, kind="number")]
-        columns_ += [Column("u", "number", unit), Column("U", "number", unit)]
-        tables.append(Table(tuple(columns_), tuple(rows), title=f"{word}, standard uncertainties in {unit}", name=word))
+        sources = columns(*(_translated(str(source["source"]), say) for source in found["sources"]), kind="number")
+        heads = (Column("f", "number", "Hz"), *sources, Column("u", "number", unit), Column("U", "number", unit))
+        tables.append(Table(heads, tuple(rows), title=f"{word}, standard uncertainties in {unit}", name=word))
     return tuple(tables)
 
 

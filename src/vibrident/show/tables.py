@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,12 +16,11 @@ from vibrident.physics.naming import parameter_name
 from vibrident.result import MeasuredCurve, Parameter, Result
 from vibrident.show import words
 from vibrident.show.coverage import coverage, interval_text, parameter_factor
+from vibrident.show.curves import column, principal
 from vibrident.show.formulas import Mixed, Words, symbol
 from vibrident.show.language import ENGLISH, Say
 from vibrident.show.numbers import (
-    COVERAGE_FACTOR,
     NONE,
-    at,
     fit_unit,
     nominal_frequency,
     parameter_scale,
@@ -36,7 +36,7 @@ from vibrident.show.numbers import (
     with_sign,
     with_u,
 )
-from vibrident.show.views import Column, Doubt, Facts, Table, columns, count
+from vibrident.show.views import Column, Doubt, Facts, FloatArray, K, Table, columns, count
 
 MOST_ROWS = 200  # rows of the table of measured points; more are thinned evenly, and the report says so
 
@@ -55,20 +55,20 @@ def facts(result: Result) -> tuple[tuple[str, str], ...]:
 
 
 def _band(measured: MeasuredCurve) -> str:
-    known = [f for f in measured.frequency_hz if f is not None]
-    if not known:
+    known = measured.frequency_hz
+    if not known.size:
         return "no measured points"
-    low, high = f"{min(known):.5g} Hz", f"{max(known):.5g} Hz"
-    return f"{count(len(known), 'point')}, {low}" + (f" to {high}" if high != low else "")
+    low, high = f"{known.min():.5g} Hz", f"{known.max():.5g} Hz"
+    return f"{count(known.size, 'point')}, {low}" + (f" to {high}" if high != low else "")
 
 
 def doubts(result: Result) -> tuple[Doubt, ...]:
     """Every warning in plain words."""
     found = []
     for code in result.warning_codes:
-        explained = words.explain(code)
+        kind = words.explain(code)
         messages = tuple(warning.message for warning in result.warnings if warning.code == code)
-        found.append(Doubt(explained.title, code, messages, explained.meaning, explained.action))
+        found.append(Doubt(kind.title, code, messages, kind.meaning, kind.action))
     return tuple(found)
 
 
@@ -157,7 +157,7 @@ def fit(result: Result) -> Table:
     return Table(heads, tuple(rows), (lead,))
 
 
-def measured(result: Result, most_rows: int = MOST_ROWS) -> Table | None:
+def measured(result: Result) -> Table | None:
     """What the data say at each frequency, and how far the model is from it."""
     points = result.measured
     total = len(points.frequency_hz)
@@ -166,28 +166,25 @@ def measured(result: Result, most_rows: int = MOST_ROWS) -> Table | None:
     scale = sensitivity_scale(result)
     phases = bool(np.isfinite(points.phase_deg).any())
     apart = bool(np.isfinite(points.magnitude_noise).any())
-    step = max(1, -(-total // most_rows))
-    rows = []
-    for i in range(0, total, step):
-        shift = at(points.deviation_phase_deg, i)
-        shift = None if shift is None else (shift + 180) % 360 - 180
-        phase = (
-            *with_u(at(points.phase_deg, i), at(points.phase_deg_uncertainty, i), 1.0),
-            _expanded(at(points.phase_deg_noise, i), 1.0) * apart,
-            _turned(shift, at(points.deviation_phase_uncertainty_deg, i)),
-            _en(shift, at(points.deviation_phase_uncertainty_deg, i)) * apart,
-        )
-        row = (
-            f"{points.frequency_hz[i]:.6g}",
-            nominal_frequency(points.frequency_hz[i]) or "",
-            *with_u(at(points.magnitude, i), at(points.magnitude_uncertainty, i), scale.factor),
-            _expanded(at(points.magnitude_noise, i), scale.factor) * apart,
-            percent(at(points.deviation_percent, i), _twice(at(points.deviation_uncertainty_percent, i))),
-            _en(at(points.deviation_percent, i), at(points.deviation_uncertainty_percent, i)) * apart,
-            *(text * phases for text in phase),
-            at(points.record, i) or "",
-        )
-        rows.append(row)
+    step = max(1, -(-total // MOST_ROWS))
+
+    def cells(quantity: str, factor: float, off: FloatArray, off_u: str, said: Callable[..., str]) -> Iterator[Any]:
+        """Value, U, U of the noise, deviation and E_n of each row."""
+        own = (column(points, quantity + part) for part in ("", "_uncertainty", "_noise"))
+        every = (values[::step].tolist() for values in (*own, off, K * column(points, off_u)))
+        for value, u, noise, d, d_u in zip(*every, strict=True):
+            en = signed(d / d_u, 2) if d_u else NONE
+            yield *with_u(value, u, factor), uncertainty(K * noise * factor) * apart, said(d, d_u), en * apart
+
+    off, turned = column(points, "deviation_percent"), principal(column(points, "deviation_phase_deg"))
+    magnitudes = cells("magnitude", scale.factor, off, "deviation_uncertainty_percent", percent)
+    angles = cells("phase_deg", 1.0, turned, "deviation_phase_uncertainty_deg", _turned)
+    places = [(f"{f:.6g}", nominal_frequency(f) or "") for f in points.frequency_hz[::step].tolist()]
+    names = points.record[::step] or ("",) * len(places)
+    rows = [
+        (*place, *magnitude, *(text * phases for text in angle), name)
+        for place, magnitude, angle, name in zip(places, magnitudes, angles, names, strict=True)
+    ]
     heads = [("frequency", "Hz"), ("nominal", "Hz"), ("magnitude", scale.unit), ("U", scale.unit)]
     heads += [("noise", scale.unit), ("deviation", ""), (Words("E_n"), ""), ("phase", "°"), ("U", "°"), ("noise", "°")]
     heads += [("deviation", "°"), (Words("E_n of phase"), "")]
@@ -208,23 +205,11 @@ _APART = Words(
 )
 
 
-def _expanded(u: float | None, factor: float) -> str:
-    return NONE if u is None else uncertainty(COVERAGE_FACTOR * u * factor)
-
-
-def _en(deviation: float | None, u: float | None) -> str:
-    return NONE if deviation is None or not u else signed(deviation / (COVERAGE_FACTOR * u), 2)
-
-
-def _twice(u: float | None) -> float | None:
-    return None if u is None else COVERAGE_FACTOR * u
-
-
-def _turned(deviation_deg: float | None, u_deg: float | None) -> str:
+def _turned(deviation_deg: float, expanded_deg: float) -> str:
     """A deviation of the phase: to the place of its U, else three places."""
-    if deviation_deg is None or not u_deg:
-        return signed(deviation_deg, 3)
-    return with_sign(rounded(deviation_deg, _twice(u_deg))[0])
+    if expanded_deg > 0.0 and not math.isnan(deviation_deg):
+        return with_sign(rounded(deviation_deg, expanded_deg)[0])
+    return signed(deviation_deg, 3)
 
 
 def worst(points: MeasuredCurve, say: Say = ENGLISH) -> str:
@@ -324,20 +309,12 @@ def _alike(values: Sequence[Any]) -> bool:
     return len(set.intersection(*keys)) * 2 >= len(set.union(*keys))
 
 
-_LAYERS = {
-    "W1": ("input → hidden", "Ts B"),
-    "W2": ("hidden → output", "C (I + Ts A)⁻¹"),
-    "W3": ("feedback hidden → hidden", "I + Ts A"),
-    "W4": ("feedforward input → output", "D − C (I + Ts A)⁻¹ Ts B"),
-}
-
-
 @dataclass(frozen=True)
 class WeightRow:
     """One weight for print."""
 
-    name: str  # W1 … W4, or another name that the result holds
-    layer: str  # which neurons it connects; empty for other names
+    name: str  # W1 … W4
+    layer: str  # which neurons it connects
     meaning: str  # what it is of the physics, under forward Euler at least
     numbers: tuple[tuple[str, ...], ...]  # rows of the matrix as text
 
@@ -345,22 +322,8 @@ class WeightRow:
 def weight_rows(weights: Mapping[str, Any], digits: int = 6) -> list[WeightRow]:
     """W1 to W4 in the order of the paper's Table 1, as far as the result holds them."""
     rows = []
-    for name in _LAYERS:
-        entry = weights.get(name)
-        if entry is None:
-            continue
-        layer, euler = _LAYERS[name]
-        if isinstance(entry, Mapping):
-            layer, euler, entry = entry.get("layer", layer), entry.get("meaning", euler), entry.get("value", ())
-        rows.append(WeightRow(name, layer, euler, tuple(_rows(entry, digits))))
+    for name, entry in ((name, weights[name]) for name in ("W1", "W2", "W3", "W4") if name in weights):
+        matrix = np.atleast_2d(np.array(entry["value"], dtype=float)).tolist()
+        numbers = tuple(tuple(plain(value, digits) for value in row) for row in matrix)
+        rows.append(WeightRow(name, entry["layer"], entry["meaning"], numbers))
     return rows
-
-
-def _rows(values: Any, digits: int) -> Iterator[tuple[str, ...]]:
-    if not isinstance(values, list | tuple):
-        values = (values,)
-    if any(isinstance(value, list | tuple) for value in values):
-        for value in values:
-            yield from _rows(value, digits)
-    else:
-        yield tuple(plain(value, digits) for value in values)

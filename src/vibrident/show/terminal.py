@@ -98,9 +98,8 @@ def posterior_table(result: Result) -> Shown:
         more = (pretty(result.parameters[key].unit), f"{row['r_hat']:.3f}", f"{row['effective_sample_size']:.0f}")
         rows.append((parameter_name(key).words, *cells, *more))
     heads = ("mean", "standard deviation", "95 % credible interval", "unit", "R̂", "effective draws")
-    return shown(
-        Table((Column("parameter"), *columns(*heads, kind="number")), tuple(rows), title="Posterior distribution")
-    )
+    columns_ = (Column("parameter"), *columns(*heads, kind="number"))
+    return shown(Table(columns_, tuple(rows), title="Posterior distribution"))
 
 
 def inspection_table(rows: Sequence[Mapping[str, object]], title: str = "Calibration data") -> Shown:
@@ -112,10 +111,8 @@ def inspection_table(rows: Sequence[Mapping[str, object]], title: str = "Calibra
     """
     keys = list(dict.fromkeys(key for row in rows for key in row))
     same = _same_everywhere(rows, keys)
-    parts = []
-    for key in same:
-        name, _, unit = _heading(key).partition(" / ")
-        parts.append(f"{name} {_cell(rows[0][key])} {unit}".strip())
+    named = ((_heading(key).partition(" / "), _cell(rows[0][key])) for key in same)
+    parts = [f"{name} {cell} {unit}".strip() for (name, _, unit), cell in named]
     keys = [key for key in keys if key not in same]
     heads = tuple(Column(_heading(key), "number" if _numeric(rows, key) else "text") for key in keys)
     cells = tuple(tuple(_cell(row.get(key)) for key in keys) for row in rows)

@@ -34,7 +34,7 @@ from vibrident.show.views import (
 )
 
 if TYPE_CHECKING:
-    from vibrident.use.correction import Correction, Corrections, Peak
+    from vibrident.use.correction import Correction, Corrections
     from vibrident.use.planning import Plan
 
 MOST = 4  # most records in a picture
@@ -71,8 +71,7 @@ def _corrected(one: Correction, whole: Corrections) -> Stack:
     part = excerpt(record)
     time, clock = from_start(record.start_time_s + record.time_s[part])
     a, u = one.acceleration[part], one.standard_uncertainty[part]
-    step = max(1, len(time) // 3000)
-    thin = slice(None, None, step)
+    thin = slice(None, None, max(1, len(time) // 3000))
     upper = [Series(time[thin], a[thin], look=Look(BLACK, width=0.0), half=K * u[thin], band="± 2 u")]
     if record.reference is not None and one.reference is not None:
         upper.append(Series(*envelope(time, one.reference[part]), "reference, same band", Look(ORANGE, width=2.6)))
@@ -85,8 +84,12 @@ def _corrected(one: Correction, whole: Corrections) -> Stack:
             seen = np.where(values > _LEAST * typical, values, np.nan)
             lower.append(Series(time[thin], seen[thin], words, look))
     lower.append(Series(time[thin], u[thin], "together (u)", Look(BLACK)))
-    name = f"{record.name} · {_range(one.band.low_hz, one.band.high_hz)}"
-    title = name if one.peak is None else f"{name}\npeak {_peak(one.peak, unit)}"
+    scale = scaled("Hz", one.band.high_hz)
+    low, high = one.band.low_hz * scale.factor, one.band.high_hz * scale.factor
+    title = f"{record.name} · {low:.3g} to {high:.4g} {scale.unit}"
+    if one.peak is not None:
+        value, u_peak = pair(one.peak.value, one.peak.standard_uncertainty)
+        title += f"\npeak {value} {unit}, u = {u_peak} {unit}"
     x = axes.linear(clock, time, most=5, margin=0.02)
     y = axes.size(f"u\nin {unit}", np.concatenate([series.y for series in lower]))
     panels = (
@@ -96,20 +99,9 @@ def _corrected(one: Correction, whole: Corrections) -> Stack:
     return Stack(panels, title)
 
 
-def _peak(peak: Peak, unit: str) -> str:
-    """Value and u, both to the second digit of u."""
-    value, u = pair(peak.value, peak.standard_uncertainty)
-    return f"{value} {unit}, u = {u} {unit}"
-
-
-def _range(low_hz: float, high_hz: float) -> str:
-    scale = scaled("Hz", high_hz)
-    return f"{low_hz * scale.factor:.3g} to {high_hz * scale.factor:.4g} {scale.unit}"
-
-
 def _limits(label: str, a: FloatArray) -> Axis:
     """Limits of the axis from the acceleration, without the large uncertainty at the record's ends."""
-    known = a[np.isfinite(a)]
+    known = axes.usable(a)
     if known.size == 0:
         return axes.linear(label, a)
     low, high = float(np.quantile(known, 0.001)), float(np.quantile(known, 0.999))
@@ -120,10 +112,8 @@ def _limits(label: str, a: FloatArray) -> Axis:
 def plan(planned: Plan) -> Figure:
     """The sensitivity of a planned calibration, its uncertainty over frequency, and the frequencies chosen."""
     curve = planned.response
-    frequency, magnitude = curve.frequency_hz, curve.magnitude
-    u = 100.0 * K * curve.magnitude_uncertainty / magnitude
-    u_phase = K * curve.phase_deg_uncertainty
-    relative = magnitude / magnitude[0]
+    frequency, relative = curve.frequency_hz, curve.magnitude / curve.magnitude[0]
+    u, u_phase = 100.0 * K * curve.magnitude_uncertainty / curve.magnitude, K * curve.phase_deg_uncertainty
 
     def height(at: FloatArray) -> FloatArray:
         return np.exp(np.interp(np.log(at), np.log(frequency), np.log(relative)))
@@ -134,9 +124,8 @@ def plan(planned: Plan) -> Figure:
         upper.append(Series(others, height(others), "not chosen", Look(GREY, marker="o"), "points"))
     chosen = np.asarray(planned.frequency_hz)
     word = "chosen" if planned.criterion is not None else "planned"
-    texts = tuple(
-        f"{f:.5g} Hz{f', {times} times' if times > 1 else ''}" for f, times in zip(chosen, planned.uses, strict=True)
-    )
+    uses = list(zip(chosen, planned.uses, strict=True))
+    texts = tuple(f"{f:.5g} Hz{f', {times} times' if times > 1 else ''}" for f, times in uses)
     upper.append(Series(chosen, height(chosen), word, Look(VERMILION, marker="D"), "points", texts=texts))
     lower = (
         Series(frequency, u, "U of magnitude, %", Look(BLUE)),
@@ -149,7 +138,7 @@ def plan(planned: Plan) -> Figure:
     )
     caption = ""
     if planned.efficiency is not None:
-        repeated = ", ".join(f"{f:.5g} Hz ×{times}" for f, times in zip(chosen, planned.uses, strict=True) if times > 1)
+        repeated = ", ".join(f"{f:.5g} Hz ×{times}" for f, times in uses if times > 1)
         caption = (
             f"{planned.criterion}-optimal choice of {sum(planned.uses)} out of {planned.candidates_hz.size} "
             f"frequencies{f' ({repeated})' if repeated else ''}; efficiency {100 * planned.efficiency:.0f} %."
@@ -160,10 +149,8 @@ def plan(planned: Plan) -> Figure:
 def tracking(columns: Mapping[str, FloatArray], document: Mapping[str, Any], sensor: Mapping[str, object]) -> Figure:
     """Parameters over time.
 
-    Args:
-        columns: of ``track.csv`` by name, each of shape (rows,).
-        document: what ``track.json`` says.
-        sensor: manufacturer, type and serial number, for the heading.
+    ``columns``: of ``track.csv`` by name, each of shape (rows,); ``document``: what ``track.json`` says; ``sensor``:
+    manufacturer, type and serial number, for the heading.
     """
     thin = slice(None, None, max(1, len(columns["time_s"]) // MOST_POINTS))
     time = columns["time_s"][thin]

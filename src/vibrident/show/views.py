@@ -102,8 +102,7 @@ class Sentence:
     end: str = ""
 
 
-#: A name and a text; None is a blank to fill.
-Fact = tuple[str, str | None]
+Fact = tuple[str, str | None]  # a name and a text; None is a blank to fill
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from tests.support.sample_results import (
 from vibrident.base.errors import InputError
 from vibrident.base.nominal import Nominal
 from vibrident.result import Curve
-from vibrident.show import certificate, report, words
+from vibrident.show import certificate, certificate_tables, report, words
 from vibrident.show.numbers import sensitivity_scale
 from vibrident.show.points import nominal_points, reference_point, sensitivity_at
 
@@ -48,7 +48,7 @@ def by_label(result) -> dict[str, str | None]:
 
 def test_every_sensitivity_is_the_results():
     result = with_grid(table2())
-    table = certificate.sensitivity(result)
+    table = certificate_tables.sensitivity(result)
     curve = result.response
     unit = re.search(r"\((.*)\)", table.header[2]).group(1)
     factor = factor_to(unit, "V/(m/s^2)")
@@ -71,7 +71,7 @@ def test_every_sensitivity_is_the_results():
 
 def test_every_parameter_is_the_results():
     result = table2()
-    table = certificate.parameters(result)
+    table = certificate_tables.parameters(result)
     for row, parameter in zip(table.rows, result.parameters.values(), strict=True):
         cells = dict(zip(table.header, row, strict=True))
         factor = factor_to("" if cells["unit"] == "1" else cells["unit"], parameter.unit)
@@ -108,14 +108,14 @@ def test_nothing_outside_the_measured_band():
     point, why = reference_point(result)
     assert point is None
     assert "1500 Hz lies outside" in why
-    (_, frequency), (_, reason) = certificate.reference(result).rows
+    (_, frequency), (_, reason) = certificate_tables.reference(result).rows
     assert frequency is None
     assert "outside" in reason
     assert sensitivity_at(result, Nominal(3000.0, 3000.0)) is None
 
 
 def test_the_reference_frequency_of_a_seismometer():
-    (_, frequency), (_, magnitude), *_ = certificate.reference(pickup()).rows
+    (_, frequency), (_, magnitude), *_ = certificate_tables.reference(pickup()).rows
     assert frequency == "1 Hz; 160 Hz lies outside the measured band; chosen as usual for seismometers"
     assert re.fullmatch(rf"{NUMBER} V/\(m/s\), U = {NUMBER} V/\(m/s\) \(k = 2\)", magnitude)
 
@@ -126,13 +126,13 @@ def test_what_is_not_stated_is_blank():
         assert found[label] is None
     assert found["Serial number"] == "4711"
     assert (head.number, head.lines) == (None, ())
-    assert certificate.instruments(table2()).rows == ()
+    assert certificate_tables.instruments(table2()).rows == ()
     assert [text for _, text in certificate.signatures(table2())] == [None, None]
     assert "Air pressure" not in found
 
 
 def test_what_is_stated_stands_as_it_is():
-    found, instruments = by_label(stated()), certificate.instruments(stated())
+    found, instruments = by_label(stated()), certificate_tables.instruments(stated())
     assert certificate.letterhead(stated()).number == "2025-0042"
     assert found["Temperature"] == "23 °C (U = 0.5 °C, k = 2)"
     assert found["Relative humidity"] == "45 %"
@@ -154,10 +154,10 @@ def test_the_pdf_holds_the_contents_and_numbers_its_pages():
     result = with_grid(stated())
     found = pages(report.content(result, "pdf"))
     text = " ".join(" ".join(found).split())
-    for table in (certificate.sensitivity(result), certificate.parameters(result)):
+    for table in (certificate_tables.sensitivity(result), certificate_tables.parameters(result)):
         for row in table.rows:
             assert " ".join(cell.replace("_", "") for cell in row if cell) in text
-    for _, said in certificate.reference(result).rows:
+    for _, said in certificate_tables.reference(result).rows:
         assert said in text
     for key in ("number", "laboratory", "customer", "mounting", "procedure", "traceability", "operator"):
         assert CERTIFICATE[key] in text
@@ -192,8 +192,8 @@ def test_letters_that_the_font_lacks_do_no_harm():
 
 
 def test_a_point_without_phase_or_uncertainty():
-    assert not any("phase" in name for name in certificate.sensitivity(table_only()).header)
-    assert certificate.sensitivity(single_point()) is None  # 159.15 Hz is no nominal frequency
+    assert not any("phase" in name for name in certificate_tables.sensitivity(table_only()).header)
+    assert certificate_tables.sensitivity(single_point()) is None  # 159.15 Hz is no nominal frequency
     assert sensitivity_scale(single_point()).unit == "pC/(m/s²)"
 
 

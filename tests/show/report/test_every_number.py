@@ -12,7 +12,7 @@ from tests.support.sample_results import accelerometer, pickup, table2
 from vibrident.base.nominal import Nominal
 from vibrident.physics.naming import parameter_name
 from vibrident.result import Curve
-from vibrident.show import certificate, report, words
+from vibrident.show import certificate_tables, report, words
 from vibrident.show.points import sensitivity_at
 from vibrident.show.tables import parameters
 
@@ -35,7 +35,7 @@ def test_the_cards_state_the_estimated_parameters_and_the_reference_frequency(ma
             number, unit, expanded = found.pop(parameter_name(name).words)
             assert_rounded(number, parameter.value, factor_to(unit, parameter.unit))
             assert_rounded(expanded, 2 * parameter.standard_uncertainty, factor_to(unit, parameter.unit))
-    stated = {label.lower(): text for label, text in certificate.reference(result).rows[1:]}
+    stated = {label.lower(): text for label, text in certificate_tables.reference(result).rows[1:]}
     for label, (number, unit, expanded) in found.items():  # the rest is what the certificate says
         text = next(text for name, text in stated.items() if label.startswith(name))
         assert text.startswith(f"{number}{'' if unit == '' else ' '}{unit}, U = {expanded}") or unit == "°"
@@ -65,7 +65,7 @@ def test_the_correlation_is_the_results():
 
 def test_the_nominal_frequencies_of_the_page_are_those_of_the_certificate():
     result = table2()
-    table = certificate.sensitivity(result)
+    table = certificate_tables.sensitivity(result)
     assert [tuple(row) for row in read(result).table(*table.header)] == list(table.rows)
 
 

@@ -9,7 +9,7 @@ import pytest
 from rich.console import Console
 from tests.support.sample_results import table2
 
-from vibrident.show import certificate, tables, terminal
+from vibrident.show import certificate, certificate_tables, tables, terminal
 from vibrident.show.report import content
 from vibrident.show.residual_tests import residual_tests
 
@@ -78,7 +78,7 @@ def test_an_uncertainty_that_is_not_stated_is_said_in_words():
     assert "not identifiable, u not stated" in content(result, "md").decode()
     assert "not identifiable, u not stated" in content(result, "html").decode()
     assert "u not stated" in shown(result)
-    assert any("u not stated" in row[-1] for row in certificate.parameters(result).rows)
+    assert any("u not stated" in row[-1] for row in certificate_tables.parameters(result).rows)
     assert "not stated" in " ".join(certificate.statements(result))
     assert "u not stated" not in content(table2(), "md").decode()
 

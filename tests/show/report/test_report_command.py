@@ -13,7 +13,7 @@ from vibrident.base.nominal import series
 from vibrident.data.io import read
 from vibrident.data.io.writer import write_calibration
 from vibrident.result import Result
-from vibrident.show import certificate
+from vibrident.show import certificate, certificate_tables
 
 
 def run(*arguments):
@@ -80,10 +80,13 @@ def test_from_the_calibration_file_to_the_certificate(tmp_path):
 
     assert json.loads(json.dumps(dict(again.certificate))) == stated
     assert certificate.letterhead(again).number == CERTIFICATE["number"]
-    assert certificate.reference(again).rows[0][1] == "159.155 Hz; as stated in the calibration file"
+    assert certificate_tables.reference(again).rows[0][1] == "159.155 Hz; as stated in the calibration file"
     grid = np.array(again.response.frequency_hz)
     assert 159.155 in grid
-    assert " ".join(row[0] for row in certificate.sensitivity(again).rows) == "100 125 160 200 250 315 400 500 630 800"
+    assert (
+        " ".join(row[0] for row in certificate_tables.sensitivity(again).rows)
+        == "100 125 160 200 250 315 400 500 630 800"
+    )
     for item in series(100.0, 800.0, again.measured.frequency_hz):
         assert item.frequency_hz in grid
         assert item.frequency_hz == item.nominal_hz  # the data were taken at nominal values

@@ -21,8 +21,7 @@ from vibrident.export.form import Format, Options, template
 from vibrident.export.poles_zeros import poles_zeros
 from vibrident.export.sensor import ExportedSensor, identity
 
-#: Gain that counts as stopped, relative to the largest gain in the band.
-PASSED = 0.1
+PASSED = 0.1  # gain that counts as stopped, relative to the largest gain in the band
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +86,7 @@ def description(made: Firmware) -> list[str]:
         "model: taps, then second-order sections with the sensor's poles and zeros mapped by e^(sT)",
         f"  latency {model.latency} samples ({model.latency * ms:.6g} ms), the sensor's own delay not counted",
         f"  error {_error(model.response(f), wanted * model.late(f))} (double), "
-        f"{_error(model.in_single_precision(f), wanted * model.late(f))} (float)",
+        f"{_error(model.in_single_precision().response(f), wanted * model.late(f))} (float)",
         f"  sections alone, without latency: error {_error(model.sections.response(f), rational)}{plain}",
         f"  sections in CMSIS-DSP order, float: error {_error(_single_cmsis(model.sections, f), rational)}{plain}",
         "cell: one step of the network by first-order hold, without latency",
@@ -95,7 +94,7 @@ def description(made: Firmware) -> list[str]:
         "correction: from the response back to the input, with the latency stated here",
         f"  latency {correction.latency} samples ({correction.latency * ms:.6g} ms)",
         f"  error {_error(correction.response(f), back)} (double), "
-        f"{_error(correction.in_single_precision(f), back)} (float), over {low!r} Hz to {high!r} Hz",
+        f"{_error(correction.in_single_precision().response(f), back)} (float), over {low!r} Hz to {high!r} Hz",
     ]
     if len(upper):
         late = correction.late(upper) / sensor.response(upper)
@@ -142,10 +141,8 @@ def _common(made: Firmware, name: str, about: str) -> dict[str, str]:
         "OUTPUT": c_comment(made.sensor.output_unit),
     }
     for which, f in filters.items():
-        common[f"{which}_LATENCY"] = str(f.latency)
-        common[f"{which}_SECTIONS"] = str(len(f.sections.rows))
-        common[f"{which}_TAPS"] = str(len(f.taps.taps))
-        common[f"{which}_LEAD"] = str(f.taps.lead)
+        common |= {f"{which}_LATENCY": str(f.latency), f"{which}_SECTIONS": str(len(f.sections.rows))}
+        common |= {f"{which}_TAPS": str(len(f.taps.taps)), f"{which}_LEAD": str(f.taps.lead)}
     return common
 
 

@@ -37,8 +37,7 @@ def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
     return [_table(folder / f"{options.name}_{name}.csv", *table) for name, table in sheets(sensor.result).items()]
 
 
-#: A heading for each column, and the rows.
-Sheet = tuple[Sequence[str], Sequence[Sequence[object]]]
+Sheet = tuple[Sequence[str], Sequence[Sequence[object]]]  # a heading for each column, and the rows
 
 
 def sheets(result: Result) -> dict[str, Sheet]:
@@ -52,10 +51,8 @@ def sheets(result: Result) -> dict[str, Sheet]:
     related = [(name, *row) for name, row in zip(correlation.names, correlation.matrix, strict=True)]
     found: dict[str, Sheet] = {"parameters": (head, rows), "correlation": (("parameter", *correlation.names), related)}
     per = f"{result.response_unit} per {result.reference.get('unit', 'm/s^2')}"
-    for curve, name, columns in (
-        (result.response, "response", _COLUMNS),
-        (result.measured, "measured", _COLUMNS | _MEASURED),
-    ):
+    curves = (result.response, "response", _COLUMNS), (result.measured, "measured", _COLUMNS | _MEASURED)
+    for curve, name, columns in curves:
         padded = (_padded(getattr(curve, field), len(curve.frequency_hz)) for field in columns)
         found[name] = [heading.format(per=per) for heading in columns.values()], list(zip(*padded, strict=True))
     if result.measured.frequency_hz.size:
@@ -64,9 +61,8 @@ def sheets(result: Result) -> dict[str, Sheet]:
     if budget:
         names = list(dict.fromkeys(name for row in budget for name in row.get("contributions") or ()))
         own = ("source", "type", "kind", "standard_uncertainty", "unit", "degrees_of_freedom")
-        lines = [
-            (*(row.get(key) for key in own), *(row["contributions"].get(name) for name in names)) for row in budget
-        ]
+        parts = [row["contributions"] for row in budget]
+        lines = [(*map(row.get, own), *map(part.get, names)) for row, part in zip(budget, parts, strict=True)]
         found["budget"] = (*own, *names), lines
     points = result.settings.get("point_budget")
     if isinstance(points, Mapping):

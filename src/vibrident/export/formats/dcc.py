@@ -12,6 +12,7 @@ import datetime
 import functools
 import io
 import math
+import re
 import warnings
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -34,10 +35,8 @@ from vibrident.use.conformity import judged
 
 VERSION = "3.2.1"
 _LOCATION = f"https://ptb.de/dcc https://ptb.de/dcc/v{VERSION}/dcc.xsd"
-#: Roles of the persons; an operator is responsible, but signs only if stated.
-_SIGNER = "approved by"
-#: Required keys of [certificate].
-_NEEDED = ("number", "laboratory", "customer", "date_of_calibration")
+_SIGNER = "approved by"  # roles of the persons; an operator is responsible, but signs only if stated
+_NEEDED = ("number", "laboratory", "customer", "date_of_calibration")  # required keys of [certificate]
 _DATES = ("date_of_receipt", "date_of_calibration", "date_of_issue")
 #: DCC's terms for the place of calibration; any other place is "other" with a statement.
 _PLACES = {word.lower(): word for word in ("laboratory", "customer", "laboratoryBranch", "customerBranch", "other")}
@@ -86,7 +85,7 @@ def _check(result: Result, options: Options) -> None:
                 remedy="correct it in the calibration file and identify again",
             )
     country = _country(result, options)
-    if country is None or len(country) != 2 or not (country.isascii() and country.isalpha() and country.isupper()):
+    if not re.fullmatch("[A-Z]{2}", country or ""):
         raise InputError(
             "The certificate needs the country of the laboratory.",
             expected="two capitals (ISO 3166-1), such as DE",
@@ -144,7 +143,18 @@ def _administration(tree: Tree, result: Result, options: Options) -> Any:
         make("identifications", tree.identification("manufacturer", named["serial_number"], "serial number")),
     )
     persons = [(stated.get("approved_by"), _SIGNER), (stated.get("operator"), "operator")]
-    signed = [(name, role) for name, role in persons if not _blank(name)]
+    responsible = (
+        make(
+            "respPerson",
+            make("person", tree.named(name)),
+            make("role", text=role),
+            make("mainSigner", text="true") if role == _SIGNER else None,
+        )
+        for name, role in persons
+        if not _blank(name)
+    )
+    declared = (make("statement", text("name", title), *parts) for title, *parts in _statements(tree, result))
+    country, place = _country(result, options), stated.get("laboratory_address")
     return make(
         "administrativeData",
         make("dccSoftware", make("software", text("name", "vibrident"), make("release", text=f"v{__version__}"))),
@@ -153,27 +163,11 @@ def _administration(tree: Tree, result: Result, options: Options) -> Any:
         make(
             "calibrationLaboratory",
             tree.optional("calibrationLaboratoryCode", stated.get("accreditation")),
-            _contact(
-                tree, "contact", stated["laboratory"], stated.get("laboratory_address"), _country(result, options)
-            ),
+            _contact(tree, "contact", stated["laboratory"], place, country),
         ),
-        make(
-            "respPersons",
-            *(
-                make(
-                    "respPerson",
-                    make("person", tree.named(name)),
-                    make("role", text=role),
-                    make("mainSigner", text="true") if role == _SIGNER else None,
-                )
-                for name, role in signed
-            ),
-        ),
+        make("respPersons", *responsible),
         _contact(tree, "customer", stated["customer"], stated.get("customer_address"), None),
-        make(
-            "statements",
-            *(make("statement", text("name", title), *declared) for title, *declared in _statements(tree, result)),
-        ),
+        make("statements", *declared),
     )
 
 
@@ -211,10 +205,9 @@ def _statements(tree: Tree, result: Result) -> Iterable[tuple[str, *tuple[Any, .
     if result.certificate.get("replaces"):
         yield "replaces certificate", tree.stated("declaration", result.certificate["replaces"])
     for key in _STATED:
-        if found := result.certificate.get(key):
-            lines = found if isinstance(found, list | tuple) else [found]
-            for line in lines:
-                yield key.removesuffix("s") if key == "remarks" else key, tree.stated("declaration", line)
+        found = result.certificate.get(key) or ()
+        for line in found if isinstance(found, list | tuple) else [found]:
+            yield "remark" if key == "remarks" else key, tree.stated("declaration", line)
 
 
 #: Statements of the laboratory without an element of their own.
@@ -234,10 +227,10 @@ def _conformity(tree: Tree, result: Result) -> Iterable[tuple[str, *tuple[Any, .
     for row in judged(result, None if point is None else point.frequency_hz, place):
         numbers = {"low": row.low, "high": row.high, "value": row.value, "standard uncertainty": row.u}
         numbers |= {"frequency in Hz": row.frequency_hz, "probability of conformance": row.probability}
-        known = {name: n for name, n in numbers.items() if n is not None and math.isfinite(n)}
-        said = [f"{row.quantity}, unit {row.unit}", *(f"{name} {numeral(n)}" for name, n in known.items())]
-        source = [f"stated in {row.source}"] if row.source else []
-        declaration = tree.text("declaration", rule, ", ".join([*said, *source]))
+        said = [f"{row.quantity}, unit {row.unit}"]
+        said += [f"{name} {numeral(n)}" for name, n in numbers.items() if n is not None and math.isfinite(n)]
+        said += [f"stated in {row.source}"] if row.source else []
+        declaration = tree.text("declaration", rule, ", ".join(said))
         met = None if row.met is None else tree.make("conformity", text="pass" if row.met else "fail")
         yield f"conformity: {row.quantity}", declaration, met
 
@@ -255,8 +248,7 @@ DCC = Format(
 
 
 _XSD = "{http://www.w3.org/2001/XMLSchema}"
-#: W3C namespaces that xmlschema contains.
-_BROUGHT = "http://www.w3.org/"
+_BROUGHT = "http://www.w3.org/"  # W3C namespaces that xmlschema contains
 
 
 def validate(text: bytes, schema: Path) -> None:

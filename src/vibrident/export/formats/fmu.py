@@ -42,7 +42,9 @@ def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
         script = Path(work) / f"{module}.py"
         script.write_text(text, encoding="utf-8")
         fixed: dict[str, Any] = {"canHandleVariableCommunicationStepSize": False}
-        notes = _documentation(Path(work), text)
+        notes = Path(work) / "documentation"
+        notes.mkdir()
+        (notes / "sensor.txt").write_text(text.split('"""')[1].strip() + "\n", encoding="utf-8")
         built = FmuBuilder.build_FMU(script, dest=Path(work), documentation_folder=notes, **fixed)
         shutil.move(built, path)
     return [path]
@@ -59,13 +61,6 @@ def _imports_as_before(module: str) -> Iterator[None]:
         sys.path[:] = before
         sys.dont_write_bytecode = bytecode
         sys.modules.pop(module, None)
-
-
-def _documentation(work: Path, text: str) -> Path:
-    folder = work / "documentation"
-    folder.mkdir()
-    (folder / "sensor.txt").write_text(text.split('"""')[1].strip() + "\n", encoding="utf-8")
-    return folder
 
 
 def _class_name(name: str) -> str:

@@ -43,11 +43,10 @@ def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
 
 def _cancelled(system: PolesZeros) -> PolesZeros:
     """Poles at zero cancel zeros there."""
-    both = min(int(np.sum(system.zeros == 0)), int(np.sum(system.poles == 0)))
-    if not both:
-        return system
-    keep_z = np.delete(system.zeros, np.flatnonzero(system.zeros == 0)[:both])
-    return PolesZeros(keep_z, np.delete(system.poles, np.flatnonzero(system.poles == 0)[:both]), system.gain)
+    places = [np.flatnonzero(roots == 0) for roots in (system.zeros, system.poles)]
+    both = min(map(len, places))
+    zeros, poles = np.delete(system.zeros, places[0][:both]), np.delete(system.poles, places[1][:both])
+    return PolesZeros(zeros, poles, system.gain)
 
 
 def _numbers(name: str, roots: np.ndarray) -> list[str]:

@@ -17,7 +17,7 @@ from vibrident.base.errors import InputError
 from vibrident.base.escaping import xml_text
 from vibrident.export.form import Format, Options, library
 from vibrident.export.poles_zeros import poles_zeros, uncertainties
-from vibrident.export.seismic import caveats, codes, described, normal_frequency_hz, unit
+from vibrident.export.seismic import caveats, codes, described, unit
 from vibrident.export.sensor import ExportedSensor, identity
 from vibrident.show.history import date_of
 
@@ -100,7 +100,7 @@ def _response(sensor: ExportedSensor) -> tuple[Any, list[str]]:
     zeros, quantity, order = system.zeros, "m/s^2", 0
     if sensor.model.core.output == "velocity":  # per velocity, as seismometers are stated
         zeros, quantity, order = np.concatenate([np.zeros(1, complex), zeros]), "m/s", 1
-    frequency = normal_frequency_hz(sensor)
+    frequency = float((sensor.band_hz[0] * sensor.band_hz[1]) ** 0.5)  # the band's middle on a logarithmic axis
     motion = (2j * np.pi * frequency) ** order
     value = complex(system.response(np.array([frequency]))[0] * motion)
     gain = float(np.copysign(abs(value), sensor.values[sensor.model.gain_name]))

@@ -38,21 +38,18 @@ def charts(figure: Figure) -> list[tuple[str, Chart]]:
 
 def _thinned(stack: Stack, most: int) -> Stack:
     """The same with at most so many points a line."""
-    panels = tuple(replace(panel, series=tuple(_every(one, most) for one in panel.series)) for panel in stack.panels)
-    return replace(stack, panels=panels)
-
-
-def _every(series: Series, most: int) -> Series:
-    step = max(1, -(-len(series.x) // most))
-    return series if step == 1 else replace(series, x=series.x[::step], y=series.y[::step])
+    panels = []
+    for panel in stack.panels:
+        steps = [(one, max(1, -(-len(one.x) // most))) for one in panel.series]
+        series = tuple(replace(one, x=one.x[::step], y=one.y[::step]) for one, step in steps)
+        panels.append(replace(panel, series=series))
+    return replace(stack, panels=tuple(panels))
 
 
 def caption(figure: Figure) -> str:
     """What is drawn, and what is left out of the drawing."""
-    sizes = [
-        len(one.x) for stack in figure.stacks for panel in stack.panels for one in panel.series if one.kind == "points"
-    ]
-    most = max(sizes, default=0)
+    every = (one for stack in figure.stacks for panel in stack.panels for one in panel.series)
+    most = max((len(one.x) for one in every if one.kind == "points"), default=0)
     if most <= MOST_POINTS:
         return figure.caption
     return type(figure.caption)(f"{figure.caption} {MOST_POINTS} of {most} measured points are drawn.")
@@ -146,20 +143,13 @@ def _domains(stack: Stack) -> list[list[float]]:
 
 def _axis(axis: Axis) -> Chart:
     """Grid, frame and title; the view model's own ticks where plotly would write powers and single digits."""
-    look: Chart = {
-        "gridcolor": "#dddddd",
-        "linecolor": "#444444",
-        "mirror": True,
-        "ticks": "outside",
-        "zeroline": False,
-    }
+    look: Chart = {"gridcolor": "#dddddd", "linecolor": "#444444", "mirror": True}
+    look |= {"ticks": "outside", "zeroline": False}
     look |= {"title": {"text": label(axis.label)}, "automargin": True, "exponentformat": "power"}
     if axis.dates:
-        low, high = (datetime.date.fromordinal(round(end)).isoformat() for end in (axis.low, axis.high))
-        return {**look, "type": "date", "range": [low, high]}
+        return {**look, "type": "date", "range": [_at(axis.low, axis), _at(axis.high, axis)]}
     if axis.log:
-        ends = [float(np.log10(axis.low)), float(np.log10(axis.high))]
-        look |= {"type": "log", "range": listed(np.array(ends)), **_ticks(axis)}
+        look |= {"type": "log", "range": listed(np.log10([axis.low, axis.high])), **_ticks(axis)}
     else:
         look |= {"range": listed(np.array([axis.low, axis.high]))}
         if any(not name.replace("−", "-").replace(".", "").lstrip("-").isdigit() for _, name in axis.ticks):
@@ -230,17 +220,8 @@ def _line(series: Series, panel: Panel, place: Chart) -> list[Any]:
         mode = "lines+markers" if look.marker else "lines"
         line = {"color": look.colour, "width": 1.3 * look.width, "dash": _DASHES[look.dash]}
         marker = {"marker": _marker(look, 5)} if look.marker else {}
-        found.append(
-            {
-                **place,
-                **_x(series.x, panel.x),
-                "y": listed(series.y, 9 if panel.x.log else 6),
-                "mode": mode,
-                "line": line,
-                **marker,
-                **_said(series),
-            }
-        )
+        drawn = {**_x(series.x, panel.x), "y": listed(series.y, 9 if panel.x.log else 6), "mode": mode, "line": line}
+        found.append({**place, **drawn, **marker, **_said(series)})
     return found
 
 
@@ -280,7 +261,7 @@ def _said(series: Series, kept: Sequence[int] | None = None) -> Chart:
 def _x(values: FloatArray, axis: Axis) -> Chart:
     """Places of points: by first and step where there are many, equally far from each other; dates by their names."""
     if axis.dates:
-        return {"x": [datetime.date.fromordinal(round(day)).isoformat() for day in values]}
+        return {"x": [_at(day, axis) for day in values]}
     steps = np.diff(values)
     if values.size > 40 and not axis.log and np.ptp(steps) < 1e-6 * abs(steps[0]):
         return {"x0": float(values[0]), "dx": float((values[-1] - values[0]) / steps.size)}

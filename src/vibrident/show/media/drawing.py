@@ -14,7 +14,6 @@ import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -81,12 +80,6 @@ def picture(figure: Figure) -> Picture:
     """Draw a figure; of many alike stacks at most six, spread evenly."""
     with styled():
         return _Drawing(figure).drawn()
-
-
-def save(figure: Figure | Picture, path: Path) -> Path:
-    """Write a figure in the format of the path's suffix (png, svg, pdf), without a date; return the path."""
-    path.write_bytes(content(figure, path.suffix[1:].lower()))
-    return path
 
 
 def content(figure: Figure | Picture, kind: str) -> bytes:
@@ -184,17 +177,10 @@ class _Drawing:
                 self._stack(stack, left, start + above, float(self.widths[j]), handles)
         if self.keys:
             place = (1.0 - 8.0 / self.width, 1.0 - (top - 13.5 * key_rows - 1.0) / self.height)
-            look = {"frameon": False, "borderaxespad": 0.0, "borderpad": 0.1, "handlelength": 1.8, "columnspacing": 1.2}
+            look: dict[str, Any] = {"loc": "upper right", "bbox_to_anchor": place, "ncols": columns, "frameon": False}
+            look |= {"borderaxespad": 0.0, "borderpad": 0.1, "handlelength": 1.8, "columnspacing": 1.2}
             known = [label for label in self.keys if label in handles]
-            shown = [printable(label) for label in known]
-            self.picture.legend(
-                [handles[label] for label in known],
-                shown,
-                loc="upper right",
-                bbox_to_anchor=place,
-                ncols=columns,
-                **look,
-            )
+            self.picture.legend([handles[label] for label in known], list(map(printable, known)), **look)
         return self.picture
 
     def _write(self) -> None:
@@ -219,7 +205,7 @@ class _Drawing:
                 loc = "left" if i or (panel.title and len(stack.panels) > 1) else "center"
                 # At a given height: the automatic one measures every label of the panel.
                 axes.set_title(title, fontsize=8, pad=3.5, y=1.0, loc=loc)
-            draw_panel(axes, panel, last=i == len(stack.panels) - 1)
+            _draw_panel(axes, panel, last=i == len(stack.panels) - 1)
             for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
                 handles.setdefault(label, handle)
             top += height + 7.0
@@ -239,9 +225,8 @@ def _above(stack: Stack) -> float:
 
 
 def _tall(stack: Stack) -> float:
-    panels = sum(
-        72.0 * panel.height_in + 7.0 + _SMALL * bool(panel.title and i) for i, panel in enumerate(stack.panels)
-    )
+    titles = sum(bool(panel.title) for panel in stack.panels[1:])
+    panels = sum(72.0 * panel.height_in + 7.0 for panel in stack.panels) + _SMALL * titles
     return _above(stack) + panels + _TICK + _LABEL * len(_lines(stack.panels[-1].x.label)) + 2.0
 
 
@@ -254,8 +239,7 @@ def _key_rows(keys: Sequence[str], width: float) -> tuple[int, int]:
     return math.ceil(len(keys) / columns), columns
 
 
-def draw_panel(axes: Axes, panel: Panel, *, last: bool = True) -> None:
-    """Draw one panel."""
+def _draw_panel(axes: Axes, panel: Panel, *, last: bool) -> None:
     _set_axis(axes.xaxis, axes.set_xscale, axes.set_xlim, panel.x)
     _set_axis(axes.yaxis, axes.set_yscale, axes.set_ylim, panel.y)
     axes.set_ylabel("\n".join(_lines(panel.y.label)))
@@ -298,15 +282,9 @@ def _line(axes: Axes, series: Series) -> None:
             low = np.maximum(low, 1e-3 * series.y)
         axes.fill_between(series.x, low, high, color=SKY, alpha=0.45, lw=0, label=series.band or None)
     if look.width:
-        mark = {"marker": look.marker, "markersize": 3.2} if look.marker else {}
-        axes.plot(
-            *envelope(series.x, series.y),
-            _DASHES[look.dash],
-            color=look.colour,
-            lw=look.width,
-            label=series.label or None,
-            **mark,
-        )
+        how: dict[str, Any] = {"color": look.colour, "lw": look.width, "label": series.label or None}
+        how |= {"marker": look.marker, "markersize": 3.2} if look.marker else {}
+        axes.plot(*envelope(series.x, series.y), _DASHES[look.dash], **how)
 
 
 def _points(axes: Axes, series: Series) -> None:

@@ -13,7 +13,7 @@ from typing import Any
 from vibrident.base.escaping import html as escaped
 from vibrident.base.extras import require
 from vibrident.base.version import __version__
-from vibrident.show.formulas import typeset
+from vibrident.show.formulas import marked, typeset
 from vibrident.show.media import charts, drawing
 from vibrident.show.views import Block, Column, Document, Figure, Folded, Table
 
@@ -45,8 +45,8 @@ def printed(document: Document) -> str:
 def _page(document: Document, data: str = "", scripts: Iterable[str] = ()) -> str:
     from markupsafe import Markup
 
-    css, policy = Markup((_TEMPLATES / "page.css").read_text(encoding="utf-8")), Markup(_POLICY)
-    raw = {"css": css, "policy": policy, "data": Markup(data), "scripts": [Markup(script) for script in scripts]}
+    css = (_TEMPLATES / "page.css").read_text(encoding="utf-8")
+    raw = {"css": Markup(css), "policy": Markup(_POLICY), "data": Markup(data), "scripts": list(map(Markup, scripts))}
     return _template().render(document=document, version=__version__, **raw)
 
 
@@ -64,7 +64,7 @@ def _template() -> Any:
         """All that is printed passes here: text of others becomes text, our formulas are set."""
         if isinstance(value, Markup):
             return value
-        return Markup(typeset(value, escaped, lambda base, small, kind: f"{base}<{kind}>{small}</{kind}>"))
+        return Markup(typeset(value, escaped, marked))
 
     loader = jinja2.FileSystemLoader(_TEMPLATES)
     environment = jinja2.Environment(loader=loader, autoescape=True, finalize=text, undefined=jinja2.StrictUndefined)

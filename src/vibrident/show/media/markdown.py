@@ -9,11 +9,10 @@ from pathlib import Path
 from urllib.parse import quote
 
 from vibrident.base.escaping import markdown, markdown_paragraph
-from vibrident.show.formulas import typeset
+from vibrident.show.formulas import marked, typeset
 from vibrident.show.views import (
     Beside,
     Block,
-    Card,
     Cards,
     Document,
     Doubt,
@@ -31,13 +30,12 @@ _BAR = re.compile(r"(?<!\\)\|")
 def render(document: Document, pictures: Mapping[str, str] | None = None) -> str:
     """The text, ending in a line end.
 
-    Args:
-        document: any.
-        pictures: name of a figure to its link; figures without one are left out.
+    ``pictures``: name of a figure to its link; figures without one are left out.
     """
-    parts = [f"# {cell(document.title)}", *_blocks(document.head, pictures or {})]
+    linked = pictures or {}
+    parts = [f"# {cell(document.title)}", *_blocks(document.head, linked)]
     for section in document.sections:
-        if body := _blocks(section.blocks, pictures or {}):
+        if body := _blocks(section.blocks, linked):
             parts += [f"## {cell(section.title)}", *body]
     return "\n\n".join(parts) + "\n"
 
@@ -46,13 +44,8 @@ def links(
     names: Iterable[str], pictures: str | os.PathLike[str], relative_to: str | os.PathLike[str]
 ) -> dict[str, str]:
     """Name of each figure to the link to its file in ``pictures``, as far as there is one."""
-    found = {}
-    for name in names:
-        files = (Path(pictures) / f"{name}.{suffix}" for suffix in ("svg", "png"))
-        file = next((file for file in files if file.is_file()), None)
-        if file is not None:
-            found[name] = quote(Path(os.path.relpath(file, relative_to)).as_posix())
-    return found
+    files = [Path(pictures) / f"{name}.{suffix}" for suffix in ("png", "svg") for name in names]  # SVG where both are
+    return {file.stem: quote(Path(os.path.relpath(file, relative_to)).as_posix()) for file in files if file.is_file()}
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[str]], right: Iterable[int] = ()) -> str:
@@ -63,17 +56,13 @@ def table(header: Sequence[str], rows: Iterable[Sequence[str]], right: Iterable[
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
-def _mark(base: str, small: str, kind: str) -> str:
-    return f"{base}<{kind}>{small}</{kind}>"
-
-
 def cell(text: str) -> str:
     """Text of a table's cell."""
-    return typeset(text, markdown, _mark)
+    return typeset(text, markdown, marked)
 
 
 def _paragraph(text: str) -> str:
-    return typeset(text, markdown_paragraph, _mark)
+    return typeset(text, markdown_paragraph, marked)
 
 
 def _blocks(blocks: Iterable[Block], pictures: Mapping[str, str]) -> list[str]:
@@ -87,7 +76,7 @@ def _block(block: Block, pictures: Mapping[str, str]) -> str:
     if isinstance(block, Facts | Signatures):
         return table(("", ""), [(cell(name), "" if text is None else cell(text)) for name, text in block.rows])
     if isinstance(block, Cards):
-        return "\n".join(f"- {_card(card)}" for card in block.cards)
+        return "\n".join(f"- {cell(one.label)}: **{cell(one.value)}**, {cell(one.below)}" for one in block.cards)
     if isinstance(block, Doubt):
         return _doubt(block)
     if isinstance(block, Folded | Beside):
@@ -107,13 +96,8 @@ def markdown_table(block: Table) -> str:
         rows.append(tuple(f"*{cell(text)}*" if text and i in block.quoted else cell(text) for text in row))
     body = table([cell(text) for text in block.header], rows, block.right)
     title = f"### {cell(block.title)}" if block.title else ""
-    return "\n\n".join(
-        part for part in (title, *map(_paragraph, block.lead), body, *map(_paragraph, block.notes)) if part
-    )
-
-
-def _card(card: Card) -> str:
-    return f"{cell(card.label)}: **{cell(card.value)}**, {cell(card.below)}"
+    parts = (title, *map(_paragraph, block.lead), body, *map(_paragraph, block.notes))
+    return "\n\n".join(filter(None, parts))
 
 
 def _doubt(doubt: Doubt) -> str:

@@ -29,10 +29,8 @@ _CHINESE = (
 def render(document: Document, template: Path | None = None, fonts: Iterable[Path] = ()) -> bytes:
     """A document as PDF; the same document gives the same file.
 
-    Args:
-        document: any.
-        template: a typst file in place of ours, which finds the same data in ``sys.inputs.document``.
-        fonts: folders with further fonts.
+    ``template``: a typst file in place of ours, which finds the same data in ``sys.inputs.document``; ``fonts``:
+    folders with further fonts.
 
     Raises:
         InputError: typst is not installed, no font has the document's letters, or the template fails.
