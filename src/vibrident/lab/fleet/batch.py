@@ -127,7 +127,6 @@ class Done:
 
 def fingerprints(paths: Sequence[str], orders: Orders) -> list[Fingerprint]:
     """Key and shape of each calibration, by the process: threads of a coordinator would share one core."""
-    _require_same_version(orders)
     process = _process(orders)
     try:
         return process.fingerprints(paths)
@@ -142,7 +141,6 @@ def work_off(tasks: Sequence[Task], orders: Orders) -> Done:
     Raises:
         InputError: the outcomes cannot be written, or no process can be started.
     """
-    _require_same_version(orders)
     process = _process(orders)
     found = [_row(process, task) for task in tasks]
     try:
@@ -163,6 +161,7 @@ def end_processes(run: str) -> None:
 
 def _process(orders: Orders) -> Identifier:
     """This thread's process; a new one if the orders differ."""
+    _require_same_version(orders)
     process: Identifier | None = getattr(_here, "process", None)
     if process is None or process.ended or process.orders != orders:
         if process is not None:
@@ -172,7 +171,7 @@ def _process(orders: Orders) -> Identifier:
     return process
 
 
-def _row(process: Identifier, task: Task) -> rows.Row:
+def _row(process: Identifier, task: Task) -> Row:
     for _ in range(1 + _TRIES_ALONE):
         try:
             return process.identify(task)
@@ -184,12 +183,12 @@ def _row(process: Identifier, task: Task) -> rows.Row:
     return _killed(last, process.orders, *task)
 
 
-def lost(path: str, key: str, orders: Orders) -> rows.Row:
+def lost(path: str, key: str, orders: Orders) -> Row:
     """The row of a calibration whose workers were lost repeatedly."""
     return _killed(Died("crash", "workers that were lost with it, several times"), orders, path, key)
 
 
-def _killed(death: Died, orders: Orders, path: str, key: str) -> rows.Row:
+def _killed(death: Died, orders: Orders, path: str, key: str) -> Row:
     problem, remedy = _PROBLEMS[death.reason]
     memory_bytes = memory_limit(orders) or 0
     limits = {"time": f"at most {orders.time_limit_s:g} s", "memory": f"at most {memory_bytes / 1e6:.0f} MB"}

@@ -24,13 +24,12 @@ from vibrident.lab.fleet.orders import Orders
 from vibrident.lab.fleet.page import write_page
 from vibrident.lab.fleet.schedulers import Reply, Scheduler
 from vibrident.lab.fleet.table import Tally, identified_keys, index_of, write_table
+from vibrident.lab.fleet.worker import Task
 
 BATCH_S = 10.0  # seconds of work in a batch: long against the time to send one, short against an acceptable loss
 _LEAST_BATCH_S = 0.5  # shortest batch, in seconds: the last calibrations are divided among all workers
 _MOST_IN_A_BATCH = 1000  # most calibrations of a batch, however short they are
 _NEWEST_SHARE = 0.5  # share of the newest batch in a shape's time
-
-Task = tuple[str, str]  # path, key
 
 
 @dataclass

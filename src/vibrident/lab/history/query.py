@@ -141,8 +141,7 @@ def entries(
     found: dict[int, list[Entry]] = {}
     with store.reading() as connection:
         for row in map(tuple, connection.execute(asked).all()):
-            sensor_key, key, date, files, value, u, unit, frequency, shared, *more = row
-            base, told = (value, more) if frequency_hz is None else (more[0], more[1:])
+            sensor_key, key, date, files, value, u, unit, frequency, shared, base, *told = row
             facts: dict[str, object] = dict(zip(_TOLD, told, strict=True)) if told else {}
             if told:
                 facts["warnings"] = json.loads(told[-1])
@@ -164,8 +163,8 @@ def _asked(quantity: str, frequency_hz: float | None, *, told: bool) -> Any:
         near = at.nominal_hz.between(frequency_hz * (1 - SAME), frequency_hz * (1 + SAME))
         joined = joined.outerjoin(point, sa.and_(at.calibration_id == c.id, near))
         values = [at.magnitude, at.magnitude_uncertainty, p.unit, at.frequency_hz]
-    more = [*([] if frequency_hz is None else [p.value.label("base")]), *([c[name] for name in _TOLD] if told else [])]
-    kept = [c.sensor_id, c.id, c.date, c.data_files, *values, p.shared, *more]
+    more = [c[name] for name in _TOLD] if told else []
+    kept = [c.sensor_id, c.id, c.date, c.data_files, *values, p.shared, p.value.label("base"), *more]
     return sa.select(*kept).select_from(joined)
 
 
