@@ -110,7 +110,7 @@ def unrolled_network(
     fitted = fit(network, near, judge.schedule, seed=judge.seed, progress=progress)
     seconds = time.perf_counter() - begin
     predicted = network.predict(fitted.parameters, judge.published.test)
-    return judge.of(name, len(fitted.parameters), predicted, fitted.parameters, seconds, fitted.trained)
+    return judge.of(name, fitted.weights, predicted, fitted.parameters, seconds, fitted.trained)
 
 
 def estimator(judge: Judge, name: str, chosen: Estimator) -> MethodResult:

@@ -49,6 +49,15 @@ class Trained:
     converged: bool  # False if the limit of epochs ended it
 
 
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """A sensor's trained parameters, and the training."""
+
+    parameters: dict[str, float]
+    weights: int  # all trained numbers, including the sensor's parameters
+    trained: Trained
+
+
 def train(
     model: Any,
     loss: Loss,
