@@ -111,7 +111,8 @@ def statistics(table: Path, tally: Tally, specification: Specification) -> Stati
     identified = columns.is_text("status", IDENTIFIED)
     types, models = columns.codes("type"), columns.codes("model")
     kinds, group = _grouped((types.numbers, models.numbers, tally.units_of), identified)
-    units = [tally.units[number] for number in kinds[2].tolist()]
+    sets = tally.units
+    units = [sets[number] for number in kinds[2].tolist()]
     sizes = np.bincount(group[identified], minlength=len(units))
     found: list[list[Distribution]] = [[] for _ in units[:MOST_GROUPS]]
     outliers: list[Outlier] = []

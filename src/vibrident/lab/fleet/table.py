@@ -33,11 +33,27 @@ class Tally:
     statuses: Counter[str] = field(default_factory=Counter)  # rows by status
     warnings: Counter[str] = field(default_factory=Counter)  # identified rows by code of warning
     doubtful: int = 0  # identified rows that carry a warning, or whose model is not adequate
-    units: list[dict[str, str]] = field(default_factory=list)  # each set of units that occurs, parameter → unit
+    sets: dict[str, int] = field(default_factory=dict)  # each set of units that occurs, as JSON, and its number
     # number of its set, for each row; shape (rows,)
     units_of: NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, dtype=np.int32))
     # when, in seconds since 1970, for each row; shape (rows,)
     finished: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+
+    def add(self, block: Any) -> None:
+        """Count a block of the table."""
+        found = {name: block[name].to_pylist() for name in ("status", "adequate", "warnings", "units")}
+        self.statuses.update(found["status"])
+        rows = zip(found["status"], found["adequate"], found["warnings"], strict=True)
+        self.doubtful += sum(one == IDENTIFIED and (not adequate or bool(codes)) for one, adequate, codes in rows)
+        self.warnings.update(code for codes in found["warnings"] for code in sorted(set(codes)))
+        numbers = [self.sets.setdefault(units, len(self.sets)) for units in found["units"]]
+        self.units_of = np.append(self.units_of, np.array(numbers, dtype=np.int32))
+        self.finished = np.append(self.finished, np.asarray(block["finished"].to_numpy(), dtype=float))
+
+    @property
+    def units(self) -> list[dict[str, str]]:
+        """Each set of units that occurs, parameter → unit."""
+        return [json.loads(units) for units in self.sets]
 
     @property
     def rows(self) -> int:
@@ -88,15 +104,14 @@ def write_table(path: Path, names: Iterable[str], keys: NDArray[np.bytes_], orde
             remedy="do not use --fresh while another run works in this folder; then give the same command again",
         )
     schema = _schema(_parameters(index, places))
-    count = _Count()
+    tally = Tally()
     with whole(path) as partial, pq.ParquetWriter(partial, schema, compression="zstd") as writer:
         named = map(parts.text, names)
         for start in range(0, keys.size, _BLOCK):
             block = _block(orders.parts_folder, index, places[start : start + _BLOCK], schema)
-            count.add(block)
+            tally.add(block)
             some = pa.array(itertools.islice(named, block.num_rows), pa.string())
             writer.write_table(block.set_column(0, "calibration", some).select(schema.names))
-        tally = count.tally()
         writer.add_key_value_metadata({UNITS.decode(): json.dumps(tally.units_of_parameters)})
     return tally
 
@@ -133,34 +148,6 @@ def _block(folder: Path, index: parts.Index, places: NDArray[np.intp], schema: A
         pieces.append(_completed(table.take(pa.array(index.row[places[where[-1]]])), schema))
     order = np.argsort(np.concatenate(where), kind="stable")
     return pa.concat_tables(pieces).take(pa.array(order))
-
-
-class _Count:
-    """A tally in the making."""
-
-    def __init__(self) -> None:
-        self._tally = Tally()
-        self._sets: dict[str, int] = {}
-        self._units_of: list[NDArray[np.int32]] = []
-        self._finished: list[NDArray[np.float64]] = []
-
-    def add(self, block: Any) -> None:
-        found = {name: block[name].to_pylist() for name in ("status", "adequate", "warnings", "units")}
-        tally = self._tally
-        tally.statuses.update(found["status"])
-        rows = zip(found["status"], found["adequate"], found["warnings"], strict=True)
-        tally.doubtful += sum(one == IDENTIFIED and (not adequate or bool(codes)) for one, adequate, codes in rows)
-        tally.warnings.update(code for codes in found["warnings"] for code in sorted(set(codes)))
-        numbers = [self._sets.setdefault(units, len(self._sets)) for units in found["units"]]
-        self._units_of.append(np.array(numbers, dtype=np.int32))
-        self._finished.append(np.asarray(block["finished"].to_numpy(), dtype=float))
-
-    def tally(self) -> Tally:
-        tally = self._tally
-        tally.units = [json.loads(units) for units in self._sets]
-        if self._units_of:
-            tally.units_of, tally.finished = np.concatenate(self._units_of), np.concatenate(self._finished)
-        return tally
 
 
 def _schema(parameters: Sequence[str]) -> Any:

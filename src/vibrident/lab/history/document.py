@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from vibrident.base.errors import InputError
-from vibrident.lab.history import control, query
+from vibrident.lab.history import control, query, schema
 from vibrident.lab.history.drift import Mixture
 from vibrident.lab.history.due import RISK, Tolerance, due, interval_in_force, later
 from vibrident.lab.history.life import Life, covariance, life, years_between
@@ -96,12 +96,11 @@ def random_walks(store: Store, result: Result) -> dict[str, float]:
 
 def _no_such_quantity(store: Store, sensor: StoredSensor, question: Question) -> InputError:
     at = question.frequency_hz
-    known = (
-        query.quantities(store, sensor.id) if at is None else map("{:g}".format, query.frequencies(store, sensor.id))
-    )
+    column = schema.parameter.c.name if at is None else schema.point.c.nominal_hz
+    known = query.known_values(store, sensor.id, column)
     return InputError(
         "No calibration of this sensor has such a quantity.",
-        expected=", ".join(known),
+        expected=", ".join(one if at is None else f"{one:g}" for one in known),
         found=question.quantity if at is None else f"{at:g} Hz",
         where=sensor.name,
         remedy=f"give one of these as {'--quantity' if at is None else '--frequency'}",

@@ -201,17 +201,8 @@ def events(store: Store, sensor_id: int | None = None) -> dict[int, list[Event]]
     return found
 
 
-def quantities(store: Store, sensor_id: int) -> list[str]:
-    """Names of the quantities that the calibrations of a sensor have."""
-    return _distinct(store, sensor_id, parameter.c.name)
-
-
-def frequencies(store: Store, sensor_id: int) -> list[float]:
-    """Nominal frequencies, Hz, at which the calibrations of a sensor have a sensitivity."""
-    return _distinct(store, sensor_id, point.c.nominal_hz)
-
-
-def _distinct(store: Store, sensor_id: int, column: Any) -> list[Any]:
+def known_values(store: Store, sensor_id: int, column: Any) -> list[Any]:
+    """What the calibrations of a sensor have in a column of ``parameter`` or ``point``, in order."""
     asked = sa.select(column).join(calibration).where(calibration.c.sensor_id == sensor_id).distinct()
     with store.reading() as connection:
         return sorted(connection.execute(asked).scalars())
