@@ -21,7 +21,7 @@ import numpy as np
 
 from vibrident.base.backend import jax, jnp
 from vibrident.fit.descent.optimise import Progress, silent
-from vibrident.paper.dataset import Dataset
+from vibrident.paper.dataset import Dataset, reference_of
 from vibrident.paper.training import Fitted, Schedule, train
 from vibrident.paper.unrolled import start_of_training
 from vibrident.physics.models import SensorModel
@@ -63,7 +63,7 @@ def fit_pinn(
     span = min(SPAN, *(record.samples for record in records))
     first = (records[0].samples - span) // 2
     part = slice(first, first + span)
-    excitation = np.stack([np.asarray(r.reference)[part] for r in records], axis=1) / dataset.reference.unit
+    excitation = np.stack([reference_of(r)[part] for r in records], axis=1) / dataset.reference.unit
     response = np.stack([r.response[part] for r in records], axis=1) / dataset.response.unit
     points = CollocationPoints(np.arange(span) / span, excitation, response)
     held = np.arange(span) % 5 == 4

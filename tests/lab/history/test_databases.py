@@ -63,7 +63,7 @@ def _statements(url: str) -> dict[str, list[str]]:
             "calibrations of one": partial(query.entries, store, sensor.id),
             "calibrations of all": partial(query.entries, store),
             "events of all": partial(query.events, store),
-            "quantities": partial(query.quantities, store, sensor.id),
+            "quantities": partial(query.known_values, store, sensor.id, schema.parameter.c.name),
         }
         return {name: _made_by(ask) for name, ask in asked.items()}
 

@@ -134,15 +134,12 @@ def as_table(rows: Sequence[Row], time_limit_s: float, memory_limit_bytes: int |
 
 def write_part(folder: Path, rows: Sequence[Row], time_limit_s: float, memory_limit_bytes: int | None) -> str:
     """Write rows into a part; return its name, a hash of the keys: the same rows never make two parts."""
-    import pyarrow as pa
     import pyarrow.parquet as pq
 
     name = _name([row["key"] for row in rows])
-    sink = pa.BufferOutputStream()
     table = as_table(rows, time_limit_s, memory_limit_bytes)
-    pq.write_table(table, sink, compression="zstd", write_page_checksum=True)
     with files.whole(folder / name) as partial:
-        partial.write_bytes(sink.getvalue().to_pybytes())
+        pq.write_table(table, partial, compression="zstd", write_page_checksum=True)
     return name
 
 
