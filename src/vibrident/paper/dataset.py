@@ -86,13 +86,9 @@ class Dataset:
 
 
 def section_4(*, seed: int, rate_hz: float = RATE_HZ, samples: int = SAMPLES, full_range: bool = False) -> Dataset:
-    """The paper's simulated data.
+    """The paper's simulated data, at a rate that it does not state; ``seed``: of the noise and of the split.
 
-    Args:
-        seed: of the noise and of the split.
-        rate_hz: samples per second; the paper does not state its own.
-        samples: of every record.
-        full_range: 0.1 to 1000 Hz (41 records) in place of 10 to 1000 Hz (21, the paper's number).
+    ``full_range``: 0.1 to 1000 Hz (41 records) in place of 10 to 1000 Hz (21, the paper's number).
     """
     calibration, motions = sines(seed=seed, rate_hz=rate_hz, samples=samples, low_hz=0.1 if full_range else 10.0)
     return replace(prepared(calibration, seed=seed), motions=motions)

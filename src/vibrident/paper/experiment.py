@@ -126,10 +126,7 @@ excitation = "sine"
 
 
 def seismometer(data: Path, *, seed: int) -> Experiment | None:
-    """The sine steps of an SM-3 seismometer: drive to laser; None if the files are missing.
-
-    ``data``: folder that holds ``sm3``; ``seed``: of the split.
-    """
+    """The sine steps of an SM-3 seismometer: drive to laser; None if the folder ``data`` holds no ``sm3``."""
     folder = data / "sm3"
     if not any(folder.glob("*Hz.csv")):
         return None

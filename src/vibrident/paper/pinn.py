@@ -51,13 +51,8 @@ def fit_pinn(
 ) -> Fitted:
     """Train on the middle of the training records, float64, from the same start values as the unrolled network.
 
-    Args:
-        dataset: records of one sampling rate, acceleration or drive as reference.
-        model: an accelerometer without add-ons.
-        near: first estimate of the parameters.
-        schedule: rates and stopping rule; its batch is ``BATCH`` points.
-        seed: of weights and shuffling.
-        progress: called after each epoch.
+    ``dataset``: records of one sampling rate, acceleration or drive as reference; ``model``: an accelerometer without
+    add-ons; ``near``: first estimate of its parameters; ``schedule``: its batch is ``BATCH`` points instead.
     """
     records = [dataset.calibration.records[i] for i in dataset.training]
     span = min(SPAN, *(record.samples for record in records))

@@ -105,12 +105,7 @@ def fit(
 ) -> Fitted:
     """Train ``network`` by Adam on the training records' windows; all of them must share a sampling rate.
 
-    Args:
-        network: what to train.
-        near: the first estimate of the sensor; training starts at ``START`` times these.
-        schedule: rates and stopping rule.
-        seed: of the shuffling.
-        progress: called after each epoch.
+    Training starts at ``START`` times ``near``, the first estimate of the sensor. ``seed``: of the shuffling.
     """
     records = network.dataset.calibration.records
     interval = records[network.dataset.training[0]].sampling_interval_s

@@ -34,18 +34,12 @@ _MOST_DONE = 2000  # A process is replaced after so many calibrations
 
 
 class Identifier:
-    """A process that identifies, started when needed and again after it has ended. For one thread at a time.
-
-    Attributes:
-        orders: for the identification.
-        memory_bytes: limit on its memory; None if there is no limit.
-        ended: True once it must not be started again.
-    """
+    """A process that identifies, started when needed and again after it has ended. For one thread at a time."""
 
     def __init__(self, orders: Orders) -> None:
         self.orders = orders
-        self.memory_bytes = memory_limit(orders)
-        self.ended = False
+        self.memory_bytes = memory_limit(orders)  # None if there is no limit
+        self.ended = False  # True once it must not be started again
         self._process = Process(idle_s=_IDLE_S)
         self._done = 0
 

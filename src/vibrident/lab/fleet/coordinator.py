@@ -118,10 +118,7 @@ class Outcome:
 def run(asked: Asked, scheduler: Scheduler, progress: Callable[[RunProgress], None] = lambda _: None) -> Outcome:
     """Identify all calibrations that are not on the disk yet; write ``fleet.parquet`` and ``fleet.html``.
 
-    Args:
-        asked: the request.
-        scheduler: runs the work; it is closed at the end.
-        progress: called about twice a second.
+    ``scheduler`` is closed at the end; ``progress`` is called about twice a second.
 
     Raises:
         InputError: a pattern names nothing, the folder cannot be written, the connection to the scheduler is lost, or

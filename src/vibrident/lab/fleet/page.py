@@ -58,14 +58,9 @@ _LEGEND = Sentence(
 
 
 def write_page(path: Path, table: Path, tally: Tally, specification: Specification, began_at: float) -> Path:
-    """Write the page of a fleet's table; return its path.
+    """Write the page, beside the folder of whole results, of a table and its tally; return its path.
 
-    Args:
-        path: of the page, beside the table and the folder of whole results.
-        table: ``fleet.parquet``.
-        tally: of the table.
-        specification: limits by type.
-        began_at: beginning of this run, in seconds since 1970.
+    ``specification``: limits by type; ``began_at``: of this run, in seconds since 1970.
     """
     made = content(table, tally, specification, began_at, results=(path.parent / "results").is_dir())
     with whole(path) as partial:

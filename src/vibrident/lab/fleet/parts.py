@@ -166,13 +166,8 @@ def index(folder: Path, results: Path | None, time_limit_s: float, memory_limit_
     """Index all rows on the disk. A part that cannot be read is ignored.
 
     A row has to be computed again if its whole result is wanted and missing, if the calibration failed within tighter
-    limits than these, or if another attempt may have another outcome.
-
-    Args:
-        folder: of the parts.
-        results: folder of the whole results; None: not wanted.
-        time_limit_s: of this run.
-        memory_limit_bytes: of this run; None: no limit.
+    limits than this run's, or if another attempt may have another outcome. ``results``: folder of the whole results;
+    None: not wanted.
     """
     there = None if results is None else {entry.name for entry in os.scandir(results) if entry.stat().st_size}
     names, parameters, blocks = [], [], [np.zeros(0, dtype=_PLACE)]

@@ -129,11 +129,8 @@ def entries(
 ) -> dict[int, list[Entry]]:
     """The calibrations of a sensor with all their columns, or of all sensors without these; by sensor.
 
-    Args:
-        store: the store.
-        sensor_id: of one sensor.
-        quantity: name of a parameter; the entries hold its value and uncertainty.
-        frequency_hz: nominal frequency, for the magnitude of the sensitivity at that frequency instead.
+    ``quantity``: name of the parameter whose value and uncertainty they hold; ``frequency_hz``: nominal frequency, for
+    the magnitude of the sensitivity there instead.
     """
     asked = _asked(quantity, frequency_hz, told=sensor_id is not None)
     asked = asked if sensor_id is None else asked.where(calibration.c.sensor_id == sensor_id)
