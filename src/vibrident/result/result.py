@@ -15,7 +15,7 @@ from vibrident.base.binding import bound
 from vibrident.base.errors import InputError
 from vibrident.base.files import whole
 from vibrident.data.records import FloatArray
-from vibrident.result.document import SCHEMA, damaged, json_text, measured_part, plain, refuse_constant, with_numbers
+from vibrident.result.document import SCHEMA, damaged, json_text, plain, refuse_constant, with_numbers
 from vibrident.result.parts import (
     Correlation,
     Curve,
@@ -36,6 +36,9 @@ if TYPE_CHECKING:
     from vibrident.result.sensor import IdentifiedSensor
 
 MOST_BYTES = 200_000_000  # most bytes of a result file; one with hundreds of records has a few millions
+
+
+_MAY_NOT_BE_FINITE = ("parameters", "correlation", "fit", "response", "measured")  # the parts that hold such numbers
 
 
 @dataclass(frozen=True)
@@ -236,7 +239,8 @@ class Result:
         from pydantic import TypeAdapter, ValidationError
 
         try:
-            result = TypeAdapter(cls).validate_python({**document, **with_numbers(measured_part(document))})
+            measured = {key: with_numbers(document[key]) for key in _MAY_NOT_BE_FINITE}
+            result = TypeAdapter(cls).validate_python({**document, **measured})
             result.require_consistent()
         except ValidationError as error:
             finding = error.errors()[0]

@@ -208,18 +208,14 @@ class _Work:
         while len(self._hashing) + len(self._work) < WINDOW * workers:
             ahead = self._batches.ahead_s() >= WINDOW * workers * BATCH_S
             if self._next < len(self.named.paths) and not ahead and len(self._hashing) <= workers // 2:
-                self._send_paths()
+                size = _FIRST_PATHS if self._seen < WINDOW * _MOST_PATHS else _MOST_PATHS
+                first, self._next = self._next, min(self._next + size, len(self.named.paths))
+                self._hash(list(range(first, self._next)))
             elif self._batches:
                 shape, tasks = self._batches.take(workers)
                 self._work[self.scheduler.submit(work_off, tasks, self.orders)] = (shape, tasks)
             else:
                 return
-
-    def _send_paths(self) -> None:
-        size = _FIRST_PATHS if self._seen < WINDOW * _MOST_PATHS else _MOST_PATHS
-        places = list(range(self._next, min(self._next + size, len(self.named.paths))))
-        self._next = places[-1] + 1
-        self._hash(places)
 
     def _hash(self, places: list[int]) -> None:
         paths = [os.path.abspath(self.named.paths[place]) for place in places]

@@ -192,12 +192,15 @@ def _drift(found: Life, question: Question) -> dict[str, Any]:
             remedy="give a later date",
         )
     rate, size = drift.rate(), abs(float(found.value[-1])) or 1.0
+    # of a calibration of the same quality as the last one, with the same reference
+    shared = np.array([covariance(entry, last._replace(id=-1)) for entry in found.entries])
+    reading = drift.reading(_year(found, until), shared, float(last.u or 0.0))
     return {
         "why": "",
         "rate_per_year": _mixture(rate) | {"relative": rate.value / size, "relative_u": rate.u / size},
         "random_walk_per_root_year": drift.wandering(),
         "probability": drift.probability,
-        "prediction": {"date": until} | _mixture(_at(found, until)) | _next_reading(found, until),
+        "prediction": {"date": until} | _mixture(_at(found, until)) | {"reading": _mixture(reading)},
         "curve": _curve(found, until),
     }
 
@@ -209,14 +212,6 @@ def _at(found: Life, date: datetime.date) -> Mixture:
 
 def _year(found: Life, date: datetime.date) -> float:
     return years_between(found.entries[0].date, date)
-
-
-def _next_reading(found: Life, date: datetime.date) -> dict[str, Any]:
-    """Prediction for a calibration of the same quality as the last one, with the same reference."""
-    assert found.drift is not None
-    last = found.entries[-1]
-    shared = np.array([covariance(entry, last._replace(id=-1)) for entry in found.entries])
-    return {"reading": _mixture(found.drift.reading(_year(found, date), shared, float(last.u or 0.0)))}
 
 
 def _curve(found: Life, until: datetime.date) -> list[dict[str, Any]]:

@@ -200,11 +200,12 @@ def _sensors(
 ) -> Table:
     """A row a sensor: what it is, its number of calibrations, and further cells."""
     body = (
-        (_named(row), *(row.get(key, "") for key in told), str(row["calibrations"]), *more)
+        (
+            f"{row['serial_number']} {row.get('axis', '')}".rstrip(),
+            *(row.get(key, "") for key in told),
+            str(row["calibrations"]),
+            *more,
+        )
         for row, more in zip(rows, cells, strict=True)
     )
     return Table((*columns("serial number", *told), Column("calibrations", "number"), *heads), tuple(body))
-
-
-def _named(row: Mapping[str, Any]) -> str:
-    return row["serial_number"] + (f" {row['axis']}" if row.get("axis") else "")
