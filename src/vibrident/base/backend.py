@@ -38,14 +38,10 @@ def _required(name: str) -> Any:
     )
 
 
-def _version() -> str:
-    try:
-        return importlib.metadata.version("jax")
-    except importlib.metadata.PackageNotFoundError:
-        return ""
-
-
-_installed = _version()
+try:
+    _installed = importlib.metadata.version("jax")
+except importlib.metadata.PackageNotFoundError:
+    _installed = ""
 # Cached kernels carry two tuning hints that XLA's loader reports as "unsupported features" on stderr, harmlessly.
 os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
 if _CURE in (_flags := _with_cure(os.environ.get("XLA_FLAGS", ""), _installed)):

@@ -10,13 +10,9 @@ from vibrident.base.errors import InputError
 
 
 def library(name: str, extra: str, problem: str, where: str) -> Any:
-    """Import a library of an extra, without its deprecation warnings.
+    """Import a library, by the dotted name of a module, of an extra, without its deprecation warnings.
 
-    Args:
-        name: dotted name of the module.
-        extra: the extra of this package that installs it.
-        problem: what its absence means.
-        where: the file or option that needs it.
+    ``problem``: what its absence means; ``where``: the file or option that needs it.
 
     Raises:
         InputError: it is not installed.

@@ -8,8 +8,7 @@ import functools
 import math
 import os
 import threading
-from collections.abc import Callable, Iterator
-from typing import ParamSpec, TypeVar
+from collections.abc import Iterator
 
 #: Surroundings of a process with one thread of arithmetic, read when NumPy is loaded.
 ONE_THREAD: dict[str, str] = dict.fromkeys(
@@ -39,32 +38,17 @@ def use_one_thread() -> None:
         os.environ.setdefault(name, number)
 
 
-_P = ParamSpec("_P")
-_R = TypeVar("_R")
 _limited = threading.Lock()
 _inside, _limit = 0, contextlib.ExitStack()
-
-
-def in_one_thread(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """The function with its matrices on one core, unless the user's environment says otherwise.
-
-    For scripts, which have loaded NumPy before. What the limit was returns with the end of the last such call.
-    """
-
-    @functools.wraps(function)
-    def limited(*args: _P.args, **kwargs: _P.kwargs) -> _R:
-        if any(name in os.environ for name in ONE_THREAD):
-            return function(*args, **kwargs)
-        with _one_thread():
-            return function(*args, **kwargs)
-
-    return limited
 
 
 @contextlib.contextmanager
 def _one_thread() -> Iterator[None]:
     """The limit belongs to the process: the first caller sets it, and the last one takes it back."""
     global _inside
+    if any(name in os.environ for name in ONE_THREAD):
+        yield
+        return
     from threadpoolctl import threadpool_limits
 
     with _limited:
@@ -78,6 +62,11 @@ def _one_thread() -> Iterator[None]:
             _inside -= 1
             if _inside == 0:
                 _limit.close()
+
+
+#: Decorator of a function: its matrices are on one core, unless the user's environment says otherwise. For scripts,
+#: which have loaded NumPy before.
+in_one_thread = _one_thread()
 
 
 @functools.cache

@@ -51,10 +51,7 @@ def series(low_hz: float, high_hz: float, measured_hz: Iterable[float] = ()) -> 
     """Nominal frequencies from ``low_hz`` to ``high_hz``, both included, in ascending order; may be empty.
 
     Each means the exact base-10 frequency 10^(n/10) Hz (nominal 160: 158.49 Hz), unless more of the data were taken at
-    nominal values (160.00 Hz) than at exact ones.
-
-    ``low_hz``: lower end of the band, positive; ``high_hz``: upper end of the band; ``measured_hz``: frequencies at
-    which there are data.
+    nominal values (160.00 Hz) than at exact ones. ``measured_hz``: frequencies at which there are data.
     """
     if not (0 < low_hz <= high_hz and math.isfinite(high_hz)):
         return ()
@@ -82,10 +79,9 @@ def _literal(measured_hz: Iterable[float]) -> bool:
 def reference(
     low_hz: float, high_hz: float, measured_hz: Iterable[float] = (), stated_hz: float | None = None
 ) -> tuple[Nominal | None, str]:
-    """The reference frequency, and how it was chosen.
+    """The reference frequency of a measured band, and how it was chosen.
 
-    ``low_hz``: lower end of the measured band; ``high_hz``: upper end of the measured band; ``measured_hz``:
-    frequencies at which there are data; ``stated_hz``: what the calibration file asks for.
+    ``measured_hz``: frequencies at which there are data; ``stated_hz``: what the calibration file asks for.
 
     Returns:
         the frequency (None if the stated one lies outside the band, or the band holds no nominal one), and the reason.

@@ -64,13 +64,7 @@ class Ended(Exception):
 
 
 class Died(Exception):
-    """The process ended, or had to be ended, during a call.
-
-    Attributes:
-        reason: what it had too little of, or that it crashed.
-        ending: how it ended, in words.
-        printed: what it printed last.
-    """
+    """The process ended, or had to be ended, during a call: ``ending`` in words, and what it printed last."""
 
     def __init__(self, reason: Literal["time", "memory", "crash"], ending: str, printed: str = "") -> None:
         super().__init__(f"{ending}\n{printed}".rstrip())

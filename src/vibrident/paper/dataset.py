@@ -81,18 +81,14 @@ class Dataset:
         """Of the samples of all records in order."""
         digest = hashlib.sha256()
         for record in self.calibration.records:
-            digest.update(_reference(record).tobytes() + record.response.tobytes())
+            digest.update(reference_of(record).tobytes() + record.response.tobytes())
         return digest.hexdigest()
 
 
 def section_4(*, seed: int, rate_hz: float = RATE_HZ, samples: int = SAMPLES, full_range: bool = False) -> Dataset:
-    """The paper's simulated data.
+    """The paper's simulated data, at a rate that it does not state; ``seed``: of the noise and of the split.
 
-    Args:
-        seed: of the noise and of the split.
-        rate_hz: samples per second; the paper does not state its own.
-        samples: of every record.
-        full_range: 0.1 to 1000 Hz (41 records) in place of 10 to 1000 Hz (21, the paper's number).
+    ``full_range``: 0.1 to 1000 Hz (41 records) in place of 10 to 1000 Hz (21, the paper's number).
     """
     calibration, motions = sines(seed=seed, rate_hz=rate_hz, samples=samples, low_hz=0.1 if full_range else 10.0)
     return replace(prepared(calibration, seed=seed), motions=motions)
@@ -180,7 +176,7 @@ def prepared(calibration: Calibration, *, seed: int) -> Dataset:
         replace(calibration, records=records),
         training,
         test,
-        Scale.of([_reference(records[i]) for i in training]),
+        Scale.of([reference_of(records[i]) for i in training]),
         Scale.of([records[i].response for i in training]),
         sum(found for _, found in pairs),
     )
@@ -202,7 +198,7 @@ def outliers(signal: FloatArray) -> BoolArray:
 
 def _mended(record: Record) -> tuple[Record, int]:
     """The record with its outliers replaced by their neighbours' mean and marked; and how many there were."""
-    channels = {"reference": _reference(record), "response": record.response}
+    channels = {"reference": reference_of(record), "response": record.response}
     found = {name: outliers(signal) for name, signal in channels.items()}
     bad = found["reference"] | found["response"]
     if not bad.any():
@@ -215,8 +211,9 @@ def _mended(record: Record) -> tuple[Record, int]:
     return replace(marked, reference=smooth["reference"], response=smooth["response"]), int(np.sum(bad))
 
 
-def _reference(record: Record) -> FloatArray:
-    assert record.reference is not None  # checked in ``prepared``
+def reference_of(record: Record) -> FloatArray:
+    """Its reference, which every record here has: ``prepared`` checks it."""
+    assert record.reference is not None
     return record.reference
 
 
@@ -244,12 +241,8 @@ class Seen:
 
     def of(self, record: Record, unit: float) -> FloatArray:
         """Normalised inputs of a record, shape (samples, terms)."""
-        assert record.reference is not None
-        late = self.delay_s * record.sampling_rate_hz
-        return (
-            self.method.inputs(record.reference, np.ones(record.samples, dtype=bool), self.terms, late).coefficients
-            / unit
-        )
+        late, every = self.delay_s * record.sampling_rate_hz, np.ones(record.samples, dtype=bool)
+        return self.method.inputs(reference_of(record), every, self.terms, late).coefficients / unit
 
 
 AS_SAMPLED = Seen(method("euler"))

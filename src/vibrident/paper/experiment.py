@@ -17,7 +17,7 @@ import numpy as np
 from vibrident.data.io import read
 from vibrident.data.records import Calibration, FloatArray, Record
 from vibrident.fit.screening.quality import screen
-from vibrident.paper.dataset import SENSOR, Dataset, prepared
+from vibrident.paper.dataset import SENSOR, Dataset, prepared, reference_of
 from vibrident.physics.simulation import ChannelNoise, Sensor, simulate
 
 VIBROMETER = 0.050  # scale of the vibrometer (OFV-552 with its controller), (m/s)/V, as the paper states it
@@ -80,16 +80,15 @@ def interferometer(*, seed: int, rate_hz: float = 51200.0, samples: int = 16000)
 
 def _cropped(record: Record) -> Record:
     part = slice(_HALF, record.samples - _HALF)
-    assert record.reference is not None  # no record of this calibration is a free decay
-    return replace(record, reference=record.reference[part], response=record.response[part], valid=record.mask[part])
+    return replace(
+        record, reference=reference_of(record)[part], response=record.response[part], valid=record.mask[part]
+    )
 
 
 def _differentiated(record: Record) -> Record:
     """Velocity to acceleration by a windowed band-limited differentiator, zero above ``_EDGE_HZ``."""
-    cropped = _cropped(record)
-    assert record.reference is not None
-    acceleration = np.convolve(record.reference, _differentiator(record.sampling_rate_hz), mode="valid")
-    return replace(cropped, reference=acceleration)
+    acceleration = np.convolve(reference_of(record), _differentiator(record.sampling_rate_hz), mode="valid")
+    return replace(_cropped(record), reference=acceleration)
 
 
 def _differentiator(rate_hz: float) -> FloatArray:
@@ -127,10 +126,7 @@ excitation = "sine"
 
 
 def seismometer(data: Path, *, seed: int) -> Experiment | None:
-    """The sine steps of an SM-3 seismometer: drive to laser; None if the files are missing.
-
-    ``data``: folder that holds ``sm3``; ``seed``: of the split.
-    """
+    """The sine steps of an SM-3 seismometer: drive to laser; None if the folder ``data`` holds no ``sm3``."""
     folder = data / "sm3"
     if not any(folder.glob("*Hz.csv")):
         return None
@@ -148,8 +144,7 @@ def _centred(calibration: Calibration) -> Calibration:
     """Both channels without their means: networks without bias cannot hold an offset."""
     records = []
     for record in calibration.records:
-        assert record.reference is not None  # sines have one
-        reference = record.reference - record.reference[record.mask].mean()
+        reference = reference_of(record) - reference_of(record)[record.mask].mean()
         response = record.response - record.response[record.mask].mean()
         provenance = record.provenance.then("means taken off")
         records.append(replace(record, reference=reference, response=response, provenance=provenance))

@@ -136,51 +136,49 @@ def _unit(section: PaperSection) -> str:
 
 def by_rate(run: Reproduction) -> Stacks:
     """Parameter error against sampling rate for every discretisation."""
-    lines: dict[str, list[tuple[str, list[float], list[float]]]] = {panel: [] for panel in _PANELS}
+    lines = []
     for discretisation in run.settings.discretisations:
         points = [p for p in run.rates if p.discretisation == discretisation and p.errors is not None]
-        rates = [p.rate_hz for p in points]
-        for name in PARAMETERS:
-            lines[name].append((discretisation, rates, [abs((p.errors or {})[name]) for p in points]))
-        lines["curve"].append((discretisation, rates, [0.01 * (p.mean_percent or 0.0) for p in points]))
-    return _four(lines, {}, "Sampling rate in Hz")
+        errors = {name: [abs((p.errors or {})[name]) for p in points] for name in PARAMETERS}
+        errors["curve"] = [0.01 * (p.mean_percent or 0.0) for p in points]
+        lines.append((discretisation, [p.rate_hz for p in points], errors))
+    return _four(lines, "Sampling rate in Hz")
 
 
 def by_noise(run: Reproduction) -> Stacks:
     """RMS error against response noise for every method that gives parameters, and the Cramér–Rao bound."""
     study = run.noise
-    lines: dict[str, list[tuple[str, list[float], list[float]]]] = {panel: [] for panel in _PANELS}
+    lines = []
     for label in NOISE_METHODS:
         points = [p for p in study.points if p.method == label]
-        levels = [100.0 * p.level for p in points]
-        for name in PARAMETERS:
-            lines[name].append((label, levels, [p.rms_error[name] for p in points]))
-        lines["curve"].append((label, levels, [0.01 * p.mean_percent for p in points]))
+        errors = {name: [p.rms_error[name] for p in points] for name in PARAMETERS}
+        errors["curve"] = [0.01 * p.mean_percent for p in points]
+        lines.append((label, [100.0 * p.level for p in points], errors))
     levels = sorted({p.level for p in study.points})
-    bounds = {name: [study.bound.deviations(level)[name] for level in levels] for name in PARAMETERS}
-    bounds["curve"] = [0.01 * study.bound_mean_percent * level for level in levels]
-    return _four(lines, bounds, "Response noise, % of the rms", [100.0 * level for level in levels])
+    least = {name: [study.bound.deviations(level)[name] for level in levels] for name in PARAMETERS}
+    least["curve"] = [0.01 * study.bound_mean_percent * level for level in levels]
+    bound = "Cramér–Rao bound", [100.0 * level for level in levels], least
+    return _four(lines, "Response noise, % of the rms", bound)
 
 
 #: Panels of the two studies, and their titles.
 _PANELS = {**{name: f"error of {_SYMBOLS[name]}" for name in PARAMETERS}, "curve": "mean deviation of the curve"}
 
 
-def _four(
-    lines: dict[str, list[tuple[str, list[float], list[float]]]],
-    bounds: dict[str, list[float]],
-    label: str,
-    x_of_bounds: Sequence[float] = (),
-) -> Stacks:
+#: A line of each panel: its name, and x and y by panel.
+_Line = tuple[str, list[float], dict[str, list[float]]]
+
+
+def _four(lines: Sequence[_Line], label: str, bound: _Line | None = None) -> Stacks:
     """One panel for each parameter and one for the curve, relative errors on logarithmic axes."""
     stacks = []
     for panel, title in _PANELS.items():
         series = []
-        if panel in bounds:
-            bound = Look("#a6a6a6", width=3.0)
-            series.append(Series(np.array(x_of_bounds), np.array(bounds[panel]), "Cramér–Rao bound", bound))
-        for (name, x, y), look in zip(lines[panel], LINES, strict=False):
-            series.append(Series(np.array(x), np.maximum(y, _LEAST), name, look))
+        if bound is not None:
+            name, x, y = bound
+            series.append(Series(np.array(x), np.array(y[panel]), name, Look("#a6a6a6", width=3.0)))
+        for (name, x, y), look in zip(lines, LINES, strict=False):
+            series.append(Series(np.array(x), np.maximum(y[panel], _LEAST), name, look))
         across = axes.frequency(np.concatenate([one.x for one in series]), label)
         errors = axes.size("Relative error", np.concatenate([one.y for one in series]))
         stacks.append(Stack((Panel(across, errors, tuple(series), 2.0),), f"{title}, relative"))

@@ -74,9 +74,8 @@ class Judge:
             np.concatenate(measured), np.concatenate([p[m] for p, m in zip(predicted, kept, strict=True)])
         )
         values = None if parameters is None else {key: float(value) for key, value in parameters.items()}
-        if trained is None:
-            return MethodResult(name, weights, metrics, values, seconds=seconds)
-        return MethodResult(name, weights, metrics, values, len(trained.training), trained.converged, seconds)
+        course = (None, True) if trained is None else (len(trained.training), trained.converged)
+        return MethodResult(name, weights, metrics, values, *course, seconds)
 
     def sensor(self, name: str, weights: int, found: Mapping[str, float], seconds: float, **more) -> MethodResult:
         """A row from parameters: the test records predicted by the exact network that has them."""
@@ -110,7 +109,7 @@ def unrolled_network(
     fitted = fit(network, near, judge.schedule, seed=judge.seed, progress=progress)
     seconds = time.perf_counter() - begin
     predicted = network.predict(fitted.parameters, judge.published.test)
-    return judge.of(name, len(fitted.parameters), predicted, fitted.parameters, seconds, fitted.trained)
+    return judge.of(name, fitted.weights, predicted, fitted.parameters, seconds, fitted.trained)
 
 
 def estimator(judge: Judge, name: str, chosen: Estimator) -> MethodResult:

@@ -70,10 +70,14 @@ def curve_deviation(
         size = np.abs(model.frequency_response(found, points))
         return 100.0 * (size / np.abs(model.frequency_response(truth, points)) - 1.0)
 
-    resonance = [quantity for quantity in model.derived(truth) if quantity.name == "resonance_frequency"]
-    peak = [np.array([float(quantity.value(truth))]) for quantity in resonance]
-    at_peak = float(percent(peak[0])[0]) if peak else None
+    peak = resonance_hz(model, truth)
+    at_peak = None if peak is None else float(percent(np.array([peak]))[0])
     return CurveDeviation(tuple(frequency.tolist()), tuple(percent(frequency).tolist()), at_peak)
+
+
+def resonance_hz(model: SensorModel, values: Mapping[str, float]) -> float | None:
+    """The resonance frequency; None if there is none."""
+    return next((float(d.value(values)) for d in model.derived(values) if d.name == "resonance_frequency"), None)
 
 
 def deviation_at_points(

@@ -14,15 +14,15 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from vibrident.base.backend import jax, jnp
 from vibrident.fit.descent.optimise import Progress, silent
-from vibrident.paper.dataset import Dataset
-from vibrident.paper.training import Schedule, Trained, train
+from vibrident.paper.dataset import Dataset, reference_of
+from vibrident.paper.training import Fitted, Schedule, train
 from vibrident.paper.unrolled import start_of_training
 from vibrident.physics.models import SensorModel
 
@@ -40,15 +40,6 @@ class CollocationPoints(NamedTuple):
     response: Any
 
 
-@dataclass(frozen=True, eq=False)
-class FittedPinn:
-    """The outcome; ``weights`` counts all trained numbers, including the sensor's parameters."""
-
-    parameters: dict[str, float]
-    weights: int
-    trained: Trained
-
-
 def fit_pinn(
     dataset: Dataset,
     model: SensorModel,
@@ -57,22 +48,17 @@ def fit_pinn(
     *,
     seed: int,
     progress: Progress = silent,
-) -> FittedPinn:
+) -> Fitted:
     """Train on the middle of the training records, float64, from the same start values as the unrolled network.
 
-    Args:
-        dataset: records of one sampling rate, acceleration or drive as reference.
-        model: an accelerometer without add-ons.
-        near: first estimate of the parameters.
-        schedule: rates and stopping rule; its batch is ``BATCH`` points.
-        seed: of weights and shuffling.
-        progress: called after each epoch.
+    ``dataset``: records of one sampling rate, acceleration or drive as reference; ``model``: an accelerometer without
+    add-ons; ``near``: first estimate of its parameters; ``schedule``: its batch is ``BATCH`` points instead.
     """
     records = [dataset.calibration.records[i] for i in dataset.training]
     span = min(SPAN, *(record.samples for record in records))
     first = (records[0].samples - span) // 2
     part = slice(first, first + span)
-    excitation = np.stack([np.asarray(r.reference)[part] for r in records], axis=1) / dataset.reference.unit
+    excitation = np.stack([reference_of(r)[part] for r in records], axis=1) / dataset.reference.unit
     response = np.stack([r.response[part] for r in records], axis=1) / dataset.response.unit
     points = CollocationPoints(np.arange(span) / span, excitation, response)
     held = np.arange(span) % 5 == 4
@@ -94,7 +80,7 @@ def fit_pinn(
     rng = np.random.default_rng([seed, 2])
     trained = train(begin, loss, training, held_back, own, rng=rng, progress=progress)
     weights = sum(leaf.size for leaf in jax.tree.leaves(begin))
-    return FittedPinn(coordinates.values(np.asarray(trained.model["sensor"])), weights, trained)
+    return Fitted(coordinates.values(np.asarray(trained.model["sensor"])), weights, trained)
 
 
 def _layers(outputs: int, seed: int) -> list[tuple[Any, Any]]:

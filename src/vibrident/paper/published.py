@@ -35,10 +35,10 @@ TABLE_5 = {
 
 @dataclass(frozen=True)
 class Deviation:
-    """Relative deviation of a sensitivity curve, %; None if the paper gives none."""
+    """Relative deviation of a sensitivity curve, %."""
 
-    mean: float | None
-    largest: float | None
+    mean: float
+    largest: float
 
 
 #: Of the identified curve from the true one (section 4.2; the largest is at the resonance peak).

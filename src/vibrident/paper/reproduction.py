@@ -72,8 +72,6 @@ class Reproduction:
 def reproduce(settings: Settings, stages: Stages = silently) -> Reproduction:
     """Run every experiment of the paper.
 
-    ``settings``: how much; ``stages``: shows progress.
-
     Raises:
         InputError: the real data cannot be read.
     """

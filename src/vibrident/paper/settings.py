@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
 
 from vibrident.fit.descent.optimise import Progress, silent
 from vibrident.paper.training import Schedule
@@ -50,12 +49,8 @@ def quick(seed: int, data: Path | None = None, *, full_range: bool = False) -> S
     )
 
 
-class Stages(Protocol):
-    """Called with the name of a stage; gives a context whose value shows its progress."""
-
-    def __call__(self, what: str) -> contextlib.AbstractContextManager[Progress]:
-        """Begin."""
-        ...
+#: Called with the name of a stage; gives a context whose value shows its progress.
+Stages = Callable[[str], contextlib.AbstractContextManager[Progress]]
 
 
 @contextlib.contextmanager

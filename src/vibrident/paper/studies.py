@@ -23,7 +23,7 @@ from vibrident.fit.identification import identify
 from vibrident.fit.problem import Coordinates, network_objective, network_of
 from vibrident.paper.dataset import SENSOR, Dataset
 from vibrident.paper.least_squares import from_sine_fits
-from vibrident.paper.metrics import CURVE_POINTS, curve_deviation
+from vibrident.paper.metrics import CURVE_POINTS, curve_deviation, resonance_hz
 from vibrident.paper.unrolled import START
 from vibrident.physics.discretisation import method
 from vibrident.physics.models import SensorModel, parse
@@ -104,15 +104,10 @@ def optimum(calibration: Calibration, discretisation: str, near: Mapping[str, fl
 def relative_errors(found: Mapping[str, float]) -> dict[str, float]:
     """Relative error of the estimated parameters and of the resonance frequency, if there is one."""
     errors = {name: float(found[name] / SENSOR.parameters[name] - 1.0) for name in PARAMETERS}
-    both = [_resonance(values) for values in (found, SENSOR.parameters)]
-    if both[0] is not None and both[1] is not None:
-        errors["resonance_frequency"] = both[0] / both[1] - 1.0
+    peak, true_peak = (resonance_hz(parse(SENSOR.model), values) for values in (found, SENSOR.parameters))
+    if peak is not None and true_peak is not None:
+        errors["resonance_frequency"] = peak / true_peak - 1.0
     return errors
-
-
-def _resonance(values: Mapping[str, float]) -> float | None:
-    derived = parse(SENSOR.model).derived(values)
-    return next((float(d.value(values)) for d in derived if d.name == "resonance_frequency"), None)
 
 
 def _by(estimator: Estimator) -> Callable[[Calibration], dict[str, float]]:
@@ -169,7 +164,10 @@ def error_by_noise(
     bound = cramer_rao(SENSOR, truth.records, motions)
     model, points = parse(SENSOR.model), []
     for number, level in enumerate(levels):
-        noisy = [with_noise(truth, response_noise=level, seed=_seed(seed, number, draw)) for draw in range(draws)]
+        noisy = [
+            with_noise(truth, response_noise=level, seed=np.random.SeedSequence([seed, number, draw]))
+            for draw in range(draws)
+        ]
         for name, found_by in NOISE_METHODS.items():
             found = [found_by(calibration) for calibration in noisy]
             errors = [relative_errors(values) for values in found]
@@ -188,10 +186,6 @@ def error_by_noise(
     # A normal deviate's absolute value has the mean √(2/π) of its standard deviation.
     mean = float(np.sqrt(2.0 / np.pi) * np.mean(bound.curve_percent(model, dict(SENSOR.parameters), BAND_HZ)))
     return NoiseStudy(tuple(points), bound, mean, draws)
-
-
-def _seed(seed: int, level: int, draw: int) -> np.random.SeedSequence:
-    return np.random.SeedSequence([seed, level, draw])
 
 
 RESIDUAL_RATE_HZ = 12800.0

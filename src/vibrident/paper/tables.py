@@ -12,7 +12,7 @@ from vibrident.data.records import STANDARD_GRAVITY
 from vibrident.paper import claims, methods, published
 from vibrident.paper.black_box import HIDDEN
 from vibrident.paper.dataset import SENSOR
-from vibrident.paper.metrics import CurveDeviation, Metrics
+from vibrident.paper.metrics import Metrics
 from vibrident.paper.reproduction import Reproduction
 from vibrident.paper.sections import PaperSection
 from vibrident.paper.studies import PARAMETERS, Residual
@@ -83,7 +83,7 @@ def the_run(run: Reproduction) -> Table:
         ("time of the whole run", f"{run.seconds / 60:.1f} min, {s.jobs} processes"),
     ]
     trial = "A trial: networks are not trained to the end, figures are not for quoting." if s.trial else ""
-    return _table("run", "The run", ("", ""), rows, trial.strip())
+    return _table("run", "The run", ("", ""), rows, trial)
 
 
 def weights(run: Reproduction) -> Table:
@@ -166,7 +166,9 @@ def prediction(name: str, title: str, section: PaperSection, printed: dict[str, 
     least = section.row(methods.EXACT).seconds
     for row in section.rows:
         epochs = "" if row.epochs is None else f"{row.epochs}{'' if row.converged else ' (limit)'}"
-        cells = ("no stable sensor", "–", "–", "–", "–") if row.metrics is None else _metrics(row.metrics)
+        cells = ("no stable sensor", "–", "–", "–", "–")
+        if (m := row.metrics) is not None:
+            cells = (f"{m.rmse:.6g}", f"{m.mae:.6g}", f"{m.mse:.6g}", f"{m.r2:.12g}", f"{m.rpd:.6g}")
         rows.append((row.name, *cells, str(row.weights), epochs, f"{row.seconds / least:.2g}"))
     note = (
         "Normalised units: 1 is the largest excursion in the training records. Time: of fitting, compilation included, "
@@ -175,10 +177,6 @@ def prediction(name: str, title: str, section: PaperSection, printed: dict[str, 
     )
     head = ("method", "RMSE", "MAE", "MSE", "R²", "RPD", "weights", "epochs", "time")
     return _table(name, title, head, rows, note, len(printed))
-
-
-def _metrics(m: Metrics) -> tuple[str, ...]:
-    return (f"{m.rmse:.6g}", f"{m.mae:.6g}", f"{m.mse:.6g}", f"{m.r2:.12g}", f"{m.rpd:.6g}")
 
 
 def identified(name: str, title: str, section: PaperSection) -> Table:
@@ -191,36 +189,23 @@ def identified(name: str, title: str, section: PaperSection) -> Table:
             cells = [f"{row.parameters[p]:.6g}" for p in PARAMETERS]
         else:
             cells = [_percent(100.0 * (row.parameters[p] / section.truth[p] - 1.0)) for p in PARAMETERS]
-        delay = row.parameters.get("delay")
-        rows.append(
-            (row.name, *cells, "" if delay is None else f"{1e6 * delay:.4g}", *_curve(section.deviations[row.name]))
-        )
+        delay, curve = row.parameters.get("delay"), section.deviations[row.name]
+        peak = "" if curve.at_peak is None else _percent(curve.at_peak)
+        cells += ["" if delay is None else f"{1e6 * delay:.4g}", f"{curve.mean:.3g}", f"{curve.largest:.3g}", peak]
+        rows.append((row.name, *cells))
     unit = "" if section.truth is None else " error in %"
-    reference = "the interferometer's points" if section.points[0].size else "the true curve"
+    reference, said = "the true curve", published.SIMULATION
+    if section.points[0].size:
+        reference, said = "the interferometer's points", published.EXPERIMENT
     head = ("method", f"S0{unit}", f"fn{unit}", f"δ{unit}", "delay in µs", "mean in %", "largest in %", "at f0 in %")
-    note = f"Last three columns: relative deviation of the curve from {reference}, {_band(section)}. " + _printed(
-        section
-    )
+    band = f"{section.band_hz[0]:.4g} to {section.band_hz[1]:.4g} Hz"
+    printed = "; ".join(f"{name} {d.mean:.3g} % mean, {d.largest:g} % largest" for name, d in said.items())
+    note = f"Last three columns: relative deviation of the curve from {reference}, {band}. Paper: {printed}."
     return _table(name, title, head, rows, note)
-
-
-def _curve(deviation: CurveDeviation) -> tuple[str, str, str]:
-    peak = "" if deviation.at_peak is None else _percent(deviation.at_peak)
-    return f"{deviation.mean:.3g}", f"{deviation.largest:.3g}", peak
 
 
 def _percent(value: float) -> str:
     return f"{value:+.3g}"
-
-
-def _band(section: PaperSection) -> str:
-    return f"{section.band_hz[0]:.4g} to {section.band_hz[1]:.4g} Hz"
-
-
-def _printed(section: PaperSection) -> str:
-    said = published.EXPERIMENT if section.points[0].size else published.SIMULATION
-    words = [f"{name} {d.mean:.3g} % mean, {d.largest:g} % largest" for name, d in said.items()]
-    return "Paper: " + "; ".join(words) + "."
 
 
 def rates(run: Reproduction) -> Table:

@@ -49,6 +49,15 @@ class Trained:
     converged: bool  # False if the limit of epochs ended it
 
 
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """A sensor's trained parameters, and the training."""
+
+    parameters: dict[str, float]
+    weights: int  # all trained numbers, including the sensor's parameters
+    trained: Trained
+
+
 def train(
     model: Any,
     loss: Loss,
@@ -60,17 +69,11 @@ def train(
     few: bool = False,
     progress: Progress = silent,
 ) -> Trained:
-    """Train the inexact arrays of ``model`` on ``windows``.
+    """Train the inexact arrays of ``model``, any pytree, on ``windows``, a pytree of arrays with that leading axis.
 
-    Args:
-        model: any pytree.
-        loss: (model, batch) → mean squared error; a batch is ``windows`` with its leading axis cut down.
-        windows: pytree of arrays, leading axis windows.
-        held_back: the same, never trained on.
-        schedule: rates and rule.
-        rng: of the shuffling.
-        few: the model is one array of few numbers; forward derivatives are then cheaper than reverse ones.
-        progress: called after each epoch.
+    ``loss``: (model, batch) → mean squared error, a batch being ``windows`` with the leading axis cut down;
+    ``held_back``: windows that are never trained on; ``rng``: of the shuffling; ``few``: the model is one array of few
+    numbers, for which forward derivatives are cheaper than reverse ones; ``progress``: called after each epoch.
     """
     moving, fixed = eqx.partition(model, eqx.is_inexact_array)
     optimiser = optax.adam(schedule.learning_rate)

@@ -20,7 +20,7 @@ from vibrident.data.records import FloatArray
 from vibrident.fit.descent.optimise import Progress, silent
 from vibrident.fit.problem import Coordinates
 from vibrident.paper.dataset import Dataset, Seen, Windows, cut, scored, whole_records
-from vibrident.paper.training import Schedule, Trained, train
+from vibrident.paper.training import Fitted, Schedule, train
 from vibrident.physics.discretisation import method
 from vibrident.physics.models import SensorModel, parse
 from vibrident.physics.models.state_space import realise
@@ -81,20 +81,7 @@ def unrolled(table: Mapping[str, Any], inputs: Any, activation: Activation = "li
     return outputs
 
 
-def _forward(network: Network, parameters: Any, inputs: Any, interval_s: Any) -> Any:
-    return network(parameters, inputs, interval_s)
-
-
-_predicted = jax.jit(_forward, static_argnums=(0,))
-
-
-@dataclass(frozen=True, eq=False)
-class Fitted:
-    """Trained parameters, and the training."""
-
-    network: Network
-    parameters: dict[str, float]
-    trained: Trained
+_predicted = jax.jit(Network.__call__, static_argnums=(0,))
 
 
 def network_for(
@@ -118,12 +105,7 @@ def fit(
 ) -> Fitted:
     """Train ``network`` by Adam on the training records' windows; all of them must share a sampling rate.
 
-    Args:
-        network: what to train.
-        near: the first estimate of the sensor; training starts at ``START`` times these.
-        schedule: rates and stopping rule.
-        seed: of the shuffling.
-        progress: called after each epoch.
+    Training starts at ``START`` times ``near``, the first estimate of the sensor. ``seed``: of the shuffling.
     """
     records = network.dataset.calibration.records
     interval = records[network.dataset.training[0]].sampling_interval_s
@@ -137,7 +119,7 @@ def fit(
     begin = jnp.asarray(coordinates.first)
     rng = np.random.default_rng([seed, 1])
     trained = train(begin, loss, windows, held_back, schedule, rng=rng, few=True, progress=progress)
-    return Fitted(network, coordinates.values(np.asarray(trained.model)), trained)
+    return Fitted(coordinates.values(np.asarray(trained.model)), len(coordinates.first), trained)
 
 
 def start_of_training(model: SensorModel, near: Mapping[str, float]) -> Coordinates:

@@ -19,11 +19,6 @@ SCHEMA = "vibrident.result/1"
 _NUMBERS = {"value", "matrix", "rmse", "mae", "mse", "r2", "rpd", "nrmse"}
 
 
-def measured_part(document: Mapping[str, Any]) -> dict[str, Any]:
-    """The parts that hold numbers which may not be finite."""
-    return {key: document[key] for key in ("parameters", "correlation", "fit", "response", "measured")}
-
-
 def with_numbers(value: Any, key: str = "") -> Any:
     """Plain values in which null is replaced by NaN in fields that require a number."""
     if isinstance(value, Mapping):

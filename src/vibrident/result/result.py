@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import MISSING, dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +15,7 @@ from vibrident.base.binding import bound
 from vibrident.base.errors import InputError
 from vibrident.base.files import whole
 from vibrident.data.records import FloatArray
-from vibrident.result.document import SCHEMA, damaged, json_text, measured_part, plain, refuse_constant, with_numbers
+from vibrident.result.document import SCHEMA, damaged, json_text, plain, refuse_constant, with_numbers
 from vibrident.result.parts import (
     Correlation,
     Curve,
@@ -36,8 +36,9 @@ if TYPE_CHECKING:
     from vibrident.result.sensor import IdentifiedSensor
 
 MOST_BYTES = 200_000_000  # most bytes of a result file; one with hundreds of records has a few millions
-_MAY_BE_ABSENT = ("deviation_percent", "deviation_phase_deg", "record", "magnitude_noise", "phase_deg_noise")
-_MAY_BE_ABSENT += ("deviation_uncertainty_percent", "deviation_phase_uncertainty_deg")
+
+
+_MAY_NOT_BE_FINITE = ("parameters", "correlation", "fit", "response", "measured")  # the parts that hold such numbers
 
 
 @dataclass(frozen=True)
@@ -114,11 +115,10 @@ class Result:
         """
         import pandas as pd
 
-        rows = {}
-        for name, each in self.parameters.items():
-            low, high = each.interval_95
-            u = each.standard_uncertainty
-            rows[name] = (each.value, each.unit, u, low, high, each.identifiable, each.derived)
+        rows = {
+            name: (each.value, each.unit, each.standard_uncertainty, *each.interval_95, each.identifiable, each.derived)
+            for name, each in self.parameters.items()
+        }
         numbers = ("value", "standard_uncertainty", "interval_95_low", "interval_95_high")
         heads = ("value", "unit", *numbers[1:], "identifiable", "derived")
         frame = pd.DataFrame.from_dict(rows, orient="index", columns=list(heads)).rename_axis("parameter")
@@ -239,7 +239,8 @@ class Result:
         from pydantic import TypeAdapter, ValidationError
 
         try:
-            result = TypeAdapter(cls).validate_python({**document, **with_numbers(measured_part(document))})
+            measured = {key: with_numbers(document[key]) for key in _MAY_NOT_BE_FINITE}
+            result = TypeAdapter(cls).validate_python({**document, **measured})
             result.require_consistent()
         except ValidationError as error:
             finding = error.errors()[0]
@@ -255,7 +256,8 @@ class Result:
             points = len(curve.frequency_hz)
             for column in fields(curve):
                 length = len(getattr(curve, column.name))
-                if length != points and not (length == 0 and column.name in _MAY_BE_ABSENT):
+                optional = column.default is not MISSING or column.default_factory is not MISSING
+                if length != points and not (length == 0 and optional):
                     raise ValueError(f"{name}.{column.name} has {length} values for {points} frequencies")
         size = len(self.correlation.names)
         if [len(row) for row in self.correlation.matrix] != [size] * size:

@@ -34,18 +34,12 @@ _MOST_DONE = 2000  # A process is replaced after so many calibrations
 
 
 class Identifier:
-    """A process that identifies, started when needed and again after it has ended. For one thread at a time.
-
-    Attributes:
-        orders: for the identification.
-        memory_bytes: limit on its memory; None if there is no limit.
-        ended: True once it must not be started again.
-    """
+    """A process that identifies, started when needed and again after it has ended. For one thread at a time."""
 
     def __init__(self, orders: Orders) -> None:
         self.orders = orders
-        self.memory_bytes = memory_limit(orders)
-        self.ended = False
+        self.memory_bytes = memory_limit(orders)  # None if there is no limit
+        self.ended = False  # True once it must not be started again
         self._process = Process(idle_s=_IDLE_S)
         self._done = 0
 
@@ -127,7 +121,6 @@ class Done:
 
 def fingerprints(paths: Sequence[str], orders: Orders) -> list[Fingerprint]:
     """Key and shape of each calibration, by the process: threads of a coordinator would share one core."""
-    _require_same_version(orders)
     process = _process(orders)
     try:
         return process.fingerprints(paths)
@@ -142,7 +135,6 @@ def work_off(tasks: Sequence[Task], orders: Orders) -> Done:
     Raises:
         InputError: the outcomes cannot be written, or no process can be started.
     """
-    _require_same_version(orders)
     process = _process(orders)
     found = [_row(process, task) for task in tasks]
     try:
@@ -163,6 +155,7 @@ def end_processes(run: str) -> None:
 
 def _process(orders: Orders) -> Identifier:
     """This thread's process; a new one if the orders differ."""
+    _require_same_version(orders)
     process: Identifier | None = getattr(_here, "process", None)
     if process is None or process.ended or process.orders != orders:
         if process is not None:
@@ -172,7 +165,7 @@ def _process(orders: Orders) -> Identifier:
     return process
 
 
-def _row(process: Identifier, task: Task) -> rows.Row:
+def _row(process: Identifier, task: Task) -> Row:
     for _ in range(1 + _TRIES_ALONE):
         try:
             return process.identify(task)
@@ -184,12 +177,12 @@ def _row(process: Identifier, task: Task) -> rows.Row:
     return _killed(last, process.orders, *task)
 
 
-def lost(path: str, key: str, orders: Orders) -> rows.Row:
+def lost(path: str, key: str, orders: Orders) -> Row:
     """The row of a calibration whose workers were lost repeatedly."""
     return _killed(Died("crash", "workers that were lost with it, several times"), orders, path, key)
 
 
-def _killed(death: Died, orders: Orders, path: str, key: str) -> rows.Row:
+def _killed(death: Died, orders: Orders, path: str, key: str) -> Row:
     problem, remedy = _PROBLEMS[death.reason]
     memory_bytes = memory_limit(orders) or 0
     limits = {"time": f"at most {orders.time_limit_s:g} s", "memory": f"at most {memory_bytes / 1e6:.0f} MB"}

@@ -24,13 +24,12 @@ from vibrident.lab.fleet.orders import Orders
 from vibrident.lab.fleet.page import write_page
 from vibrident.lab.fleet.schedulers import Reply, Scheduler
 from vibrident.lab.fleet.table import Tally, identified_keys, index_of, write_table
+from vibrident.lab.fleet.worker import Task
 
 BATCH_S = 10.0  # seconds of work in a batch: long against the time to send one, short against an acceptable loss
 _LEAST_BATCH_S = 0.5  # shortest batch, in seconds: the last calibrations are divided among all workers
 _MOST_IN_A_BATCH = 1000  # most calibrations of a batch, however short they are
 _NEWEST_SHARE = 0.5  # share of the newest batch in a shape's time
-
-Task = tuple[str, str]  # path, key
 
 
 @dataclass
@@ -119,10 +118,7 @@ class Outcome:
 def run(asked: Asked, scheduler: Scheduler, progress: Callable[[RunProgress], None] = lambda _: None) -> Outcome:
     """Identify all calibrations that are not on the disk yet; write ``fleet.parquet`` and ``fleet.html``.
 
-    Args:
-        asked: the request.
-        scheduler: runs the work; it is closed at the end.
-        progress: called about twice a second.
+    ``scheduler`` is closed at the end; ``progress`` is called about twice a second.
 
     Raises:
         InputError: a pattern names nothing, the folder cannot be written, the connection to the scheduler is lost, or
@@ -212,18 +208,14 @@ class _Work:
         while len(self._hashing) + len(self._work) < WINDOW * workers:
             ahead = self._batches.ahead_s() >= WINDOW * workers * BATCH_S
             if self._next < len(self.named.paths) and not ahead and len(self._hashing) <= workers // 2:
-                self._send_paths()
+                size = _FIRST_PATHS if self._seen < WINDOW * _MOST_PATHS else _MOST_PATHS
+                first, self._next = self._next, min(self._next + size, len(self.named.paths))
+                self._hash(list(range(first, self._next)))
             elif self._batches:
                 shape, tasks = self._batches.take(workers)
                 self._work[self.scheduler.submit(work_off, tasks, self.orders)] = (shape, tasks)
             else:
                 return
-
-    def _send_paths(self) -> None:
-        size = _FIRST_PATHS if self._seen < WINDOW * _MOST_PATHS else _MOST_PATHS
-        places = list(range(self._next, min(self._next + size, len(self.named.paths))))
-        self._next = places[-1] + 1
-        self._hash(places)
 
     def _hash(self, places: list[int]) -> None:
         paths = [os.path.abspath(self.named.paths[place]) for place in places]

@@ -48,7 +48,7 @@ class Limit(FileSection):
         return np.abs(values - self.nominal) <= self.half_width
 
     def certain(self, values: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Which verdicts hold for all values within U = 2 u (ISO 14253-1); same shape."""
+        """Which verdicts hold for all values within U = 2 u (ISO 14253-1), none where u is NaN; same shape."""
         margin = np.abs(np.abs(values - self.nominal) - self.half_width)
         return margin >= K * u
 

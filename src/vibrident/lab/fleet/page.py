@@ -58,14 +58,9 @@ _LEGEND = Sentence(
 
 
 def write_page(path: Path, table: Path, tally: Tally, specification: Specification, began_at: float) -> Path:
-    """Write the page of a fleet's table; return its path.
+    """Write the page, beside the folder of whole results, of a table and its tally; return its path.
 
-    Args:
-        path: of the page, beside the table and the folder of whole results.
-        table: ``fleet.parquet``.
-        tally: of the table.
-        specification: limits by type.
-        began_at: beginning of this run, in seconds since 1970.
+    ``specification``: limits by type; ``began_at``: of this run, in seconds since 1970.
     """
     made = content(table, tally, specification, began_at, results=(path.parent / "results").is_dir())
     with whole(path) as partial:
@@ -102,23 +97,23 @@ class _Names:
         with pq.ParquetFile(table) as file:
             columns = ["calibration", "key", "status", "message", "serial_number", "seconds"]
             for batch in file.iter_batches(_ROWS, columns=columns):
-                self._add(batch.to_pydict(), start, wanted)
+                found = batch.to_pydict()
+                for i, status in enumerate(found["status"]):
+                    if start + i in wanted:
+                        told = found["calibration"][i], found["serial_number"][i] or "", found["key"][i]
+                        self.of[start + i] = told
+                    if status != IDENTIFIED:
+                        self._count(status, found["message"][i], found["calibration"][i])
                 seconds.append(np.asarray(batch["seconds"].to_numpy(zero_copy_only=False), dtype=float))
                 start += batch.num_rows
         self.seconds = np.concatenate(seconds) if seconds else np.zeros(0)
 
-    def _add(self, rows: dict[str, list[str]], start: int, wanted: set[int]) -> None:
-        for number, status in enumerate(rows["status"], start=start):
-            i = number - start
-            if number in wanted:
-                self.of[number] = rows["calibration"][i], rows["serial_number"][i] or "", rows["key"][i]
-            if status != IDENTIFIED:
-                message = rows["message"][i]
-                kind = status, message.partition("\n")[0]
-                self.kinds[kind] += 1
-                _, names = self.examples.setdefault(kind, (message, []))
-                if len(names) < MOST_NAMES:
-                    names.append(rows["calibration"][i])
+    def _count(self, status: str, message: str, calibration: str) -> None:
+        kind = status, message.partition("\n")[0]
+        self.kinds[kind] += 1
+        _, names = self.examples.setdefault(kind, (message, []))
+        if len(names) < MOST_NAMES:
+            names.append(calibration)
 
 
 def _percent(part: int, whole: int) -> str:

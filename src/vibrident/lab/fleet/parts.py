@@ -134,15 +134,12 @@ def as_table(rows: Sequence[Row], time_limit_s: float, memory_limit_bytes: int |
 
 def write_part(folder: Path, rows: Sequence[Row], time_limit_s: float, memory_limit_bytes: int | None) -> str:
     """Write rows into a part; return its name, a hash of the keys: the same rows never make two parts."""
-    import pyarrow as pa
     import pyarrow.parquet as pq
 
     name = _name([row["key"] for row in rows])
-    sink = pa.BufferOutputStream()
     table = as_table(rows, time_limit_s, memory_limit_bytes)
-    pq.write_table(table, sink, compression="zstd", write_page_checksum=True)
     with files.whole(folder / name) as partial:
-        partial.write_bytes(sink.getvalue().to_pybytes())
+        pq.write_table(table, partial, compression="zstd", write_page_checksum=True)
     return name
 
 
@@ -169,13 +166,8 @@ def index(folder: Path, results: Path | None, time_limit_s: float, memory_limit_
     """Index all rows on the disk. A part that cannot be read is ignored.
 
     A row has to be computed again if its whole result is wanted and missing, if the calibration failed within tighter
-    limits than these, or if another attempt may have another outcome.
-
-    Args:
-        folder: of the parts.
-        results: folder of the whole results; None: not wanted.
-        time_limit_s: of this run.
-        memory_limit_bytes: of this run; None: no limit.
+    limits than this run's, or if another attempt may have another outcome. ``results``: folder of the whole results;
+    None: not wanted.
     """
     there = None if results is None else {entry.name for entry in os.scandir(results) if entry.stat().st_size}
     names, parameters, blocks = [], [], [np.zeros(0, dtype=_PLACE)]

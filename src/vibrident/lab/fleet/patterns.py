@@ -9,14 +9,11 @@ import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from vibrident.base.errors import InputError
 
 _ENDING = ".toml"
 _BLOCK = 256  # paths that are compressed together
 _MOST_OPENED = 8  # blocks that are kept open
-_MARK = 16  # bytes of the hash by which equal paths are found
 
 
 class Paths:
@@ -70,14 +67,17 @@ def found(patterns: Sequence[str]) -> Found:
     Raises:
         InputError: a pattern names nothing.
     """
-    every, marks = Found(Paths(), bytearray()), bytearray()
+    files, seen = Found(Paths(), bytearray()), set[bytes]()
     for pattern in patterns:
-        before = len(every.paths)
+        found_one = False
         for path, in_folder in _named(pattern):
-            marks += hashlib.blake2b(os.fsencode(os.path.abspath(path)), digest_size=_MARK).digest()
-            every.paths.add(path)
-            every.in_folder.append(in_folder)
-        if len(every.paths) == before:
+            found_one = True
+            mark = hashlib.blake2b(os.fsencode(os.path.abspath(path)), digest_size=16).digest()
+            if mark not in seen:
+                seen.add(mark)
+                files.paths.add(path)
+                files.in_folder.append(in_folder)
+        if not found_one:
             raise InputError(
                 "No calibration file is there.",
                 expected="a calibration file, a folder that holds some, or a glob that matches some",
@@ -85,23 +85,11 @@ def found(patterns: Sequence[str]) -> Found:
                 where=repr(pattern),
                 remedy="check the path; quote a glob, so that the shell does not expand it",
             )
-    _, first = np.unique(np.frombuffer(marks, dtype=f"S{_MARK}"), return_index=True)
-    if first.size == len(every.paths):
-        return every
-    files, wanted = Found(Paths(), bytearray()), np.zeros(len(every.paths), dtype=bool)
-    wanted[first] = True
-    for path, in_folder, is_first in zip(every.paths, every.in_folder, wanted.tolist(), strict=True):
-        if is_first:
-            files.paths.add(path)
-            files.in_folder.append(in_folder)
     return files
 
 
 def _named(pattern: str) -> Iterator[tuple[str, bool]]:
-    if os.path.lexists(pattern):
-        yield from _of(pattern)
-        return
-    for match in sorted(glob.iglob(pattern, recursive=True)):
+    for match in [pattern] if os.path.lexists(pattern) else sorted(glob.iglob(pattern, recursive=True)):
         yield from _of(match)
 
 

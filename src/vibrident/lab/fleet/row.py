@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 import traceback
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Any
 
 from vibrident.base.errors import InputError, VibridentError
 from vibrident.result import Result
+from vibrident.result.document import plain
 
 IDENTIFIED, REFUSED, FAILED = "identified", "refused", "failed"
 
@@ -22,8 +22,7 @@ Row = dict[str, Any]
 def identified(key: str, result: Result, seconds: float) -> Row:
     """The row of a result."""
     parameters = {
-        name: [_finite(one.value), _finite(one.standard_uncertainty), one.unit]
-        for name, one in result.parameters.items()
+        name: [plain(one.value), plain(one.standard_uncertainty), one.unit] for name, one in result.parameters.items()
     }
     return {
         **_row(key, IDENTIFIED, "", dict(result.sensor), seconds),
@@ -31,7 +30,7 @@ def identified(key: str, result: Result, seconds: float) -> Row:
         "estimator": result.estimator,
         "parameters": parameters,
         "adequate": bool(result.fit.adequate),
-        "chi2_reduced": _finite(result.fit.chi2_reduced),
+        "chi2_reduced": plain(result.fit.chi2_reduced),
         "warnings": list(result.warning_codes),
     }
 
@@ -80,7 +79,3 @@ def _row(key: str, status: str, message: str, sensor: dict[str, str], seconds: f
         "finished": time.time(),
         "passing": False,
     }
-
-
-def _finite(value: float | None) -> float | None:
-    return None if value is None or not math.isfinite(value) else float(value)

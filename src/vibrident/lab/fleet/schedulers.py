@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import abc
 import contextlib
+import itertools
 import queue
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from vibrident.base.errors import InputError
 from vibrident.base.extras import library
@@ -26,16 +28,25 @@ class Reply:
     lost: bool = False  # True if its workers ended for an unknown reason
 
 
-class Scheduler(Protocol):
+class Scheduler(abc.ABC):
     """Runs importable functions in other threads or processes and reports their end."""
 
+    def __init__(self) -> None:
+        self._calls = itertools.count(1)
+        self._replies: queue.SimpleQueue[Reply] = queue.SimpleQueue()
+
+    @abc.abstractmethod
     def workers(self) -> int:
         """Number of calls that can run at present."""
-        ...
 
     def submit(self, function: Callable[..., Any], *args: Any) -> int:
         """Submit a call of a function; the number identifies the call."""
-        ...
+        call = next(self._calls)
+        self._begin(call, function, args)
+        return call
+
+    @abc.abstractmethod
+    def _begin(self, call: int, function: Callable[..., Any], args: tuple[Any, ...]) -> None: ...
 
     def next_reply(self, seconds: float) -> Reply | None:
         """The next answer; None if no answer arrives within so many seconds.
@@ -43,14 +54,16 @@ class Scheduler(Protocol):
         Raises:
             InputError: no answer can arrive any more.
         """
-        ...
+        with contextlib.suppress(queue.Empty):
+            return self._replies.get(timeout=seconds)
+        return None
 
+    @abc.abstractmethod
     def close(self, run: str) -> None:
         """End all work of this run that is still in progress."""
-        ...
 
 
-class Local:
+class Local(Scheduler):
     """A number of processes on this machine.
 
     A thread waits for each. So it is known which batch a process has, and the end of one does not affect the others. A
@@ -58,33 +71,21 @@ class Local:
     """
 
     def __init__(self, workers: int) -> None:
+        super().__init__()
         self._workers = workers
         self._pool = ThreadPoolExecutor(workers, thread_name_prefix="fleet")
-        self._replies: queue.SimpleQueue[Reply] = queue.SimpleQueue()
-        self._calls = 0
 
     def workers(self) -> int:
         """As asked for."""
         return self._workers
 
-    def submit(self, function: Callable[..., Any], *args: Any) -> int:
-        """As the protocol."""
-        self._calls += 1
-        call = self._calls
-
+    def _begin(self, call: int, function: Callable[..., Any], args: tuple[Any, ...]) -> None:
         def reply(future: Future[Any]) -> None:
             if not future.cancelled():
                 error = future.exception()
                 self._replies.put(Reply(call, None if error else future.result(), error))
 
         self._pool.submit(function, *args).add_done_callback(reply)
-        return call
-
-    def next_reply(self, seconds: float) -> Reply | None:
-        """As the protocol."""
-        with contextlib.suppress(queue.Empty):
-            return self._replies.get(timeout=seconds)
-        return None
 
     def close(self, run: str) -> None:
         """End the processes."""
@@ -93,7 +94,7 @@ class Local:
         self._pool.shutdown(wait=True)
 
 
-class Dask:
+class Dask(Scheduler):
     """A running Dask scheduler; each thread of its workers has a process beside it.
 
     Args:
@@ -107,10 +108,10 @@ class Dask:
     _PATIENCE_S, _COUNT_S = 20.0, 1.0
 
     def __init__(self, where: str) -> None:
+        super().__init__()
         missing = "A scheduler needs Dask, which is not installed."
         distributed = library("distributed", "cluster", missing, f"--scheduler {where}")
-        self._where, self._futures, self._calls = where, {}, 0
-        self._replies: queue.SimpleQueue[Reply] = queue.SimpleQueue()
+        self._where, self._futures = where, {}
         self._count, self._counted = 0, -self._COUNT_S
         in_file = where.endswith(".json")
         if in_file and not Path(where).is_file():
@@ -130,14 +131,10 @@ class Dask:
                 self._count, self._counted = sum(self._client.nthreads().values()), time.monotonic()
         return self._count
 
-    def submit(self, function: Callable[..., Any], *args: Any) -> int:
-        """As the protocol."""
-        self._calls += 1
-        call = self._calls
+    def _begin(self, call: int, function: Callable[..., Any], args: tuple[Any, ...]) -> None:
         future = self._client.submit(function, *args, pure=False)
         self._futures[call] = future  # Dask drops a call without a reference to its future
         future.add_done_callback(lambda done: self._replies.put(self._reply(call, done)))
-        return call
 
     def _reply(self, call: int, future: Any) -> Reply:
         if future.status == "finished":
@@ -155,11 +152,8 @@ class Dask:
         return Reply(call, None, None if killed else error, lost=killed)
 
     def next_reply(self, seconds: float) -> Reply | None:
-        """As the protocol."""
-        try:
-            reply = self._replies.get(timeout=seconds)
-        except queue.Empty:
-            reply = None
+        """The same, while the connection stands."""
+        reply = super().next_reply(seconds)
         if self._client.status in ("closing", "closed", "connecting"):
             raise InputError(
                 "The connection to the scheduler is lost.",

@@ -74,7 +74,6 @@ class Outlier:
     """An outlier, or a value that does not conform."""
 
     row: int  # number in the table
-    group: int  # number in the statistics
     parameter: str  # its name
     unit: str  # of value and u
     value: float  # of the parameter
@@ -112,23 +111,25 @@ def statistics(table: Path, tally: Tally, specification: Specification) -> Stati
     identified = columns.is_text("status", IDENTIFIED)
     types, models = columns.codes("type"), columns.codes("model")
     kinds, group = _grouped((types.numbers, models.numbers, tally.units_of), identified)
-    units = [tally.units[number] for number in kinds[2].tolist()]
+    sets = tally.units
+    units = [sets[number] for number in kinds[2].tolist()]
     sizes = np.bincount(group[identified], minlength=len(units))
     found: list[list[Distribution]] = [[] for _ in units[:MOST_GROUPS]]
     outliers: list[Outlier] = []
     verdict = _Verdict(identified, group)
     for parameter in columns.parameters:
         values, u = columns.numbers(parameter), columns.numbers(f"{parameter}_u")
-        of_type = [types.name(number) for number in kinds[0].tolist()]
-        limits = [_limit(specification, *one) for one in zip(of_type, [parameter] * len(units), units, strict=True)]
+        limits = [
+            _limit(specification, types.name(number), parameter, unit)
+            for number, unit in zip(kinds[0].tolist(), units, strict=True)
+        ]
         verdict.judge(values, u, limits)
         for number, distributions in enumerate(found):
             rows = np.flatnonzero((group == number) & np.isfinite(values))
             if rows.size:
-                sample = _Sample(parameter, units[number].get(parameter, ""), values[rows], u[rows], limits[number])
-                distributions.append(_distribution(sample))
-                outliers += _outliers(sample, rows, number)
-    whole = columns.boolean("adequate") & ~columns.filled("warnings")
+                unit = units[number].get(parameter, "")
+                distributions.append(_distribution(parameter, unit, values[rows], u[rows], limits[number]))
+                outliers += _outliers(parameter, unit, rows, values, u, limits[number])
     outliers.sort(key=lambda one: (not one.outside, -one.distance, one.row))
     groups = [
         Group(
@@ -141,7 +142,7 @@ def statistics(table: Path, tally: Tally, specification: Specification) -> Stati
         len(units) - len(groups),
         tuple(outliers[:MOST_OUTLIERS]),
         max(0, len(outliers) - MOST_OUTLIERS),
-        tuple(_yields(types, identified, *verdict.of_all(whole))),
+        tuple(_yields(types, identified, *verdict.of_all(columns.sound()))),
         bool(verdict.limited.any()),
     )
 
@@ -177,23 +178,12 @@ class _Verdict:
                 inside = limit.inside(values[here])
                 self.limited |= here
                 self._conforming[here] &= inside
-                self._certain[here] &= inside & limit.certain(values[here], np.nan_to_num(u[here], nan=np.inf))
+                self._certain[here] &= inside & limit.certain(values[here], u[here])
 
     def of_all(self, whole: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Rows that conform, and rows that conform for all values within U; without limits, the sound rows."""
         plain = self._identified & whole
         return np.where(self.limited, self._conforming, plain), np.where(self.limited, self._certain, plain)
-
-
-@dataclass(frozen=True, eq=False)
-class _Sample:
-    """Values of one parameter in one group, with their standard uncertainties; shapes (values,)."""
-
-    parameter: str
-    unit: str
-    values: FloatArray
-    u: FloatArray
-    limit: Limit | None
 
 
 def outlier_limit(count: int) -> float:
@@ -206,18 +196,17 @@ def _limit(specification: Specification, type_: str | None, parameter: str, unit
     return limit if limit is None or limit.unit is None or limit.unit == units.get(parameter) else None
 
 
-def _distribution(sample: _Sample) -> Distribution:
-    values, limit = sample.values, sample.limit
-    stated = sample.u[np.isfinite(sample.u)]
+def _distribution(parameter: str, unit: str, values: FloatArray, u: FloatArray, limit: Limit | None) -> Distribution:
+    stated = u[np.isfinite(u)]
     mean, sd = float(np.mean(values)), float(np.std(values, ddof=1)) if values.size > 1 else 0.0
     capability, conforming, certain = None, 0, 0
     if limit is not None:
         conforming = int(limit.inside(values).sum())
-        certain = int(limit.certain(values, np.nan_to_num(sample.u, nan=np.inf)).sum())
+        certain = int(limit.certain(values, u).sum())
         capability = min(limit.upper - mean, mean - limit.lower) / (3 * sd) if sd > 0 else None
     return Distribution(
-        parameter=sample.parameter,
-        unit=sample.unit,
+        parameter=parameter,
+        unit=unit,
         count=values.size,
         median=float(np.median(values)),
         sd=sd,
@@ -251,25 +240,28 @@ def _histogram(values: FloatArray, limit: Limit | None) -> Histogram:
     return Histogram(edges, counts, int((values < low).sum()), int((values > high).sum()))
 
 
-def _outliers(sample: _Sample, rows: NDArray[np.intp], group: int) -> list[Outlier]:
-    values, none = sample.values, np.zeros(sample.values.size, dtype=bool)
+def _outliers(
+    parameter: str, unit: str, rows: NDArray[np.intp], every: FloatArray, u: FloatArray, limit: Limit | None
+) -> list[Outlier]:
+    """Of one group's rows of the table, whose columns are ``every`` value and u."""
+    values, none = every[rows], np.zeros(rows.size, dtype=bool)
     median = float(np.median(values))
     spread = _TO_SD * float(np.median(np.abs(values - median)))
-    distance = np.abs(values - median) / spread if spread > 0 else np.zeros(values.size)
-    apart = distance > outlier_limit(values.size) if values.size >= FEWEST else none
-    outside = none if sample.limit is None else ~sample.limit.inside(values)
+    distance = np.abs(values - median) / spread if spread > 0 else np.zeros(rows.size)
+    apart = distance > outlier_limit(rows.size) if rows.size >= FEWEST else none
+    outside = none if limit is None else ~limit.inside(values)
     return [
         Outlier(
-            row=int(rows[i]),
-            group=group,
-            parameter=sample.parameter,
-            unit=sample.unit,
-            value=float(values[i]),
-            u=float(sample.u[i]) if np.isfinite(sample.u[i]) else None,
+            row=row,
+            parameter=parameter,
+            unit=unit,
+            value=float(every[row]),
+            u=float(u[row]) if np.isfinite(u[row]) else None,
             distance=float(distance[i]),
             outside=bool(outside[i]),
         )
-        for i in np.flatnonzero(apart | outside)
+        for i, row in enumerate(rows.tolist())
+        if apart[i] or outside[i]
     ]
 
 
@@ -313,12 +305,11 @@ class _Columns:
     def numbers(self, name: str) -> FloatArray:
         return np.array(self._column(name).to_numpy(zero_copy_only=False), dtype=float)  # null as NaN
 
-    def boolean(self, name: str) -> NDArray[np.bool_]:
-        return self._column(name).fill_null(False).to_numpy(zero_copy_only=False)
-
-    def filled(self, name: str) -> NDArray[np.bool_]:
-        """Lists that are not empty."""
-        return self._column(name).value_lengths().fill_null(0).to_numpy(zero_copy_only=False) > 0
+    def sound(self) -> NDArray[np.bool_]:
+        """Rows whose model is adequate, without a warning."""
+        adequate, warnings = self._column("adequate").fill_null(False), self._column("warnings")
+        count = warnings.value_lengths().fill_null(0).to_numpy(zero_copy_only=False)
+        return adequate.to_numpy(zero_copy_only=False) & (count == 0)
 
     def is_text(self, name: str, text: str) -> NDArray[np.bool_]:
         found = self.codes(name)

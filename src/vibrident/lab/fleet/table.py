@@ -33,11 +33,27 @@ class Tally:
     statuses: Counter[str] = field(default_factory=Counter)  # rows by status
     warnings: Counter[str] = field(default_factory=Counter)  # identified rows by code of warning
     doubtful: int = 0  # identified rows that carry a warning, or whose model is not adequate
-    units: list[dict[str, str]] = field(default_factory=list)  # each set of units that occurs, parameter → unit
+    sets: dict[str, int] = field(default_factory=dict)  # each set of units that occurs, as JSON, and its number
     # number of its set, for each row; shape (rows,)
     units_of: NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, dtype=np.int32))
     # when, in seconds since 1970, for each row; shape (rows,)
     finished: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+
+    def add(self, block: Any) -> None:
+        """Count a block of the table."""
+        found = {name: block[name].to_pylist() for name in ("status", "adequate", "warnings", "units")}
+        self.statuses.update(found["status"])
+        rows = zip(found["status"], found["adequate"], found["warnings"], strict=True)
+        self.doubtful += sum(one == IDENTIFIED and (not adequate or bool(codes)) for one, adequate, codes in rows)
+        self.warnings.update(code for codes in found["warnings"] for code in sorted(set(codes)))
+        numbers = [self.sets.setdefault(units, len(self.sets)) for units in found["units"]]
+        self.units_of = np.append(self.units_of, np.array(numbers, dtype=np.int32))
+        self.finished = np.append(self.finished, np.asarray(block["finished"].to_numpy(), dtype=float))
+
+    @property
+    def units(self) -> list[dict[str, str]]:
+        """Each set of units that occurs, parameter → unit."""
+        return [json.loads(units) for units in self.sets]
 
     @property
     def rows(self) -> int:
@@ -74,22 +90,28 @@ def write_table(path: Path, names: Iterable[str], keys: NDArray[np.bytes_], orde
     Raises:
         InputError: the row of a calibration has gone from the parts.
     """
+    import pyarrow as pa
     import pyarrow.parquet as pq
 
-    rows = _Rows(orders)
-    places = rows.index.places(keys)
-    rows.require_all(places)
-    schema = _schema(rows.parameters(places))
-    count = _Count()
+    index = index_of(orders)
+    places = index.places(keys)
+    if missing := int(np.sum(places < 0)):
+        raise InputError(
+            "Rows were removed during the run.",
+            expected="parts that stay where they are",
+            found=f"{missing} rows that were written, and are not there",
+            where=str(orders.parts_folder),
+            remedy="do not use --fresh while another run works in this folder; then give the same command again",
+        )
+    schema = _schema(_parameters(index, places))
+    tally = Tally()
     with whole(path) as partial, pq.ParquetWriter(partial, schema, compression="zstd") as writer:
-        named = iter(names)
+        named = map(parts.text, names)
         for start in range(0, keys.size, _BLOCK):
-            stop = start + _BLOCK
-            block = rows.block(places[start:stop], schema)
-            count.add(block)
-            some = [parts.text(name) for name in itertools.islice(named, block.num_rows)]
-            writer.write_table(_with_names(block, some, schema))
-        tally = count.tally()
+            block = _block(orders.parts_folder, index, places[start : start + _BLOCK], schema)
+            tally.add(block)
+            some = pa.array(itertools.islice(named, block.num_rows), pa.string())
+            writer.write_table(block.set_column(0, "calibration", some).select(schema.names))
         writer.add_key_value_metadata({UNITS.decode(): json.dumps(tally.units_of_parameters)})
     return tally
 
@@ -106,72 +128,26 @@ def identified_keys(path: Path) -> list[str]:
     return parts.digits(np.unique(np.concatenate(found)))
 
 
-class _Rows:
-    """Rows from the parts, by key."""
-
-    def __init__(self, orders: Orders) -> None:
-        self.folder = orders.parts_folder
-        self.index = index_of(orders)
-
-    def require_all(self, places: NDArray[np.intp]) -> None:
-        missing = int(np.sum(places < 0))
-        if missing:
-            raise InputError(
-                "Rows were removed during the run.",
-                expected="parts that stay where they are",
-                found=f"{missing} rows that were written, and are not there",
-                where=str(self.folder),
-                remedy="do not use --fresh while another run works in this folder; then give the same command again",
-            )
-
-    def parameters(self, places: NDArray[np.intp]) -> list[str]:
-        """All that the rows have, the estimated ones first, in the order of the documentation."""
-        used = np.unique(self.index.part[places]).tolist()
-        found = dict.fromkeys(name for part in used for name in self.index.parameters[part])
-        known = [name for name in parameter_names() if name in found]
-        return [*known, *sorted(name for name in found if name not in known)]
-
-    def block(self, places: NDArray[np.intp], schema: Any) -> Any:
-        """Rows at these places of the index, with all columns, those for the tally among them."""
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-
-        pieces, where, part = [], [], self.index.part[places]
-        for number in np.unique(part).tolist():
-            where.append(np.flatnonzero(part == number))
-            with pq.ParquetFile(self.folder / self.index.parts[number]) as file:  # read_table would load far more
-                table = file.read()
-            pieces.append(_completed(table.take(pa.array(self.index.row[places[where[-1]]])), schema))
-        order = np.argsort(np.concatenate(where), kind="stable")
-        return pa.concat_tables(pieces).take(pa.array(order))
+def _parameters(index: parts.Index, places: NDArray[np.intp]) -> list[str]:
+    """All that the rows have, the estimated ones first, in the order of the documentation."""
+    found = {name for part in np.unique(index.part[places]).tolist() for name in index.parameters[part]}
+    known = [name for name in parameter_names() if name in found]
+    return [*known, *sorted(found.difference(known))]
 
 
-class _Count:
-    """A tally in the making."""
+def _block(folder: Path, index: parts.Index, places: NDArray[np.intp], schema: Any) -> Any:
+    """Rows at these places of the index, with all columns, those for the tally among them."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
 
-    def __init__(self) -> None:
-        self._tally = Tally()
-        self._sets: dict[str, int] = {}
-        self._units_of: list[NDArray[np.int32]] = []
-        self._finished: list[NDArray[np.float64]] = []
-
-    def add(self, block: Any) -> None:
-        found = {name: block[name].to_pylist() for name in ("status", "adequate", "warnings", "units")}
-        tally = self._tally
-        tally.statuses.update(found["status"])
-        rows = zip(found["status"], found["adequate"], found["warnings"], strict=True)
-        tally.doubtful += sum(one == IDENTIFIED and (not adequate or bool(codes)) for one, adequate, codes in rows)
-        tally.warnings.update(code for codes in found["warnings"] for code in sorted(set(codes)))
-        numbers = [self._sets.setdefault(units, len(self._sets)) for units in found["units"]]
-        self._units_of.append(np.array(numbers, dtype=np.int32))
-        self._finished.append(np.asarray(block["finished"].to_numpy(), dtype=float))
-
-    def tally(self) -> Tally:
-        tally = self._tally
-        tally.units = [json.loads(units) for units in self._sets]
-        if self._units_of:
-            tally.units_of, tally.finished = np.concatenate(self._units_of), np.concatenate(self._finished)
-        return tally
+    pieces, where, part = [], [], index.part[places]
+    for number in np.unique(part).tolist():
+        where.append(np.flatnonzero(part == number))
+        with pq.ParquetFile(folder / index.parts[number]) as file:  # read_table would load far more
+            table = file.read()
+        pieces.append(_completed(table.take(pa.array(index.row[places[where[-1]]])), schema))
+    order = np.argsort(np.concatenate(where), kind="stable")
+    return pa.concat_tables(pieces).take(pa.array(order))
 
 
 def _schema(parameters: Sequence[str]) -> Any:
@@ -187,17 +163,6 @@ def _completed(table: Any, schema: Any) -> Any:
     """A part's columns in the order of the schema, null for missing ones, and those that the tally needs."""
     import pyarrow as pa
 
-    wanted = [*((one.name, one.type) for one in schema if one.name != "calibration")]
-    wanted += [("units", pa.string()), ("finished", pa.float64())]
-    arrays = [
-        table[name].cast(kind) if name in table.column_names else pa.nulls(table.num_rows, kind)
-        for name, kind in wanted
-    ]
-    return pa.table(arrays, names=[name for name, _ in wanted])
-
-
-def _with_names(block: Any, names: Sequence[str | None], schema: Any) -> Any:
-    import pyarrow as pa
-
-    found = {**{name: block[name] for name in block.column_names}, "calibration": pa.array(names, pa.string())}
-    return pa.table([found[one.name] for one in schema], schema=schema)
+    wanted = pa.schema([*schema, ("units", pa.string()), ("finished", pa.float64())])
+    kept = table.select([name for name in wanted.names if name in table.column_names])
+    return pa.concat_tables([wanted.empty_table(), kept], promote_options="permissive").cast(wanted)

@@ -21,8 +21,7 @@ from vibrident.lab.fleet.orders import Orders
 from vibrident.lab.fleet.parts import unwritable
 
 _MOST_TRIES = 3  # how often a calibration is begun again whose files change while it is read
-#: Path and key.
-Task = tuple[str, str]
+Task = tuple[str, str]  # path and key
 
 
 def ready() -> None:
@@ -62,7 +61,10 @@ def _outcome(path: str, orders: Orders) -> Any:
 
     folder, name = os.path.split(path)
     try:
-        _enter(folder, path)
+        os.chdir(folder)
+    except OSError as error:
+        return unreadable(path, error, "a calibration file")
+    try:
         return identify(read(name), orders.model, orders.estimator)
     except MemoryError:
         raise
@@ -81,13 +83,6 @@ def _row(path: str, key: str, found: Any, orders: Orders, seconds: float) -> row
         with whole(orders.results_folder / f"{key}.json") as partial:
             partial.write_text(text, encoding="ascii")
     return rows.identified(key, found, seconds)
-
-
-def _enter(folder: str, path: str) -> None:
-    try:
-        os.chdir(folder)
-    except OSError as error:
-        raise unreadable(path, error, "a calibration file") from error
 
 
 def _held_bytes() -> int:

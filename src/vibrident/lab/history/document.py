@@ -4,24 +4,24 @@ from __future__ import annotations
 
 import datetime
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from vibrident.base.errors import InputError
-from vibrident.lab.history import control, query
+from vibrident.lab.history import control, query, schema
 from vibrident.lab.history.drift import Mixture
-from vibrident.lab.history.due import RISK, Due, Tolerance, due, interval_in_force, later
+from vibrident.lab.history.due import RISK, Tolerance, due, interval_in_force, later
 from vibrident.lab.history.life import Life, covariance, life, years_between
 from vibrident.lab.history.query import StoredSensor
 from vibrident.lab.history.schema import REFERENCE_SENSITIVITY
 from vibrident.lab.history.store import Store
 from vibrident.result import Result
-from vibrident.use.comparison import COVERAGE_FACTOR
+from vibrident.result.document import plain
+from vibrident.use.comparison import COVERAGE_FACTOR as K
 
 SCHEMA = "vibrident.history/1"
-K = COVERAGE_FACTOR
 #: Number of dates, from the last calibration to the latest prediction, at which a figure shows the prediction.
 _CURVE = 25
 
@@ -57,18 +57,19 @@ def of_sensor(store: Store, sensor: StoredSensor, question: Question = Question(
     if all(entry.value is None for entry in entries):
         raise _no_such_quantity(store, sensor, question)
     found = life(entries, query.events(store, sensor.id).get(sensor.id, []))
-    return {
+    document = {
         "schema": SCHEMA,
         "store": store.shown,
         "sensor": sensor.as_dict(),
         "quantity": _quantity(found, question.quantity),
         "calibrations": _calibrations(found),
-        "events": [_plain(asdict(event)) for event in found.events],
+        "events": found.events,
         "series": _series(found),
         "drift": _drift(found, question) if found.entries else {"why": "no calibration counts"},
         "control": _control(found),
         "due": _due(found, question),
     }
+    return plain(document)
 
 
 def of_result(store: Store, result: Result) -> dict[str, Any] | None:
@@ -95,12 +96,11 @@ def random_walks(store: Store, result: Result) -> dict[str, float]:
 
 def _no_such_quantity(store: Store, sensor: StoredSensor, question: Question) -> InputError:
     at = question.frequency_hz
-    known = (
-        query.quantities(store, sensor.id) if at is None else map("{:g}".format, query.frequencies(store, sensor.id))
-    )
+    column = schema.parameter.c.name if at is None else schema.point.c.nominal_hz
+    known = query.known_values(store, sensor.id, column)
     return InputError(
         "No calibration of this sensor has such a quantity.",
-        expected=", ".join(known),
+        expected=", ".join(one if at is None else f"{one:g}" for one in known),
         found=question.quantity if at is None else f"{at:g} Hz",
         where=sensor.name,
         remedy=f"give one of these as {'--quantity' if at is None else '--frequency'}",
@@ -119,8 +119,8 @@ def all_due(
             continue
         found = life(entries, events.get(key, []))
         told = _due(found, _of(sensors[key], question)) or _without_risk(found, question)
-        last = {"last": found.entries[-1].date.isoformat() if found.entries else None}
-        rows.append(sensors[key].as_dict() | last | {"calibrations": len(found.entries)} | told)
+        last = found.entries[-1].date if found.entries else None
+        rows.append(plain(sensors[key].as_dict() | {"last": last, "calibrations": len(found.entries)} | told))
     return sorted(rows, key=lambda row: (row["date"] or row["by_interval"] or "9", row["serial_number"]))
 
 
@@ -130,7 +130,7 @@ def _without_risk(found: Life, question: Question) -> dict[str, Any]:
     if not found.entries:
         return unknown | {"why": "no calibration counts", "interval_years": None, "by_interval": None}
     interval = question.interval_years or interval_in_force(found)
-    by_interval = later(found.entries[-1].date, interval).isoformat()
+    by_interval = later(found.entries[-1].date, interval)
     return unknown | {"why": "no tolerance for its type", "interval_years": interval, "by_interval": by_interval}
 
 
@@ -149,19 +149,19 @@ def _calibrations(found: Life) -> list[dict[str, Any]]:
         place = counted.get(entry.id)
         row = {
             "id": entry.id,
-            "date": entry.date.isoformat(),
+            "date": entry.date,
             "value": entry.value,
             "u": entry.u,
             "U": None if entry.u is None else K * entry.u,
             "u_own": entry.u_own,
             "unit": entry.unit,
             "standing": entry.standing or "added",
-            "shared": dict(entry.shared),
+            "shared": entry.shared,
             **entry.facts,
             "counts": place is not None,
             "left_out": reasons.get(entry.id, ""),
             "series": None if place is None else int(found.group[place]) + 1,
-            "en": asdict(found.agreement(place)) if place else None,
+            "en": found.agreement(place) if place else None,
         }
         rows.append(row)
     return rows
@@ -170,7 +170,7 @@ def _calibrations(found: Life) -> list[dict[str, Any]]:
 def _series(found: Life) -> list[dict[str, Any]]:
     starts = [(0, "the first calibration"), *((item.index, item.why) for item in found.breaks)]
     return [
-        {"series": number, "from": found.entries[index].date.isoformat(), "why": why}
+        {"series": number, "from": found.entries[index].date, "why": why}
         for number, (index, why) in enumerate(starts, 1)
         if found.entries
     ]
@@ -192,12 +192,15 @@ def _drift(found: Life, question: Question) -> dict[str, Any]:
             remedy="give a later date",
         )
     rate, size = drift.rate(), abs(float(found.value[-1])) or 1.0
+    # of a calibration of the same quality as the last one, with the same reference
+    shared = np.array([covariance(entry, last._replace(id=-1)) for entry in found.entries])
+    reading = drift.reading(_year(found, until), shared, float(last.u or 0.0))
     return {
         "why": "",
         "rate_per_year": _mixture(rate) | {"relative": rate.value / size, "relative_u": rate.u / size},
         "random_walk_per_root_year": drift.wandering(),
         "probability": drift.probability,
-        "prediction": {"date": until.isoformat()} | _mixture(_at(found, until)) | _next_reading(found, until),
+        "prediction": {"date": until} | _mixture(_at(found, until)) | {"reading": _mixture(reading)},
         "curve": _curve(found, until),
     }
 
@@ -211,23 +214,11 @@ def _year(found: Life, date: datetime.date) -> float:
     return years_between(found.entries[0].date, date)
 
 
-def _next_reading(found: Life, date: datetime.date) -> dict[str, Any]:
-    """Prediction for a calibration of the same quality as the last one, with the same reference."""
-    assert found.drift is not None
-    last = found.entries[-1]
-    shared = np.array([covariance(entry, last._replace(id=-1)) for entry in found.entries])
-    return {"reading": _mixture(found.drift.reading(_year(found, date), shared, float(last.u or 0.0)))}
-
-
 def _curve(found: Life, until: datetime.date) -> list[dict[str, Any]]:
     """Prediction from the last calibration on."""
     first = found.entries[-1].date.toordinal()
-    dates = sorted({round(day) for day in np.linspace(first, until.toordinal(), _CURVE)})
-    points = []
-    for day in dates:
-        date = datetime.date.fromordinal(day)
-        points.append({"date": date.isoformat()} | _mixture(_at(found, date)))
-    return points
+    days = sorted({round(day) for day in np.linspace(first, until.toordinal(), _CURVE)})
+    return [{"date": date} | _mixture(_at(found, date)) for date in map(datetime.date.fromordinal, days)]
 
 
 def _mixture(mixture: Mixture) -> dict[str, Any]:
@@ -248,37 +239,28 @@ def _control(found: Life) -> dict[str, Any] | None:
             places += places_of[1:].tolist()
     if not residuals:
         return None
-    dates = [found.entries[i].date.isoformat() for i in places]
+    dates = [found.entries[i].date for i in places]
     charts = control.charts(np.array(residuals), np.array(restart))
     return {
         "false_alarm_probability": control.FALSE_ALARM,
         "false_alarm_over": control.LIFE,
         "dates": dates,
         "residuals": residuals,
-        "charts": [asdict(chart) | {"alarm_dates": [dates[i] for i in chart.alarm]} for chart in charts],
+        "charts": [vars(chart) | {"alarm_dates": [dates[i] for i in chart.alarm]} for chart in charts],
     }
 
 
 def _due(found: Life, question: Question) -> dict[str, Any] | None:
     if question.tolerance is None or not found.entries:
         return None
-    told: Due = due(found, question.tolerance, question.interval_years, question.today or datetime.date.today())
+    told = due(found, question.tolerance, question.interval_years, question.today or datetime.date.today())
     low, high = question.tolerance.limits(found)
-    return _plain(asdict(told)) | {"risk": RISK, "limits": [low, high], "tolerance": question.tolerance.relative}
-
-
-def _plain(values: dict[str, Any]) -> dict[str, Any]:
-    return {key: value.isoformat() if isinstance(value, datetime.date) else value for key, value in values.items()}
+    return vars(told) | {"risk": RISK, "limits": [low, high], "tolerance": question.tolerance.relative}
 
 
 def listed(overviews: Sequence[query.Overview]) -> list[dict[str, Any]]:
     """The sensors of a store."""
     return [
-        {
-            **overview.sensor.as_dict(),
-            "calibrations": overview.calibrations,
-            "first": overview.first.isoformat(),
-            "last": overview.last.isoformat(),
-        }
-        for overview in overviews
+        plain(one.sensor.as_dict() | {"calibrations": one.calibrations, "first": one.first, "last": one.last})
+        for one in overviews
     ]

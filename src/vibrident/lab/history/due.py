@@ -48,13 +48,9 @@ class Due:
 
 
 def due(life: Life, tolerance: Tolerance, interval_years: float | None, today: datetime.date) -> Due:
-    """When the next calibration is due.
+    """When the next calibration is due, for a life with at least one.
 
-    Args:
-        life: with at least one calibration.
-        tolerance: for the sensor.
-        interval_years: in force; None for the time between the last two calibrations, a year if there is only one.
-        today: date for the present risk.
+    ``interval_years``: in force; None for the time between the last two calibrations, a year if there is only one.
     """
     last = life.entries[-1].date
     force = interval_years or interval_in_force(life)

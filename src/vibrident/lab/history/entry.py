@@ -21,6 +21,7 @@ from vibrident.lab.history.query import StoredSensor
 from vibrident.lab.history.schema import calibration, event
 from vibrident.lab.history.store import Store
 from vibrident.result import Result
+from vibrident.result.document import plain
 from vibrident.show.history import date_of
 from vibrident.show.numbers import unit_of_sensitivity
 from vibrident.show.points import nominal_points, reference_point
@@ -67,14 +68,14 @@ def rows_of(result: Result, serial_number: str | None = None, date: datetime.dat
         "model": result.model,
         "estimator": result.estimator,
         "adequate": result.fit.adequate,
-        "chi2_reduced": _number(result.fit.chi2_reduced),
+        "chi2_reduced": plain(result.fit.chi2_reduced),
         "warnings": json.dumps(result.warning_codes),
         "laboratory": str(result.certificate.get("laboratory") or ""),
         "certificate_number": str(result.certificate.get("number") or ""),
         "data_files": json.dumps(_data_files(result)),
         "document": zlib.compress(text.encode()),
     }
-    return ResultRows(sensor, calibration, [*_reference_sensitivity(result), *_parameters(result)], _points(result))
+    return ResultRows(sensor, calibration, _parameters(result), _points(result))
 
 
 def _serial_number(stated: str, given: str | None) -> str:
@@ -107,39 +108,29 @@ def _data_files(result: Result) -> list[str]:
     return sorted({text[:_FILE_DIGITS] for text in hashes if text})
 
 
-def _reference_sensitivity(result: Result) -> list[DatabaseRow]:
-    """The magnitude of the sensitivity at the reference frequency as a parameter; empty if it is not known."""
-    chosen, _ = reference_point(result)
-    if chosen is None or not math.isfinite(chosen.magnitude):
-        return []
-    return [
-        {
-            "name": schema.REFERENCE_SENSITIVITY,
-            "value": chosen.magnitude,
-            "unit": unit_of_sensitivity(result),
-            "standard_uncertainty": _number(chosen.magnitude_uncertainty),
-            "identifiable": True,
-            "derived": True,
-            "frequency_hz": chosen.frequency_hz,
-            "shared": json.dumps(shared_sources(result, sensitivity=(chosen.frequency_hz, chosen.magnitude))),
-        }
-    ]
-
-
 def _parameters(result: Result) -> list[DatabaseRow]:
-    return [
-        {
-            "name": name,
-            "value": _number(parameter.value),
-            "unit": parameter.unit,
-            "standard_uncertainty": _number(parameter.standard_uncertainty),
-            "identifiable": parameter.identifiable,
-            "derived": parameter.derived,
-            "frequency_hz": None,
-            "shared": json.dumps(shared_sources(result, parameter=name)),
-        }
-        for name, parameter in result.parameters.items()
-    ]
+    """The magnitude of the sensitivity at the reference frequency, if it is known, and the parameters."""
+
+    def row(
+        name: str, value: float, u: float | None, unit: str, shared: Mapping[str, float], **more: Any
+    ) -> DatabaseRow:
+        numbers = {"value": plain(value), "standard_uncertainty": plain(u)}
+        return {"name": name, **numbers, "unit": unit, "frequency_hz": None, "shared": json.dumps(shared), **more}
+
+    rows = []
+    at, _ = reference_point(result)
+    if at is not None and math.isfinite(at.magnitude):
+        shared = shared_sources(result, sensitivity=(at.frequency_hz, at.magnitude))
+        unit, more = unit_of_sensitivity(result), {"identifiable": True, "derived": True}
+        known = at.magnitude, at.magnitude_uncertainty, unit, shared
+        rows.append(row(schema.REFERENCE_SENSITIVITY, *known, **more, frequency_hz=at.frequency_hz))
+    for name, one in result.parameters.items():
+        shared, more = (
+            shared_sources(result, parameter=name),
+            {"identifiable": one.identifiable, "derived": one.derived},
+        )
+        rows.append(row(name, one.value, one.standard_uncertainty, one.unit, shared, **more))
+    return rows
 
 
 def _points(result: Result) -> list[DatabaseRow]:
@@ -148,17 +139,13 @@ def _points(result: Result) -> list[DatabaseRow]:
             "nominal_hz": float(point.nominal),
             "frequency_hz": point.frequency_hz,
             "magnitude": point.magnitude,
-            "magnitude_uncertainty": _number(point.magnitude_uncertainty),
-            "phase_deg": _number(point.phase_deg),
-            "phase_deg_uncertainty": _number(point.phase_deg_uncertainty),
+            "magnitude_uncertainty": plain(point.magnitude_uncertainty),
+            "phase_deg": plain(point.phase_deg),
+            "phase_deg_uncertainty": plain(point.phase_deg_uncertainty),
         }
         for point in nominal_points(result)
         if math.isfinite(point.magnitude)
     ]
-
-
-def _number(value: float | None) -> float | None:
-    return float(value) if value is not None and math.isfinite(value) else None
 
 
 def add_all(

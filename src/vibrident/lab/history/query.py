@@ -129,11 +129,8 @@ def entries(
 ) -> dict[int, list[Entry]]:
     """The calibrations of a sensor with all their columns, or of all sensors without these; by sensor.
 
-    Args:
-        store: the store.
-        sensor_id: of one sensor.
-        quantity: name of a parameter; the entries hold its value and uncertainty.
-        frequency_hz: nominal frequency, for the magnitude of the sensitivity at that frequency instead.
+    ``quantity``: name of the parameter whose value and uncertainty they hold; ``frequency_hz``: nominal frequency, for
+    the magnitude of the sensitivity there instead.
     """
     asked = _asked(quantity, frequency_hz, told=sensor_id is not None)
     asked = asked if sensor_id is None else asked.where(calibration.c.sensor_id == sensor_id)
@@ -141,8 +138,7 @@ def entries(
     found: dict[int, list[Entry]] = {}
     with store.reading() as connection:
         for row in map(tuple, connection.execute(asked).all()):
-            sensor_key, key, date, files, value, u, unit, frequency, shared, *more = row
-            base, told = (value, more) if frequency_hz is None else (more[0], more[1:])
+            sensor_key, key, date, files, value, u, unit, frequency, shared, base, *told = row
             facts: dict[str, object] = dict(zip(_TOLD, told, strict=True)) if told else {}
             if told:
                 facts["warnings"] = json.loads(told[-1])
@@ -164,8 +160,8 @@ def _asked(quantity: str, frequency_hz: float | None, *, told: bool) -> Any:
         near = at.nominal_hz.between(frequency_hz * (1 - SAME), frequency_hz * (1 + SAME))
         joined = joined.outerjoin(point, sa.and_(at.calibration_id == c.id, near))
         values = [at.magnitude, at.magnitude_uncertainty, p.unit, at.frequency_hz]
-    more = [*([] if frequency_hz is None else [p.value.label("base")]), *([c[name] for name in _TOLD] if told else [])]
-    kept = [c.sensor_id, c.id, c.date, c.data_files, *values, p.shared, *more]
+    more = [c[name] for name in _TOLD] if told else []
+    kept = [c.sensor_id, c.id, c.date, c.data_files, *values, p.shared, p.value.label("base"), *more]
     return sa.select(*kept).select_from(joined)
 
 
@@ -202,17 +198,8 @@ def events(store: Store, sensor_id: int | None = None) -> dict[int, list[Event]]
     return found
 
 
-def quantities(store: Store, sensor_id: int) -> list[str]:
-    """Names of the quantities that the calibrations of a sensor have."""
-    return _distinct(store, sensor_id, parameter.c.name)
-
-
-def frequencies(store: Store, sensor_id: int) -> list[float]:
-    """Nominal frequencies, Hz, at which the calibrations of a sensor have a sensitivity."""
-    return _distinct(store, sensor_id, point.c.nominal_hz)
-
-
-def _distinct(store: Store, sensor_id: int, column: Any) -> list[Any]:
+def known_values(store: Store, sensor_id: int, column: Any) -> list[Any]:
+    """What the calibrations of a sensor have in a column of ``parameter`` or ``point``, in order."""
     asked = sa.select(column).join(calibration).where(calibration.c.sensor_id == sensor_id).distinct()
     with store.reading() as connection:
         return sorted(connection.execute(asked).scalars())

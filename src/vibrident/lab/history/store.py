@@ -45,9 +45,9 @@ class Store:
 
     def __init__(self, url: str | None = None) -> None:
         self.url = chosen(url)
+        self._file = sqlite_file(self.url)  # None for another database
         self._engine = self._connected_lazily()
-        self.is_sqlite = self._engine.dialect.name == "sqlite"
-        if self.is_sqlite:
+        if self._file:
             event.listen(self._engine, "connect", _prepare_sqlite)
             event.listen(self._engine, "do_connect", _read_only)
             event.listen(self._engine, "begin", _begin_sqlite)
@@ -62,10 +62,12 @@ class Store:
         self._engine.dispose()
 
     def _connected_lazily(self) -> sa.Engine:
-        file = sqlite_file(self.url)
-        try:  # as a path, because releases of SQLAlchemy differ in how they unescape a URL
-            url = self.url if file is None else sa.URL.create("sqlite", database=str(file))
-            return sa.create_engine(url, **self._options())
+        try:
+            if self._file:  # as a path, because releases of SQLAlchemy differ in how they unescape a URL
+                url = sa.URL.create("sqlite", database=str(self._file))
+                return sa.create_engine(url, connect_args={"timeout": PATIENCE_S})
+            options = {"connect_timeout": 10, "options": f"-c lock_timeout={PATIENCE_S}s"}
+            return sa.create_engine(self.url, connect_args=options)
         except ModuleNotFoundError as error:
             raise self._failed(
                 "The driver of the store's database is not installed.", error, "pip install 'vibrident[postgres]'"
@@ -76,8 +78,7 @@ class Store:
     @property
     def shown(self) -> str:
         """The store for print: the path of a file, else the URL without a password."""
-        file = sqlite_file(self.url)
-        return printable(self.url) if file is None else str(file)
+        return str(self._file) if self._file else printable(self.url)
 
     @contextlib.contextmanager
     def reading(self) -> Iterator[sa.Connection]:
@@ -104,19 +105,19 @@ class Store:
     @contextlib.contextmanager
     def _connected(self, **options: Any) -> Iterator[sa.Connection]:
         with self._explained():
-            if self.is_sqlite and not self._file().exists():
+            if self._file and not self._file.exists():
                 raise self._absent()
             with self._engine.connect().execution_options(**options) as connection:
                 yield connection
 
     def insert(self, table: sa.Table) -> Any:
         """An INSERT in this database's dialect, with a clause for existing rows."""
-        return sqlite.insert(table) if self.is_sqlite else postgresql.insert(table)
+        return sqlite.insert(table) if self._file else postgresql.insert(table)
 
     def revision(self) -> str | None:
         """The migration that the store is at; None if there is no store."""
         with self._explained():
-            if self.is_sqlite and not self._file().exists():
+            if self._file and not self._file.exists():
                 return None
             with self._engine.connect() as connection:
                 return _revision(connection)
@@ -128,9 +129,14 @@ class Store:
             InputError: the store is newer than this version of vibrident, or the database fails.
         """
         with self._explained():
-            self._make_folder()
+            if self._file:
+                try:
+                    self._file.parent.mkdir(parents=True, exist_ok=True)
+                except OSError as error:
+                    remedy = "check the path and your rights to it"
+                    raise self._failed("The store cannot be used.", error, remedy) from None
             with self._engine.connect().execution_options(writes=True) as connection, connection.begin():
-                if not self.is_sqlite:  # SQLite's transaction for writing is such a lock
+                if not self._file:  # SQLite's transaction for writing is such a lock
                     connection.execute(sa.text("SELECT pg_advisory_xact_lock(:key)"), {"key": _SCHEMA_LOCK})
                 before = _revision(connection)
                 if before is not None and before > schema.REVISION:
@@ -148,13 +154,6 @@ class Store:
         if self.revision() is None:
             self.upgrade()
 
-    def _make_folder(self) -> None:
-        if self.is_sqlite:
-            try:
-                self._file().parent.mkdir(parents=True, exist_ok=True)
-            except OSError as error:
-                raise self._failed("The store cannot be used.", error, "check the path and your rights to it") from None
-
     def _require_revision(self, connection: sa.Connection) -> None:
         if self._checked:
             return
@@ -164,14 +163,6 @@ class Store:
         if found != schema.REVISION:
             raise self._other(found)
         self._checked = True
-
-    def _options(self) -> dict[str, Any]:
-        if self.url.startswith("sqlite"):
-            return {"connect_args": {"timeout": PATIENCE_S}}
-        return {"connect_args": {"connect_timeout": 10, "options": f"-c lock_timeout={PATIENCE_S}s"}}
-
-    def _file(self) -> Path:
-        return Path(self._engine.url.database or "")
 
     def _absent(self) -> InputError:
         return InputError(

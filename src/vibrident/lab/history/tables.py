@@ -35,17 +35,17 @@ def calibrations(document: Document) -> Table:
     scale = scale_of(document)
     rows = []
     for row in document["calibrations"]:
-        value, expanded = _value(row, scale) if row["unit"] == document["quantity"]["unit"] else (NONE, NONE)
-        en = row["en"] or {}
+        comparable = row["unit"] == document["quantity"]["unit"]
+        sizes = (scale.times(row["value"]), scale.times(row["U"])) if comparable else (None, None)
+        en = row["en"]
         rows.append(
             (
                 str(row["id"]),
                 row["date"] + ("" if row["date_stated"] else " (evaluated)"),
-                value,
-                expanded,
+                *pair(*sizes),
                 "" if row["series"] is None else str(row["series"]),
-                _en(en.get("correlated")) if en else "",
-                _en(en.get("ordinary")) if en else "",
+                signed(en["correlated"], 2) if en else "",
+                signed(en["ordinary"], 2) if en else "",
                 row["left_out"] if row["left_out"] not in ("", row["standing"]) else "",
                 row["standing"],
                 ", ".join(row["warnings"]) or "none",
@@ -66,16 +66,6 @@ def calibrations(document: Document) -> Table:
         ),
     )
     return Table(heads, tuple(rows), notes=notes).telling()
-
-
-def _value(row: Mapping[str, Any], scale: Scale) -> tuple[str, str]:
-    """Value and U, both to the place of U."""
-    value, expanded = (None if size is None else size * scale.factor for size in (row["value"], row["U"]))
-    return pair(value, expanded)
-
-
-def _en(value: float | None) -> str:
-    return signed(value, 2)
 
 
 def chart(document: Document, width: int = 54) -> Facts | None:
@@ -210,11 +200,12 @@ def _sensors(
 ) -> Table:
     """A row a sensor: what it is, its number of calibrations, and further cells."""
     body = (
-        (_named(row), *(row.get(key, "") for key in told), str(row["calibrations"]), *more)
+        (
+            f"{row['serial_number']} {row.get('axis', '')}".rstrip(),
+            *(row.get(key, "") for key in told),
+            str(row["calibrations"]),
+            *more,
+        )
         for row, more in zip(rows, cells, strict=True)
     )
     return Table((*columns("serial number", *told), Column("calibrations", "number"), *heads), tuple(body))
-
-
-def _named(row: Mapping[str, Any]) -> str:
-    return row["serial_number"] + (f" {row['axis']}" if row.get("axis") else "")
