@@ -8,14 +8,13 @@ response, so that a few hundred points of the response say how it bends, and no 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from vibrident.data.records import FloatArray
 from vibrident.fit.descent.optimise import LEAST_SHOWN
 from vibrident.fit.problem import Coordinates, Evidence, FrequencyProblem
-from vibrident.fit.problem.frequency_domain import response_jacobian, response_residual
 
 #: Part of a step over which its curvature is measured.
 PROBE = 0.1
@@ -50,16 +49,16 @@ class GeodesicSteps:
         owner = np.concatenate([part.record for part in (evidence.tones, evidence.bands) if part is not None])
         samples = np.array([float(record.mask.sum()) for record in evidence.records])
         deviation = (noise * np.sqrt(2.0 / np.maximum(samples, 1.0)))[owner]
-        data = (frequency, reference, response, deviation)
-        return cls(FrequencyProblem(evidence.model, evidence.quantity, False, True, data), coordinates)
+        return cls(replace(evidence.first_look, data=(frequency, reference, response, deviation)), coordinates)
 
     def __call__(self, z: FloatArray, step: FloatArray, damping: float) -> FloatArray:
         """Coordinates at the end of the parabola that begins with a step of this damping, shape (p,)."""
-        at = (self.coordinates, False, True, self.problem.quantity, self.problem.data)
         with np.errstate(all="ignore"):  # a step may be far too long
-            back, here, ahead = (response_residual(z + part * step, *at) for part in (-PROBE, 0.0, PROBE))
+            back, here, ahead = (
+                self.problem.residual(z + part * step, self.coordinates) for part in (-PROBE, 0.0, PROBE)
+            )
             second = (ahead - 2.0 * here + back) / PROBE**2
-            slopes = response_jacobian(z, *at)
+            slopes = self.problem.jacobian(z, self.coordinates)
             matrix, gradient = slopes.T @ slopes + damping * np.eye(len(z)), slopes.T @ second
         if not np.all(np.isfinite(matrix)) or not np.all(np.isfinite(gradient)):
             return z + step

@@ -21,7 +21,6 @@ from vibrident.fit.estimators.findings import Findings
 from vibrident.fit.estimators.residual_tones import network_problem, residual_tones, roughly_cleaned
 from vibrident.fit.information import inverse_normal
 from vibrident.fit.problem import Coordinates, Evidence, FrequencyProblem
-from vibrident.fit.problem.frequency_domain import response_residual
 from vibrident.fit.response import MeasuredResponse
 from vibrident.fit.response.verdict import REJECTION, as_chi2, chance_of
 from vibrident.fit.start.start import find_start
@@ -99,7 +98,7 @@ def with_random_effect(evidence: Evidence, estimate: Estimate, progress: Progres
         return None
     problem = solved_problem(estimate, evidence)
     degrees = problem.equations - len(estimate.z)
-    rest = np.asarray(response_residual(estimate.z, estimate.coordinates, False, True, problem.quantity, problem.data))
+    rest = problem.residual(estimate.z, estimate.coordinates)
     squares = np.sum(np.square(rest.reshape(2, -1)), axis=0)
     if not chance_of(as_chi2(squares, tones.degrees_of_freedom), degrees) < REJECTION:
         return None
