@@ -39,16 +39,13 @@ from vibrident.fit.bins import (
 from vibrident.fit.bins.normal import AT_ONCE
 from vibrident.fit.bins.record import FreeLines, ModelLines, counted, free_of_pieces, free_of_run
 from vibrident.fit.bins.segments import TONE_COLUMNS
-from vibrident.fit.problem.coordinates import Coordinates
+from vibrident.fit.problem.coordinates import FARTHEST, Coordinates
 from vibrident.fit.problem.framing import Frame, noise_floor
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import MOST_KEPT, in_blocks, line_frequencies, reference_colour
 from vibrident.physics.discretisation import Method, Weights
 from vibrident.physics.discretisation.inputs import USABLE_BAND
 from vibrident.physics.models import SensorModel
-
-#: Largest growth of a network over a run, in nepers: a larger one would exceed the range of numbers in time.
-MOST_GROWTH = 300.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,7 +239,7 @@ class BinProblem:
                 return False
             longest = max(segment.samples for segment in self.segments if self._step_of(segment) == kind)
             poles = 1.0 + np.roots(transfer.denominator[::-1])
-            if longest * np.log(np.max(np.abs(poles), initial=1.0)) > MOST_GROWTH:
+            if longest * np.log(np.max(np.abs(poles), initial=1.0)) > FARTHEST:
                 return False
         return True
 
