@@ -10,7 +10,7 @@ from vibrident.base.errors import InputError, ModelError
 from vibrident.data.records import Calibration, Record, ResponseTable
 from vibrident.fit.estimators.inverse_response import inverse_residual
 from vibrident.fit.problem import BinProblem, Coordinates, Evidence, FrequencyProblem
-from vibrident.fit.problem.framing import DELAY_SETTLED
+from vibrident.fit.problem.network_problem import DELAY_SETTLED
 from vibrident.fit.problem.time_domain import TimeProblem
 from vibrident.fit.response.response import LEAST_DEVIATION
 from vibrident.physics.discretisation import method

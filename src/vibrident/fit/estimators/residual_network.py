@@ -318,10 +318,11 @@ def _beside(
     model = with_residual(evidence.model, structure)
     problem, old = physics.problem, physics.coordinates
     start = dict(zip(old.model.parameter_names, np.asarray(old.start).tolist(), strict=True))
-    start |= initial_weights(structure, problem.response_size, memory)
+    size = float(old.response_size)
+    start |= initial_weights(structure, size, memory)
     values = {**start, **old.values(physics.z)}
     built = TimeProblem.build(problem.records, model, method(problem.layout.method.name), evidence.quantity, values)
-    coordinates = Coordinates.at(model, start, evidence.band_hz, problem.response_size)
+    coordinates = Coordinates.at(model, start, evidence.band_hz, size)
     z = np.concatenate([physics.z, coordinates.first[len(physics.z) :]])
     return _Candidate(built, coordinates, z, physics.noise)
 

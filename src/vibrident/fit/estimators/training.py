@@ -24,7 +24,6 @@ from vibrident.fit.estimators.base import Estimate
 from vibrident.fit.estimators.findings import Findings, TrainedNetwork
 from vibrident.fit.estimators.network_settings import NetworkSettings
 from vibrident.fit.problem import BinProblem, Coordinates, Evidence, NetworkProblem, network_objective
-from vibrident.fit.problem.framing import response_size
 from vibrident.fit.screening.hum import hum_tones, lacking
 from vibrident.fit.start.start import Start, find_start
 from vibrident.physics.discretisation import method
@@ -75,7 +74,7 @@ def _trained(network: NetworkSettings, evidence: Evidence, progress: Progress) -
     assert evidence.first_look is not None
     begin = find_start(evidence.first_look, evidence.model)
     start = begin.values
-    coordinates = Coordinates.at(evidence.model, start, evidence.band_hz, response_size(evidence.records))
+    coordinates = Coordinates.at(evidence.model, start, evidence.band_hz, evidence.response_size)
     problem, z = _problem(network, evidence, start, coordinates), coordinates.first
     noise, trace, tolerance = np.ones(len(evidence.records)), None, AT_FIRST
     for _ in range(ROUNDS):

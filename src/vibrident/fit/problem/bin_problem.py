@@ -40,7 +40,7 @@ from vibrident.fit.bins.normal import AT_ONCE
 from vibrident.fit.bins.record import FreeLines, ModelLines, counted, free_of_pieces, free_of_run
 from vibrident.fit.bins.segments import TONE_COLUMNS
 from vibrident.fit.problem.coordinates import FARTHEST, Coordinates
-from vibrident.fit.problem.framing import Frame, noise_floor
+from vibrident.fit.problem.network_problem import Frame, NetworkProblem
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import MOST_KEPT, in_blocks, line_frequencies, reference_colour
 from vibrident.physics.discretisation import Method, Weights
@@ -49,20 +49,14 @@ from vibrident.physics.models import SensorModel
 
 
 @dataclass(frozen=True, eq=False)
-class BinProblem:
+class BinProblem(NetworkProblem):
     """Runs of one linear sensor at the bins of their transforms.
 
     Attributes:
-        records: the records, in order.
-        trained: the network of the sensor model.
-        frame: its shape, and the delay at which the inputs were interpolated.
-        runs: in order.
-        fractions: read-out fraction of each record at that delay.
+        segments: the runs, in order.
+        fractions: read-out fraction of each record at the delay of the inputs.
     """
 
-    records: tuple[Record, ...]
-    trained: Trained
-    frame: Frame
     segments: tuple[Segment, ...]
     fractions: FloatArray
 
@@ -75,14 +69,7 @@ class BinProblem:
         quantity: Quantity,
         start: Mapping[str, float],
     ) -> BinProblem:
-        """Transform all unbroken runs, with inputs interpolated at the expected delay.
-
-        Args: as of :meth:`vibrident.fit.problem.framing.Frame.of`; the model is linear.
-
-        Raises:
-            ModelError: the model is not rational.
-            InputError: no record is long enough.
-        """
+        """Transform all unbroken runs; the model is linear."""
         frame = Frame.of(records, model, method, quantity, start)
         steps = [
             method.filters(seen_by_network(r, centred=True)[1], frame.terms, frame.delay_s * r.sampling_rate_hz)
@@ -96,15 +83,12 @@ class BinProblem:
         )
         if not segments:
             raise frame.too_short(records)
-        trained = Trained(model, method, quantity, frame.terms)
-        return cls(tuple(records), trained, frame, segments, np.array([step.fraction for step in steps]))
+        return cls(tuple(records), frame, segments, np.array([step.fraction for step in steps]))
 
-    def at_delay_of(self, values: Mapping[str, float]) -> BinProblem:
-        """The same with inputs interpolated at the delay of ``values``; itself where they nearly are."""
-        trained = self.trained
-        if self.frame.settled(float(trained.model.delay_s(values)), self.records):
-            return self
-        return BinProblem.build(self.records, trained.model, trained.method, trained.quantity, values)
+    @functools.cached_property
+    def trained(self) -> Trained:
+        """The network of the sensor model."""
+        return Trained(self.frame.model, self.frame.method, self.frame.quantity, self.frame.terms)
 
     def idle(self) -> BinProblem:
         """The same without the transforms of long runs, which are made again when they are asked for."""
@@ -113,18 +97,9 @@ class BinProblem:
         return replace(self, segments=tuple(segment.idle() for segment in self.segments))
 
     @property
-    def noise_floor(self) -> FloatArray:
-        """Lower limit of the standard deviation of each record's residual, response unit, shape (records,)."""
-        return self._noise_floor
-
-    @functools.cached_property
-    def _noise_floor(self) -> FloatArray:
-        return noise_floor(self.records)
-
-    @property
     def highest(self) -> float:
         """Highest line that counts, as a part of the sampling rate."""
-        return USABLE_BAND if self.trained.method.is_exact else 0.5
+        return USABLE_BAND if self.frame.method.is_exact else 0.5
 
     @property
     def degrees_of_freedom(self) -> FloatArray:
@@ -243,15 +218,10 @@ class BinProblem:
                 return False
         return True
 
-    def record_noise(self, normal: BinNormal, noise: FloatArray) -> FloatArray:
-        """Standard deviation of each record's residual, shape (records,), of normal equations weighted by ``noise``."""
-        squares = (
-            np.bincount(
-                [segment.record for segment in self.segments], np.maximum(normal.squares, 0.0), len(self.records)
-            )
-            * noise**2
-        )
-        return np.maximum(np.sqrt(squares / np.maximum(self.degrees_of_freedom, 1.0)), self.noise_floor)
+    def squares(self, normal: BinNormal, noise: FloatArray) -> FloatArray:
+        """Sum of squares of each record's residual, shape (records,), of normal equations weighted by ``noise``."""
+        owners = [segment.record for segment in self.segments]
+        return np.bincount(owners, np.maximum(normal.squares, 0.0), len(self.records)) * noise**2
 
     def predict(self, coordinates: Coordinates, z: FloatArray) -> list[FloatArray]:
         """Response of every record with the best initial states and offsets, NaN where the network gives no value.
@@ -321,7 +291,7 @@ class BinProblem:
 
     def _lowest_ringing_hz(self, values: dict[str, float]) -> float:
         """Lowest frequency of a free oscillation, Hz; zero where the sensor has none."""
-        poles = self.trained.model.poles(values)
+        poles = self.frame.model.poles(values)
         ringing = np.abs(np.imag(poles[np.imag(poles) != 0.0]))
         return float(np.min(ringing)) / (2.0 * np.pi) if ringing.size else 0.0
 
@@ -354,7 +324,7 @@ class BinProblem:
 
     def _response(self, coordinates: Coordinates, z: FloatArray, samples: int, rate_hz: float) -> ModelLines:
         """H at the lines of the transform of so many samples."""
-        lines, quantity = samples // 2 + 1, self.trained.quantity
+        lines, quantity = samples // 2 + 1, self.frame.quantity
 
         def at(z: FloatArray) -> ComplexArray:
             values, found = coordinates.values(z), np.empty(lines, dtype=complex)

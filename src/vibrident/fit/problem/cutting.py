@@ -4,59 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from vibrident.data.records import FloatArray, Record
-from vibrident.fit.bins.segments import seen_by_network, unbroken
-from vibrident.physics.discretisation import Method
+from vibrident.fit.bins.segments import unbroken
 from vibrident.physics.discretisation.inputs import StepInputs
 from vibrident.physics.network.unroll import Lanes
 
 
-@dataclass(frozen=True, eq=False)
-class Piece:
-    """An unbroken run of steps of one record.
-
-    Attributes:
-        record: number of the record.
-        run: its samples.
-        inputs: of its steps, shape (steps, q).
-    """
+class Piece(NamedTuple):
+    """An unbroken run of steps of one record: its number, the run's samples, and its first lane."""
 
     record: int
     run: slice
-    inputs: FloatArray
-
-
-def steps_of(
-    records: Sequence[Record], method: Method, terms: int, delay_s: float, *, linear: bool
-) -> list[StepInputs]:
-    """Inputs of every record's steps.
-
-    Args:
-        records: the records.
-        method: the discretisation.
-        terms: inputs a step.
-        delay_s: at which the inputs are taken.
-        linear: a nonlinear spring depends on its rest position: its reference loses the offset, not the mean
-            of a motion that ends within a period.
-    """
-    return [
-        method.inputs(*seen_by_network(record, centred=linear), terms, delay_s * record.sampling_rate_hz)
-        for record in records
-    ]
-
-
-def pieces_of(records: Sequence[Record], steps: Sequence[StepInputs], fewest: int) -> list[Piece]:
-    """The runs of usable steps that hold more than ``fewest`` samples."""
-    return [
-        Piece(index, run, step.coefficients[run])
-        for index, (record, step) in enumerate(zip(records, steps, strict=True))
-        for run in unbroken(step.usable)
-        if np.sum(record.mask[run]) > fewest
-    ]
+    lane: int
 
 
 def bucket(count: int) -> int:
@@ -66,31 +29,37 @@ def bucket(count: int) -> int:
 
 
 def cut(
-    pieces: Sequence[Piece], records: Sequence[Record], rate: np.ndarray, terms: int, length: int
-) -> tuple[Lanes, list[int]]:
-    """Cut segments into chunks of ``length`` steps, the last one padded with weight zero; also each one's first lane.
+    records: Sequence[Record], steps: Sequence[StepInputs], rate: np.ndarray, fewest: int, length: int
+) -> tuple[Lanes, list[Piece]]:
+    """Cut the runs of usable steps into chunks of ``length``, the last one of each padded with weight zero.
 
     Args:
-        pieces: the segments.
         records: the records.
+        steps: of each record.
         rate: which sampling interval each record has.
-        terms: inputs a step.
+        fewest: a run is used that holds more samples than this.
         length: steps a chunk.
     """
-    counts = [-(-len(piece.inputs) // length) for piece in pieces]
-    total = bucket(sum(counts))  # padded, so that calibrations of about the same size share one compiled program
-    inputs, response, weight = (_zeros(*shape) for shape in ((length, terms, total), *[(length, total)] * 2))
+    pieces, total = list[Piece](), 0
+    for number, (record, step) in enumerate(zip(records, steps, strict=True)):
+        for run in unbroken(step.usable):
+            if np.sum(record.mask[run]) > fewest:
+                pieces.append(Piece(number, run, total))
+                total += -(-(run.stop - run.start) // length)
+    ends = [*(piece.lane for piece in pieces), total][1:]
+    total = bucket(total)  # padded, so that calibrations of about the same size share one compiled program
+    inputs = _zeros(length, steps[0].coefficients.shape[1], total)
+    response, weight = _zeros(length, total), _zeros(length, total)
     first, segment, rates = np.ones(total, dtype=bool), np.full(total, len(pieces)), np.zeros(total, dtype=int)
-    starts = np.cumsum([0, *counts]).tolist()[:-1]
-    for number, (piece, count, start) in enumerate(zip(pieces, counts, starts, strict=True)):
-        mine, record = slice(start, start + count), records[piece.record]
-        mask = record.mask[piece.run]
+    for number, (piece, end) in enumerate(zip(pieces, ends, strict=True)):
+        mine, record = slice(piece.lane, end), records[piece.record]
+        mask, count = record.mask[piece.run], end - piece.lane
         weight[:, mine] = _chunks(mask, count, length)
         response[:, mine] = _chunks(record.response[piece.run] * mask, count, length)
-        inputs[:, :, mine] = _chunks(piece.inputs, count, length)
+        inputs[:, :, mine] = _chunks(steps[piece.record].coefficients[piece.run], count, length)
         first[mine], segment[mine], rates[mine] = False, number, rate[piece.record]
-        first[start] = True
-    return Lanes(inputs, response, weight, first, segment, rates), starts
+        first[piece.lane] = True
+    return Lanes(inputs, response, weight, first, segment, rates), pieces
 
 
 def _zeros(*shape: int) -> FloatArray:

@@ -139,3 +139,9 @@ class Evidence:
             return self.first_look.band_hz
         longest = max(self.records, key=lambda r: r.duration_s)
         return 1.0 / longest.duration_s, 0.4 * longest.sampling_rate_hz
+
+    @property
+    def response_size(self) -> float:
+        """Largest distance of a valid response sample from its record's mean, response unit; one without any."""
+        valid = [record.response[record.mask] for record in self.records]
+        return max((float(np.max(np.abs(y - y.mean()))) for y in valid if y.size), default=0.0) or 1.0
