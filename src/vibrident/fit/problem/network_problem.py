@@ -114,7 +114,6 @@ class NetworkProblem(ABC):
     frame: Frame
 
     @classmethod
-    @abstractmethod
     def build(
         cls,
         records: Sequence[Record],
@@ -127,6 +126,16 @@ class NetworkProblem(ABC):
 
         Raises:
             ModelError: the model is not rational.
+            InputError: no record is long enough.
+        """
+        return cls.of_frame(tuple(records), Frame.of(records, model, method, quantity, start))
+
+    @classmethod
+    @abstractmethod
+    def of_frame(cls, records: tuple[Record, ...], frame: Frame) -> Self:
+        """The records as such a network sees them.
+
+        Raises:
             InputError: no record is long enough.
         """
 

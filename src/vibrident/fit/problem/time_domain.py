@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import functools
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -36,11 +36,7 @@ jax.tree_util.register_dataclass(Coordinates, data_fields=["start", "band_hz", "
 
 #: Steps a chunk. Long enough that few chunks need their state passed on, short enough that a vector loop pays.
 CHUNK = 256
-#: Networks between two looks at the memory maps of compiled kernels.
-LOOK_EVERY = 100
 _builds = itertools.count(1)
-#: A force is that of a response of at most this many times the largest measured.
-BEYOND = 10.0
 
 
 @dataclass(frozen=True)
@@ -78,18 +74,11 @@ class TimeProblem(NetworkProblem):
     pieces: tuple[Piece, ...]
 
     @classmethod
-    def build(
-        cls,
-        records: Sequence[Record],
-        model: SensorModel,
-        method: Method,
-        quantity: Quantity,
-        start: Mapping[str, float],
-    ) -> TimeProblem:
-        """Interpolate the inputs and cut the records into lanes."""
-        if next(_builds) % LOOK_EVERY == 0:
+    def of_frame(cls, records: tuple[Record, ...], frame: Frame) -> TimeProblem:
+        """The records cut into lanes."""
+        if next(_builds) % 100 == 0:  # now and then, the memory maps of compiled kernels are looked at
             release_kernels()
-        frame = Frame.of(records, model, method, quantity, start)
+        model, method = frame.model, frame.method
         intervals, rate = np.unique([r.sampling_interval_s for r in records], return_inverse=True)
         # A nonlinear spring depends on its rest position: its reference loses the offset, not the mean of a motion that
         # ends within a period.
@@ -102,9 +91,10 @@ class TimeProblem(NetworkProblem):
         if not pieces:
             raise frame.too_short(records)
         nodes, rounds = (0, (0, 0)) if model.is_linear else accuracy(frame.fastest * float(np.max(intervals)))
-        layout = Layout(model, method, quantity, frame.terms, frame.order, bucket(len(pieces) + 1), nodes, rounds)
+        segments = bucket(len(pieces) + 1)
+        layout = Layout(model, method, frame.quantity, frame.terms, frame.order, segments, nodes, rounds)
         owners = np.array([piece.record for piece in pieces])
-        return cls(tuple(records), frame, layout, lanes, intervals, fractions, owners, tuple(pieces))
+        return cls(records, frame, layout, lanes, intervals, fractions, owners, tuple(pieces))
 
     @property
     def degrees_of_freedom(self) -> FloatArray:
@@ -118,10 +108,7 @@ class TimeProblem(NetworkProblem):
     @functools.cached_property
     def data(self) -> tuple[Any, ...]:
         """Arrays that the residual needs beside the parameters and the noise, on the device."""
-        return jax.device_put(self._arrays())
-
-    def _arrays(self) -> tuple[Any, ...]:
-        return self.lanes, self.intervals_s, self.fractions, self.frame.delay_s
+        return jax.device_put((self.lanes, self.intervals_s, self.fractions, self.frame.delay_s))
 
     def by_lane(self, per_record: np.ndarray, fill: float = 1.0) -> np.ndarray:
         """Spread one value a record over its lanes, shape (M,); ``fill`` for padding lanes."""
@@ -213,8 +200,8 @@ def physical_normal(z: Any, coordinates: Coordinates, layout: Layout, data: tupl
 def _nonlinear_normal(z: Any, coordinates: Coordinates, layout: Layout, data: tuple[Any, ...], noise: Any) -> Normal:
     lanes, *where = data
     # In the padding behind a record the reference jumps to zero, and a step of Newton's may go too far: what a spring
-    # would do to a response that was never seen must not drown the rest.
-    largest = BEYOND * jnp.max(jnp.abs(lanes.response))
+    # would do to a response ten times the largest seen must not drown the rest.
+    largest = 10.0 * jnp.max(jnp.abs(lanes.response))
     largest = jnp.where(largest > 0.0, largest, jnp.inf)
 
     def simulate(z: Any, starts: Any) -> tuple[Any, Any]:
