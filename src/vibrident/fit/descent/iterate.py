@@ -21,34 +21,6 @@ from vibrident.fit.noise.spectrum import TONES, NoiseSpectrum, noise_spectra
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import in_blocks, mean_around, power_of
 
-#: What is left is no noise to weigh by where it is mostly misfit: the noise, which is read from what has nothing in
-#: common with the motion, would make the sum of squares about the number of samples, and it is so many times that.
-MISFIT = 2.0
-#: A step of more standard deviations than this must lower the weighted sum of squares.
-LONG_STEP = 1.0
-#: Noise of the reference at another place is at least this part of the level here.
-LEAST_LEVEL = 0.1
-#: Information of a coordinate that is not identifiable.
-NOTHING_KNOWN = 1e-12
-#: Records of so many samples together are read side by side.
-SIDE_BY_SIDE = 1 << 17
-#: Rounds of spectrum and step at one evaluation of the network.
-ROUNDS = 2
-#: The step, in standard deviations, at which no further evaluation is needed.
-SETTLED = 0.02
-#: Nor is one behind a step whose length in standard deviations times that in coordinates is less, which is straight, …
-STRAIGHT = 3e-4
-#: … if the noise was read so many standard deviations from its end: there it leads a tenth of that further; …
-READ_NEAR = 0.2
-#: … and if by the residual's own spectrum the variances are at most so many times those by the noise as read.
-UNLIKE = 2.0
-#: Lines averaged for the covariance on either side of each: this part of the spectrum.
-SHARE = 1 / 128
-#: A spectrum is steep where its least is below this part of its mean.
-STEEP = 1e-2
-#: Lower limit of the information after that of the noise is subtracted, as a part of the whole.
-LEAST_INFORMATION = 0.2
-
 
 @dataclass(frozen=True, eq=False)
 class _Share:
@@ -85,13 +57,19 @@ class Iterate:
     def end(self) -> FloatArray | None:
         """Where the step leads, shape (p,), if that is the optimum without another evaluation of the network.
 
-        It is if the noise was read there, weighs the lines as they scatter, and is the response's alone: that of the
-        reference moves with the network.
+        It is if the step is short, and straight: its length in standard deviations times that in coordinates is small;
+        and if the noise is the response's alone (that of the reference moves with the network), was read near the end,
+        where it leads a tenth of that further, and weighs the lines as they scatter, by the variances.
         """
         step = self.inverse @ self.gradient
-        straight = self.far <= LONG_STEP and self.far * float(np.max(np.abs(step))) <= STRAIGHT
-        straight &= not self.seen and bool(np.all(np.diag(self.covariance) <= UNLIKE * np.diag(self.inverse)))
-        return self.z + step if straight and self._length(step - self.read_at) <= READ_NEAR else None
+        straight = self.is_short and self.far * float(np.max(np.abs(step))) <= 3e-4
+        straight &= not self.seen and bool(np.all(np.diag(self.covariance) <= 2.0 * np.diag(self.inverse)))
+        return self.z + step if straight and self._length(step - self.read_at) <= 0.2 else None
+
+    @property
+    def is_short(self) -> bool:
+        """Whether the full step is one standard deviation long, or less."""
+        return self.far <= 1.0
 
     def ahead(self, damping: float, bent: Bent | None, part: float = 1.0) -> FloatArray:
         """The end of a step, shape (p,): a part of the way straight on, or along the valley where that leads up."""
@@ -106,18 +84,20 @@ class Iterate:
         return any(spectrum.input_noise > 0 for spectrum in self.spectra)
 
     def astray(self, lines: Sequence[RecordBins]) -> bool:
-        """Whether what the step would leave is no noise to weigh by."""
+        """Whether what the step would leave is no noise to weigh by, but mostly misfit.
+
+        The noise is read from what has nothing in common with the motion: the sum of squares is about the number of
+        samples where there is nothing else.
+        """
         left = self.cost - float(self.gradient @ self.inverse @ self.gradient)
-        return not left <= MISFIT * sum(record.count for record in lines)
+        return not left <= 2.0 * sum(record.count for record in lines)
 
     def leads_to(self, lines: Sequence[RecordBins]) -> bool:
         """Whether a step to where these lines were evaluated leads down.
 
         A long one does where the sum of squares in the weighting of this iterate is less.
         """
-        if self.far <= LONG_STEP:
-            return True
-        return sum(_cost(*pair, self.z) for pair in zip(lines, self.spectra, strict=True)) < self.cost
+        return self.is_short or sum(_cost(*pair, self.z) for pair in zip(lines, self.spectra, strict=True)) < self.cost
 
 
 def iterate_at(
@@ -140,9 +120,9 @@ def iterate_at(
     if not finite(lines):
         return None
     step = np.zeros(len(z))
-    for last in range(ROUNDS):
+    for last in (False, True):
         shares, variances, read = [], [], list[NoiseSpectrum]()
-        final, read_at = settled is not None or last == ROUNDS - 1, step
+        final, read_at = settled is not None or last, step
         for some in together(lines):
             before = [spectra.pop(0) for _ in lines[some]]
             weighed = _Weighed.at(lines[some], motions[some], step, before, known=not final)
@@ -164,7 +144,7 @@ def iterate_at(
             covariance = sandwich_covariance(root, np.sum(variances, axis=0), whole)
             cost = sum(share.cost for share in shares)
             place = Iterate(z, tuple(spectra), inverse, gradient, covariance, cost, read_at)
-            if settled is None or last == ROUNDS - 1 or place.far <= settled:
+            if settled is None or last or place.far <= settled:
                 return place
     return None
 
@@ -179,7 +159,7 @@ def together(lines: Sequence[RecordBins] | Sequence[Record]) -> list[slice]:
     """Records one after the other whose noise is read side by side: many short ones, or one long one."""
     ends, begin, samples = list[int](), 0, 0
     for number, record in enumerate(lines):
-        if number > begin and samples + record.samples > SIDE_BY_SIDE:
+        if number > begin and samples + record.samples > 1 << 17:
             ends.append(number)
             begin, samples = number, 0
         samples += record.samples
@@ -269,12 +249,17 @@ class _Weighed:
         """Of the gradient, by the residual's own spectrum, shape (p, p)."""
         record, level, m = self.record, self.spectrum.psd, len(imitated)
         power = power_of(self.rest) / max(record.count, 1.0) / level
-        local = np.maximum(mean_around(power, width(record.samples, SHARE), NEAREST), record.floor / level)
+        local = np.maximum(mean_around(power, around(record), NEAREST), record.floor / level)
         loud = products(
             lambda part: (self.nuisances(part), self.jacobian[:, part]), self.weight * self.spectrum.excited * local
         )
         both = imitated.T @ loud[:m, m:]
         return loud[m:, m:] - both - both.T + imitated.T @ loud[:m, :m] @ imitated
+
+
+def around(record: RecordBins) -> int:
+    """Lines on either side of each that are averaged for the covariance."""
+    return width(record.samples, 1 / 128)
 
 
 def likelier(record: RecordBins, spectrum: NoiseSpectrum, rest: ComplexArray) -> ComplexArray:
@@ -291,7 +276,7 @@ def _cost(record: RecordBins, spectrum: NoiseSpectrum, z: FloatArray) -> float:
     level = spectrum.psd
     if spectrum.input_noise > 0 and record.model is not None:
         more = record.model.power() - power_of(record.model.at(z))
-        level = np.maximum(level + spectrum.input_noise_at * more, LEAST_LEVEL * level)
+        level = np.maximum(level + spectrum.input_noise_at * more, 0.1 * level)
     weight = record.one_sided * spectrum.excited / (max(record.samples, 1) * level)
     nuisances = _nuisances(record, spectrum)
     sums = products(lambda part: (nuisances(part), record.residual[None, part]), weight)
@@ -316,7 +301,7 @@ def _nuisances(record: RecordBins, spectrum: NoiseSpectrum) -> BinsAt:
 
 def with_edges(record: RecordBins, spectrum: NoiseSpectrum) -> bool:
     """Whether slopes of the initial states are unknown, too; a free decay has nothing but these states."""
-    steep = float(np.min(spectrum.psd)) < STEEP * float(np.mean(spectrum.psd))
+    steep = float(np.min(spectrum.psd)) < 0.01 * float(np.mean(spectrum.psd))
     return record.model is not None and (steep or spectrum.input_noise > 0 or record.rings_unseen)
 
 
@@ -375,15 +360,15 @@ def products(rows: Callable[[slice], Sequence[ComplexArray]], weight: FloatArray
 def _known(information: FloatArray) -> bool:
     """Whether every direction is known, and not lost in rounding."""
     size = np.diag(information)
-    if not (np.all(np.isfinite(information)) and np.all(size > NOTHING_KNOWN)):
+    if not (np.all(np.isfinite(information)) and np.all(size > 1e-12)):
         return False
     return float(np.linalg.eigvalsh(information / np.sqrt(np.outer(size, size)))[0]) > -0.5 * SMALLEST
 
 
 def _inverse_root(information: FloatArray, whole: FloatArray) -> FloatArray:
-    """L, shape (p, p), of the inverse L Lᵀ of the information, which is not let fall below a part of the whole."""
+    """L, shape (p, p), of the inverse L Lᵀ of the information, which is not let fall below a fifth of the whole."""
     scale = np.sqrt(np.maximum(np.diag(whole), np.finfo(float).tiny))
     base = whole / np.outer(scale, scale) + 1e-12 * np.eye(len(scale))
     whitening = np.linalg.inv(np.linalg.cholesky(base))
     values, rotation = np.linalg.eigh(whitening @ (information / np.outer(scale, scale)) @ whitening.T)
-    return (whitening.T @ rotation) / np.sqrt(np.maximum(values, LEAST_INFORMATION)) / scale[:, None]
+    return (whitening.T @ rotation) / np.sqrt(np.maximum(values, 0.2)) / scale[:, None]

@@ -28,15 +28,13 @@ from vibrident.base.memory import give_back_after
 from vibrident.data.records import FloatArray
 from vibrident.fit.bins import RecordBins
 from vibrident.fit.descent.iterate import (
-    SETTLED,
-    SHARE,
     Iterate,
+    around,
     beside_hum,
     finite,
     iterate_at,
 )
 from vibrident.fit.descent.optimise import Bent
-from vibrident.fit.descent.sandwich import width
 from vibrident.fit.noise.found import SpectralNoise, doubtful
 from vibrident.fit.noise.motion import NEAREST, motion_of
 from vibrident.fit.noise.spectrum import DOUBT, NoiseSpectrum
@@ -44,18 +42,12 @@ from vibrident.fit.problem import Coordinates, NetworkProblem
 
 #: Evaluations of the network at most, straight on and along a valley.
 EVALUATIONS, ALONG_A_VALLEY = 16, 30
-#: The step, in standard deviations, beyond which the last iterate is no optimum.
-ASTRAY = 0.3
-#: Largest step, over the coordinate or one, for which the linearisation is valid.
-LONGEST = 3.0
-#: If it does not, it is damped, by this factor more after each further one, which doubles each time …
+#: The step, in standard deviations, at which no further evaluation is needed.
+SETTLED = 0.02
+#: A step that does not lead down is damped, by this factor more after each further one, which doubles each time.
 DAMPED, MORE_DAMPED, LESS_DAMPED = 1.0, 4.0, 0.2
-#: … up to this.
-MOST_DAMPED = 1e12
 #: A descent that comes no closer by this factor in more steps than these in a row does not arrive.
 CLOSER, MOST_SLOW = 0.97, 3
-#: The steps are halved where one leaves more than this part of the way.
-BACK = 0.7
 
 
 @dataclass(frozen=True)
@@ -109,7 +101,7 @@ def reweighted(
         here = _down(here, lines, evaluate, bent)
         if here.astray(lines):
             return None
-        if here.end is not None or here.far <= ASTRAY:
+        if here.end is not None or here.far <= 0.3:
             return _arrived(here, lines, evaluate, problem, noise)
     return None
 
@@ -134,7 +126,7 @@ def _arrived(
     return Reweighted(
         end,
         covariance,
-        sum(4.0 * (width(record.samples, SHARE) - NEAREST) for record in lines),
+        sum(4.0 * (around(record) - NEAREST) for record in lines),
         SpectralNoise(
             np.sqrt([spectrum.input_noise for spectrum in spectra]) * noise,
             doubtful(untold, covariance),
@@ -156,16 +148,10 @@ def _down(
     """The last iterate of a descent; ``lines`` hold the records at the last iterate that was tried."""
     damping, part, rejected, slow, least = 0.0, 1.0, 0, 0, here.far
     for _ in range((EVALUATIONS if bent is None else ALONG_A_VALLEY) - 1):
-        if (
-            here.end is not None
-            or here.far <= SETTLED
-            or not np.isfinite(here.far)
-            or damping > MOST_DAMPED
-            or slow > MOST_SLOW
-        ):
+        if here.end is not None or here.far <= SETTLED or not np.isfinite(here.far) or slow > MOST_SLOW:
             break
         trial, there = here.ahead(damping, bent, part), None
-        if np.all(np.abs(trial - here.z) <= LONGEST * np.maximum(np.abs(here.z), 1.0)):
+        if np.all(np.abs(trial - here.z) <= 3.0 * np.maximum(np.abs(here.z), 1.0)):  # near enough to be linear
             lines.clear()  # of long records they are most of the memory
             lines += evaluate(trial)
             give_back_after(max(record.samples for record in lines))
@@ -176,7 +162,7 @@ def _down(
             rejected, slow = rejected + 1, slow + 1
         else:
             slow, least = slow + 1 if there.far > CLOSER * least else 0, min(least, there.far)
-            if damping == 0.0 and there.far > BACK * here.far:
+            if damping == 0.0 and there.far > 0.7 * here.far:
                 part *= 0.5  # the noise as read at either end leads back to the other
             here, rejected = there, 0
             if here.astray(lines):

@@ -16,7 +16,7 @@ import numpy as np
 from vibrident.base.errors import ModelError
 from vibrident.data.records import FloatArray
 from vibrident.fit.bins import RecordBins
-from vibrident.fit.descent.geodesic import GeodesicSteps
+from vibrident.fit.descent.geodesic import geodesic_steps
 from vibrident.fit.descent.optimise import Bent, Progress, Trace, levenberg_marquardt
 from vibrident.fit.descent.reweighting import reweighted
 from vibrident.fit.descent.sandwich import hac_covariance
@@ -86,7 +86,7 @@ def _trained(network: NetworkSettings, evidence: Evidence, progress: Progress) -
         if trace is None and not evidence.model.is_linear:
             z = _with_harmonic_start(problem, normal, evidence, z)
         noise = found
-        bent = GeodesicSteps.of_records(evidence, coordinates, noise)
+        bent = geodesic_steps(evidence, coordinates, noise)
         trace = _train(network, problem, coordinates, z, noise, bent, tolerance, progress)
         z = trace.last
         moved = problem.at_delay_of(coordinates.values(z))
@@ -216,7 +216,7 @@ class _Trained:
         two_modes = bool(self.coordinates.model.shares)  # they trade against each other along a curved valley
         begins, bent, noise = [self.trace.last], None, self.network.noise
         if two_modes:
-            bent = GeodesicSteps.of_records(evidence, self.coordinates, noise)
+            bent = geodesic_steps(evidence, self.coordinates, noise)
         if two_modes or evidence.start is not None:  # which knows the noise of both channels
             begins.append(self.coordinates.place(self.begin.values))
         end = reweighted(self.problem, self.coordinates, begins, noise, bent)
