@@ -8,6 +8,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,15 +23,16 @@ from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import in_blocks, mean_around, power_of
 
 
-@dataclass(frozen=True, eq=False)
-class _Share:
+class _Share(NamedTuple):
     """The contribution of one record."""
 
     information: FloatArray  # of the lines about z, shape (p, p)
     of_noise: FloatArray  # the part of it that the noise of the reference makes up, shape (p, p)
     gradient: FloatArray  # shape (p,)
     cost: float  # weighted sum of squares of the residual
-    imitated: FloatArray  # what of each nuisance column the Jacobian holds, shape (nuisances, p)
+    variance: (
+        FloatArray  # of the gradient, by the residual's own spectrum, shape (p, p); zero where it is not asked for
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +123,7 @@ def iterate_at(
         return None
     step = np.zeros(len(z))
     for last in (False, True):
-        shares, variances, read = [], [], list[NoiseSpectrum]()
+        shares, read = list[_Share](), list[NoiseSpectrum]()
         final, read_at = settled is not None or last, step
         for some in together(lines):
             before = [spectra.pop(0) for _ in lines[some]]
@@ -129,21 +131,17 @@ def iterate_at(
             while weighed:
                 own = weighed.pop(0)
                 read.append(own.spectrum)
-                shares.append(own.share())
-                if final:
-                    variances.append(own.variance(shares[-1].imitated))
+                shares.append(own.share(varies=final))
         spectra = read
-        whole = np.sum([share.information for share in shares], axis=0)
+        whole, of_noise, gradient, cost, variance = (np.sum(parts, axis=0) for parts in zip(*shares, strict=True))
         if not _known(whole):
             return None
-        root = _inverse_root(whole - np.sum([share.of_noise for share in shares], axis=0), whole)
+        root = _inverse_root(whole - of_noise, whole)
         inverse = root @ root.T
-        gradient = np.sum([share.gradient for share in shares], axis=0)
         step = inverse @ gradient
         if final:
-            covariance = sandwich_covariance(root, np.sum(variances, axis=0), whole)
-            cost = sum(share.cost for share in shares)
-            place = Iterate(z, tuple(spectra), inverse, gradient, covariance, cost, read_at)
+            covariance = sandwich_covariance(root, variance, whole)
+            place = Iterate(z, tuple(spectra), inverse, gradient, covariance, float(cost), read_at)
             if settled is None or last or place.far <= settled:
                 return place
     return None
@@ -202,10 +200,8 @@ class _Weighed:
 
         ``known``: that was read here; it is read again where more than offset and drift may hide in it.
         """
-        tones, nuisances = (
-            [own.tones for own in before],
-            [_nuisances(*pair) for pair in zip(lines, before, strict=True)],
-        )
+        tones = [own.tones for own in before]
+        nuisances = [_nuisances(*pair) for pair in zip(lines, before, strict=True)]
         if known and not any(tones) and not any(with_edges(*pair) for pair in zip(lines, before, strict=True)):
             found, rests = list(before), [record.residual for record in lines]
             before.clear()
@@ -236,25 +232,28 @@ class _Weighed:
             of_noise = products(lambda part: (d_through[:, part],), own)
         return cls(record, spectrum, nuisances, rest, jacobian, of_noise, weight)
 
-    def share(self) -> _Share:
-        """What the record says: the Jacobian projected onto what is no nuisance column, J − N β, in sums alone."""
-        p, residual = len(self.jacobian), self.record.residual
-        sums = products(lambda part: (self.nuisances(part), self.jacobian[:, part], residual[None, part]), self.weight)
+    def share(self, *, varies: bool) -> _Share:
+        """What the record says: the Jacobian projected onto what is no nuisance column, J − N β, in sums alone.
+
+        ``varies``: whether the variance of the gradient is asked for.
+        """
+        record, p = self.record, len(self.jacobian)
+        sums = products(
+            lambda part: (self.nuisances(part), self.jacobian[:, part], record.residual[None, part]), self.weight
+        )
         m = len(sums) - p - 1
         share = inverse_where_shown(sums[:m, :m]) @ sums[:m, m:]
         freed = sums[m:, m:] - sums[:m, m:].T @ share
-        return _Share(freed[:p, :p], self.of_noise, freed[:p, p], float(freed[p, p]), share[:, :p])
-
-    def variance(self, imitated: FloatArray) -> FloatArray:
-        """Of the gradient, by the residual's own spectrum, shape (p, p)."""
-        record, level, m = self.record, self.spectrum.psd, len(imitated)
-        power = power_of(self.rest) / max(record.count, 1.0) / level
-        local = np.maximum(mean_around(power, around(record), NEAREST), record.floor / level)
-        loud = products(
-            lambda part: (self.nuisances(part), self.jacobian[:, part]), self.weight * self.spectrum.excited * local
-        )
-        both = imitated.T @ loud[:m, m:]
-        return loud[m:, m:] - both - both.T + imitated.T @ loud[:m, :m] @ imitated
+        variance, imitated = np.zeros((p, p)), share[:, :p]
+        if varies:
+            level = self.spectrum.psd
+            power = power_of(self.rest) / max(record.count, 1.0) / level
+            local = np.maximum(mean_around(power, around(record), NEAREST), record.floor / level)
+            weight = self.weight * self.spectrum.excited * local
+            loud = products(lambda part: (self.nuisances(part), self.jacobian[:, part]), weight)
+            both = imitated.T @ loud[:m, m:]
+            variance = loud[m:, m:] - both - both.T + imitated.T @ loud[:m, :m] @ imitated
+        return _Share(freed[:p, :p], self.of_noise, freed[:p, p], float(freed[p, p]), variance)
 
 
 def around(record: RecordBins) -> int:

@@ -139,7 +139,7 @@ def levenberg_marquardt(
             used = lacking if better else none
             here, rejected = trial, 0
             way.append(here)
-            damping /= 3.5 if gained > 0.9 else 1.0  # the residual is as linear as foretold
+            damping *= 1.0 / 3.5 if gained > 0.9 else 1.0  # the residual is as linear as foretold
         else:
             damping *= 4.0 * 2.0**rejected  # more after each, to fit any size of the residual (Nielsen 1999)
             rejected += 1

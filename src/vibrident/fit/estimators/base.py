@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from vibrident.base.errors import ModelError
 from vibrident.fit.descent.optimise import Progress, Trace, silent
 from vibrident.fit.estimators.findings import Findings
 
@@ -17,7 +16,6 @@ if TYPE_CHECKING:
     from vibrident.fit.problem import Coordinates, Evidence, NetworkProblem
     from vibrident.fit.response import MeasuredResponse
     from vibrident.fit.start.start import Start
-    from vibrident.physics.models import SensorModel
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,22 +54,6 @@ class Estimate:
     equations: float = 1.0
     criterion: Literal["samples", "likelihood", "other"] = "other"
     findings: Findings = field(default_factory=Findings)
-
-
-def refuse_nonlinear(model: SensorModel, estimator: str) -> None:
-    """Refuse a model without transfer function where the estimator works on one.
-
-    Raises:
-        ModelError: the model is not linear.
-    """
-    if not model.is_linear:
-        raise ModelError(
-            f"The estimator {estimator!r} works in frequency, and this model has no transfer function.",
-            expected="the estimator 'auto' with [[records]], which hold the motion in time",
-            found=f"estimator {estimator!r} with {model.name!r}",
-            where="estimator",
-            remedy="use the estimator 'auto' with records, or a linear model",
-        )
 
 
 @dataclass(frozen=True)

@@ -50,10 +50,9 @@ def fit(name: str, weighting: str, evidence: Evidence, progress: Progress) -> Es
         )
     model = evidence.model
     begin = find_start(first, model)
-    start = begin.values
-    coordinates = Coordinates.at(model, start, first.band_hz)
+    coordinates = Coordinates.at(model, begin.values, first.band_hz)
     problem, freedom, tones, z = first, np.inf, None, coordinates.first
-    network = None if evidence.tones is None else network_problem(evidence, start)
+    network = None if evidence.tones is None else network_problem(evidence, begin.values)
     # The tones are cleaned at the start values, and once more at the fit.
     for number in range(1 if evidence.tones is None else 2):
         if evidence.tones is not None:
@@ -66,24 +65,13 @@ def fit(name: str, weighting: str, evidence: Evidence, progress: Progress) -> Es
         args: tuple[Any, ...] = (coordinates, evidence.quantity, (problem.data[0], problem.response, weight))
         trace = levenberg_marquardt(_objective, z, args, tolerance=1e-12, progress=progress)
         z = trace.last
-    _, jacobian = inverse_residual(trace.last, *args)
+    _, jacobian = inverse_residual(z, *args)
     # Residuals w δ(1/H) have the deviation w u(H)/|H|² in their real and imaginary parts alike.
     deviation = np.tile(weight * problem.relative_deviation / np.abs(problem.response), 2)
     gain = inverse_normal(jacobian.T @ jacobian) @ jacobian.T
     covariance = (gain * deviation**2) @ gain.T
-    chosen = {"weighting": weighting}
-    return Estimate(
-        name,
-        coordinates,
-        trace.last,
-        covariance,
-        freedom,
-        trace,
-        chosen,
-        tones,
-        begin=begin,
-        equations=problem.equations,
-    )
+    chosen, equations = {"weighting": weighting}, problem.equations
+    return Estimate(name, coordinates, z, covariance, freedom, trace, chosen, tones, begin=begin, equations=equations)
 
 
 def _weight(problem: FrequencyProblem, weighting: str) -> FloatArray:

@@ -16,7 +16,7 @@ import numpy as np
 from vibrident.base.errors import ModelError
 from vibrident.data.records import FloatArray
 from vibrident.fit.descent.optimise import Progress, Trace, levenberg_marquardt
-from vibrident.fit.estimators.base import Estimate, refuse_nonlinear
+from vibrident.fit.estimators.base import Estimate
 from vibrident.fit.estimators.findings import Findings
 from vibrident.fit.estimators.residual_tones import network_problem, residual_tones, roughly_cleaned
 from vibrident.fit.information import inverse_normal
@@ -25,12 +25,6 @@ from vibrident.fit.response import MeasuredResponse
 from vibrident.fit.response.verdict import REJECTION, as_chi2, chance_of
 from vibrident.fit.start.start import find_start
 from vibrident.physics.models import SensorModel
-
-#: Bisections for the model error: a relative step of 2e-5 at the end.
-MODEL_ERROR_STEPS = 20
-#: Most rounds of fit and refreshed tones, and the change, in standard deviations, that needs no further one: that would
-#: change the coordinates by a hundredth of it; of two modes, which trade against each other, by a tenth.
-ROUNDS, SETTLED, OF_TWO_MODES = 4, 3.0, 0.3
 
 
 def fit(name: str, evidence: Evidence, progress: Progress) -> Estimate:
@@ -56,8 +50,10 @@ def fit(name: str, evidence: Evidence, progress: Progress) -> Estimate:
     network = network_problem(evidence, start)
     rough = roughly_cleaned(evidence, network, coordinates, z)
     z = z if rough is None else _descend(coordinates, z, rough, progress).last
-    settled = OF_TWO_MODES if model.shares else SETTLED
-    for _ in range(ROUNDS):
+    # The change, in standard deviations, that needs no further round: that would change the coordinates by a hundredth
+    # of it; of two modes, which trade against each other, by a tenth.
+    settled = 0.3 if model.shares else 3.0
+    for _ in range(4):
         if not model.has_network:  # its average acts as at the values that the network is made of
             network = network_problem(evidence, coordinates.values(z))
         tones = residual_tones(evidence, network, coordinates, z)
@@ -78,7 +74,14 @@ def responses(name: str, evidence: Evidence) -> FrequencyProblem:
     Raises:
         ModelError: a record is not a sine, or the model is nonlinear.
     """
-    refuse_nonlinear(evidence.model, name)
+    if not evidence.model.is_linear:
+        raise ModelError(
+            f"The estimator {name!r} works in frequency, and this model has no transfer function.",
+            expected="the estimator 'auto' with [[records]], which hold the motion in time",
+            found=f"estimator {name!r} with {evidence.model.name!r}",
+            where="estimator",
+            remedy="use the estimator 'auto' with records, or a linear model",
+        )
     first = evidence.first_look
     if first is None or any(r.excitation != "sine" for r in evidence.records):
         raise ModelError(
@@ -108,18 +111,15 @@ def with_random_effect(evidence: Evidence, estimate: Estimate, progress: Progres
         return wider, _descend(estimate.coordinates, estimate.z, wider, progress)
 
     low, high = np.log(1e-9), np.log(1.0)
-    for _ in range(MODEL_ERROR_STEPS):
+    for _ in range(20):  # to a relative step of 2e-5
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if _cost(widened(float(np.exp(middle)))[1]) > degrees else (low, middle)
+        _, trace = widened(float(np.exp(middle)))
+        low, high = (middle, high) if trace.costs[-1] > degrees else (low, middle)
     error = float(np.exp(0.5 * (low + high)))
     wider, trace = widened(error)
     again = _estimate(estimate.estimator, estimate.coordinates, trace, wider, float(degrees))
     found = Findings(model_error=error)
     return replace(again, tones=tones, problem=estimate.problem, begin=estimate.begin, findings=found)
-
-
-def _cost(trace: Trace) -> float:
-    return trace.costs[-1]
 
 
 def weighted_problem(
@@ -148,12 +148,11 @@ def _descend(coordinates: Coordinates, z: FloatArray, problem: FrequencyProblem,
 def _estimate(
     name: str,
     coordinates: Coordinates,
-    trace: Trace | None,
+    trace: Trace,
     problem: FrequencyProblem,
     freedom: float,
     tones: MeasuredResponse | None = None,
 ) -> Estimate:
-    assert trace is not None
     covariance = inverse_normal(problem.normal(trace.last, coordinates).matrix)
     if tones is not None:
         # Weights that are themselves estimated, from ν degrees of freedom each, cost 1 + 4/ν of variance.

@@ -24,18 +24,8 @@ from vibrident.fit.response.transform import hann
 from vibrident.physics.discretisation import method
 from vibrident.physics.discretisation.inputs import half_width_for
 
-#: Interpolation by so many samples on either side is good to 1e-5.
-FINE = 32
-#: Hann's window parts a tone from offset and mirror image from so many periods on.
-FEWEST_PERIODS = 4.0
-#: Noise of the reference passes the network. Where it is this factor above the noise beside the tone, a plain sine with
-#: the free motion is fitted instead.
-LOUD = 3.0
-#: A plain sine is not fitted where its standard deviation is larger by this factor …
+#: A plain sine with the free motion is not fitted where its standard deviation is larger by this factor.
 NOISIER = 1.5
-#: … nor where the amplitude of the reference is another under Hann's window by so many standard deviations: the motion
-#: rings up, or changes in size, and the sensor's answer to that is in no sine.
-UNSTEADY = 5.0
 
 
 def network_problem(evidence: Evidence, values: dict[str, float]) -> NetworkProblem | None:
@@ -80,7 +70,8 @@ def residual_tones(
         return cleaned  # only the network brings its tones to what the linear part answers
     samples = np.array([evidence.records[index].mask.sum() for index in plain.record])
     deviation = cleaned.error_deviation(at)
-    loud = (rest > LOUD * deviation * np.sqrt(samples / 2.0)) | (deviation > NOISIER * plain.error_deviation(at))
+    # Noise of the reference passes the network: it may be above the noise beside the tone.
+    loud = (rest > 3.0 * deviation * np.sqrt(samples / 2.0)) | (deviation > NOISIER * plain.error_deviation(at))
     if predicted is None or not np.any(loud):
         return cleaned
     by_sines, _ = _cleaned(evidence, plain, None, values, poles)
@@ -111,7 +102,7 @@ def roughly_cleaned(
         used = record.mask & np.isfinite(series)
         window = hann(record.samples) * used
         periods = frequency[place] * record.duration_s
-        if used.sum() > 0.5 * record.mask.sum() and periods > FEWEST_PERIODS:
+        if used.sum() > 0.5 * record.mask.sum() and periods > 4.0:  # else offset and mirror image mix with the tone
             wave = turning(record.samples, -2.0 * np.pi * frequency[place] / record.sampling_rate_hz)
             left = np.where(used, record.response - series, 0.0) * window
             cleaned[place] = explained[place] + 2.0 * (left @ wave) / np.sum(window)
@@ -119,14 +110,18 @@ def roughly_cleaned(
 
 
 def _steady(record: Record, tones: MeasuredResponse, place: int) -> bool:
-    """Whether the reference keeps the size of its tone over the record, as far as its noise tells."""
+    """Whether the reference keeps the size of its tone over the record, as far as its noise tells.
+
+    Else its amplitude is another under Hann's window: the motion rings up, or changes in size, and the sensor's answer
+    to that is in no sine.
+    """
     mask, turns = record.mask, tones.frequency_hz[place] / record.sampling_rate_hz
     wave = turning(record.samples, 2.0 * np.pi * turns)[mask]
     rows = np.stack([wave.real, wave.imag, np.ones(wave.size)])
     faded = rows * hann(record.samples)[mask]
     found = np.linalg.lstsq(faded @ rows.T, faded @ np.asarray(record.reference)[mask], rcond=1e-12)[0]
     noise = np.sqrt(np.sum(np.abs(tones.line_reference[place]) ** 2) / np.sum(tones.line_weight[place]))
-    return bool(abs(found[0] - 1j * found[1] - tones.reference[place]) < UNSTEADY * noise)
+    return bool(abs(found[0] - 1j * found[1] - tones.reference[place]) < 5.0 * noise)
 
 
 def _cleaned(
@@ -146,9 +141,9 @@ def _cleaned(
         reached = False
         if predicted is not None:
             used = record.mask & np.isfinite(predicted[place])
-            # Where the network reaches too little, or interpolates by too few samples, the record keeps all its samples
-            # and its vibration noise.
-            fine = half_width_for(record.samples) >= FINE
+            # Where the network reaches too little, or interpolates by too few samples to be good to 1e-5, the record
+            # keeps all its samples and its vibration noise.
+            fine = half_width_for(record.samples) >= 32
             reached = bool(fine and used.sum() > 0.5 * record.mask.sum())
             if reached:
                 residual = np.where(used, record.response - predicted[place], 0.0)

@@ -140,7 +140,7 @@ def _freed(network: NetworkSettings, evidence: Evidence, trained: _Trained, prog
     coordinates, z = trained.coordinates, trained.trace.last
     values, step = coordinates.values(z), method(network.discretisation)
     in_time = TimeProblem.build(evidence.records, evidence.model, step, evidence.quantity, values)
-    z, covariance, trace, _ = train_free(in_time, coordinates, z, trained.network.noise, network.reading, progress)
+    z, covariance, trace = train_free(in_time, coordinates, z, trained.network.noise, network.reading, progress)
     _, freedom = hac_covariance(trained.lines(), trained.problem.degrees_of_freedom)
     found = Findings(replace(trained.network, reading=network.reading))
     return replace(trained.estimate(z, covariance, freedom, found), trace=trace, begin=None)
