@@ -17,7 +17,7 @@ from vibrident.base.errors import ModelError
 from vibrident.data.records import FloatArray
 from vibrident.fit.bins import RecordBins
 from vibrident.fit.descent.geodesic import geodesic_steps
-from vibrident.fit.descent.optimise import Bent, Progress, Trace, levenberg_marquardt
+from vibrident.fit.descent.optimise import Progress, Trace, levenberg_marquardt
 from vibrident.fit.descent.reweighting import reweighted
 from vibrident.fit.descent.sandwich import hac_covariance
 from vibrident.fit.estimators.base import Estimate
@@ -27,17 +27,6 @@ from vibrident.fit.problem import BinProblem, Coordinates, Evidence, NetworkProb
 from vibrident.fit.screening.hum import hum_tones, lacking
 from vibrident.fit.start.start import Start, find_start
 from vibrident.physics.discretisation import method
-
-#: Rounds of training with refreshed noise weights and delay.
-ROUNDS = 6
-#: Decrease of the cost that is worth no step.
-TOLERANCE = 1e-6
-#: The same where weights by the noise of each line follow: the square of a tenth of a standard uncertainty.
-BEFORE_WEIGHTING = 0.01
-#: The same in a first round, which another one follows.
-AT_FIRST = 0.1
-#: Relative change of the noise below which its weights need no further round.
-NOISE_SETTLED = 1e-3
 
 
 def fit(network: NetworkSettings, evidence: Evidence, progress: Progress) -> Estimate:
@@ -72,38 +61,30 @@ def with_equal_weights(estimate: Estimate) -> Estimate | None:
 
 def _trained(network: NetworkSettings, evidence: Evidence, progress: Progress) -> _Trained:
     assert evidence.first_look is not None
-    begin = find_start(evidence.first_look, evidence.model)
-    start = begin.values
-    coordinates = Coordinates.at(evidence.model, start, evidence.band_hz, evidence.response_size)
-    problem, z = _problem(network, evidence, start, coordinates), coordinates.first
-    noise, trace, tolerance = np.ones(len(evidence.records)), None, AT_FIRST
-    for _ in range(ROUNDS):
+    begin, linear = find_start(evidence.first_look, evidence.model), evidence.model.is_linear
+    coordinates = Coordinates.at(evidence.model, begin.values, evidence.band_hz, evidence.response_size)
+    problem, z = _problem(network, evidence, coordinates, begin.values), coordinates.first
+    noise, trace, settled = np.ones(len(evidence.records)), None, False
+    for _ in range(6):
         normal = problem.normal(z, coordinates, noise)
         found = problem.record_noise(normal, noise)
-        if tolerance != AT_FIRST and np.allclose(found, noise, rtol=NOISE_SETTLED, atol=0.0):
+        if settled and np.allclose(found, noise, rtol=1e-3, atol=0.0):
             break
-        tolerance = _tolerance(network, evidence, trace)
-        if trace is None and not evidence.model.is_linear:
+        if trace is None and not linear:
             z = _with_harmonic_start(problem, normal, evidence, z)
         noise = found
-        bent = geodesic_steps(evidence, coordinates, noise)
-        trace = _train(network, problem, coordinates, z, noise, bent, tolerance, progress)
+        # Where weights by the noise of each line follow, a tenth of a standard uncertainty may be left; at first more.
+        tolerance = 1e-6 if not _by_lines(network, evidence) else 0.1 if trace is None else 0.01
+        trace = _train(network, problem, coordinates, z, noise, tolerance, evidence, progress)
         z = trace.last
         moved = problem.at_delay_of(coordinates.values(z))
-        if moved is not problem:
-            problem = moved
-            noise = noise * (1.0 + 2.0 * NOISE_SETTLED)  # another round, with the inputs at the delay found
+        settled = moved is problem and tolerance < 0.1  # else another round, with the inputs at the delay found
+        problem = moved
     assert trace is not None
-    linear, terms = evidence.model.is_linear, problem.frame.terms
     hum = tuple(record.hum_hz for record in problem.records)
+    terms = problem.frame.terms
     found = TrainedNetwork(network.discretisation, trace.optimiser, terms, noise, linear=linear, hum_hz=hum)
     return _Trained(problem, coordinates, trace, begin, found)
-
-
-def _tolerance(network: NetworkSettings, evidence: Evidence, trace: Trace | None) -> float:
-    if not _by_lines(network, evidence):
-        return TOLERANCE
-    return AT_FIRST if trace is None else BEFORE_WEIGHTING
 
 
 def _by_lines(network: NetworkSettings, evidence: Evidence) -> bool:
@@ -112,7 +93,7 @@ def _by_lines(network: NetworkSettings, evidence: Evidence) -> bool:
 
 
 def _problem(
-    network: NetworkSettings, evidence: Evidence, start: dict[str, float], coordinates: Coordinates
+    network: NetworkSettings, evidence: Evidence, coordinates: Coordinates, start: dict[str, float]
 ) -> NetworkProblem:
     at = (evidence.records, evidence.model, method(network.discretisation), evidence.quantity, start)
     if _by_lines(network, evidence):
@@ -152,12 +133,13 @@ def _train(
     coordinates: Coordinates,
     z: FloatArray,
     noise: FloatArray,
-    bent: Bent | None,
     tolerance: float,
+    evidence: Evidence,
     progress: Progress,
 ) -> Trace:
     args = (coordinates, problem, noise)
     if network.optimiser == "lm":
+        bent = geodesic_steps(evidence, coordinates, noise)
         return levenberg_marquardt(network_objective, z, args, tolerance=tolerance, progress=progress, bent=bent)
     from vibrident.fit.descent.adam import adam
 
