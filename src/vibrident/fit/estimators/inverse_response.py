@@ -28,17 +28,7 @@ from vibrident.physics.models.slopes import response_and_slopes
 
 
 def fit(name: str, weighting: str, evidence: Evidence, progress: Progress) -> Estimate:
-    """Fit 1/H.
-
-    Args:
-        name: of the estimator.
-        weighting: ``plain`` or ``weighted``.
-        evidence: tones or a table with phase.
-        progress: called at every step.
-
-    Raises:
-        ModelError: there is no phase, a record is not a sine, or the model is nonlinear.
-    """
+    """Fit 1/H; ``name``: of the estimator; ``weighting``: ``plain`` or ``weighted``."""
     first = responses(name, evidence)
     if not first.has_phase:
         raise ModelError(

@@ -28,26 +28,16 @@ from vibrident.physics.models import SensorModel
 
 
 def fit(name: str, evidence: Evidence, progress: Progress) -> Estimate:
-    """Fit the model to the complex responses.
-
-    Args:
-        name: of the estimator.
-        evidence: tones or a table.
-        progress: called at every step.
-
-    Raises:
-        ModelError: a record is not a sine, or the model is nonlinear.
-    """
+    """Fit the model to the complex responses; ``name``: of the estimator."""
     first = responses(name, evidence)
     model = evidence.model
     begin = find_start(first, model)
-    start = begin.values
-    coordinates = Coordinates.at(model, start, first.band_hz)
+    coordinates = Coordinates.at(model, begin.values, first.band_hz)
     if evidence.tones is None:
         trace = _descend(coordinates, coordinates.first, first, progress)
         return replace(_estimate(name, coordinates, trace, first, np.inf), begin=begin)
     z = coordinates.first
-    network = network_problem(evidence, start)
+    network = network_problem(evidence, begin.values)
     rough = roughly_cleaned(evidence, network, coordinates, z)
     z = z if rough is None else _descend(coordinates, z, rough, progress).last
     # The change, in standard deviations, that needs no further round: that would change the coordinates by a hundredth

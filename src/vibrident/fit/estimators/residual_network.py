@@ -25,7 +25,6 @@ from vibrident.fit.estimators.findings import Findings, LearnedShare
 from vibrident.fit.problem import Coordinates, Evidence, Local
 from vibrident.fit.problem.time_domain import TimeProblem, evaluate
 from vibrident.fit.registry import ESTIMATORS
-from vibrident.physics.discretisation import method
 from vibrident.physics.models import SensorModel
 from vibrident.physics.network.residual import STRUCTURES, initial_weights, with_residual
 from vibrident.physics.network.sensitivity import Normal
@@ -95,15 +94,14 @@ class ResidualIpnn(Estimator):
         for structure in self.structures:
             if len(structure) > 1 and not _both_needed([tried[(part,)] for part in structure if (part,) in tried]):
                 continue
-            tried[structure] = _judged(structure, evidence, plain, trained, parts, before, progress)
+            tried[structure] = _judged(structure, trained, parts, before, progress)
         shown = {"+".join(s): j.shown for s, j in tried.items()}
         kept = [(structure, judged) for structure, judged in tried.items() if judged.kept]
         if not kept:
             return _without(plain, "no network predicts held-out data better than the physics alone", shown)
         # A larger network must leave 80 % or less of what the smaller one left (mean square).
         best = min(kept, key=lambda pair: pair[1].left * 0.8 ** (2 - len(pair[0])))
-        everything = np.ones(parts.shape, dtype=bool)
-        whole = best[1].candidate.trained(everything, progress, 1e-3)
+        whole = best[1].candidate.trained(np.ones(parts.shape, dtype=bool), progress, 1e-3)
         return _with(plain, best[0], whole, shown)
 
 
@@ -143,10 +141,9 @@ class _Candidate:
 
     def trained(self, lanes: np.ndarray, progress: Progress, tolerance: float = 0.1) -> _Candidate:
         """Trained on the lanes chosen, from z, noise refreshed between rounds; ``tolerance``: that of a trial."""
-        now = self
-        centre, weight = _prior(self.coordinates)
+        now, beside = self, (jnp.asarray(self.coordinates.first), jnp.asarray(_prior(self.coordinates)))
         for _ in range(2):
-            args = (now.args(lanes), jnp.asarray(centre), jnp.asarray(weight))
+            args = (now.args(lanes), *beside)
             trace = levenberg_marquardt(_penalised, now.z, args, tolerance=tolerance, most=30, progress=progress)
             now = replace(now, z=trace.last, trace=trace)
             now = replace(now, noise=_noise(now, lanes))
@@ -168,14 +165,14 @@ def _penalised(z: Any, args: Any) -> Local:
     inner, centre, weight = args
     normal = evaluate(jnp.asarray(z), *inner)
     away = z - centre
-    matrix = normal.matrix + jnp.diag(weight)
-    return Local(matrix, normal.gradient - weight * away, normal.cost + jnp.sum(weight * away**2))
+    return Local(
+        normal.matrix + jnp.diag(weight), normal.gradient - weight * away, normal.cost + jnp.sum(weight * away**2)
+    )
 
 
-def _prior(coordinates: Coordinates) -> tuple[FloatArray, FloatArray]:
-    """Where the residual's weights are drawn to, and how strongly; nothing for the physics."""
-    widths = [PRIOR.get(spec.name, np.inf) for spec in coordinates.model.parameters]
-    return coordinates.first, np.array(widths) ** -2
+def _prior(coordinates: Coordinates) -> FloatArray:
+    """How strongly the residual's weights are drawn to where they begin; nothing for the physics."""
+    return np.array([PRIOR.get(spec.name, np.inf) for spec in coordinates.model.parameters]) ** -2
 
 
 def _held_out(problem: TimeProblem) -> np.ndarray | None:
@@ -215,17 +212,11 @@ def _noise(candidate: _Candidate, lanes: np.ndarray) -> FloatArray:
 
 
 def _judged(
-    structure: tuple[str, ...],
-    evidence: Evidence,
-    plain: Estimate,
-    physics: _Candidate,
-    train: np.ndarray,
-    before: FloatArray,
-    progress: Progress,
+    structure: tuple[str, ...], physics: _Candidate, train: np.ndarray, before: FloatArray, progress: Progress
 ) -> _Judged:
     """The best network of a structure, trained on ``train``, and its verdict on the rest."""
     try:
-        best = _beginning(structure, evidence, physics, train).trained(train, progress)
+        best = _beginning(structure, physics, train).trained(train, progress)
     except NotConverged:
         return _Judged(physics, 0.0, np.inf, False, {"status": "not converged"})
     scale = best.problem.by_lane(best.noise)
@@ -254,15 +245,15 @@ def _both_needed(single: list[_Judged]) -> bool:
     return all(best.left > 0.1 * judged.gain for judged in single if judged is not best)
 
 
-def _beginning(structure: tuple[str, ...], evidence: Evidence, physics: _Candidate, train: np.ndarray) -> _Candidate:
+def _beginning(structure: tuple[str, ...], physics: _Candidate, train: np.ndarray) -> _Candidate:
     """A network that does nothing yet, with its recurrent neurons where the physics' residual asks for them most."""
     if "memory" not in structure:
-        return _beside(structure, evidence, physics, {})
-    low, high = evidence.band_hz
-    highest = min(3.0 * high, 0.4 * max(r.sampling_rate_hz for r in evidence.records))
+        return _beside(structure, physics, {})
+    low, high = physics.coordinates.band_hz.tolist()
+    highest = min(3.0 * high, 0.4 * max(record.sampling_rate_hz for record in physics.problem.records))
     frequencies = np.geomspace(low, highest, max(2, int(np.log10(highest / low) * 24)))
     scored = []
-    base = _beside(("memory",), evidence, physics, {"memory_frequency": float(high), "memory_damping": 0.1})
+    base = _beside(("memory",), physics, {"memory_frequency": high, "memory_damping": 0.1})
     names = base.coordinates.model.parameter_names
     for damping in (0.03, 0.2):
         for frequency in frequencies:
@@ -272,7 +263,7 @@ def _beginning(structure: tuple[str, ...], evidence: Evidence, physics: _Candida
             normal = replace(base, z=z).normal(train)
             scored.append((_gain(np.asarray(normal.matrix), np.asarray(normal.gradient)), frequency, damping))
     _, frequency, damping = max(scored)
-    return _beside(structure, evidence, physics, {"memory_frequency": float(frequency), "memory_damping": damping})
+    return _beside(structure, physics, {"memory_frequency": float(frequency), "memory_damping": damping})
 
 
 def _gain(matrix: FloatArray, gradient: FloatArray) -> float:
@@ -284,18 +275,15 @@ def _gain(matrix: FloatArray, gradient: FloatArray) -> float:
     return float(np.sum(pull[values > 1e-9] ** 2 / values[values > 1e-9]))
 
 
-def _beside(
-    structure: tuple[str, ...], evidence: Evidence, physics: _Candidate, memory: Mapping[str, float]
-) -> _Candidate:
+def _beside(structure: tuple[str, ...], physics: _Candidate, memory: Mapping[str, float]) -> _Candidate:
     """The physics as trained, with a network beside it that does nothing yet."""
-    model = with_residual(evidence.model, structure)
-    problem, old = physics.problem, physics.coordinates
+    problem, old, frame = physics.problem, physics.coordinates, physics.problem.frame
+    model, size = with_residual(frame.model, structure), float(old.response_size)
     start = dict(zip(old.model.parameter_names, np.asarray(old.start).tolist(), strict=True))
-    size = float(old.response_size)
     start |= initial_weights(structure, size, memory)
     values = {**start, **old.values(physics.z)}
-    built = TimeProblem.build(problem.records, model, method(problem.layout.method.name), evidence.quantity, values)
-    coordinates = Coordinates.at(model, start, evidence.band_hz, size)
+    built = TimeProblem.build(problem.records, model, frame.method, frame.quantity, values)
+    coordinates = Coordinates.at(model, start, old.band_hz, size)
     z = np.concatenate([physics.z, coordinates.first[len(physics.z) :]])
     return _Candidate(built, coordinates, z, physics.noise)
 
@@ -310,11 +298,9 @@ def _with(plain: Estimate, structure: tuple[str, ...], whole: _Candidate, tried:
     """The estimate with the network beside the physics, and what each says of every record."""
     assert plain.problem is not None
     count = len(plain.z)
-    everything = np.ones(whole.problem.lanes.segment.shape, dtype=bool)
-    normal = whole.normal(everything)
-    _, weight = _prior(whole.coordinates)
+    normal = whole.normal(np.ones(whole.problem.lanes.segment.shape, dtype=bool))
     lines = whole.problem.lines(whole.z, whole.coordinates, whole.noise)
-    covariance, freedom = hac_covariance(lines, whole.problem.degrees_of_freedom, np.diag(weight))
+    covariance, freedom = hac_covariance(lines, whole.problem.degrees_of_freedom, np.diag(_prior(whole.coordinates)))
     z = np.asarray(whole.z)[:count]
     alone = plain.problem.predict(plain.coordinates, z)
     predicted = tuple(whole.problem.by_record(normal.response))

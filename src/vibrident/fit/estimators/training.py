@@ -30,12 +30,7 @@ from vibrident.physics.discretisation import method
 
 
 def fit(network: NetworkSettings, evidence: Evidence, progress: Progress) -> Estimate:
-    """Train the network.
-
-    Raises:
-        ModelError: there are no records, or no record has a reference.
-        InputError: no record is long enough.
-    """
+    """Train the network."""
     if not evidence.records or evidence.first_look is None:
         raise ModelError(
             "The network is trained on records with a reference.",

@@ -59,7 +59,7 @@ class Coordinates:
         cls,
         model: SensorModel,
         start: Mapping[str, float],
-        band_hz: tuple[float, float],
+        band_hz: Any,
         response_size: float = 1.0,
     ) -> Coordinates:
         """Coordinates around start values given by name."""
