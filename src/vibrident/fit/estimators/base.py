@@ -1,4 +1,4 @@
-"""Input and output of every estimator."""
+"""Input and output of every estimator, and which of them suits the data."""
 
 from __future__ import annotations
 
@@ -8,8 +8,10 @@ from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
+from vibrident.base.errors import ModelError
 from vibrident.fit.descent.optimise import Progress, Trace, silent
 from vibrident.fit.estimators.findings import Findings
+from vibrident.fit.registry import AUTO, ESTIMATORS
 
 if TYPE_CHECKING:
     from vibrident.data.records import FloatArray
@@ -122,3 +124,26 @@ class Estimator(ABC):
             InputError: a value cannot be used.
         """
         return replace(self, **settings)
+
+
+def ranked() -> tuple[Estimator, ...]:
+    """Every estimator with its settings at their defaults, in the order in which methods are compared."""
+    return tuple(sorted(ESTIMATORS.all().values(), key=lambda one: (one.rank, one.name)))
+
+
+def choose(evidence: Evidence) -> tuple[Estimator, str]:
+    """The estimator for these data, and the reason in words.
+
+    Raises:
+        ModelError: no estimator suits.
+    """
+    for one in ranked():
+        if reason := one.suits(evidence):
+            return one, f"{AUTO}: {reason}"
+    raise ModelError(
+        "No estimator suits these data.",
+        expected="a table, or records with a reference",
+        found=f"a model {evidence.model.name!r} with other data",
+        where="estimator",
+        remedy="name the estimator",
+    )

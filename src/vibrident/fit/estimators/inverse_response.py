@@ -49,7 +49,7 @@ def fit(name: str, weighting: str, evidence: Evidence, progress: Progress) -> Es
             if number and not model.has_network:
                 network = network_problem(evidence, coordinates.values(z))
             tones = residual_tones(evidence, network, coordinates, z)
-            problem = weighted_problem(tones, model, coordinates.values(z), evidence)
+            problem = weighted_problem(tones, coordinates, z, evidence)
             freedom = float(np.sum(tones.degrees_of_freedom))
         weight = _weight(problem, weighting)
         args: tuple[Any, ...] = (coordinates, evidence.quantity, (problem.data[0], problem.response, weight))

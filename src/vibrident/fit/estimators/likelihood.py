@@ -24,7 +24,6 @@ from vibrident.fit.problem import Coordinates, Evidence, FrequencyProblem
 from vibrident.fit.response import MeasuredResponse
 from vibrident.fit.response.verdict import REJECTION, as_chi2, chance_of
 from vibrident.fit.start.start import find_start
-from vibrident.physics.models import SensorModel
 
 
 def fit(name: str, evidence: Evidence, progress: Progress) -> Estimate:
@@ -47,13 +46,13 @@ def fit(name: str, evidence: Evidence, progress: Progress) -> Estimate:
         if not model.has_network:  # its average acts as at the values that the network is made of
             network = network_problem(evidence, coordinates.values(z))
         tones = residual_tones(evidence, network, coordinates, z)
-        problem = weighted_problem(tones, model, coordinates.values(z), evidence)
+        problem = weighted_problem(tones, coordinates, z, evidence)
         trace = _descend(coordinates, z, problem, progress)
         moved, z = np.abs(trace.last - z), trace.last
         deviation = np.sqrt(np.maximum(np.diag(inverse_normal(problem.normal(z, coordinates).matrix)), 0.0))
         if np.all(moved < settled * deviation):
             break
-    problem = weighted_problem(tones, model, coordinates.values(z), evidence)
+    problem = weighted_problem(tones, coordinates, z, evidence)
     freedom = float(np.sum(tones.degrees_of_freedom))
     return replace(_estimate(name, coordinates, trace, problem, freedom, tones), problem=network, begin=begin)
 
@@ -113,11 +112,12 @@ def with_random_effect(evidence: Evidence, estimate: Estimate, progress: Progres
 
 
 def weighted_problem(
-    tones: MeasuredResponse, model: SensorModel, values: dict[str, float], evidence: Evidence
+    tones: MeasuredResponse, coordinates: Coordinates, z: FloatArray, evidence: Evidence
 ) -> FrequencyProblem:
-    """The residual with deviations that hold at the parameters ``values``."""
-    deviation = tones.error_deviation(lambda f: model.frequency_response(values, f, evidence.quantity))
-    return FrequencyProblem.of_measured(tones, deviation, model, evidence.quantity)
+    """The residual with deviations that hold at ``z``."""
+    model, values, quantity = evidence.model, coordinates.values(z), evidence.quantity
+    deviation = tones.error_deviation(lambda f: model.frequency_response(values, f, quantity))
+    return FrequencyProblem.of_measured(tones, deviation, model, quantity)
 
 
 def solved_problem(estimate: Estimate, evidence: Evidence) -> FrequencyProblem:
@@ -125,8 +125,7 @@ def solved_problem(estimate: Estimate, evidence: Evidence) -> FrequencyProblem:
     if estimate.tones is None:
         assert evidence.first_look is not None
         return evidence.first_look
-    values = estimate.coordinates.values(estimate.z)
-    problem = weighted_problem(estimate.tones, evidence.model, values, evidence)
+    problem = weighted_problem(estimate.tones, estimate.coordinates, estimate.z, evidence)
     error = estimate.findings.model_error
     return problem if error is None else problem.with_random_effect(error)
 
