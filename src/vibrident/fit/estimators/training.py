@@ -90,21 +90,17 @@ def _by_lines(network: NetworkSettings, evidence: Evidence) -> bool:
 def _problem(
     network: NetworkSettings, evidence: Evidence, coordinates: Coordinates, start: dict[str, float]
 ) -> NetworkProblem:
-    at = (evidence.records, evidence.model, method(network.discretisation), evidence.quantity, start)
-    if _by_lines(network, evidence):
-        return _beside_hum(BinProblem.build(*at), coordinates)
-    from vibrident.fit.problem.time_domain import TimeProblem
-
-    return TimeProblem.build(*at)
-
-
-def _beside_hum(problem: BinProblem, coordinates: Coordinates) -> BinProblem:
-    """The problem with the hum that the start values leave as nuisance parameters.
+    """The records, with the hum that the start values leave as nuisance parameters.
 
     A free response without damping imitates hum, and a resonance above half the sampling rate has one at any frequency:
     from a start near the truth, training would leave it for that.
     """
-    known = tuple(record.hum_hz for record in problem.records)
+    at = (evidence.records, evidence.model, method(network.discretisation), evidence.quantity, start)
+    if not _by_lines(network, evidence):
+        from vibrident.fit.problem.time_domain import TimeProblem
+
+        return TimeProblem.build(*at)
+    problem, known = BinProblem.build(*at), tuple(record.hum_hz for record in evidence.records)
     tones = hum_tones(problem.records, problem.predict(coordinates, coordinates.first), known)
     return problem.with_hum(tones) if lacking(tones, known, problem.records) else problem
 

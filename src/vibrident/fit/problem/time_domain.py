@@ -62,15 +62,13 @@ class TimeProblem(NetworkProblem):
         lanes: steps of the records.
         intervals_s: distinct sampling intervals, shape (R,).
         fractions: read-out fraction at ``delay_s``, shape (R,).
-        record_of_segment: record of each real segment; segments beyond them are padding.
-        pieces: the real segments.
+        pieces: the real segments; those beyond them are padding.
     """
 
     layout: Layout
     lanes: Lanes
     intervals_s: FloatArray
     fractions: FloatArray
-    record_of_segment: np.ndarray
     pieces: tuple[Piece, ...]
 
     @classmethod
@@ -93,17 +91,20 @@ class TimeProblem(NetworkProblem):
         nodes, rounds = (0, (0, 0)) if model.is_linear else accuracy(frame.fastest * float(np.max(intervals)))
         segments = bucket(len(pieces) + 1)
         layout = Layout(model, method, frame.quantity, frame.terms, frame.order, segments, nodes, rounds)
-        owners = np.array([piece.record for piece in pieces])
-        return cls(records, frame, layout, lanes, intervals, fractions, owners, tuple(pieces))
+        return cls(records, frame, layout, lanes, intervals, fractions, tuple(pieces))
+
+    @functools.cached_property
+    def record_of_segment(self) -> np.ndarray:
+        """Record of each real segment."""
+        return np.array([piece.record for piece in self.pieces])
 
     @property
     def degrees_of_freedom(self) -> FloatArray:
         """Samples less initial states and offset, for every record, shape (records,)."""
-        per_lane = np.sum(self.lanes.weight, axis=0)
-        owners = self.by_lane(np.arange(len(self.records)), fill=0).astype(int)  # padding weighs nothing
-        counts = np.bincount(owners, weights=per_lane, minlength=len(self.records))
-        segments = np.bincount(self.record_of_segment, minlength=len(self.records))
-        return np.asarray(counts - (self.layout.order + 1.0) * segments, dtype=np.float64)
+        found = np.zeros(len(self.records))
+        for number, run, _ in self.pieces:
+            found[number] += self.records[number].mask[run].sum() - (self.frame.order + 1.0)
+        return found
 
     @functools.cached_property
     def data(self) -> tuple[Any, ...]:
@@ -153,10 +154,8 @@ class TimeProblem(NetworkProblem):
         values = np.asarray(lanes_values)
         ordered = [np.full(record.samples, np.nan) for record in self.records]
         for owner, run, lane in self.pieces:
-            whole, rest = divmod(run.stop - run.start, CHUNK)
-            end = run.stop - rest
-            ordered[owner][run.start : end].reshape(whole, CHUNK)[:] = values[:, lane : lane + whole].T
-            ordered[owner][end : run.stop] = values[:rest, lane + whole] if rest else 0.0
+            steps = run.stop - run.start
+            ordered[owner][run] = values[:, lane : lane - (-steps // CHUNK)].T.reshape(-1)[:steps]
         return ordered
 
 
