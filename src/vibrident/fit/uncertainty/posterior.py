@@ -23,7 +23,7 @@ from vibrident.base.backend import jax, jnp
 from vibrident.base.errors import InputError
 from vibrident.data.records import FloatArray
 from vibrident.fit.estimators import Estimate
-from vibrident.fit.estimators.likelihood import solved_problem
+from vibrident.fit.estimators.kinds.ml import solved_problem
 from vibrident.fit.problem import Coordinates, Evidence, FrequencyProblem
 
 WIDEST = 3.0  # largest standard deviation that scales the coordinates; an open direction has no finite one
