@@ -201,8 +201,8 @@ class _Weighed:
         ``known``: that was read here; it is read again where more than offset and drift may hide in it.
         """
         tones = [own.tones for own in before]
-        nuisances = [_nuisances(*pair) for pair in zip(lines, before, strict=True)]
-        if known and not any(tones) and not any(with_edges(*pair) for pair in zip(lines, before, strict=True)):
+        nuisances = [nuisances_of(*pair) for pair in zip(lines, before, strict=True)]
+        if known and not any(tones) and not any(_with_edges(*pair) for pair in zip(lines, before, strict=True)):
             found, rests = list(before), [record.residual for record in lines]
             before.clear()
         else:
@@ -277,7 +277,7 @@ def _cost(record: RecordBins, spectrum: NoiseSpectrum, z: FloatArray) -> float:
         more = record.model.power() - power_of(record.model.at(z))
         level = np.maximum(level + spectrum.input_noise_at * more, 0.1 * level)
     weight = record.one_sided * spectrum.excited / (max(record.samples, 1) * level)
-    nuisances = _nuisances(record, spectrum)
+    nuisances = nuisances_of(record, spectrum)
     sums = products(lambda part: (nuisances(part), record.residual[None, part]), weight)
     return float(sums[-1, -1] - sums[:-1, -1] @ inverse_where_shown(sums[:-1, :-1]) @ sums[:-1, -1])
 
@@ -293,12 +293,12 @@ def _left(record: RecordBins, step: FloatArray, nuisances: BinsAt, spectrum: Noi
     return rest
 
 
-def _nuisances(record: RecordBins, spectrum: NoiseSpectrum) -> BinsAt:
+def nuisances_of(record: RecordBins, spectrum: NoiseSpectrum) -> BinsAt:
     """Lines of what is unknown beside the parameters."""
-    return record.nuisances(edges=with_edges(record, spectrum), tones=spectrum.tones)
+    return record.nuisances(edges=_with_edges(record, spectrum), tones=spectrum.tones)
 
 
-def with_edges(record: RecordBins, spectrum: NoiseSpectrum) -> bool:
+def _with_edges(record: RecordBins, spectrum: NoiseSpectrum) -> bool:
     """Whether slopes of the initial states are unknown, too; a free decay has nothing but these states."""
     steep = float(np.min(spectrum.psd)) < 0.01 * float(np.mean(spectrum.psd))
     return record.model is not None and (steep or spectrum.input_noise > 0 or record.rings_unseen)

@@ -58,7 +58,6 @@ class Reweighted:
         z: the optimum, shape (p,).
         covariance: of z, including the uncertainty of noise of the reference, shape (p, p).
         degrees_of_freedom: behind the noise spectra.
-        normal: the network at ``z``.
         noise: of the reference, and hum.
     """
 
@@ -96,8 +95,6 @@ def reweighted(
         del motions  # of a long record each copy counts
         if here is None:
             continue
-        if here.astray(lines):
-            return None
         here = _down(here, lines, evaluate, bent)
         if here.astray(lines):
             return None
@@ -116,27 +113,20 @@ def _arrived(
     """The estimate at the last iterate; ``lines``: the records there, or where a step was tried last."""
     if lines[0].z is not here.z:
         lines = evaluate(here.z)
-    end = here.z if here.end is None else here.end
-    inverse, covariance, spectra = here.inverse, here.covariance, here.spectra
-    pulls = [inverse @ _draw(record, spectrum) / DOUBT for record, spectrum in zip(lines, spectra, strict=True)]
-    covariance = covariance + np.sum([np.outer(pull, pull) for pull in pulls], axis=0)
+    spectra = here.spectra
+    pulls = [here.inverse @ _draw(*pair) / DOUBT for pair in zip(lines, spectra, strict=True)]
+    covariance = here.covariance + np.sum([np.outer(pull, pull) for pull in pulls], axis=0)
     give_back_after(max(record.samples for record in lines))
     untold = np.array([pull for pull, spectrum in zip(pulls, spectra, strict=True) if not spectrum.free])
     untold = untold.reshape(-1, len(here.z))
-    return Reweighted(
-        end,
-        covariance,
-        sum(4.0 * (around(record) - NEAREST) for record in lines),
-        SpectralNoise(
-            np.sqrt([spectrum.input_noise for spectrum in spectra]) * noise,
-            doubtful(untold, covariance),
-            tuple(
-                tuple(place * given.sampling_rate_hz / max(record.samples, 1) for place in spectrum.tones)
-                for given, record, spectrum in zip(problem.records, lines, spectra, strict=True)
-            ),
-            untold,
-        ),
+    tones = tuple(
+        tuple(place * given.sampling_rate_hz / max(record.samples, 1) for place in spectrum.tones)
+        for given, record, spectrum in zip(problem.records, lines, spectra, strict=True)
     )
+    reference = np.sqrt([spectrum.input_noise for spectrum in spectra]) * noise
+    found = SpectralNoise(reference, doubtful(untold, covariance), tones, untold)
+    freedom = sum(4.0 * (around(record) - NEAREST) for record in lines)
+    return Reweighted(here.z if here.end is None else here.end, covariance, freedom, found)
 
 
 def _down(
@@ -148,7 +138,8 @@ def _down(
     """The last iterate of a descent; ``lines`` hold the records at the last iterate that was tried."""
     damping, part, rejected, slow, least = 0.0, 1.0, 0, 0, here.far
     for _ in range((EVALUATIONS if bent is None else ALONG_A_VALLEY) - 1):
-        if here.end is not None or here.far <= SETTLED or not np.isfinite(here.far) or slow > MOST_SLOW:
+        arrived = here.end is not None or here.far <= SETTLED
+        if arrived or not np.isfinite(here.far) or slow > MOST_SLOW or here.astray(lines):
             break
         trial, there = here.ahead(damping, bent, part), None
         if np.all(np.abs(trial - here.z) <= 3.0 * np.maximum(np.abs(here.z), 1.0)):  # near enough to be linear
@@ -165,8 +156,6 @@ def _down(
             if damping == 0.0 and there.far > 0.7 * here.far:
                 part *= 0.5  # the noise as read at either end leads back to the other
             here, rejected = there, 0
-            if here.astray(lines):
-                break
             damping = damping * LESS_DAMPED if damping > DAMPED else 0.0
     return here
 

@@ -62,33 +62,47 @@ class MaximumLikelihood(Estimator):
         Raises:
             ModelError: a record is not a sine, or the model is nonlinear; such motion needs the network.
         """
-        first = responses(self.name, evidence)
-        model = evidence.model
+        first, model = responses(self.name, evidence), evidence.model
         begin = find_start(first, model)
         coordinates = Coordinates.at(model, begin.values, first.band_hz)
-        if evidence.tones is None:
-            trace = _descend(coordinates, coordinates.first, first, progress)
-            return replace(_estimate(self.name, coordinates, trace, first, np.inf), begin=begin)
-        z = coordinates.first
-        network = network_problem(evidence, begin.values)
-        rough = roughly_cleaned(evidence, network, coordinates, z)
-        z = z if rough is None else _descend(coordinates, z, rough, progress).last
-        # The change, in standard deviations, that needs no further round: that would change the coordinates by a
-        # hundredth of it; of two modes, which trade against each other, by a tenth.
-        settled = 0.3 if model.shares else 3.0
-        for _ in range(4):
-            if not model.has_network:  # its average acts as at the values that the network is made of
-                network = network_problem(evidence, coordinates.values(z))
-            tones = residual_tones(evidence, network, coordinates, z)
+        network, tones, z = None, evidence.tones, coordinates.first
+        if tones is None:
+            problem, trace = first, _descend(coordinates, z, first, progress)
+        else:
+            network = network_problem(evidence, begin.values)
+            rough = roughly_cleaned(evidence, network, coordinates, z)
+            z = z if rough is None else _descend(coordinates, z, rough, progress).last
+            # The change, in standard deviations, that needs no further round: that would change the coordinates by a
+            # hundredth of it; of two modes, which trade against each other, by a tenth.
+            settled = 0.3 if model.shares else 3.0
+            for _ in range(4):
+                if not model.has_network:  # its average acts as at the values that the network is made of
+                    network = network_problem(evidence, coordinates.values(z))
+                tones = residual_tones(evidence, network, coordinates, z)
+                problem = weighted_problem(tones, coordinates, z, evidence)
+                trace = _descend(coordinates, z, problem, progress)
+                moved, z = np.abs(trace.last - z), trace.last
+                if np.all(moved < settled * np.sqrt(np.maximum(np.diag(_covariance(problem, coordinates, z)), 0.0))):
+                    break
             problem = weighted_problem(tones, coordinates, z, evidence)
-            trace = _descend(coordinates, z, problem, progress)
-            moved, z = np.abs(trace.last - z), trace.last
-            deviation = np.sqrt(np.maximum(np.diag(inverse_normal(problem.normal(z, coordinates).matrix)), 0.0))
-            if np.all(moved < settled * deviation):
-                break
-        problem = weighted_problem(tones, coordinates, z, evidence)
-        freedom = float(np.sum(tones.degrees_of_freedom))
-        return replace(_estimate(self.name, coordinates, trace, problem, freedom, tones), problem=network, begin=begin)
+        covariance, freedom = _covariance(problem, coordinates, trace.last), np.inf
+        if tones is not None:
+            # Weights that are themselves estimated, from ν degrees of freedom each, cost 1 + 4/ν of variance.
+            covariance = covariance * float(np.mean(1.0 + 4.0 / tones.degrees_of_freedom))
+            freedom = float(np.sum(tones.degrees_of_freedom))
+        return Estimate(
+            self.name,
+            coordinates,
+            trace.last,
+            covariance,
+            freedom,
+            trace,
+            tones=tones,
+            problem=network,
+            begin=begin,
+            equations=problem.equations,
+            criterion="likelihood",
+        )
 
     def where_rejected(self, evidence: Evidence, estimate: Estimate, progress: Progress = silent) -> Estimate | None:
         """With a model error beside the noise."""
@@ -147,9 +161,14 @@ def with_random_effect(evidence: Evidence, estimate: Estimate, progress: Progres
         low, high = (middle, high) if trace.costs[-1] > degrees else (low, middle)
     error = float(np.exp(0.5 * (low + high)))
     wider, trace = widened(error)
-    again = _estimate(estimate.estimator, estimate.coordinates, trace, wider, float(degrees))
-    found = Findings(model_error=error)
-    return replace(again, tones=tones, problem=estimate.problem, begin=estimate.begin, findings=found)
+    return replace(
+        estimate,
+        z=trace.last,
+        covariance=_covariance(wider, estimate.coordinates, trace.last),
+        degrees_of_freedom=float(degrees),
+        trace=trace,
+        findings=Findings(model_error=error),
+    )
 
 
 def weighted_problem(
@@ -175,26 +194,5 @@ def _descend(coordinates: Coordinates, z: FloatArray, problem: FrequencyProblem,
     return levenberg_marquardt(problem.normal, z, coordinates, progress=progress)
 
 
-def _estimate(
-    name: str,
-    coordinates: Coordinates,
-    trace: Trace,
-    problem: FrequencyProblem,
-    freedom: float,
-    tones: MeasuredResponse | None = None,
-) -> Estimate:
-    covariance = inverse_normal(problem.normal(trace.last, coordinates).matrix)
-    if tones is not None:
-        # Weights that are themselves estimated, from ν degrees of freedom each, cost 1 + 4/ν of variance.
-        covariance = covariance * float(np.mean(1.0 + 4.0 / tones.degrees_of_freedom))
-    return Estimate(
-        name,
-        coordinates,
-        trace.last,
-        covariance,
-        freedom,
-        trace,
-        tones=tones,
-        equations=problem.equations,
-        criterion="likelihood",
-    )
+def _covariance(problem: FrequencyProblem, coordinates: Coordinates, z: FloatArray) -> FloatArray:
+    return inverse_normal(problem.normal(z, coordinates).matrix)
