@@ -157,7 +157,7 @@ def together(lines: Sequence[RecordBins] | Sequence[Record]) -> list[slice]:
     """Records one after the other whose noise is read side by side: many short ones, or one long one."""
     ends, begin, samples = list[int](), 0, 0
     for number, record in enumerate(lines):
-        if number > begin and samples + record.samples > 1 << 17:
+        if number > begin and samples + record.samples > 1 << 17:  # beyond, memory counts
             ends.append(number)
             begin, samples = number, 0
         samples += record.samples
@@ -270,7 +270,7 @@ def likelier(record: RecordBins, spectrum: NoiseSpectrum, rest: ComplexArray) ->
 def _cost(record: RecordBins, spectrum: NoiseSpectrum, z: FloatArray) -> float:
     """Weighted sum of squares of a record's residual, by the noise as read at ``z``, shape (p,).
 
-    Noise of the reference passes the sensor as it is where the record was evaluated.
+    Noise of the reference passes the sensor as it is where the record was evaluated; a tenth of the level here is sure.
     """
     level = spectrum.psd
     if spectrum.input_noise > 0 and record.model is not None:

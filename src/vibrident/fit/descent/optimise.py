@@ -133,13 +133,13 @@ def levenberg_marquardt(
         promised, gain = here.promised(step, used), here.cost - trial.cost
         gained = gain / promised if promised > 0.0 else -np.inf
         gained = gained if np.isfinite(gained) else -np.inf
-        if gained >= 0.01:
+        if gained >= 0.01:  # of what the linear residual promised
             better = abs(gain - here.promised(step, lacking)) < abs(gain - here.promised(step, none))
             lacking = secant(lacking, step, here.gradient - trial.gradient, trial.matrix)
             used = lacking if better else none
             here, rejected = trial, 0
             way.append(here)
-            damping *= 1.0 / 3.5 if gained > 0.9 else 1.0  # the residual is as linear as foretold
+            damping *= 1.0 / 3.5 if gained > 0.9 else 1.0  # less where the residual is as linear as foretold
         else:
             damping *= 4.0 * 2.0**rejected  # more after each, to fit any size of the residual (Nielsen 1999)
             rejected += 1
