@@ -19,7 +19,6 @@ OTHERS = {
     "app/cli/commands/demo.py": {"ipnn"},  # shows the paper's network
     "app/cli/commands/simulate.py": {"delay"},  # of the optical channel
     "app/cli/options.py": {"cubic"},  # a simulated sensor
-    "fit/estimators/network_settings.py": {"ipnn"},  # where the same estimator is told of
     "fit/estimators/residual_network.py": {"ipnn"},  # the same estimator with a network beside it
     "fit/decay/estimate.py": {"ml"},  # maximum likelihood of free decays, which have no other estimator
     "data/records/basis.py": {"accelerometer"},  # the model of a file that names none

@@ -13,7 +13,7 @@ import vibrident
 from vibrident.data.records import Calibration
 from vibrident.fit.descent import reweighting
 from vibrident.fit.descent.reweighting import reweighted
-from vibrident.fit.estimators import training
+from vibrident.fit.estimators.kinds import ipnn
 from vibrident.fit.noise.motion import Motion
 from vibrident.fit.noise.spectrum import noise_spectrum
 from vibrident.fit.problem import BinProblem, Coordinates
@@ -44,7 +44,7 @@ def deviations(base: Calibration, runs: int, **noise: object) -> tuple[np.ndarra
 
 def with_equal_weights(calibration: Calibration, monkeypatch: pytest.MonkeyPatch) -> vibrident.Result:
     with monkeypatch.context() as patch:
-        patch.setattr(training, "reweighted", lambda *_, **__: None)
+        patch.setattr(ipnn, "reweighted", lambda *_, **__: None)
         return vibrident.identify(calibration, estimator="ipnn")
 
 

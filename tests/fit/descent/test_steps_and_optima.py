@@ -10,7 +10,7 @@ from vibrident import Ipnn, LeastSquares, MaximumLikelihood
 from vibrident.base.backend import jnp
 from vibrident.data.records import Calibration
 from vibrident.fit.descent.adam import adam
-from vibrident.fit.descent.geodesic import GeodesicSteps
+from vibrident.fit.descent.geodesic import geodesic_steps
 from vibrident.fit.descent.optimise import levenberg_marquardt
 from vibrident.fit.problem import Coordinates, Evidence, Local, network_objective, network_of
 from vibrident.fit.problem.time_domain import TimeProblem, evaluate
@@ -200,7 +200,7 @@ def test_a_curved_valley_is_followed_to_its_end_at_any_size_of_the_residual() ->
         coordinates = Coordinates.at(model, far, evidence.band_hz)
         args = (coordinates, problem, deviation)
         best = levenberg_marquardt(network_objective, coordinates.place(true), args).costs[-1]
-        for way, bent in (("straight", None), ("bent", GeodesicSteps.of_records(evidence, coordinates, deviation))):
+        for way, bent in (("straight", None), ("bent", geodesic_steps(evidence, coordinates, deviation))):
 
             def counted(z, args, way=way):
                 passes[way] += 1

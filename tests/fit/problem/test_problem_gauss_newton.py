@@ -13,7 +13,7 @@ from tests.support.unrolled import physical_residual
 
 from vibrident.base.backend import jax, jnp
 from vibrident.data.records import Record
-from vibrident.fit.descent.optimise import AS_FORESEEN, levenberg_marquardt
+from vibrident.fit.descent.optimise import levenberg_marquardt
 from vibrident.fit.problem import BinProblem, Coordinates, network_objective
 from vibrident.fit.problem.time_domain import TimeProblem
 from vibrident.physics.discretisation import method
@@ -114,7 +114,7 @@ def test_levenberg_marquardt_on_normal_equations_takes_the_dense_ones_steps(reco
     trace = levenberg_marquardt(network_objective, coordinates.first, (coordinates, problem, NOISE), tolerance=1e-10)
     assert trace.converged
     solver = optx.LevenbergMarquardt(rtol=1e-12, atol=1e-12)
-    solver = eqx.tree_at(lambda solver: solver.search, solver, optx.ClassicalTrustRegion(high_cutoff=AS_FORESEEN))
+    solver = eqx.tree_at(lambda solver: solver.search, solver, optx.ClassicalTrustRegion(high_cutoff=0.9))
 
     def residual(z, args):
         return physical_residual(z, coordinates, problem.layout, problem.data, noise), None

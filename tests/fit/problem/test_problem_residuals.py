@@ -8,10 +8,9 @@ import pytest
 from vibrident.base.backend import jax
 from vibrident.base.errors import InputError, ModelError
 from vibrident.data.records import Calibration, Record, ResponseTable
-from vibrident.fit.estimators.inverse_response import inverse_residual
+from vibrident.fit.estimators.kinds.lsm import inverse_residual
 from vibrident.fit.problem import BinProblem, Coordinates, Evidence, FrequencyProblem
-from vibrident.fit.problem.framing import DELAY_SETTLED
-from vibrident.fit.problem.frequency_domain import response_jacobian, response_residual
+from vibrident.fit.problem.network_problem import DELAY_SETTLED
 from vibrident.fit.problem.time_domain import TimeProblem
 from vibrident.fit.response.response import LEAST_DEVIATION
 from vibrident.physics.discretisation import method
@@ -121,7 +120,7 @@ def test_a_tables_residual_is_in_magnitude_and_phase():
     for one in (given, turned):
         problem = FrequencyProblem.of_table(one, MODEL, "acceleration")
         assert (problem.points, problem.equations) == (12, 24)
-        found = response_residual(z, c, True, True, "acceleration", problem.data)
+        found = problem.residual(z, c)
         np.testing.assert_allclose(found, expected, atol=1e-9)
 
 
@@ -131,7 +130,7 @@ def test_a_table_of_magnitudes_and_one_without_uncertainties():
     only = FrequencyProblem.of_table(table(phase=False), MODEL, "acceleration")
     assert (only.has_phase, only.equations) == (False, 12)
     h = np.abs(MODEL.frequency_response(c.values(z), only.data[0]))
-    found = response_residual(z, c, True, False, "acceleration", only.data)
+    found = only.residual(z, c)
     np.testing.assert_allclose(found, (h - only.data[1]) / only.data[3], atol=1e-9)
     bare = FrequencyProblem.of_table(table(uncertainty=False), MODEL, "acceleration")
     np.testing.assert_allclose(bare.data[3] / bare.data[1], 0.01, rtol=1e-12)
@@ -145,7 +144,7 @@ def test_a_measured_responses_residual_is_complex():
     y, sigma = rng.standard_normal(7) + 1j, rng.uniform(0.1, 1.0, 7)
     c = Coordinates.at(MODEL, P, BAND)
     h = MODEL.frequency_response(P, f, "velocity")
-    found = response_residual(c.first, c, False, True, "velocity", (f, x, y, sigma))
+    found = FrequencyProblem(MODEL, "velocity", (f, x, y, sigma)).residual(c.first, c)
     expected = (y - h * x) / sigma
     np.testing.assert_allclose(found, np.concatenate([expected.real, expected.imag]), rtol=1e-10, atol=1e-10)
 
@@ -162,8 +161,9 @@ def test_the_jacobian_is_the_residuals(polar, has_phase):
     f, u = np.geomspace(1.0, 200.0, 9), rng.uniform(0.1, 1.0, (2, 9))
     x = rng.standard_normal(9) + 1j * rng.standard_normal(9)
     data = (f, np.abs(x), np.angle(x), *u) if polar else (f, x, 1j * x, u[0])
-    expected = jax.jit(jax.jacfwd(lambda z: response_residual(z, c, polar, has_phase, "velocity", data)))(z)
-    found = response_jacobian(z, c, polar, has_phase, "velocity", data)
+    problem = FrequencyProblem(model, "velocity", data, polar, has_phase)
+    expected = jax.jit(jax.jacfwd(lambda z: problem.residual(z, c)))(z)
+    found = problem.jacobian(z, c)
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-12 * float(np.abs(expected).max()))
 
 

@@ -74,7 +74,7 @@ def clean_response(name, p, frequency_hz, noise, rng):
     deviation = noise * np.abs(h)
     y = h + deviation * (rng.standard_normal(frequency_hz.size) + 1j * rng.standard_normal(frequency_hz.size))
     data = (frequency_hz, np.ones(frequency_hz.size, complex), y, deviation)
-    return FrequencyProblem(model, "acceleration", False, True, data), model
+    return FrequencyProblem(model, "acceleration", data), model
 
 
 TONES = np.geomspace(10.0, 15e3, 15)
@@ -254,7 +254,7 @@ def test_a_resonance_far_outside_the_range_searched_leaves_no_damping_behind():
         h = model.frequency_response(p, frequency)
         u, turn = 1e-3 * rng.standard_normal((2, 20))
         data = frequency, np.abs(h) * (1.0 + u), np.angle(h) + turn, 1e-3 * np.abs(h), np.full(20, 1e-3)
-        problem = FrequencyProblem(model, "acceleration", True, True, data)
+        problem = FrequencyProblem(model, "acceleration", data, polar=True)
         assert cost_from(problem, model, find_start(problem, model).values) < cost_from(problem, model, p) + 0.1
 
 

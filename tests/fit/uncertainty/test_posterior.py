@@ -11,7 +11,7 @@ import pytest
 import vibrident
 from vibrident.data.records import Calibration, ResponseTable
 from vibrident.fit.estimators import MaximumLikelihood
-from vibrident.fit.estimators.likelihood import solved_problem
+from vibrident.fit.estimators.kinds.ml import solved_problem
 from vibrident.fit.problem import Evidence
 from vibrident.fit.problem.coordinates import BAND_MARGIN, MARGIN_BELOW
 from vibrident.fit.uncertainty.posterior import Sampling, _freedom, _log_density, _Unbounded

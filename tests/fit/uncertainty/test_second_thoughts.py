@@ -9,7 +9,7 @@ import pytest
 
 import vibrident
 from vibrident.data.records import Calibration, ResponseTable
-from vibrident.fit.estimators import training
+from vibrident.fit.estimators.kinds import ipnn
 from vibrident.physics.models import parse
 from vibrident.physics.simulation import SENSORS, ChannelNoise, simulate, with_noise
 
@@ -202,7 +202,7 @@ def test_noise_of_the_reference_is_read_and_leaves_no_bias(excitation, draws, mo
     assert abs(np.mean(offs)) < 3.1 / np.sqrt(draws)
     assert np.std(offs) < 1.7
     if excitation == "random" and draws > 10:  # a sweep is stronger where it draws: half a standard uncertainty
-        monkeypatch.setattr(training, "reweighted", lambda *_, **__: None)
+        monkeypatch.setattr(ipnn, "reweighted", lambda *_, **__: None)
         for seed in range(draws):
             found = vibrident.identify(with_noise(clean, reference_noise=0.1, seed=seed)).parameters["sensitivity"]
             equal.append((found.value - TRUTH["sensitivity"]) / found.standard_uncertainty)

@@ -13,7 +13,7 @@ from vibrident.base.backend import jnp
 from vibrident.base.errors import InputError, ModelError
 from vibrident.data.records import Calibration, ResponseTable
 from vibrident.fit.estimators import Ipnn
-from vibrident.fit.problem import BinProblem, Coordinates, time_domain
+from vibrident.fit.problem import BinProblem, Coordinates, Evidence, time_domain
 from vibrident.fit.problem.time_domain import TimeProblem, evaluate
 from vibrident.physics.discretisation import forced as forced_step
 from vibrident.physics.discretisation import method
@@ -124,7 +124,8 @@ def test_a_softening_spring_over_its_crest_is_refused():
 
 def problem_of(calibration, values=TRUTH, model=MODEL, discretisation="bandlimited"):
     problem = TimeProblem.build(calibration.records, model, method(discretisation), calibration.quantity, values)
-    coordinates = Coordinates.at(model, values, (10.0, 1000.0), problem.response_size)
+    size = Evidence.gather(calibration, model).response_size
+    coordinates = Coordinates.at(model, values, (10.0, 1000.0), size)
     return problem, coordinates, (coordinates, problem.layout, problem.data, jnp.ones(problem.lanes.segment.shape))
 
 

@@ -16,7 +16,6 @@ from vibrident.fit.estimators import Estimate, Estimator
 from vibrident.fit.estimators.base import Setting
 from vibrident.fit.information import inverse_normal
 from vibrident.fit.problem import Coordinates, Local
-from vibrident.fit.problem.frequency_domain import response_jacobian, response_residual
 from vibrident.fit.start.start import find_start
 
 ROUNDS = 10
@@ -41,17 +40,14 @@ class Huber(Estimator):
         coordinates = Coordinates.at(evidence.model, begin.values, first.band_hz)
         z, weight = coordinates.first, np.ones(first.equations)
 
-        def residual(z):
-            return response_residual(z, coordinates, first.polar, first.has_phase, first.quantity, first.data)
-
         def objective(z, weight):
-            slopes = response_jacobian(z, coordinates, first.polar, first.has_phase, first.quantity, first.data)
-            return Local.of(weight * residual(z), weight[:, None] * slopes)
+            residual, slopes = first.residual(z, coordinates), first.jacobian(z, coordinates)
+            return Local.of(weight * residual, weight[:, None] * slopes)
 
         for _ in range(ROUNDS):
             trace = levenberg_marquardt(objective, z, weight, progress=progress)
             z = trace.last
-            weight = np.sqrt(np.minimum(1.0, self.limit / np.maximum(np.abs(residual(z)), 1e-12)))
+            weight = np.sqrt(np.minimum(1.0, self.limit / np.maximum(np.abs(first.residual(z, coordinates)), 1e-12)))
         covariance = inverse_normal(objective(z, weight).matrix)
         return Estimate(
             self.name,

@@ -19,7 +19,7 @@ from vibrident.fit.bins import without_offset
 from vibrident.fit.departures.departure import Scale
 from vibrident.fit.departures.part import Part, Parts
 from vibrident.fit.departures.signals import Signals, most_likely, projected
-from vibrident.fit.descent.iterate import beside_hum, likelier, together, with_edges
+from vibrident.fit.descent.iterate import beside_hum, likelier, nuisances_of, together
 from vibrident.fit.estimators import Estimate
 from vibrident.fit.information import inverse_normal
 from vibrident.fit.noise.motion import Motion, motion_of
@@ -131,7 +131,7 @@ def _of_bins(
         if index in tones and seen is not None:
             seen = _beside_harmonics(seen, record.samples, tones[index])
             spectrum = noise_spectrum(record.residual, seen, record.floor)
-        nuisance = record.nuisances(edges=with_edges(record, spectrum), tones=spectrum.tones)(slice(None))
+        nuisance = nuisances_of(record, spectrum)(slice(None))
         jacobian = record.jacobian
         if spectrum.input_noise > 0.0:  # at the most likely motion
             rest = projected(record.residual, nuisance, np.sqrt(record.one_sided))

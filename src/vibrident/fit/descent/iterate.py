@@ -8,6 +8,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,44 +22,17 @@ from vibrident.fit.noise.spectrum import TONES, NoiseSpectrum, noise_spectra
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import in_blocks, mean_around, power_of
 
-#: What is left is no noise to weigh by where it is mostly misfit: the noise, which is read from what has nothing in
-#: common with the motion, would make the sum of squares about the number of samples, and it is so many times that.
-MISFIT = 2.0
-#: A step of more standard deviations than this must lower the weighted sum of squares.
-LONG_STEP = 1.0
-#: Noise of the reference at another place is at least this part of the level here.
-LEAST_LEVEL = 0.1
-#: Information of a coordinate that is not identifiable.
-NOTHING_KNOWN = 1e-12
-#: Records of so many samples together are read side by side.
-SIDE_BY_SIDE = 1 << 17
-#: Rounds of spectrum and step at one evaluation of the network.
-ROUNDS = 2
-#: The step, in standard deviations, at which no further evaluation is needed.
-SETTLED = 0.02
-#: Nor is one behind a step whose length in standard deviations times that in coordinates is less, which is straight, …
-STRAIGHT = 3e-4
-#: … if the noise was read so many standard deviations from its end: there it leads a tenth of that further; …
-READ_NEAR = 0.2
-#: … and if by the residual's own spectrum the variances are at most so many times those by the noise as read.
-UNLIKE = 2.0
-#: Lines averaged for the covariance on either side of each: this part of the spectrum.
-SHARE = 1 / 128
-#: A spectrum is steep where its least is below this part of its mean.
-STEEP = 1e-2
-#: Lower limit of the information after that of the noise is subtracted, as a part of the whole.
-LEAST_INFORMATION = 0.2
 
-
-@dataclass(frozen=True, eq=False)
-class _Share:
+class _Share(NamedTuple):
     """The contribution of one record."""
 
     information: FloatArray  # of the lines about z, shape (p, p)
     of_noise: FloatArray  # the part of it that the noise of the reference makes up, shape (p, p)
     gradient: FloatArray  # shape (p,)
     cost: float  # weighted sum of squares of the residual
-    imitated: FloatArray  # what of each nuisance column the Jacobian holds, shape (nuisances, p)
+    variance: (
+        FloatArray  # of the gradient, by the residual's own spectrum, shape (p, p); zero where it is not asked for
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,13 +59,19 @@ class Iterate:
     def end(self) -> FloatArray | None:
         """Where the step leads, shape (p,), if that is the optimum without another evaluation of the network.
 
-        It is if the noise was read there, weighs the lines as they scatter, and is the response's alone: that of the
-        reference moves with the network.
+        It is if the step is short, and straight: its length in standard deviations times that in coordinates is small;
+        and if the noise is the response's alone (that of the reference moves with the network), was read near the end,
+        where it leads a tenth of that further, and weighs the lines as they scatter, by the variances.
         """
         step = self.inverse @ self.gradient
-        straight = self.far <= LONG_STEP and self.far * float(np.max(np.abs(step))) <= STRAIGHT
-        straight &= not self.seen and bool(np.all(np.diag(self.covariance) <= UNLIKE * np.diag(self.inverse)))
-        return self.z + step if straight and self._length(step - self.read_at) <= READ_NEAR else None
+        straight = self.is_short and self.far * float(np.max(np.abs(step))) <= 3e-4
+        straight &= not self.seen and bool(np.all(np.diag(self.covariance) <= 2.0 * np.diag(self.inverse)))
+        return self.z + step if straight and self._length(step - self.read_at) <= 0.2 else None
+
+    @property
+    def is_short(self) -> bool:
+        """Whether the full step is one standard deviation long, or less."""
+        return self.far <= 1.0
 
     def ahead(self, damping: float, bent: Bent | None, part: float = 1.0) -> FloatArray:
         """The end of a step, shape (p,): a part of the way straight on, or along the valley where that leads up."""
@@ -106,18 +86,20 @@ class Iterate:
         return any(spectrum.input_noise > 0 for spectrum in self.spectra)
 
     def astray(self, lines: Sequence[RecordBins]) -> bool:
-        """Whether what the step would leave is no noise to weigh by."""
+        """Whether what the step would leave is no noise to weigh by, but mostly misfit.
+
+        The noise is read from what has nothing in common with the motion: the sum of squares is about the number of
+        samples where there is nothing else.
+        """
         left = self.cost - float(self.gradient @ self.inverse @ self.gradient)
-        return not left <= MISFIT * sum(record.count for record in lines)
+        return not left <= 2.0 * sum(record.count for record in lines)
 
     def leads_to(self, lines: Sequence[RecordBins]) -> bool:
         """Whether a step to where these lines were evaluated leads down.
 
         A long one does where the sum of squares in the weighting of this iterate is less.
         """
-        if self.far <= LONG_STEP:
-            return True
-        return sum(_cost(*pair, self.z) for pair in zip(lines, self.spectra, strict=True)) < self.cost
+        return self.is_short or sum(_cost(*pair, self.z) for pair in zip(lines, self.spectra, strict=True)) < self.cost
 
 
 def iterate_at(
@@ -140,31 +122,27 @@ def iterate_at(
     if not finite(lines):
         return None
     step = np.zeros(len(z))
-    for last in range(ROUNDS):
-        shares, variances, read = [], [], list[NoiseSpectrum]()
-        final, read_at = settled is not None or last == ROUNDS - 1, step
+    for last in (False, True):
+        shares, read = list[_Share](), list[NoiseSpectrum]()
+        final, read_at = settled is not None or last, step
         for some in together(lines):
             before = [spectra.pop(0) for _ in lines[some]]
             weighed = _Weighed.at(lines[some], motions[some], step, before, known=not final)
             while weighed:
                 own = weighed.pop(0)
                 read.append(own.spectrum)
-                shares.append(own.share())
-                if final:
-                    variances.append(own.variance(shares[-1].imitated))
+                shares.append(own.share(varies=final))
         spectra = read
-        whole = np.sum([share.information for share in shares], axis=0)
+        whole, of_noise, gradient, cost, variance = (np.sum(parts, axis=0) for parts in zip(*shares, strict=True))
         if not _known(whole):
             return None
-        root = _inverse_root(whole - np.sum([share.of_noise for share in shares], axis=0), whole)
+        root = _inverse_root(whole - of_noise, whole)
         inverse = root @ root.T
-        gradient = np.sum([share.gradient for share in shares], axis=0)
         step = inverse @ gradient
         if final:
-            covariance = sandwich_covariance(root, np.sum(variances, axis=0), whole)
-            cost = sum(share.cost for share in shares)
-            place = Iterate(z, tuple(spectra), inverse, gradient, covariance, cost, read_at)
-            if settled is None or last == ROUNDS - 1 or place.far <= settled:
+            covariance = sandwich_covariance(root, variance, whole)
+            place = Iterate(z, tuple(spectra), inverse, gradient, covariance, float(cost), read_at)
+            if settled is None or last or place.far <= settled:
                 return place
     return None
 
@@ -179,7 +157,7 @@ def together(lines: Sequence[RecordBins] | Sequence[Record]) -> list[slice]:
     """Records one after the other whose noise is read side by side: many short ones, or one long one."""
     ends, begin, samples = list[int](), 0, 0
     for number, record in enumerate(lines):
-        if number > begin and samples + record.samples > SIDE_BY_SIDE:
+        if number > begin and samples + record.samples > 1 << 17:  # beyond, memory counts
             ends.append(number)
             begin, samples = number, 0
         samples += record.samples
@@ -222,11 +200,9 @@ class _Weighed:
 
         ``known``: that was read here; it is read again where more than offset and drift may hide in it.
         """
-        tones, nuisances = (
-            [own.tones for own in before],
-            [_nuisances(*pair) for pair in zip(lines, before, strict=True)],
-        )
-        if known and not any(tones) and not any(with_edges(*pair) for pair in zip(lines, before, strict=True)):
+        tones = [own.tones for own in before]
+        nuisances = [nuisances_of(*pair) for pair in zip(lines, before, strict=True)]
+        if known and not any(tones) and not any(_with_edges(*pair) for pair in zip(lines, before, strict=True)):
             found, rests = list(before), [record.residual for record in lines]
             before.clear()
         else:
@@ -256,25 +232,33 @@ class _Weighed:
             of_noise = products(lambda part: (d_through[:, part],), own)
         return cls(record, spectrum, nuisances, rest, jacobian, of_noise, weight)
 
-    def share(self) -> _Share:
-        """What the record says: the Jacobian projected onto what is no nuisance column, J − N β, in sums alone."""
-        p, residual = len(self.jacobian), self.record.residual
-        sums = products(lambda part: (self.nuisances(part), self.jacobian[:, part], residual[None, part]), self.weight)
+    def share(self, *, varies: bool) -> _Share:
+        """What the record says: the Jacobian projected onto what is no nuisance column, J − N β, in sums alone.
+
+        ``varies``: whether the variance of the gradient is asked for.
+        """
+        record, p = self.record, len(self.jacobian)
+        sums = products(
+            lambda part: (self.nuisances(part), self.jacobian[:, part], record.residual[None, part]), self.weight
+        )
         m = len(sums) - p - 1
         share = inverse_where_shown(sums[:m, :m]) @ sums[:m, m:]
         freed = sums[m:, m:] - sums[:m, m:].T @ share
-        return _Share(freed[:p, :p], self.of_noise, freed[:p, p], float(freed[p, p]), share[:, :p])
+        variance, imitated = np.zeros((p, p)), share[:, :p]
+        if varies:
+            level = self.spectrum.psd
+            power = power_of(self.rest) / max(record.count, 1.0) / level
+            local = np.maximum(mean_around(power, around(record), NEAREST), record.floor / level)
+            weight = self.weight * self.spectrum.excited * local
+            loud = products(lambda part: (self.nuisances(part), self.jacobian[:, part]), weight)
+            both = imitated.T @ loud[:m, m:]
+            variance = loud[m:, m:] - both - both.T + imitated.T @ loud[:m, :m] @ imitated
+        return _Share(freed[:p, :p], self.of_noise, freed[:p, p], float(freed[p, p]), variance)
 
-    def variance(self, imitated: FloatArray) -> FloatArray:
-        """Of the gradient, by the residual's own spectrum, shape (p, p)."""
-        record, level, m = self.record, self.spectrum.psd, len(imitated)
-        power = power_of(self.rest) / max(record.count, 1.0) / level
-        local = np.maximum(mean_around(power, width(record.samples, SHARE), NEAREST), record.floor / level)
-        loud = products(
-            lambda part: (self.nuisances(part), self.jacobian[:, part]), self.weight * self.spectrum.excited * local
-        )
-        both = imitated.T @ loud[:m, m:]
-        return loud[m:, m:] - both - both.T + imitated.T @ loud[:m, :m] @ imitated
+
+def around(record: RecordBins) -> int:
+    """Lines on either side of each that are averaged for the covariance."""
+    return width(record.samples, 1 / 128)
 
 
 def likelier(record: RecordBins, spectrum: NoiseSpectrum, rest: ComplexArray) -> ComplexArray:
@@ -286,14 +270,14 @@ def likelier(record: RecordBins, spectrum: NoiseSpectrum, rest: ComplexArray) ->
 def _cost(record: RecordBins, spectrum: NoiseSpectrum, z: FloatArray) -> float:
     """Weighted sum of squares of a record's residual, by the noise as read at ``z``, shape (p,).
 
-    Noise of the reference passes the sensor as it is where the record was evaluated.
+    Noise of the reference passes the sensor as it is where the record was evaluated; a tenth of the level here is sure.
     """
     level = spectrum.psd
     if spectrum.input_noise > 0 and record.model is not None:
         more = record.model.power() - power_of(record.model.at(z))
-        level = np.maximum(level + spectrum.input_noise_at * more, LEAST_LEVEL * level)
+        level = np.maximum(level + spectrum.input_noise_at * more, 0.1 * level)
     weight = record.one_sided * spectrum.excited / (max(record.samples, 1) * level)
-    nuisances = _nuisances(record, spectrum)
+    nuisances = nuisances_of(record, spectrum)
     sums = products(lambda part: (nuisances(part), record.residual[None, part]), weight)
     return float(sums[-1, -1] - sums[:-1, -1] @ inverse_where_shown(sums[:-1, :-1]) @ sums[:-1, -1])
 
@@ -309,14 +293,14 @@ def _left(record: RecordBins, step: FloatArray, nuisances: BinsAt, spectrum: Noi
     return rest
 
 
-def _nuisances(record: RecordBins, spectrum: NoiseSpectrum) -> BinsAt:
+def nuisances_of(record: RecordBins, spectrum: NoiseSpectrum) -> BinsAt:
     """Lines of what is unknown beside the parameters."""
-    return record.nuisances(edges=with_edges(record, spectrum), tones=spectrum.tones)
+    return record.nuisances(edges=_with_edges(record, spectrum), tones=spectrum.tones)
 
 
-def with_edges(record: RecordBins, spectrum: NoiseSpectrum) -> bool:
+def _with_edges(record: RecordBins, spectrum: NoiseSpectrum) -> bool:
     """Whether slopes of the initial states are unknown, too; a free decay has nothing but these states."""
-    steep = float(np.min(spectrum.psd)) < STEEP * float(np.mean(spectrum.psd))
+    steep = float(np.min(spectrum.psd)) < 0.01 * float(np.mean(spectrum.psd))
     return record.model is not None and (steep or spectrum.input_noise > 0 or record.rings_unseen)
 
 
@@ -375,15 +359,15 @@ def products(rows: Callable[[slice], Sequence[ComplexArray]], weight: FloatArray
 def _known(information: FloatArray) -> bool:
     """Whether every direction is known, and not lost in rounding."""
     size = np.diag(information)
-    if not (np.all(np.isfinite(information)) and np.all(size > NOTHING_KNOWN)):
+    if not (np.all(np.isfinite(information)) and np.all(size > 1e-12)):
         return False
     return float(np.linalg.eigvalsh(information / np.sqrt(np.outer(size, size)))[0]) > -0.5 * SMALLEST
 
 
 def _inverse_root(information: FloatArray, whole: FloatArray) -> FloatArray:
-    """L, shape (p, p), of the inverse L Lᵀ of the information, which is not let fall below a part of the whole."""
+    """L, shape (p, p), of the inverse L Lᵀ of the information, which is not let fall below a fifth of the whole."""
     scale = np.sqrt(np.maximum(np.diag(whole), np.finfo(float).tiny))
     base = whole / np.outer(scale, scale) + 1e-12 * np.eye(len(scale))
     whitening = np.linalg.inv(np.linalg.cholesky(base))
     values, rotation = np.linalg.eigh(whitening @ (information / np.outer(scale, scale)) @ whitening.T)
-    return (whitening.T @ rotation) / np.sqrt(np.maximum(values, LEAST_INFORMATION)) / scale[:, None]
+    return (whitening.T @ rotation) / np.sqrt(np.maximum(values, 0.2)) / scale[:, None]

@@ -18,16 +18,6 @@ import numpy as np
 from vibrident.base.errors import NotConverged
 from vibrident.data.records import FloatArray
 
-#: Damping to begin with, in units of the coordinates, which are near one.
-FIRST_DAMPING = 1.0
-#: Factor on the damping after a step that gains as much as the linear residual says.
-LESS = 1.0 / 3.5
-#: Factor after a step that is rejected, doubled for each further one (Nielsen 1999), to fit any size of the residual.
-MORE = 4.0
-#: A step is taken from this part on of the gain that the linear residual predicts.
-ENOUGH = 0.01
-#: Above this part the residual is as linear as predicted, and the next step is damped less.
-AS_FORESEEN = 0.9
 #: Nor is more to be known where the gains of so many steps fall to half, and are less than this (or the tolerance)
 #: together: large residuals converge slowly, and what is left is less than a tenth of a standard uncertainty.
 SLOW, LITTLE = 5, 0.01
@@ -57,10 +47,6 @@ class Quadratic(Protocol):
 
 
 Objective = Callable[[Any, Any], Quadratic]
-
-
-#: Iterates of a descent that goes straight on; a longer one is in a curved valley.
-STRAIGHT = 10
 #: Takes coordinates, a step and its damping, and gives the coordinates to try in place of their sum.
 Bent = Callable[[FloatArray, FloatArray, float], FloatArray]
 
@@ -119,7 +105,8 @@ def levenberg_marquardt(
         tolerance: decrease of the cost that is not worth a step.
         most: most evaluations of the objective.
         progress: called after each iteration.
-        bent: where a step leads to if not straight on, once a descent has turned out to be long; None: straight on.
+        bent: where a step leads to if not straight on, from the tenth iterate on: a descent that long is in a curved
+            valley; None: straight on.
 
     Raises:
         NotConverged: the cost is not finite at the start.
@@ -127,7 +114,7 @@ def levenberg_marquardt(
     here = _Point.of(np.asarray(start, dtype=float), objective, args)
     if not np.isfinite(here.cost):
         raise NotConverged(NOT_FINITE)
-    way, damping, rejected = [here], FIRST_DAMPING, 0
+    way, damping, rejected = [here], 1.0, 0  # in units of the coordinates, which are near one
     none = lacking = used = np.zeros((len(here.z), len(here.z)))
 
     def arrived() -> bool:
@@ -141,20 +128,21 @@ def levenberg_marquardt(
         if arrived():
             break
         step = here.step(damping, used)
-        moved = here.z + step if bent is None or len(way) < STRAIGHT else bent(here.z, step, damping)
+        moved = here.z + step if bent is None or len(way) < 10 else bent(here.z, step, damping)
         trial = _Point.of(moved, objective, args)
         promised, gain = here.promised(step, used), here.cost - trial.cost
         gained = gain / promised if promised > 0.0 else -np.inf
         gained = gained if np.isfinite(gained) else -np.inf
-        if gained >= ENOUGH:
+        if gained >= 0.01:  # of what the linear residual promised
             better = abs(gain - here.promised(step, lacking)) < abs(gain - here.promised(step, none))
             lacking = secant(lacking, step, here.gradient - trial.gradient, trial.matrix)
             used = lacking if better else none
             here, rejected = trial, 0
             way.append(here)
+            damping *= 1.0 / 3.5 if gained > 0.9 else 1.0  # less where the residual is as linear as foretold
         else:
+            damping *= 4.0 * 2.0**rejected  # more after each, to fit any size of the residual (Nielsen 1999)
             rejected += 1
-        damping *= LESS if gained > AS_FORESEEN else 1.0 if gained >= ENOUGH else MORE * 2.0 ** (rejected - 1)
         progress(iteration, most, here.cost)
     converged = arrived()
     status = "converged" if converged else f"stopped after {most} evaluations"

@@ -28,15 +28,13 @@ from vibrident.base.memory import give_back_after
 from vibrident.data.records import FloatArray
 from vibrident.fit.bins import RecordBins
 from vibrident.fit.descent.iterate import (
-    SETTLED,
-    SHARE,
     Iterate,
+    around,
     beside_hum,
     finite,
     iterate_at,
 )
 from vibrident.fit.descent.optimise import Bent
-from vibrident.fit.descent.sandwich import width
 from vibrident.fit.noise.found import SpectralNoise, doubtful
 from vibrident.fit.noise.motion import NEAREST, motion_of
 from vibrident.fit.noise.spectrum import DOUBT, NoiseSpectrum
@@ -44,18 +42,12 @@ from vibrident.fit.problem import Coordinates, NetworkProblem
 
 #: Evaluations of the network at most, straight on and along a valley.
 EVALUATIONS, ALONG_A_VALLEY = 16, 30
-#: The step, in standard deviations, beyond which the last iterate is no optimum.
-ASTRAY = 0.3
-#: Largest step, over the coordinate or one, for which the linearisation is valid.
-LONGEST = 3.0
-#: If it does not, it is damped, by this factor more after each further one, which doubles each time …
+#: The step, in standard deviations, at which no further evaluation is needed.
+SETTLED = 0.02
+#: A step that does not lead down is damped, by this factor more after each further one, which doubles each time.
 DAMPED, MORE_DAMPED, LESS_DAMPED = 1.0, 4.0, 0.2
-#: … up to this.
-MOST_DAMPED = 1e12
 #: A descent that comes no closer by this factor in more steps than these in a row does not arrive.
 CLOSER, MOST_SLOW = 0.97, 3
-#: The steps are halved where one leaves more than this part of the way.
-BACK = 0.7
 
 
 @dataclass(frozen=True)
@@ -66,7 +58,6 @@ class Reweighted:
         z: the optimum, shape (p,).
         covariance: of z, including the uncertainty of noise of the reference, shape (p, p).
         degrees_of_freedom: behind the noise spectra.
-        normal: the network at ``z``.
         noise: of the reference, and hum.
     """
 
@@ -104,12 +95,10 @@ def reweighted(
         del motions  # of a long record each copy counts
         if here is None:
             continue
-        if here.astray(lines):
-            return None
         here = _down(here, lines, evaluate, bent)
         if here.astray(lines):
             return None
-        if here.end is not None or here.far <= ASTRAY:
+        if here.end is not None or here.far <= 0.3:
             return _arrived(here, lines, evaluate, problem, noise)
     return None
 
@@ -124,27 +113,20 @@ def _arrived(
     """The estimate at the last iterate; ``lines``: the records there, or where a step was tried last."""
     if lines[0].z is not here.z:
         lines = evaluate(here.z)
-    end = here.z if here.end is None else here.end
-    inverse, covariance, spectra = here.inverse, here.covariance, here.spectra
-    pulls = [inverse @ _draw(record, spectrum) / DOUBT for record, spectrum in zip(lines, spectra, strict=True)]
-    covariance = covariance + np.sum([np.outer(pull, pull) for pull in pulls], axis=0)
+    spectra = here.spectra
+    pulls = [here.inverse @ _draw(*pair) / DOUBT for pair in zip(lines, spectra, strict=True)]
+    covariance = here.covariance + np.sum([np.outer(pull, pull) for pull in pulls], axis=0)
     give_back_after(max(record.samples for record in lines))
     untold = np.array([pull for pull, spectrum in zip(pulls, spectra, strict=True) if not spectrum.free])
     untold = untold.reshape(-1, len(here.z))
-    return Reweighted(
-        end,
-        covariance,
-        sum(4.0 * (width(record.samples, SHARE) - NEAREST) for record in lines),
-        SpectralNoise(
-            np.sqrt([spectrum.input_noise for spectrum in spectra]) * noise,
-            doubtful(untold, covariance),
-            tuple(
-                tuple(place * given.sampling_rate_hz / max(record.samples, 1) for place in spectrum.tones)
-                for given, record, spectrum in zip(problem.records, lines, spectra, strict=True)
-            ),
-            untold,
-        ),
+    tones = tuple(
+        tuple(place * given.sampling_rate_hz / max(record.samples, 1) for place in spectrum.tones)
+        for given, record, spectrum in zip(problem.records, lines, spectra, strict=True)
     )
+    reference = np.sqrt([spectrum.input_noise for spectrum in spectra]) * noise
+    found = SpectralNoise(reference, doubtful(untold, covariance), tones, untold)
+    freedom = sum(4.0 * (around(record) - NEAREST) for record in lines)
+    return Reweighted(here.z if here.end is None else here.end, covariance, freedom, found)
 
 
 def _down(
@@ -156,16 +138,11 @@ def _down(
     """The last iterate of a descent; ``lines`` hold the records at the last iterate that was tried."""
     damping, part, rejected, slow, least = 0.0, 1.0, 0, 0, here.far
     for _ in range((EVALUATIONS if bent is None else ALONG_A_VALLEY) - 1):
-        if (
-            here.end is not None
-            or here.far <= SETTLED
-            or not np.isfinite(here.far)
-            or damping > MOST_DAMPED
-            or slow > MOST_SLOW
-        ):
+        arrived = here.end is not None or here.far <= SETTLED
+        if arrived or not np.isfinite(here.far) or slow > MOST_SLOW or here.astray(lines):
             break
         trial, there = here.ahead(damping, bent, part), None
-        if np.all(np.abs(trial - here.z) <= LONGEST * np.maximum(np.abs(here.z), 1.0)):
+        if np.all(np.abs(trial - here.z) <= 3.0 * np.maximum(np.abs(here.z), 1.0)):  # near enough to be linear
             lines.clear()  # of long records they are most of the memory
             lines += evaluate(trial)
             give_back_after(max(record.samples for record in lines))
@@ -176,11 +153,9 @@ def _down(
             rejected, slow = rejected + 1, slow + 1
         else:
             slow, least = slow + 1 if there.far > CLOSER * least else 0, min(least, there.far)
-            if damping == 0.0 and there.far > BACK * here.far:
+            if damping == 0.0 and there.far > 0.7 * here.far:
                 part *= 0.5  # the noise as read at either end leads back to the other
             here, rejected = there, 0
-            if here.astray(lines):
-                break
             damping = damping * LESS_DAMPED if damping > DAMPED else 0.0
     return here
 

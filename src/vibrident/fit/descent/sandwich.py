@@ -10,7 +10,7 @@ spectrum's own scatter; hum, drift and 1/f noise count at their own frequencies.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -18,20 +18,15 @@ from vibrident.data.records import FloatArray
 from vibrident.fit.bins import RecordBins
 from vibrident.fit.information import inverse_root, sandwich_covariance
 from vibrident.fit.noise.motion import NEAREST
-from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import in_blocks, mean_around, power_of
 
-#: Part of the spectrum's lines that is averaged on either side of each.
-SHARE = 1 / 256
 #: Fewest lines averaged on either side.
 FEWEST = 12
-#: Most lines averaged on either side.
-MOST = 200
 
 
 def width(samples: int, share: float) -> int:
-    """Lines averaged on either side of each."""
-    return int(np.clip(samples * share, FEWEST, MOST))
+    """Lines averaged on either side of each: a share of the spectrum."""
+    return int(np.clip(samples * share, FEWEST, 200))
 
 
 def hac_covariance(
@@ -44,7 +39,7 @@ def hac_covariance(
         degrees: degrees of freedom of each, shape (records,).
         prior: information that the fit had beside the data, shape (P, P).
     """
-    parts, freedom = [], 0.0
+    information, middle, freedom = prior, np.zeros((1, 1)), 0.0
     for record, own in zip(lines, degrees, strict=True):
         if record.count == 0.0:
             continue
@@ -52,29 +47,14 @@ def hac_covariance(
         if record.count < 4 * FEWEST:  # too few lines for a mean around each
             level, told = np.ones_like(power), max(float(own), 1.0)
         else:
-            around = width(record.samples, SHARE)
+            around = width(record.samples, 1 / 256)
             level, told = mean_around(power, around, NEAREST), 4.0 * (around - NEAREST)
-        parts.append((record.jacobian, record.one_sided / record.samples, np.maximum(level, record.floor)))
+        level, weight = np.maximum(level, record.floor), record.one_sided / record.samples
         freedom += told
-    return sandwich(parts, prior), freedom
-
-
-def sandwich(
-    parts: Iterable[tuple[ComplexArray, FloatArray, FloatArray]], prior: FloatArray | float = 0.0
-) -> FloatArray:
-    """Covariance of the estimate with the weights it was made with, in the noise that is there, shape (P, P).
-
-    Args:
-        parts: of every record the slopes (P, lines), the weight of each line, and its noise beside what the weight
-            says.
-        prior: information beside that of the records, shape (P, P).
-    """
-    normal = prior
-    middle: FloatArray | float = 0.0
-    for jacobian, weight, level in parts:
         for block in in_blocks(len(weight)):  # copies of a block, not of everything
-            own, weighted = np.conj(jacobian[:, block]).T, jacobian[:, block] * weight[block]
-            normal = normal + np.real(weighted @ own)
-            middle = middle + np.real((weighted * level[block]) @ own)
-    information = np.asarray(normal)
-    return sandwich_covariance(inverse_root(information), np.asarray(middle), information)
+            slopes = record.jacobian[:, block]
+            conjugate, weighted = np.conj(slopes).T, slopes * weight[block]
+            information = information + np.real(weighted @ conjugate)
+            middle = middle + np.real((weighted * level[block]) @ conjugate)
+    whole = np.asarray(information)
+    return sandwich_covariance(inverse_root(whole), middle, whole), freedom

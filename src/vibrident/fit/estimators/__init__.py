@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from vibrident.fit.estimators.auto import AUTO, choose, ranked
-from vibrident.fit.estimators.base import Estimate, Estimator
+from vibrident.fit.estimators.base import Estimate, Estimator, choose, ranked
 from vibrident.fit.estimators.kinds.ipnn import Ipnn
 from vibrident.fit.estimators.kinds.lsm import LeastSquares
 from vibrident.fit.estimators.kinds.ml import MaximumLikelihood
+from vibrident.fit.registry import AUTO
 
 __all__ = ["AUTO", "Estimate", "Estimator", "Ipnn", "LeastSquares", "MaximumLikelihood", "choose", "ranked"]

@@ -1,4 +1,4 @@
-"""Input and output of every estimator."""
+"""Input and output of every estimator, and which of them suits the data."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 from vibrident.base.errors import ModelError
 from vibrident.fit.descent.optimise import Progress, Trace, silent
 from vibrident.fit.estimators.findings import Findings
+from vibrident.fit.registry import AUTO, ESTIMATORS
 
 if TYPE_CHECKING:
     from vibrident.data.records import FloatArray
     from vibrident.fit.problem import Coordinates, Evidence, NetworkProblem
     from vibrident.fit.response import MeasuredResponse
     from vibrident.fit.start.start import Start
-    from vibrident.physics.models import SensorModel
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,22 +56,6 @@ class Estimate:
     equations: float = 1.0
     criterion: Literal["samples", "likelihood", "other"] = "other"
     findings: Findings = field(default_factory=Findings)
-
-
-def refuse_nonlinear(model: SensorModel, estimator: str) -> None:
-    """Refuse a model without transfer function where the estimator works on one.
-
-    Raises:
-        ModelError: the model is not linear.
-    """
-    if not model.is_linear:
-        raise ModelError(
-            f"The estimator {estimator!r} works in frequency, and this model has no transfer function.",
-            expected="the estimator 'auto' with [[records]], which hold the motion in time",
-            found=f"estimator {estimator!r} with {model.name!r}",
-            where="estimator",
-            remedy="use the estimator 'auto' with records, or a linear model",
-        )
 
 
 @dataclass(frozen=True)
@@ -140,3 +124,26 @@ class Estimator(ABC):
             InputError: a value cannot be used.
         """
         return replace(self, **settings)
+
+
+def ranked() -> tuple[Estimator, ...]:
+    """Every estimator with its settings at their defaults, in the order in which methods are compared."""
+    return tuple(sorted(ESTIMATORS.all().values(), key=lambda one: (one.rank, one.name)))
+
+
+def choose(evidence: Evidence) -> tuple[Estimator, str]:
+    """The estimator for these data, and the reason in words.
+
+    Raises:
+        ModelError: no estimator suits.
+    """
+    for one in ranked():
+        if reason := one.suits(evidence):
+            return one, f"{AUTO}: {reason}"
+    raise ModelError(
+        "No estimator suits these data.",
+        expected="a table, or records with a reference",
+        found=f"a model {evidence.model.name!r} with other data",
+        where="estimator",
+        remedy="name the estimator",
+    )

@@ -9,6 +9,7 @@ entry by entry of Euler's W1 and W3).
 from __future__ import annotations
 
 import functools
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -23,17 +24,9 @@ from vibrident.physics.discretisation import Weights
 from vibrident.physics.network.readback import Reading, physics_from_weights
 from vibrident.physics.network.sensitivity import Normal, normal_equations
 
-#: Relative step of the central differences that carry the weights' covariance to the parameters.
-STEP = 1e-5
-
-
-def pack(weights: Weights) -> FloatArray:
-    """One set of weights as a vector: Φ, Γ, C, D."""
-    return np.concatenate([np.ravel(np.asarray(w)) for w in weights])
-
 
 def unpack(vector: Any, states: int, terms: int) -> Weights:
-    """The inverse of :func:`pack`; ``vector`` may be traced."""
+    """Weights from their entries one after the other; ``vector`` may be traced."""
     sizes = (states * states, states * terms, states, terms)
     phi, gamma, c, d = (vector[sum(sizes[:i]) : sum(sizes[: i + 1])] for i in range(4))
     return Weights(phi.reshape(states, states), gamma.reshape(states, terms), c, d)
@@ -46,12 +39,11 @@ def train_free(
     noise: FloatArray,
     reading: Reading,
     progress: Progress,
-) -> tuple[FloatArray, FloatArray, Trace, Weights]:
+) -> tuple[FloatArray, FloatArray, Trace]:
     """Train all weights from the tied optimum ``z``.
 
     Returns:
-        Coordinates read back, shape (p,); their covariance for white noise; the optimiser's trace; the weights in the
-        paper's states V, V̇.
+        Coordinates read back, shape (p,); their covariance for white noise; the optimiser's trace.
 
     Raises:
         ModelError: the model has add-ons, records differ in sampling rate, or the weights are no oscillator's.
@@ -66,16 +58,10 @@ def train_free(
             remedy="use weights = 'tied'",
         )
     values = coordinates.values(z)
-    tied = Weights(*(np.asarray(w)[0] for w in problem.weights(values)))
+    tied = np.concatenate([np.ravel(np.asarray(weight)[0]) for weight in problem.weights(values)])
     scale = float(model.rational(values, layout.quantity).angular_scale) ** np.arange(layout.order)
-    args = (
-        problem.lanes,
-        jnp.asarray(problem.by_lane(noise)),
-        layout.order,
-        layout.terms,
-        layout.segments,
-    )
-    trace = levenberg_marquardt(_objective, pack(tied), args, tolerance=1e-2, progress=progress)
+    args = (problem.lanes, jnp.asarray(problem.by_lane(noise)), layout.order, layout.terms, layout.segments)
+    trace = levenberg_marquardt(_objective, tied, args, tolerance=1e-2, progress=progress)
     interval = float(problem.intervals_s[0])
 
     def read(vector: FloatArray) -> FloatArray:
@@ -89,20 +75,18 @@ def train_free(
 
     best = trace.last
     normal = _objective(jnp.asarray(best), args)
-    steps = STEP * np.maximum(np.abs(best), 1e-3)
+    steps = 1e-5 * np.maximum(np.abs(best), 1e-3)
     slopes = np.stack(
         [(read(best + e) - read(best - e)) / (2 * s) for e, s in zip(np.diag(steps), steps, strict=True)], axis=1
     )
     # The n² directions that only turn the hidden states change nothing: their zero eigenvalues are left out.
     covariance = slopes @ np.linalg.pinv(np.asarray(normal.matrix), rcond=1e-11, hermitian=True) @ slopes.T
     path = np.stack([read(point) for point in trace.coordinates])
-    shown = Trace(trace.optimiser, trace.converged, trace.status, trace.costs, path)
-    return read(best), covariance, shown, unpack(best, layout.order, layout.terms)
+    return read(best), covariance, replace(trace, coordinates=path)
 
 
 def _objective(vector: Any, args: Any) -> Normal:
-    lanes, noise, *shape = args
-    return _evaluate(vector, lanes, noise, *shape)
+    return _evaluate(vector, *args)
 
 
 @functools.partial(jax.jit, static_argnames=("states", "terms", "segments"))

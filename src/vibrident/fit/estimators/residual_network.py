@@ -9,7 +9,7 @@ covariance includes their correlation.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
@@ -25,25 +25,12 @@ from vibrident.fit.estimators.findings import Findings, LearnedShare
 from vibrident.fit.problem import Coordinates, Evidence, Local
 from vibrident.fit.problem.time_domain import TimeProblem, evaluate
 from vibrident.fit.registry import ESTIMATORS
-from vibrident.physics.discretisation import method
 from vibrident.physics.models import SensorModel
 from vibrident.physics.network.residual import STRUCTURES, initial_weights, with_residual
 from vibrident.physics.network.sensitivity import Normal
 
-#: From this many records on, every third is held out; of fewer, parts of each.
-RECORDS_TO_SPLIT, EVERY = 6, 3
-#: Parts that a record is cut into, every other one held out; fewest samples a part has.
-PARTS = 8
 #: Steps over which squared residuals are summed to be compared, and fewest such blocks held out.
 BLOCK, FEWEST_BLOCKS = 32, 16
-#: A network is kept where held-out squared residuals fall by this part of the noise, …
-WORTHWHILE = 0.05
-#: … by this many standard deviations of that fall.
-SIGNIFICANT = 5.0
-#: Two parts are tried together where the better one leaves this part or more of what the other one takes.
-REMAINS = 0.1
-#: A larger network must leave this part or less of what the smaller one left (mean square).
-SIMPLER = 0.8
 #: Deviation of a weight from where it begins, in coordinates, that costs as much as one standard deviation of noise:
 #: enough to keep apart what the data cannot, too little to move what they can.
 PRIOR = {
@@ -55,12 +42,6 @@ PRIOR = {
     "even_weight": 3.0,
     "even_slope": 1.0,
 }
-#: Where the recurrent neurons are tried: frequencies a decade, from the lowest to this many times the highest of the
-#: data, and damping.
-TRIED_A_DECADE, TRIED_BEYOND, TRIED_DAMPING = 24, 3.0, (0.03, 0.2)
-#: Rounds of training with refreshed noise, most evaluations in each, and the fall of the cost that is not worth another
-#: step: in trials, and at the end.
-ROUNDS, MOST, TOLERANCE = 2, 30, (1e-1, 1e-3)
 
 
 @dataclass(frozen=True)
@@ -113,14 +94,14 @@ class ResidualIpnn(Estimator):
         for structure in self.structures:
             if len(structure) > 1 and not _both_needed([tried[(part,)] for part in structure if (part,) in tried]):
                 continue
-            tried[structure] = _judged(structure, evidence, plain, trained, parts, before, progress)
+            tried[structure] = _judged(structure, trained, parts, before, progress)
         shown = {"+".join(s): j.shown for s, j in tried.items()}
         kept = [(structure, judged) for structure, judged in tried.items() if judged.kept]
         if not kept:
             return _without(plain, "no network predicts held-out data better than the physics alone", shown)
-        best = min(kept, key=lambda pair: pair[1].left * SIMPLER ** (2 - len(pair[0])))
-        everything = np.ones(parts.shape, dtype=bool)
-        whole = best[1].candidate.trained(everything, progress, TOLERANCE[1])
+        # A larger network must leave 80 % or less of what the smaller one left (mean square).
+        best = min(kept, key=lambda pair: pair[1].left * 0.8 ** (2 - len(pair[0])))
+        whole = best[1].candidate.trained(np.ones(parts.shape, dtype=bool), progress, 1e-3)
         return _with(plain, best[0], whole, shown)
 
 
@@ -158,13 +139,12 @@ class _Candidate:
         left = np.asarray(problem.lanes.response) - np.asarray(self.normal(np.ones_like(lanes)).response)
         return left * np.asarray(problem.lanes.weight) * lanes
 
-    def trained(self, lanes: np.ndarray, progress: Progress, tolerance: float = TOLERANCE[0]) -> _Candidate:
-        """Trained on the lanes chosen, from z, noise refreshed between rounds."""
-        now = self
-        centre, weight = _prior(self.coordinates)
-        for _ in range(ROUNDS):
-            args = (now.args(lanes), jnp.asarray(centre), jnp.asarray(weight))
-            trace = levenberg_marquardt(_penalised, now.z, args, tolerance=tolerance, most=MOST, progress=progress)
+    def trained(self, lanes: np.ndarray, progress: Progress, tolerance: float = 0.1) -> _Candidate:
+        """Trained on the lanes chosen, from z, noise refreshed between rounds; ``tolerance``: that of a trial."""
+        now, beside = self, (jnp.asarray(self.coordinates.first), jnp.asarray(_prior(self.coordinates)))
+        for _ in range(2):
+            args = (now.args(lanes), *beside)
+            trace = levenberg_marquardt(_penalised, now.z, args, tolerance=tolerance, most=30, progress=progress)
             now = replace(now, z=trace.last, trace=trace)
             now = replace(now, noise=_noise(now, lanes))
         return now
@@ -185,28 +165,31 @@ def _penalised(z: Any, args: Any) -> Local:
     inner, centre, weight = args
     normal = evaluate(jnp.asarray(z), *inner)
     away = z - centre
-    matrix = normal.matrix + jnp.diag(weight)
-    return Local(matrix, normal.gradient - weight * away, normal.cost + jnp.sum(weight * away**2))
+    return Local(
+        normal.matrix + jnp.diag(weight), normal.gradient - weight * away, normal.cost + jnp.sum(weight * away**2)
+    )
 
 
-def _prior(coordinates: Coordinates) -> tuple[FloatArray, FloatArray]:
-    """Where the residual's weights are drawn to, and how strongly; nothing for the physics."""
-    widths = [PRIOR.get(spec.name, np.inf) for spec in coordinates.model.parameters]
-    return coordinates.first, np.array(widths) ** -2
+def _prior(coordinates: Coordinates) -> FloatArray:
+    """How strongly the residual's weights are drawn to where they begin; nothing for the physics."""
+    return np.array([PRIOR.get(spec.name, np.inf) for spec in coordinates.model.parameters]) ** -2
 
 
 def _held_out(problem: TimeProblem) -> np.ndarray | None:
-    """Lanes to train on, shape (M,); the others are held out. None where there are too few."""
+    """Lanes to train on, shape (M,); the others are held out. None where there are too few.
+
+    From six records on, every third is held out; of fewer, every other eighth of each.
+    """
     lanes = problem.lanes
     segment = np.asarray(lanes.segment)
     real = segment < len(problem.record_of_segment)
-    if len(problem.records) >= RECORDS_TO_SPLIT:
-        train = problem.by_lane(np.arange(len(problem.records)) % EVERY != 1, fill=1.0).astype(bool)
+    if len(problem.records) >= 6:
+        train = problem.by_lane(np.arange(len(problem.records)) % 3 != 1).astype(bool)
     else:
         train = np.ones(segment.shape, dtype=bool)
         for number in range(len(problem.record_of_segment)):
             mine = np.flatnonzero(segment == number)
-            size = max(1, len(mine) // PARTS)
+            size = max(1, len(mine) // 8)
             train[mine] = (np.arange(len(mine)) // size) % 2 == 0
     held = np.asarray(lanes.weight).reshape(-1, BLOCK, segment.size).sum(axis=1)[:, real & ~train]
     return train if np.sum(held > 0) >= FEWEST_BLOCKS and np.any(train & real) else None
@@ -229,24 +212,12 @@ def _noise(candidate: _Candidate, lanes: np.ndarray) -> FloatArray:
 
 
 def _judged(
-    structure: tuple[str, ...],
-    evidence: Evidence,
-    plain: Estimate,
-    physics: _Candidate,
-    train: np.ndarray,
-    before: FloatArray,
-    progress: Progress,
+    structure: tuple[str, ...], physics: _Candidate, train: np.ndarray, before: FloatArray, progress: Progress
 ) -> _Judged:
     """The best network of a structure, trained on ``train``, and its verdict on the rest."""
-    best: _Candidate | None = None
-    for candidate in _beginnings(structure, evidence, physics, train):
-        try:
-            trained = candidate.trained(train, progress)
-        except NotConverged:
-            continue
-        if best is None or _cost(trained, physics, train) < _cost(best, physics, train):
-            best = trained
-    if best is None:
+    try:
+        best = _beginning(structure, physics, train).trained(train, progress)
+    except NotConverged:
         return _Judged(physics, 0.0, np.inf, False, {"status": "not converged"})
     scale = best.problem.by_lane(best.noise)
     first, after = before / scale, best.residuals(~train) / scale
@@ -254,7 +225,7 @@ def _judged(
     # Where the network has learned nothing but noise, its prediction moves by δ at random: Σ r δ has this deviation.
     products = np.sum((after * (first - after)).reshape(-1, BLOCK, scale.size), axis=1)
     deviation = 2.0 * float(np.sqrt(np.sum(products**2)))
-    kept = gain > WORTHWHILE * left and gain > SIGNIFICANT * deviation
+    kept = gain > 0.05 * left and gain > 5.0 * deviation  # worthwhile, and significant
     shown = {
         "kept": bool(kept),
         "held_out_rmse_ratio": float(np.sqrt(max(left + gain, 0.0) / left)) if left > 0 else 1.0,
@@ -267,39 +238,32 @@ def _judged(
 
 
 def _both_needed(single: list[_Judged]) -> bool:
-    """Whether each part improves the fit, and each explains something that the best one does not."""
+    """Whether each part improves the fit, and the best one leaves a tenth or more of what each other one takes."""
     if not all(judged.kept for judged in single):
         return False
     best = min(single, key=lambda judged: judged.left)
-    return all(best.left > REMAINS * judged.gain for judged in single if judged is not best)
+    return all(best.left > 0.1 * judged.gain for judged in single if judged is not best)
 
 
-def _cost(candidate: _Candidate, physics: _Candidate, lanes: np.ndarray) -> float:
-    return float(np.sum((candidate.residuals(lanes) / physics.problem.by_lane(physics.noise)) ** 2))
-
-
-def _beginnings(
-    structure: tuple[str, ...], evidence: Evidence, physics: _Candidate, train: np.ndarray
-) -> Iterator[_Candidate]:
-    """Networks that do nothing yet, with their recurrent neurons where the physics' residual asks for them."""
+def _beginning(structure: tuple[str, ...], physics: _Candidate, train: np.ndarray) -> _Candidate:
+    """A network that does nothing yet, with its recurrent neurons where the physics' residual asks for them most."""
     if "memory" not in structure:
-        yield _beside(structure, evidence, physics, {})
-        return
-    low, high = evidence.band_hz
-    highest = min(TRIED_BEYOND * high, 0.4 * max(r.sampling_rate_hz for r in evidence.records))
-    frequencies = np.geomspace(low, highest, max(2, int(np.log10(highest / low) * TRIED_A_DECADE)))
+        return _beside(structure, physics, {})
+    low, high = physics.coordinates.band_hz.tolist()
+    highest = min(3.0 * high, 0.4 * max(record.sampling_rate_hz for record in physics.problem.records))
+    frequencies = np.geomspace(low, highest, max(2, int(np.log10(highest / low) * 24)))
     scored = []
-    base = _beside(("memory",), evidence, physics, {"memory_frequency": float(high), "memory_damping": 0.1})
+    base = _beside(("memory",), physics, {"memory_frequency": high, "memory_damping": 0.1})
     names = base.coordinates.model.parameter_names
-    for damping in TRIED_DAMPING:
+    for damping in (0.03, 0.2):
         for frequency in frequencies:
             z = np.array(base.z)
             z[names.index("memory_frequency")] = np.log(frequency / high)
             z[names.index("memory_damping")] = np.arcsinh(damping)
             normal = replace(base, z=z).normal(train)
             scored.append((_gain(np.asarray(normal.matrix), np.asarray(normal.gradient)), frequency, damping))
-    for _, frequency, damping in sorted(scored, reverse=True)[:1]:
-        yield _beside(structure, evidence, physics, {"memory_frequency": float(frequency), "memory_damping": damping})
+    _, frequency, damping = max(scored)
+    return _beside(structure, physics, {"memory_frequency": float(frequency), "memory_damping": damping})
 
 
 def _gain(matrix: FloatArray, gradient: FloatArray) -> float:
@@ -311,17 +275,15 @@ def _gain(matrix: FloatArray, gradient: FloatArray) -> float:
     return float(np.sum(pull[values > 1e-9] ** 2 / values[values > 1e-9]))
 
 
-def _beside(
-    structure: tuple[str, ...], evidence: Evidence, physics: _Candidate, memory: Mapping[str, float]
-) -> _Candidate:
+def _beside(structure: tuple[str, ...], physics: _Candidate, memory: Mapping[str, float]) -> _Candidate:
     """The physics as trained, with a network beside it that does nothing yet."""
-    model = with_residual(evidence.model, structure)
-    problem, old = physics.problem, physics.coordinates
+    problem, old, frame = physics.problem, physics.coordinates, physics.problem.frame
+    model, size = with_residual(frame.model, structure), float(old.response_size)
     start = dict(zip(old.model.parameter_names, np.asarray(old.start).tolist(), strict=True))
-    start |= initial_weights(structure, problem.response_size, memory)
+    start |= initial_weights(structure, size, memory)
     values = {**start, **old.values(physics.z)}
-    built = TimeProblem.build(problem.records, model, method(problem.layout.method.name), evidence.quantity, values)
-    coordinates = Coordinates.at(model, start, evidence.band_hz, problem.response_size)
+    built = TimeProblem.build(problem.records, model, frame.method, frame.quantity, values)
+    coordinates = Coordinates.at(model, start, old.band_hz, size)
     z = np.concatenate([physics.z, coordinates.first[len(physics.z) :]])
     return _Candidate(built, coordinates, z, physics.noise)
 
@@ -336,11 +298,9 @@ def _with(plain: Estimate, structure: tuple[str, ...], whole: _Candidate, tried:
     """The estimate with the network beside the physics, and what each says of every record."""
     assert plain.problem is not None
     count = len(plain.z)
-    everything = np.ones(whole.problem.lanes.segment.shape, dtype=bool)
-    normal = whole.normal(everything)
-    _, weight = _prior(whole.coordinates)
+    normal = whole.normal(np.ones(whole.problem.lanes.segment.shape, dtype=bool))
     lines = whole.problem.lines(whole.z, whole.coordinates, whole.noise)
-    covariance, freedom = hac_covariance(lines, whole.problem.degrees_of_freedom, np.diag(weight))
+    covariance, freedom = hac_covariance(lines, whole.problem.degrees_of_freedom, np.diag(_prior(whole.coordinates)))
     z = np.asarray(whole.z)[:count]
     alone = plain.problem.predict(plain.coordinates, z)
     predicted = tuple(whole.problem.by_record(normal.response))

@@ -9,7 +9,7 @@ does not depend on the θ used, and after two rounds the dependence is negligibl
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -23,19 +23,6 @@ from vibrident.fit.response.tones import turning
 from vibrident.fit.response.transform import hann
 from vibrident.physics.discretisation import method
 from vibrident.physics.discretisation.inputs import half_width_for
-
-#: Interpolation by so many samples on either side is good to 1e-5.
-FINE = 32
-#: Hann's window parts a tone from offset and mirror image from so many periods on.
-FEWEST_PERIODS = 4.0
-#: Noise of the reference passes the network. Where it is this factor above the noise beside the tone, a plain sine with
-#: the free motion is fitted instead.
-LOUD = 3.0
-#: A plain sine is not fitted where its standard deviation is larger by this factor …
-NOISIER = 1.5
-#: … nor where the amplitude of the reference is another under Hann's window by so many standard deviations: the motion
-#: rings up, or changes in size, and the sensor's answer to that is in no sine.
-UNSTEADY = 5.0
 
 
 def network_problem(evidence: Evidence, values: dict[str, float]) -> NetworkProblem | None:
@@ -64,32 +51,33 @@ def residual_tones(
     """
     plain = evidence.tones
     assert plain is not None
-    values = coordinates.values(z)
+    model, values = evidence.model, coordinates.values(z)
 
     def at(frequency: FloatArray) -> ComplexArray:
-        found = evidence.model.frequency_response(values, frequency, evidence.quantity)
-        return np.asarray(found, dtype=complex)
+        return np.asarray(model.frequency_response(values, frequency, evidence.quantity), dtype=complex)
 
-    poles = evidence.model.poles(values)
+    records, poles = [evidence.records[index] for index in plain.record], model.poles(values)
+    unknown = [np.full(record.samples, np.nan) for record in records]
     if predicted is None and problem is not None:
         predicted = problem.predict(coordinates, z)
-    if predicted is not None:
-        predicted = [predicted[index] for index in plain.record]
-    cleaned, rest = _cleaned(evidence, plain, predicted, values, poles)
-    if not coordinates.model.is_linear:
-        return cleaned  # only the network brings its tones to what the linear part answers
-    samples = np.array([evidence.records[index].mask.sum() for index in plain.record])
-    deviation = cleaned.error_deviation(at)
-    loud = (rest > LOUD * deviation * np.sqrt(samples / 2.0)) | (deviation > NOISIER * plain.error_deviation(at))
-    if predicted is None or not np.any(loud):
+    known = unknown if predicted is None else [predicted[index] for index in plain.record]
+    cleaned, rest = _cleaned(records, known, plain, at, poles)
+    if predicted is None or not model.is_linear:  # only the network brings its tones to what the linear part answers
         return cleaned
-    by_sines, _ = _cleaned(evidence, plain, None, values, poles)
-    loud &= by_sines.error_deviation(at) < NOISIER * deviation
-    loud[loud] = [_steady(evidence.records[plain.record[k]], by_sines, k) for k in np.flatnonzero(loud).tolist()]
+    samples = np.array([record.mask.sum() for record in records])
+    deviation, noisier = cleaned.error_deviation(at), 1.5
+    # Noise of the reference passes the network: where it is above the noise beside the tone, a plain sine with the free
+    # motion is fitted, if that is not the noisier way.
+    loud = (rest > 3.0 * deviation * np.sqrt(samples / 2.0)) | (deviation > noisier * plain.error_deviation(at))
     if not np.any(loud):
         return cleaned
-    fewer = [np.full_like(p, np.nan) if worse else p for p, worse in zip(predicted, loud, strict=True)]
-    return _cleaned(evidence, plain, fewer, values, poles)[0]
+    by_sines, _ = _cleaned(records, unknown, plain, at, poles)
+    loud &= by_sines.error_deviation(at) < noisier * deviation
+    loud[loud] = [_steady(records[place], by_sines, place) for place in np.flatnonzero(loud).tolist()]
+    if not np.any(loud):
+        return cleaned
+    fewer = [nothing if worse else own for own, nothing, worse in zip(known, unknown, loud, strict=True)]
+    return _cleaned(records, fewer, plain, at, poles)[0]
 
 
 def roughly_cleaned(
@@ -111,7 +99,7 @@ def roughly_cleaned(
         used = record.mask & np.isfinite(series)
         window = hann(record.samples) * used
         periods = frequency[place] * record.duration_s
-        if used.sum() > 0.5 * record.mask.sum() and periods > FEWEST_PERIODS:
+        if used.sum() > 0.5 * record.mask.sum() and periods > 4.0:  # else offset and mirror image mix with the tone
             wave = turning(record.samples, -2.0 * np.pi * frequency[place] / record.sampling_rate_hz)
             left = np.where(used, record.response - series, 0.0) * window
             cleaned[place] = explained[place] + 2.0 * (left @ wave) / np.sum(window)
@@ -119,53 +107,48 @@ def roughly_cleaned(
 
 
 def _steady(record: Record, tones: MeasuredResponse, place: int) -> bool:
-    """Whether the reference keeps the size of its tone over the record, as far as its noise tells."""
+    """Whether the reference keeps the size of its tone over the record, as far as its noise tells.
+
+    Else its amplitude is another under Hann's window: the motion rings up, or changes in size, and the sensor's answer
+    to that is in no sine.
+    """
     mask, turns = record.mask, tones.frequency_hz[place] / record.sampling_rate_hz
     wave = turning(record.samples, 2.0 * np.pi * turns)[mask]
     rows = np.stack([wave.real, wave.imag, np.ones(wave.size)])
     faded = rows * hann(record.samples)[mask]
     found = np.linalg.lstsq(faded @ rows.T, faded @ np.asarray(record.reference)[mask], rcond=1e-12)[0]
     noise = np.sqrt(np.sum(np.abs(tones.line_reference[place]) ** 2) / np.sum(tones.line_weight[place]))
-    return bool(abs(found[0] - 1j * found[1] - tones.reference[place]) < UNSTEADY * noise)
+    return bool(abs(found[0] - 1j * found[1] - tones.reference[place]) < 5.0 * noise)
 
 
 def _cleaned(
-    evidence: Evidence,
+    records: Sequence[Record],
+    predicted: Sequence[FloatArray],
     plain: MeasuredResponse,
-    predicted: Sequence[FloatArray] | None,
-    values: dict[str, float],
+    at: Callable[[FloatArray], ComplexArray],
     poles: ComplexArray,
 ) -> tuple[MeasuredResponse, FloatArray]:
     """The tones of the residuals, and the rms of what is left beside each (zero where a plain sine was fitted).
 
-    ``predicted`` responses are in the order of the tones.
+    Records and what the network predicts of them, NaN where it does not reach, are in the order of the tones; ``at``:
+    response of the model.
     """
-    records, cleaned = [], []
-    for place, index in enumerate(plain.record):
-        record = evidence.records[index]
-        reached = False
-        if predicted is not None:
-            used = record.mask & np.isfinite(predicted[place])
-            # Where the network reaches too little, or interpolates by too few samples, the record keeps all its samples
-            # and its vibration noise.
-            fine = half_width_for(record.samples) >= FINE
-            reached = bool(fine and used.sum() > 0.5 * record.mask.sum())
-            if reached:
-                residual = np.where(used, record.response - predicted[place], 0.0)
-                record = replace(record, response=residual, valid=used)
-        records.append(record)
-        cleaned.append(reached)
-    measured = [evidence.records[index] for index in plain.record]
-    tones = measure_tones(records, plain.frequency_hz.tolist(), poles, measured)
-    share = np.where(cleaned, 1.0, 0.0)
-    model, quantity = evidence.model, evidence.quantity
-    power = [np.var(r.response[r.mask]) if reached else 0.0 for r, reached in zip(records, cleaned, strict=True)]
+    left, reached = [], []
+    for record, series in zip(records, predicted, strict=True):
+        used = record.mask & np.isfinite(series)
+        # Where the network reaches too little, or interpolates by too few samples to be good to 1e-5, the record keeps
+        # all its samples and its vibration noise.
+        reached.append(half_width_for(record.samples) >= 32 and bool(used.sum() > 0.5 * record.mask.sum()))
+        residual = np.where(used, record.response - series, 0.0)
+        left.append(replace(record, response=residual, valid=used) if reached[-1] else record)
+    tones = measure_tones(left, plain.frequency_hz.tolist(), poles, records)
+    share = np.array(reached, dtype=float)
+    power = [np.var(own.response[own.mask]) if cleaned else 0.0 for own, cleaned in zip(left, reached, strict=True)]
     rest = np.sqrt(np.maximum(np.array(power) - 0.5 * np.abs(tones.response) ** 2 * share, 0.0))
-    explained = model.frequency_response(values, tones.frequency_hz, quantity) * tones.reference
-    lines = model.frequency_response(values, tones.line_hz.ravel(), quantity).reshape(tones.line_hz.shape)
+    lines = at(tones.line_hz.ravel()).reshape(tones.line_hz.shape)
     found = replace(
         tones,
-        response=tones.response + share * explained,
+        response=tones.response + share * at(tones.frequency_hz) * tones.reference,
         line_response=tones.line_response + share[:, None] * lines * tones.line_reference,
         record=plain.record,
     )

@@ -15,7 +15,6 @@ from vibrident.fit.decay import decay_deviations
 from vibrident.fit.estimators import Estimate
 from vibrident.fit.estimators.residual_tones import network_problem, residual_tones
 from vibrident.fit.problem import Evidence, network_of
-from vibrident.fit.problem.frequency_domain import response_residual
 from vibrident.fit.response import MeasuredResponse
 from vibrident.fit.response.explained import unexplained
 from vibrident.fit.response.verdict import probability
@@ -232,8 +231,7 @@ def judge_table(evidence: Evidence, estimate: Estimate) -> Judgement:
     table, problem = evidence.calibration.table, evidence.first_look
     assert table is not None
     assert problem is not None
-    args = (estimate.coordinates, problem.polar, problem.has_phase, evidence.quantity, problem.data)
-    residual = np.asarray(response_residual(estimate.z, *args))
+    residual = np.asarray(problem.residual(estimate.z, estimate.coordinates))
     chi2, degrees, adequate = judge_residuals(residual, len(estimate.z))
     scatter = None
     if table.magnitude_uncertainty is None:

@@ -18,7 +18,6 @@ from vibrident.fit.judge.effects import allowing_for_effects
 from vibrident.fit.judge.examined import Examined, Told
 from vibrident.fit.judge.points import linearised
 from vibrident.fit.problem import Evidence, FrequencyProblem
-from vibrident.fit.problem.frequency_domain import response_residual
 from vibrident.fit.response.explained import MOST_LEFT, part_left
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.start.search import LONGEST, LogCoordinates
@@ -229,7 +228,7 @@ def _weighed_start(found: Attempt) -> Mapping[str, float] | None:
         begin = find_start(look, model)
     except (NotConverged, InputError):
         return None
-    here = response_residual(z, coordinates, False, True, evidence.quantity, look.data)
+    here = look.residual(z, coordinates)
     return begin.values if begin.costs[-1] < float(here @ here) else None
 
 
@@ -248,8 +247,8 @@ def _searched_again(best: Attempt) -> Attempt | None:
             break
         size = np.abs(points.measured)
         data = (points.frequency_hz, np.ones(len(size), complex), points.measured, points.relative_deviation * size)
-        problem = FrequencyProblem(model, evidence.quantity, False, True, data)
-        here = response_residual(estimate.z, estimate.coordinates, False, True, evidence.quantity, data)
+        problem = FrequencyProblem(model, evidence.quantity, data)
+        here = problem.residual(estimate.z, estimate.coordinates)
         most = CLEARLY_LESS * float(np.sum(np.square(here)))
         try:
             begin = find_start(problem, model, most)

@@ -12,7 +12,6 @@ import numpy as np
 from vibrident.fit.judge.attempts import Attempt
 from vibrident.fit.judge.examined import Examined
 from vibrident.fit.problem import Evidence
-from vibrident.fit.problem.frequency_domain import response_residual
 from vibrident.fit.response.explained import part_left
 from vibrident.fit.uncertainty.adequacy import looks_random
 
@@ -59,8 +58,7 @@ def with_phase_scatter(first: Attempt) -> Attempt:
     provenance = replace(table.provenance, history=(*table.provenance.history, PHASE_BY_SCATTER))
     known = 1.0
     for _ in range(PHASE_ROUNDS if free > 1.0 else 0):
-        args = (now.estimate.coordinates, problem.polar, problem.has_phase, first.evidence.quantity, problem.data)
-        turn = np.asarray(response_residual(now.estimate.z, *args))[table.points :][order]
+        turn = np.asarray(problem.residual(now.estimate.z, now.estimate.coordinates))[table.points :][order]
         scatter = float(np.sqrt(np.sum(turn**2) / free))
         if abs(scatter - known) < PHASE_SETTLED * known or scatter == 0.0:
             return now if looks_random(turn) else first

@@ -8,14 +8,14 @@ are not used is summed over its samples, as no transform of its response exists.
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy import fft
 
-from vibrident.data.records import FloatArray, Quantity, Record
+from vibrident.data.records import FloatArray, Record
 from vibrident.fit.bins import (
     Batch,
     BinNormal,
@@ -39,56 +39,34 @@ from vibrident.fit.bins import (
 from vibrident.fit.bins.normal import AT_ONCE
 from vibrident.fit.bins.record import FreeLines, ModelLines, counted, free_of_pieces, free_of_run
 from vibrident.fit.bins.segments import TONE_COLUMNS
-from vibrident.fit.problem.coordinates import Coordinates
-from vibrident.fit.problem.framing import Frame, noise_floor
+from vibrident.fit.problem.coordinates import FARTHEST, Coordinates
+from vibrident.fit.problem.network_problem import Frame, NetworkProblem
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import MOST_KEPT, in_blocks, line_frequencies, reference_colour
-from vibrident.physics.discretisation import Method, Weights
+from vibrident.physics.discretisation import Weights
 from vibrident.physics.discretisation.inputs import USABLE_BAND
-from vibrident.physics.models import SensorModel
 
-#: Largest growth of a network over a run, in nepers: a larger one would exceed the range of numbers in time.
-MOST_GROWTH = 300.0
+#: Transfer function of a step, and its slopes.
+Transfer = tuple[DiscreteTransfer, DiscreteTransfer]
 
 
 @dataclass(frozen=True, eq=False)
-class BinProblem:
+class BinProblem(NetworkProblem):
     """Runs of one linear sensor at the bins of their transforms.
 
     Attributes:
-        records: the records, in order.
-        trained: the network of the sensor model.
-        frame: its shape, and the delay at which the inputs were interpolated.
-        runs: in order.
-        fractions: read-out fraction of each record at that delay.
+        segments: the runs, in order.
+        fractions: read-out fraction of each record at the delay of the inputs.
     """
 
-    records: tuple[Record, ...]
-    trained: Trained
-    frame: Frame
     segments: tuple[Segment, ...]
     fractions: FloatArray
 
     @classmethod
-    def build(
-        cls,
-        records: Sequence[Record],
-        model: SensorModel,
-        method: Method,
-        quantity: Quantity,
-        start: Mapping[str, float],
-    ) -> BinProblem:
-        """Transform all unbroken runs, with inputs interpolated at the expected delay.
-
-        Args: as of :meth:`vibrident.fit.problem.framing.Frame.of`; the model is linear.
-
-        Raises:
-            ModelError: the model is not rational.
-            InputError: no record is long enough.
-        """
-        frame = Frame.of(records, model, method, quantity, start)
+    def of_frame(cls, records: tuple[Record, ...], frame: Frame) -> BinProblem:
+        """The transforms of all unbroken runs; the model is linear."""
         steps = [
-            method.filters(seen_by_network(r, centred=True)[1], frame.terms, frame.delay_s * r.sampling_rate_hz)
+            frame.method.filters(seen_by_network(r, centred=True)[1], frame.terms, frame.delay_s * r.sampling_rate_hz)
             for r in records
         ]
         segments = tuple(
@@ -99,15 +77,12 @@ class BinProblem:
         )
         if not segments:
             raise frame.too_short(records)
-        trained = Trained(model, method, quantity, frame.terms)
-        return cls(tuple(records), trained, frame, segments, np.array([step.fraction for step in steps]))
+        return cls(records, frame, segments, np.array([step.fraction for step in steps]))
 
-    def at_delay_of(self, values: Mapping[str, float]) -> BinProblem:
-        """The same with inputs interpolated at the delay of ``values``; itself where they nearly are."""
-        trained = self.trained
-        if self.frame.settled(float(trained.model.delay_s(values)), self.records):
-            return self
-        return BinProblem.build(self.records, trained.model, trained.method, trained.quantity, values)
+    @functools.cached_property
+    def trained(self) -> Trained:
+        """The network of the sensor model."""
+        return Trained(self.frame.model, self.frame.method, self.frame.quantity, self.frame.terms)
 
     def idle(self) -> BinProblem:
         """The same without the transforms of long runs, which are made again when they are asked for."""
@@ -116,18 +91,9 @@ class BinProblem:
         return replace(self, segments=tuple(segment.idle() for segment in self.segments))
 
     @property
-    def noise_floor(self) -> FloatArray:
-        """Lower limit of the standard deviation of each record's residual, response unit, shape (records,)."""
-        return self._noise_floor
-
-    @functools.cached_property
-    def _noise_floor(self) -> FloatArray:
-        return noise_floor(self.records)
-
-    @property
     def highest(self) -> float:
         """Highest line that counts, as a part of the sampling rate."""
-        return USABLE_BAND if self.trained.method.is_exact else 0.5
+        return USABLE_BAND if self.frame.method.is_exact else 0.5
 
     @property
     def degrees_of_freedom(self) -> FloatArray:
@@ -149,35 +115,26 @@ class BinProblem:
         )
         return replace(self, records=records, segments=segments)
 
-    @property
-    def batches(self) -> Iterator[tuple[Batch, float, float]]:
-        """Whole runs of one rate and length side by side, their sampling interval and fraction."""
-        for numbers, interval, fraction in self._groups:
-            joined = self._joined.get(numbers)
-            yield joined or Batch.of([self.segments[i] for i in numbers], numbers), interval, fraction
-
     @functools.cached_property
-    def _groups(self) -> tuple[tuple[tuple[int, ...], float, float], ...]:
-        groups: dict[tuple[float, float, int, tuple[float, ...]], list[int]] = {}
+    def _groups(self) -> list[tuple[tuple[float, float], tuple[int, ...]]]:
+        """Numbers of whole runs of one length and hum that are worked on side by side, behind their step."""
+        alike: dict[tuple[tuple[float, float], int, tuple[float, ...]], list[int]] = {}
         for number, segment in enumerate(self.segments):
             if segment.used is None:
-                groups.setdefault((*self._step_of(segment), segment.samples, segment.hum), []).append(number)
+                alike.setdefault((self._step_of(segment), segment.samples, segment.hum), []).append(number)
         found = []
-        for (interval, fraction, samples, _), numbers in groups.items():
+        for (step, samples, _), numbers in alike.items():
             width = max(AT_ONCE // samples, 1)
-            for first in range(0, len(numbers), width):
-                found.append((tuple(numbers[first : first + width]), interval, fraction))
-        return tuple(found)
+            found += [(step, tuple(numbers[first : first + width])) for first in range(0, len(numbers), width)]
+        return found
 
     @functools.cached_property
     def _joined(self) -> dict[tuple[int, ...], Batch]:
         """Batches of several runs, for which these are copied."""
-        several = (numbers for numbers, *_ in self._groups if len(numbers) > 1)
-        return {numbers: Batch.of([self.segments[i] for i in numbers], numbers) for numbers in several}
+        return {numbers: self._batch(numbers) for _, numbers in self._groups if len(numbers) > 1}
 
-    def counts(self, samples: int) -> FloatArray:
-        """How each line of a run counts, shape (1, lines)."""
-        return (counted(samples, self.highest) / samples)[None, :]
+    def _batch(self, numbers: Sequence[int]) -> Batch:
+        return Batch.of([self.segments[number] for number in numbers], numbers)
 
     def _step_of(self, segment: Segment) -> tuple[float, float]:
         """Sampling interval and read-out fraction of a run."""
@@ -185,25 +142,20 @@ class BinProblem:
 
     def weights(self, values: Mapping[str, float]) -> Weights:
         """Network weights, one set a sampling interval in order (leading axis)."""
-        steps = sorted({self._step_of(segment) for segment in self.segments})
-        found = [self.trained.weights(dict(values), *step, self.frame.delay_s) for step in steps]
+        found = [self.trained.weights(dict(values), *kind, self.frame.delay_s) for kind in sorted(self._all_kinds)]
         return Weights(*(np.stack(parts) for parts in zip(*found, strict=True)))
-
-    def steps(
-        self, values: dict[str, float], interval_s: float, fraction: float
-    ) -> tuple[DiscreteTransfer, DiscreteTransfer]:
-        """Transfer function of a step, and its slopes with the physical parameters."""
-        at = (values, interval_s, fraction, self.frame.delay_s)
-        return self.trained.transfer(*at), self.trained.jacobian(*at)
-
-    def _all_steps(
-        self, values: dict[str, float]
-    ) -> dict[tuple[float, float], tuple[DiscreteTransfer, DiscreteTransfer]]:
-        return self._kept("steps", values, lambda: {kind: self.steps(values, *kind) for kind in self._all_kinds})
 
     @functools.cached_property
     def _all_kinds(self) -> set[tuple[float, float]]:
         return {self._step_of(segment) for segment in self.segments}
+
+    def _all_steps(self, values: dict[str, float]) -> dict[tuple[float, float], Transfer]:
+        """Transfer function of each kind of step, and its slopes with the physical parameters."""
+        every = [(kind, (values, *kind, self.frame.delay_s)) for kind in self._all_kinds]
+        network = self.trained
+        return self._kept(
+            "steps", values, lambda: {kind: (network.transfer(*at), network.jacobian(*at)) for kind, at in every}
+        )
 
     def normal(self, z: FloatArray, coordinates: Coordinates, noise: FloatArray) -> BinNormal:
         """Normal equations at coordinates ``z``; ``noise``: standard deviation of each record, shape (records,)."""
@@ -224,37 +176,32 @@ class BinProblem:
 
     def _made_normals(self, values: dict[str, float]) -> SegmentNormals:
         steps = self._all_steps(values)
-        if not self._stable({kind: transfer for kind, (transfer, _) in steps.items()}):
-            return SegmentNormals.of(len(self.segments), len(values), np.inf)
-        normals = SegmentNormals.of(len(self.segments), len(values))
+        stable = all(self._stable(kind, transfer) for kind, (transfer, _) in steps.items())
+        normals = SegmentNormals.of(len(self.segments), len(values), 0.0 if stable else np.inf)
+        if not stable:
+            return normals
         made: dict[Any, Step] = {}
-        for batch, *key in self.batches:
-            add_batch(normals, batch, _step(made, batch, steps[key[0], key[1]], self.counts(batch.samples)[0]))
+        for kind, numbers in self._groups:
+            batch = self._joined.get(numbers) or self._batch(numbers)
+            counts = counted(batch.samples, self.highest) / batch.samples
+            add_batch(normals, batch, _step(made, batch, steps[kind], counts))
         for number, segment in enumerate(self.segments):
             if segment.used is not None:
                 add_series(normals, number, series_of(segment, *steps[self._step_of(segment)]))
         return normals
 
-    def _stable(self, transfers: Mapping[tuple[float, float], DiscreteTransfer]) -> bool:
-        """Whether no state grows beyond all numbers over its run, as Euler's may."""
-        for kind, transfer in transfers.items():
-            if not np.all(np.isfinite(transfer.denominator)):
-                return False
-            longest = max(segment.samples for segment in self.segments if self._step_of(segment) == kind)
-            poles = 1.0 + np.roots(transfer.denominator[::-1])
-            if longest * np.log(np.max(np.abs(poles), initial=1.0)) > MOST_GROWTH:
-                return False
-        return True
+    def _stable(self, kind: tuple[float, float], transfer: DiscreteTransfer) -> bool:
+        """Whether no state of a kind of step grows beyond all numbers over its runs, as Euler's may."""
+        if not np.all(np.isfinite(transfer.denominator)):
+            return False
+        longest = max(segment.samples for segment in self.segments if self._step_of(segment) == kind)
+        poles = 1.0 + np.roots(transfer.denominator[::-1])
+        return bool(longest * np.log(np.max(np.abs(poles), initial=1.0)) <= FARTHEST)
 
-    def record_noise(self, normal: BinNormal, noise: FloatArray) -> FloatArray:
-        """Standard deviation of each record's residual, shape (records,), of normal equations weighted by ``noise``."""
-        squares = (
-            np.bincount(
-                [segment.record for segment in self.segments], np.maximum(normal.squares, 0.0), len(self.records)
-            )
-            * noise**2
-        )
-        return np.maximum(np.sqrt(squares / np.maximum(self.degrees_of_freedom, 1.0)), self.noise_floor)
+    def squares(self, normal: BinNormal, noise: FloatArray) -> FloatArray:
+        """Sum of squares of each record's residual, shape (records,), of normal equations weighted by ``noise``."""
+        owners = [segment.record for segment in self.segments]
+        return np.bincount(owners, np.maximum(normal.squares, 0.0), len(self.records)) * noise**2
 
     def predict(self, coordinates: Coordinates, z: FloatArray) -> list[FloatArray]:
         """Response of every record with the best initial states and offsets, NaN where the network gives no value.
@@ -263,18 +210,18 @@ class BinProblem:
         """
         values = coordinates.values(z)
         found = [np.full(record.samples, np.nan) for record in self.records]
-        made = {step: self.trained.transfer(values, *step, self.frame.delay_s) for step in self._all_kinds}
+        made: dict[tuple[float, float], Transfer] = {}
+        for kind in self._all_kinds:
+            step = self.trained.transfer(values, *kind, self.frame.delay_s)
+            made[kind] = step, DiscreteTransfer(step.denominator[None][:0], step.numerator[None][:0])  # no slopes
         kept: dict[Any, Step] = {}
         for segment in self.segments:
             transfer = made[self._step_of(segment)]
-            nothing = DiscreteTransfer(
-                np.zeros((0, len(transfer.denominator))), np.zeros((0, *transfer.numerator.shape))
-            )
             if segment.used is not None:
-                found[segment.record][segment.span] = series_of(segment, transfer, nothing).predicted
+                found[segment.record][segment.span] = series_of(segment, *transfer).predicted
                 continue
             batch, every = Batch.of([segment], [0]), counted(segment.samples, 0.5)  # all lines: line 0 holds the offset
-            left, _, hum = residual_and_jacobian(batch, _step(kept, batch, (transfer, nothing), every))
+            left, _, hum = residual_and_jacobian(batch, _step(kept, batch, transfer, every))
             del batch
             segment.transforms.forget_inputs()
             left[:, 0] = 0.0
@@ -298,40 +245,32 @@ class BinProblem:
             floor = float((self.noise_floor[number] / noise[number]) ** 2)
             if len(segments) == 1 and segments[0].used is None:
                 key, step = (segments[0].samples, *self._step_of(segments[0])), steps[self._step_of(segments[0])]
-                own: dict[str, Any] = self._whole(segments[0], step, turn, noise[number], kept)
+                own = self._whole(segments[0], step, turn, noise[number], kept)
                 own["free"] = states.setdefault(key, free_of_run(key[0], step[0].denominator))
             else:
                 pieces = [(segment.span, series_of(segment, *steps[self._step_of(segment)])) for segment in segments]
                 own = _in_pieces(pieces, turn, noise[number], self.highest)
             samples, model = len(own["used"]), None
+            unseen = lowest > 0.5 * record.sampling_rate_hz
             if record.reference is not None and samples > 1:
                 grid = samples, record.sampling_rate_hz
-                models.setdefault(grid, self._response(coordinates, z, *grid))
-                model = models[grid]
-            unseen = lowest > 0.5 * record.sampling_rate_hz
-            made = RecordBins(
-                **own,
-                model=model,
-                z=z,
-                floor=floor,
-                hum=hum_of(record, samples),
-                rings_unseen=unseen,
-                colour=reference_colour(record, samples),
-            )
+                model = models.setdefault(grid, self._response(coordinates, z, *grid))
+            hum, colour = hum_of(record, samples), reference_colour(record, samples)
+            made = RecordBins(**own, model=model, z=z, floor=floor, hum=hum, rings_unseen=unseen, colour=colour)
             made = made.without_ringing() if unseen and made.free is not None else made
             found.append(made.beside_drift())
         return found
 
     def _lowest_ringing_hz(self, values: dict[str, float]) -> float:
         """Lowest frequency of a free oscillation, Hz; zero where the sensor has none."""
-        poles = self.trained.model.poles(values)
+        poles = self.frame.model.poles(values)
         ringing = np.abs(np.imag(poles[np.imag(poles) != 0.0]))
         return float(np.min(ringing)) / (2.0 * np.pi) if ringing.size else 0.0
 
     def _whole(
         self,
         segment: Segment,
-        step: tuple[DiscreteTransfer, DiscreteTransfer],
+        step: Transfer,
         turn: FloatArray,
         noise: float,
         kept: dict[Any, Step],
@@ -357,7 +296,7 @@ class BinProblem:
 
     def _response(self, coordinates: Coordinates, z: FloatArray, samples: int, rate_hz: float) -> ModelLines:
         """H at the lines of the transform of so many samples."""
-        lines, quantity = samples // 2 + 1, self.trained.quantity
+        lines, quantity = samples // 2 + 1, self.frame.quantity
 
         def at(z: FloatArray) -> ComplexArray:
             values, found = coordinates.values(z), np.empty(lines, dtype=complex)
@@ -369,9 +308,7 @@ class BinProblem:
         return ModelLines(at, z, lines)
 
 
-def _step(
-    made: dict[Any, Step], batch: Batch, transfer: tuple[DiscreteTransfer, DiscreteTransfer], counts: FloatArray
-) -> Step:
+def _step(made: dict[Any, Step], batch: Batch, transfer: Transfer, counts: FloatArray) -> Step:
     """What a batch has in common with others; made once."""
     key = batch.samples, batch.hum, id(transfer[0])
     if key not in made:

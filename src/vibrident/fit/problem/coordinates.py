@@ -28,7 +28,7 @@ from vibrident.physics.models.base import array_library
 BAND_MARGIN = 300.0
 #: … and below it further: a first-order high-pass acts as f0/f.
 MARGIN_BELOW = 1e6
-#: Largest exponent of a trial step: e to it is finite, and beyond every end of the search.
+#: Largest exponent of a trial step, or of what a network grows by in a run: e to it is finite, and beyond every search.
 FARTHEST = 300.0
 
 
@@ -59,7 +59,7 @@ class Coordinates:
         cls,
         model: SensorModel,
         start: Mapping[str, float],
-        band_hz: tuple[float, float],
+        band_hz: Any,
         response_size: float = 1.0,
     ) -> Coordinates:
         """Coordinates around start values given by name."""
@@ -72,6 +72,13 @@ class Coordinates:
         """Unit of the coordinates of kind ``time``: one radian at the highest frequency."""
         return 1.0 / (2.0 * np.pi * self.band_hz[1])
 
+    def _units(self) -> list[Any]:
+        """Physical value of each linear coordinate at one; None for the other kinds."""
+        size = self.response_size
+        units = {"time": self.time_unit_s, "ratio": 1.0, "inverse": 1.0 / size, "inverse_square": 1.0 / size**2}
+        kinds = enumerate(spec.kind for spec in self.model.parameters)
+        return [self.start[index] if kind == "gain" else units.get(kind) for index, kind in kinds]
+
     @property
     def first(self) -> FloatArray:
         """Coordinates of the start values, shape (parameters,)."""
@@ -81,32 +88,24 @@ class Coordinates:
     def edges(self) -> tuple[FloatArray, FloatArray]:
         """Lowest and highest coordinate of the range searched, each of shape (parameters,); infinite where open."""
         ends = searched([float(f) for f in self.band_hz])
-        rows = [
-            np.log(np.array(ends[spec.kind]) / float(start)) if spec.kind in ends else np.array([-np.inf, np.inf])
-            for spec, start in zip(self.model.parameters, np.asarray(self.start), strict=True)
-        ]
-        return np.array([row[0] for row in rows]), np.array([row[1] for row in rows])
+        low, high = np.full(len(self.start), -np.inf), np.full(len(self.start), np.inf)
+        for index, spec in enumerate(self.model.parameters):
+            if spec.kind in ends:
+                low[index], high[index] = np.log(np.array(ends[spec.kind]) / self.start[index])
+        return low, high
 
     def physical(self, z: Any) -> dict[str, Any]:
         """Name to physical value; ``z`` may be traced."""
         values, xp = {}, array_library(z)
-        ends = searched(self.band_hz)
+        ends, units = searched(self.band_hz), self._units()
         for index, spec in enumerate(self.model.parameters):
-            start = self.start[index]
-            if spec.kind == "gain":
-                values[spec.name] = z[index] * start
-            elif spec.kind in ends:
-                values[spec.name] = xp.clip(start * xp.exp(xp.minimum(z[index], FARTHEST)), *ends[spec.kind])
-            elif spec.kind == "ratio":
-                values[spec.name] = z[index]
-            elif spec.kind == "inverse":
-                values[spec.name] = z[index] / self.response_size
-            elif spec.kind == "inverse_square":
-                values[spec.name] = z[index] / self.response_size**2
+            if (unit := units[index]) is not None:
+                values[spec.name] = z[index] * unit
             elif spec.kind == "positive":
                 values[spec.name] = xp.abs(xp.sinh(xp.clip(z[index], -FARTHEST, FARTHEST)))
             else:
-                values[spec.name] = z[index] * self.time_unit_s
+                factor = xp.exp(xp.minimum(z[index], FARTHEST))
+                values[spec.name] = xp.clip(self.start[index] * factor, *ends[spec.kind])
         return values
 
     def values(self, z: Any) -> dict[str, float]:
@@ -115,19 +114,17 @@ class Coordinates:
 
     def place(self, values: Mapping[str, float]) -> FloatArray:
         """Coordinates of physical values, shape (parameters,)."""
-        size, unit = float(self.response_size), float(self.time_unit_s)
-        scale = {"time": 1.0 / unit, "inverse": size, "inverse_square": size**2}
         found = []
-        for spec, start in zip(self.model.parameters, np.asarray(self.start), strict=True):
+        for spec, start, unit in zip(self.model.parameters, np.asarray(self.start), self._units(), strict=True):
             value = float(values[spec.name])
-            if spec.kind in ("log", "duration"):
-                found.append(np.log(max(value / start, np.finfo(float).tiny)))
-            elif spec.kind == "positive":
+            if spec.kind == "positive":
                 found.append(np.arcsinh(value))
-            elif spec.kind == "gain":
-                found.append(1.0 if value == start else value / start)
+            elif spec.kind == "gain" and value == start:
+                found.append(1.0)  # of a gain of zero, too
+            elif unit is not None:
+                found.append(value / unit)
             else:
-                found.append(value * scale.get(spec.kind, 1.0))
+                found.append(np.log(max(value / start, np.finfo(float).tiny)))
         return np.array(found)
 
     def slopes(self, z: FloatArray) -> FloatArray:
@@ -136,11 +133,10 @@ class Coordinates:
         Zero at the ends of the range searched, beyond which nothing changes.
         """
         values, (low, high) = self.values(z), self.edges
-        size, unit = float(self.response_size), float(self.time_unit_s)
-        scale = {"time": unit, "inverse": 1.0 / size, "inverse_square": 1.0 / size**2}
         found = []
-        for index, (spec, start) in enumerate(zip(self.model.parameters, np.asarray(self.start), strict=True)):
-            own = {"gain": start, "log": values[spec.name], "duration": values[spec.name]}
-            own["positive"] = float(np.copysign(np.hypot(1.0, values[spec.name]), z[index]))  # cosh z
-            found.append(own.get(spec.kind, scale.get(spec.kind, 1.0)))
-        return np.where((low < z) & (z < high), np.array(found, dtype=float), 0.0)
+        for spec, at, unit in zip(self.model.parameters, z, self._units(), strict=True):
+            value = values[spec.name]
+            if spec.kind == "positive":
+                value = float(np.copysign(np.hypot(1.0, value), at))  # cosh z
+            found.append(value if unit is None else unit)
+        return np.where((low < z) & (z < high), np.array(found), 0.0)

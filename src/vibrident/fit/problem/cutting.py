@@ -4,65 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from vibrident.data.records import FloatArray, Record
-from vibrident.fit.bins.segments import seen_by_network, unbroken
-from vibrident.physics.discretisation import Method
+from vibrident.fit.bins.segments import unbroken
 from vibrident.physics.discretisation.inputs import StepInputs
 from vibrident.physics.network.unroll import Lanes
 
-#: Bytes of which the address of an array is a multiple, where JAX need not copy it.
-ALIGNED = 64
 
-
-@dataclass(frozen=True, eq=False)
-class Piece:
-    """An unbroken run of steps of one record.
-
-    Attributes:
-        record: number of the record.
-        run: its samples.
-        step: the inputs of the record's steps.
-    """
+class Piece(NamedTuple):
+    """An unbroken run of steps of one record: its number, the run's samples, and its first lane."""
 
     record: int
     run: slice
-    step: StepInputs
-
-    @property
-    def steps(self) -> int:
-        """Number of steps."""
-        return int(self.run.stop - self.run.start)
-
-
-def steps_of(
-    records: Sequence[Record], method: Method, terms: int, delay_s: float, *, linear: bool
-) -> Sequence[StepInputs]:
-    """Inputs of every record's steps.
-
-    Args:
-        records: the records.
-        method: the discretisation.
-        terms: inputs a step.
-        delay_s: at which the inputs are taken.
-        linear: a nonlinear spring depends on its rest position: its reference loses the offset, not the mean
-            of a motion that ends within a period.
-    """
-    late = [delay_s * record.sampling_rate_hz for record in records]
-    return [method.inputs(*seen_by_network(r, centred=linear), terms, d) for r, d in zip(records, late, strict=True)]
-
-
-def pieces_of(records: Sequence[Record], steps: Sequence[StepInputs], fewest: int) -> list[Piece]:
-    """The runs of usable steps that hold more than ``fewest`` samples."""
-    return [
-        Piece(index, run, step)
-        for index, (record, step) in enumerate(zip(records, steps, strict=True))
-        for run in unbroken(step.usable)
-        if np.sum(record.mask[run]) > fewest
-    ]
+    lane: int
 
 
 def bucket(count: int) -> int:
@@ -72,55 +29,48 @@ def bucket(count: int) -> int:
 
 
 def cut(
-    pieces: Sequence[Piece], records: Sequence[Record], rate: np.ndarray, terms: int, length: int
-) -> tuple[Lanes, list[int]]:
-    """Cut segments into chunks of ``length`` steps, the last one padded with weight zero; also each one's first lane.
+    records: Sequence[Record], steps: Sequence[StepInputs], rate: np.ndarray, fewest: int, length: int
+) -> tuple[Lanes, list[Piece]]:
+    """Cut the runs of usable steps into chunks of ``length``, the last one of each padded with weight zero.
 
     Args:
-        pieces: the segments.
         records: the records.
+        steps: of each record.
         rate: which sampling interval each record has.
-        terms: inputs a step.
+        fewest: a run is used that holds more samples than this.
         length: steps a chunk.
     """
-    counts = [-(-piece.steps // length) for piece in pieces]
-    total = bucket(sum(counts))  # padded, so that calibrations of about the same size share one compiled program
+    pieces, total = list[Piece](), 0
+    for number, (record, step) in enumerate(zip(records, steps, strict=True)):
+        for run in unbroken(step.usable):
+            if np.sum(record.mask[run]) > fewest:
+                pieces.append(Piece(number, run, total))
+                total += -(-(run.stop - run.start) // length)
+    ends = [*(piece.lane for piece in pieces), total][1:]
+    total = bucket(total)  # padded, so that calibrations of about the same size share one compiled program
+    inputs = _zeros(length, steps[0].coefficients.shape[1], total)
     response, weight = _zeros(length, total), _zeros(length, total)
     first, segment, rates = np.ones(total, dtype=bool), np.full(total, len(pieces)), np.zeros(total, dtype=int)
-    places, lane = [], 0
-    for number, (piece, count) in enumerate(zip(pieces, counts, strict=True)):
-        mine, record = slice(lane, lane + count), records[piece.record]
-        mask = record.mask[piece.run]
-        weight[:, mine] = _part(mask, 0, count * length).reshape(count, length).T
-        response[:, mine] = _part(record.response[piece.run] * mask, 0, count * length).reshape(count, length).T
+    for number, (piece, end) in enumerate(zip(pieces, ends, strict=True)):
+        mine, record = slice(piece.lane, end), records[piece.record]
+        mask, count = record.mask[piece.run], end - piece.lane
+        weight[:, mine] = _chunks(mask, count, length)
+        response[:, mine] = _chunks(record.response[piece.run] * mask, count, length)
+        inputs[:, :, mine] = _chunks(steps[piece.record].coefficients[piece.run], count, length)
         first[mine], segment[mine], rates[mine] = False, number, rate[piece.record]
-        first[lane] = True
-        places.append(mine)
-        lane += count
-    inputs = _inputs(pieces, places, total, length, terms)
-    return Lanes(inputs, response, weight, first, segment, rates), [place.start for place in places]
-
-
-def _inputs(pieces: Sequence[Piece], places: Sequence[slice], total: int, length: int, terms: int) -> FloatArray:
-    """Inputs of every step, shape (L, q, M)."""
-    inputs = _zeros(length, terms, total)
-    for piece, mine in zip(pieces, places, strict=True):
-        values = _part(piece.step.coefficients[piece.run], 0, (mine.stop - mine.start) * length)
-        inputs[:, :, mine] = np.moveaxis(values.reshape(-1, length, terms), 0, -1)
-    return inputs
+        first[piece.lane] = True
+    return Lanes(inputs, response, weight, first, segment, rates), pieces
 
 
 def _zeros(*shape: int) -> FloatArray:
-    """Zeros placed so that JAX takes them as they are on a CPU; of a long record a copy counts. Never written to."""
-    raw = np.zeros(8 * math.prod(shape) + ALIGNED, dtype=np.uint8)
-    begin = -raw.ctypes.data % ALIGNED
+    """Zeros placed so that JAX takes them as they are on a CPU (64 bytes); of a long record a copy counts."""
+    raw = np.zeros(8 * math.prod(shape) + 64, dtype=np.uint8)
+    begin = -raw.ctypes.data % 64
     return raw[begin : begin + 8 * math.prod(shape)].view(np.float64).reshape(shape)
 
 
-def _part(values: np.ndarray, begin: int, count: int) -> np.ndarray:
-    """``count`` values from ``begin`` on, zero beyond either end."""
-    found = np.zeros((count, *values.shape[1:]))
-    first, last = max(begin, 0), min(begin + count, values.shape[0])
-    if first < last:
-        found[first - begin : last - begin] = values[first:last]
-    return found
+def _chunks(values: np.ndarray, count: int, length: int) -> np.ndarray:
+    """Values of a run, shape (steps, …), as chunks side by side, shape (length, …, count), zero beyond its end."""
+    found = np.zeros((count * length, *values.shape[1:]))
+    found[: len(values)] = values
+    return np.moveaxis(found.reshape(count, length, *values.shape[1:]), 0, -1)

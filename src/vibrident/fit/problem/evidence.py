@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -26,9 +25,6 @@ from vibrident.fit.screening.quality import (
     silent_records,
 )
 from vibrident.physics.models import SensorModel
-
-#: Lines as far apart as the inverse of a record's length repeat their phases after it: half of it is told from less.
-PART_LATE = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,8 +66,7 @@ class Evidence:
 
     def with_records(self, records: tuple[Record, ...]) -> Evidence:
         """The same with records that were worked on; measured anew."""
-        more = self.findings
-        return dataclasses.replace(self._measured(self.calibration, self.model, records, ()), findings=more)
+        return replace(self._measured(self.calibration, self.model, records, ()), findings=self.findings)
 
     @classmethod
     def _measured(
@@ -79,15 +74,16 @@ class Evidence:
     ) -> Evidence:
         sines = [i for i, r in enumerate(records) if r.excitation == "sine"]
         others = [i for i, r in enumerate(records) if r.excitation not in ("sine", "decay")]
-        tones = _renumbered(find_tones([records[i] for i in sines]), sines) if sines else None
-        bands = measure_bands([records[i] for i in others], calibration.quantity) if others else None
-        bands = _renumbered(bands, others) if bands is not None else None
-        more: list[Finding] = []
-        if tones is not None:
-            refuse_other_motion([records[i] for i in sines], tones)
-            more += short_records([records[i] for i in sines], tones.frequency_hz)
-            more += silent_channels(tones)
-        return cls(calibration, model, records, tones, bands, (*findings, *more))
+        tones, bands = None, measure_bands([records[i] for i in others], calibration.quantity) if others else None
+        if bands is not None:
+            bands = replace(bands, record=np.array(others)[bands.record])
+        if sines:
+            some = [records[i] for i in sines]
+            tones = find_tones(some)
+            tones = replace(tones, record=np.array(sines)[tones.record])
+            refuse_other_motion(some, tones)
+            findings = (*findings, *short_records(some, tones.frequency_hz), *silent_channels(tones))
+        return cls(calibration, model, records, tones, bands, findings)
 
     def without_dead_records(self) -> Evidence | None:
         """The same without records whose channels seem to have nothing in common; None where all or none seem so.
@@ -101,10 +97,8 @@ class Evidence:
                 dead += found
         if not dead:
             return None
-        kept = tuple(r for i, r in enumerate(self.records) if i not in dead)
-        left = self.with_records(kept)
-        findings = (*self.findings, *nothing_in_common([self.records[i] for i in dead]))
-        return dataclasses.replace(left, findings=findings)
+        left = self.with_records(tuple(r for i, r in enumerate(self.records) if i not in dead))
+        return replace(left, findings=(*self.findings, *nothing_in_common([self.records[i] for i in dead])))
 
     @property
     def quantity(self) -> Quantity:
@@ -122,10 +116,11 @@ class Evidence:
         found = self.look()
         if found is None:
             return None
-        if self.bands is None or self.tones is not None:
-            return dataclasses.replace(found, start=self.start)
-        longest_s = max(record.duration_s for record in self.records)
-        return dataclasses.replace(found, start=self.start, longest_delay_s=PART_LATE * longest_s)
+        late_s = np.inf
+        if self.bands is not None and self.tones is None:
+            # Lines as far apart as the inverse of a record's length repeat their phases after it: half of it is told.
+            late_s = 0.5 * max(record.duration_s for record in self.records)
+        return replace(found, start=self.start, longest_delay_s=late_s)
 
     def look(self, response: Callable[[FloatArray], ComplexArray] | None = None) -> FrequencyProblem | None:
         """The response before any model; its noise as the complex sensitivity ``response`` shows it, where given."""
@@ -145,11 +140,8 @@ class Evidence:
         longest = max(self.records, key=lambda r: r.duration_s)
         return 1.0 / longest.duration_s, 0.4 * longest.sampling_rate_hz
 
-
-def _renumbered(measured: MeasuredResponse | None, records: list[int]) -> MeasuredResponse | None:
-    """Count records as in the whole list."""
-    if measured is None:
-        return None
-    fields = {name: getattr(measured, name) for name in measured.__dataclass_fields__}
-    fields["record"] = np.asarray(records)[measured.record]
-    return MeasuredResponse(**fields)
+    @property
+    def response_size(self) -> float:
+        """Largest distance of a valid response sample from its record's mean, response unit; one without any."""
+        valid = [record.response[record.mask] for record in self.records]
+        return max((float(np.max(np.abs(y - y.mean()))) for y in valid if y.size), default=0.0) or 1.0

@@ -44,18 +44,18 @@ class FrequencyProblem:
     Attributes:
         model: the sensor model.
         quantity: what the reference is.
+        data: arrays of the residual, each of shape (n,): (f, X, Y, σ) or, of a table, (f, m, φ, u_m, u_φ).
         polar: True for a table, whose uncertainties belong to magnitude and phase.
         has_phase: False for a table of magnitudes alone.
-        data: arrays of the residual, each of shape (n,): (f, X, Y, σ) or (f, m, φ, u_m, u_φ).
         start: values of the parameters to begin with, where they are known.
         longest_delay_s: longest delay between the channels that the data could show.
     """
 
     model: SensorModel
     quantity: Quantity
-    polar: bool
-    has_phase: bool
     data: tuple[Any, ...]
+    polar: bool = False
+    has_phase: bool = True
     start: Mapping[str, float] | None = None
     longest_delay_s: float = np.inf
 
@@ -65,7 +65,7 @@ class FrequencyProblem:
     ) -> FrequencyProblem:
         """The problem of what the records say; ``deviation`` is that of the real part of Y − H X, shape (n,)."""
         data = (measured.frequency_hz, measured.reference, measured.response, deviation)
-        return cls(model, quantity, False, True, data)
+        return cls(model, quantity, data)
 
     @classmethod
     def of_table(cls, table: ResponseTable, model: SensorModel, quantity: Quantity) -> FrequencyProblem:
@@ -73,22 +73,46 @@ class FrequencyProblem:
         magnitude_u = table.magnitude_uncertainty
         if magnitude_u is None:
             magnitude_u = 0.01 * table.magnitude
-        has_phase = table.phase_rad is not None
-        phase = table.phase_rad if table.phase_rad is not None else np.zeros(table.points)
+        phase = np.zeros(table.points) if table.phase_rad is None else table.phase_rad
         phase_u = table.phase_uncertainty_rad
         if phase_u is None:
             phase_u = magnitude_u / table.magnitude
-        return cls(model, quantity, True, has_phase, (table.frequency_hz, table.magnitude, phase, magnitude_u, phase_u))
+        data = (table.frequency_hz, table.magnitude, phase, magnitude_u, phase_u)
+        return cls(model, quantity, data, polar=True, has_phase=table.phase_rad is not None)
 
     def with_random_effect(self, error: float) -> FrequencyProblem:
         """The same problem of what records say, with a relative error of the model beside the noise."""
         frequency, reference, response, deviation = self.data
         return replace(self, data=(frequency, reference, response, np.hypot(deviation, error * np.abs(response))))
 
+    def residual(self, z: Any, coordinates: Coordinates) -> Any:
+        """Weighted residual, shape (equations,); see the module's docstring. ``z`` may be traced."""
+        model = coordinates.model.frequency_response(coordinates.physical(z), self.data[0], self.quantity)
+        xp = array_library(model)
+        if not self.polar:
+            _, x, y, deviation = self.data
+            scaled = (y - model * x) / deviation
+            return xp.concatenate([xp.real(scaled), xp.imag(scaled)])
+        _, magnitude, phase, magnitude_u, phase_u = self.data
+        radial = (xp.abs(model) - magnitude) / magnitude_u
+        if not self.has_phase:
+            return radial
+        return xp.concatenate([radial, xp.angle(model * xp.exp(-1j * phase)) / phase_u])
+
+    def jacobian(self, z: FloatArray, coordinates: Coordinates) -> FloatArray:
+        """Derivative of :meth:`residual` by z, of NumPy arrays, shape (equations, p)."""
+        model, slopes = response_and_slopes(coordinates.model, coordinates.values(z), self.data[0], self.quantity)
+        slopes = slopes.T * coordinates.slopes(z)
+        if not self.polar:
+            scaled = -slopes * (self.data[1] / self.data[3])[:, None]
+            return np.concatenate([scaled.real, scaled.imag])
+        relative = slopes / model[:, None]
+        radial = relative.real * (np.abs(model) / self.data[3])[:, None]
+        return np.concatenate([radial, relative.imag / self.data[4][:, None]]) if self.has_phase else radial
+
     def normal(self, z: FloatArray, coordinates: Coordinates) -> Local:
         """Cost, gradient and normal matrix of the weighted residual at ``z``, shape (p,)."""
-        at = (z, coordinates, self.polar, self.has_phase, self.quantity, self.data)
-        return Local.of(response_residual(*at), response_jacobian(*at))
+        return Local.of(self.residual(z, coordinates), self.jacobian(z, coordinates))
 
     @property
     def points(self) -> int:
@@ -118,42 +142,3 @@ class FrequencyProblem:
         if self.polar:
             return self.data[3] / self.data[1]
         return self.data[3] / np.maximum(np.abs(self.data[2]), 1e-300)
-
-
-def response_residual(
-    z: Any, coordinates: Coordinates, polar: bool, has_phase: bool, quantity: Quantity, data: Any
-) -> Any:
-    """Weighted residual, shape (equations,); see the module's docstring."""
-    parameters = coordinates.physical(z)
-    if polar:
-        frequency, magnitude, phase, magnitude_u, phase_u = data
-        model = coordinates.model.frequency_response(parameters, frequency, quantity)
-        xp = array_library(model)
-        radial = (xp.abs(model) - magnitude) / magnitude_u
-        if not has_phase:
-            return radial
-        turn = xp.angle(model * xp.exp(-1j * phase))
-        return xp.concatenate([radial, turn / phase_u])
-    frequency, x, y, deviation = data
-    scaled = (y - coordinates.model.frequency_response(parameters, frequency, quantity) * x) / deviation
-    xp = array_library(scaled)
-    return xp.concatenate([xp.real(scaled), xp.imag(scaled)])
-
-
-def response_jacobian(
-    z: FloatArray,
-    coordinates: Coordinates,
-    polar: bool,
-    has_phase: bool,
-    quantity: Quantity,
-    data: tuple[FloatArray, ...],
-) -> FloatArray:
-    """Derivative of :func:`response_residual` by z, of NumPy arrays, shape (equations, p)."""
-    model, slopes = response_and_slopes(coordinates.model, coordinates.values(z), data[0], quantity)
-    slopes = slopes.T * coordinates.slopes(z)
-    if not polar:
-        scaled = -slopes * (data[1] / data[3])[:, None]
-        return np.concatenate([scaled.real, scaled.imag])
-    relative = slopes / model[:, None]
-    radial = relative.real * (np.abs(model) / data[3])[:, None]
-    return np.concatenate([radial, relative.imag / data[4][:, None]]) if has_phase else radial

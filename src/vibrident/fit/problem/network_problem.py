@@ -2,108 +2,193 @@
 
 from __future__ import annotations
 
+import functools
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from typing import Any, Protocol
+from dataclasses import dataclass
+from typing import Any, Self
 
 import numpy as np
 
+from vibrident.base.errors import InputError, ModelError
 from vibrident.data.records import FloatArray, Quantity, Record
 from vibrident.fit.bins import RecordBins
-from vibrident.fit.problem.bin_problem import BinProblem
 from vibrident.fit.problem.coordinates import Coordinates
-from vibrident.fit.problem.framing import Frame
+from vibrident.fit.response.response import LEAST_DEVIATION
+from vibrident.fit.response.rounding import converter_step
 from vibrident.physics.discretisation import Method, Weights
-from vibrident.physics.discretisation.inputs import filtered
 from vibrident.physics.models import SensorModel
 
+#: Part of a sample by which a delay may leave that of the interpolated inputs.
+DELAY_SETTLED = 1e-5
 
-class NetworkProblem(Protocol):
-    """Measured response minus the network's, weighted by each record's noise; initial states and offsets eliminated."""
+
+@dataclass(frozen=True)
+class Frame:
+    """What network it is, and its shape.
+
+    Attributes:
+        model: the sensor model.
+        method: the discretisation.
+        quantity: what the reference is.
+        delay_s: at which the inputs are taken, s.
+        order: number of states n.
+        terms: inputs a step q.
+        fastest: largest |pole| at the start values, rad/s.
+    """
+
+    model: SensorModel
+    method: Method
+    quantity: Quantity
+    delay_s: float
+    order: int
+    terms: int
+    fastest: float
+
+    @classmethod
+    def of(
+        cls,
+        records: Sequence[Record],
+        model: SensorModel,
+        method: Method,
+        quantity: Quantity,
+        start: Mapping[str, float],
+    ) -> Frame:
+        """The shape that these records need.
+
+        Args:
+            records: at least one; a record without reference is a free decay, its input is zero.
+            model: the sensor model.
+            method: the discretisation.
+            quantity: what the reference is.
+            start: start values of the parameters; the natural frequency and damping set how many inputs a step
+                are needed, the delay where they are interpolated.
+
+        Raises:
+            ModelError: the model is not rational.
+        """
+        if not model.has_network:
+            raise ModelError(
+                "The network cannot be trained: the model is not a rational function.",
+                expected="a model without "
+                + " or ".join(repr(addon.name) for addon in model.add_ons if addon.factor is not None),
+                found=repr(model.name),
+                where="estimator",
+                remedy="use the estimator 'auto', with sine records or a table",
+            )
+        delay = float(np.asarray(model.delay_s(start))) if model.has_delay else 0.0
+        system = model.rational(start, quantity)
+        order = len(system.denominator) - 1
+        direct = len(system.numerator) > order  # the response then contains the reference itself
+        fastest = model.fastest(start)
+        intervals = {record.sampling_interval_s for record in records}
+        terms = max(method.terms(fastest * interval, direct=direct) for interval in intervals)
+        return cls(model, method, quantity, delay, order, terms, fastest)
 
     @property
-    def records(self) -> tuple[Record, ...]:
-        """In order."""
-        ...
+    def fewest(self) -> int:
+        """A run is used that has more samples than this."""
+        return 2 * (self.order + 1)
+
+    def too_short(self, records: Sequence[Record]) -> InputError:
+        """The error that no record is long enough."""
+        return InputError(
+            "No record is long enough for the network.",
+            expected=f"more than {self.fewest} samples that can be used after interpolation",
+            found=f"{max(r.samples for r in records)} samples in the longest record",
+            where="records",
+            remedy="use longer records, or the estimator 'auto' with sine records",
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class NetworkProblem(ABC):
+    """Measured response minus the network's, weighted by each record's noise; initial states and offsets eliminated.
+
+    Attributes:
+        records: the records, in order.
+        frame: shape of the network, and the delay at which its inputs were interpolated.
+    """
+
+    records: tuple[Record, ...]
+    frame: Frame
+
+    @classmethod
+    def build(
+        cls,
+        records: Sequence[Record],
+        model: SensorModel,
+        method: Method,
+        quantity: Quantity,
+        start: Mapping[str, float],
+    ) -> Self:
+        """Prepare the records, with inputs interpolated at the expected delay; args: as of :meth:`Frame.of`.
+
+        Raises:
+            ModelError: the model is not rational.
+            InputError: no record is long enough.
+        """
+        return cls.of_frame(tuple(records), Frame.of(records, model, method, quantity, start))
+
+    @classmethod
+    @abstractmethod
+    def of_frame(cls, records: tuple[Record, ...], frame: Frame) -> Self:
+        """The records as such a network sees them.
+
+        Raises:
+            InputError: no record is long enough.
+        """
 
     @property
-    def frame(self) -> Frame:
-        """Shape of the network, and the delay at which its inputs were interpolated."""
-        ...
-
-    @property
+    @abstractmethod
     def degrees_of_freedom(self) -> FloatArray:
         """Numbers that count less initial states and offset, for every record, shape (records,)."""
-        ...
 
-    @property
-    def noise_floor(self) -> FloatArray:
-        """Lower limit of the standard deviation of each record's residual, response unit, shape (records,)."""
-        ...
-
+    @abstractmethod
     def normal(self, z: FloatArray, coordinates: Coordinates, noise: FloatArray) -> Any:
         """Cost, gradient and normal matrix at ``z``; ``noise``: standard deviation of each record, shape (records,)."""
-        ...
+
+    @abstractmethod
+    def squares(self, normal: Any, noise: FloatArray) -> FloatArray:
+        """Sum of squares of each record's residual, shape (records,), of normal equations weighted by ``noise``."""
+
+    @abstractmethod
+    def lines(self, z: FloatArray, coordinates: Coordinates, noise: FloatArray) -> list[RecordBins]:
+        """Every record at the bins of its transform, in order, in units of its noise."""
+
+    @abstractmethod
+    def predict(self, coordinates: Coordinates, z: FloatArray) -> list[FloatArray]:
+        """Response of every record with the best initial states and offsets, NaN where the network gives no value."""
+
+    @abstractmethod
+    def weights(self, values: Mapping[str, float]) -> Weights:
+        """Network weights of the linear part, one set a sampling interval in order (leading axis)."""
+
+    @functools.cached_property
+    def noise_floor(self) -> FloatArray:
+        """Lower limit of the standard deviation of each record's residual, response unit, shape (records,)."""
+        floor = [LEAST_DEVIATION * float(np.std(record.response[record.mask])) for record in self.records]
+        steps = [converter_step(record.response, record.mask) / np.sqrt(12.0) for record in self.records]
+        return np.maximum(np.maximum(floor, steps), np.finfo(float).tiny)
 
     def record_noise(self, normal: Any, noise: FloatArray) -> FloatArray:
         """Standard deviation of each record's residual, shape (records,), of normal equations weighted by ``noise``."""
-        ...
+        mean = self.squares(normal, noise) / np.maximum(self.degrees_of_freedom, 1.0)
+        return np.maximum(np.sqrt(mean), self.noise_floor)
 
-    def lines(self, z: FloatArray, coordinates: Coordinates, noise: FloatArray) -> list[RecordBins]:
-        """Every record at the bins of its transform, in order."""
-        ...
-
-    def predict(self, coordinates: Coordinates, z: FloatArray) -> list[FloatArray]:
-        """Response of every record with the best initial states and offsets, NaN where the network gives no value."""
-        ...
-
-    def at_delay_of(self, values: Mapping[str, float]) -> NetworkProblem:
+    def at_delay_of(self, values: Mapping[str, float]) -> Self:
         """The same with inputs interpolated at the delay of ``values``; itself where they nearly are."""
-        ...
+        frame, shortest = self.frame, min(record.sampling_interval_s for record in self.records)
+        if abs(float(frame.model.delay_s(values)) - frame.delay_s) <= DELAY_SETTLED * shortest:
+            return self
+        return self.build(self.records, frame.model, frame.method, frame.quantity, values)
 
-    def idle(self) -> NetworkProblem:
+    def idle(self) -> Self:
         """The same with less memory, for rare use."""
-        ...
-
-    def weights(self, values: Mapping[str, float]) -> Weights:
-        """Network weights of the linear part, one set a sampling interval in order (leading axis)."""
-        ...
+        return self
 
 
 def network_objective(z: FloatArray, args: tuple[Coordinates, NetworkProblem, FloatArray]) -> Any:
     """The residual in the form of the optimisers; args: coordinates, problem, noise of each record."""
     coordinates, problem, noise = args
     return problem.normal(np.asarray(z, dtype=float), coordinates, noise)
-
-
-def network_of(
-    records: Sequence[Record],
-    model: SensorModel,
-    method: Method,
-    quantity: Quantity,
-    start: Mapping[str, float],
-) -> NetworkProblem:
-    """The network over records: at the bins of its transform where the model is linear, in time where not.
-
-    Factors that are not rational, as of a digital average, act on the reference before it, with the start values.
-
-    Raises:
-        InputError: no record is long enough.
-    """
-    if not model.has_network:
-        records, model = [_behind_factors(record, model, start) for record in records], model.rational_part
-    if model.is_linear:
-        return BinProblem.build(records, model, method, quantity, start)
-    from vibrident.fit.problem.time_domain import TimeProblem
-
-    return TimeProblem.build(records, model, method, quantity, start)
-
-
-def _behind_factors(record: Record, model: SensorModel, values: Mapping[str, float]) -> Record:
-    """The record with its reference behind the parts of a model that are not rational."""
-    if record.reference is None:
-        return record
-    rate, used = record.sampling_rate_hz, record.reference_mask
-    rest = float(np.mean(record.reference[used])) if used.any() else 0.0
-    moved, valid = filtered(record.reference - rest, used, lambda turns: model.factors(values, turns * rate))
-    return replace(record, reference=moved + rest * float(np.real(model.factors(values, 0.0))), reference_valid=valid)

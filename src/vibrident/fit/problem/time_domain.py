@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import functools
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,10 +19,10 @@ import numpy as np
 
 from vibrident.base.backend import jax, jnp, release_kernels
 from vibrident.data.records import FloatArray, Quantity, Record
-from vibrident.fit.bins import RecordBins
+from vibrident.fit.bins import RecordBins, seen_by_network
 from vibrident.fit.problem.coordinates import Coordinates
-from vibrident.fit.problem.cutting import bucket, cut, pieces_of, steps_of
-from vibrident.fit.problem.framing import Frame, noise_floor, response_size
+from vibrident.fit.problem.cutting import Piece, bucket, cut
+from vibrident.fit.problem.network_problem import Frame, NetworkProblem
 from vibrident.fit.response.transform import line_counts
 from vibrident.physics.discretisation import Method, Weights
 from vibrident.physics.discretisation.forced import ForcedWeights, accuracy, forced_weights
@@ -36,11 +36,7 @@ jax.tree_util.register_dataclass(Coordinates, data_fields=["start", "band_hz", "
 
 #: Steps a chunk. Long enough that few chunks need their state passed on, short enough that a vector loop pays.
 CHUNK = 256
-#: Networks between two looks at the memory maps of compiled kernels.
-LOOK_EVERY = 100
 _builds = itertools.count(1)
-#: A force is that of a response of at most this many times the largest measured.
-BEYOND = 10.0
 
 
 @dataclass(frozen=True)
@@ -58,109 +54,67 @@ class Layout:
 
 
 @dataclass(frozen=True, eq=False)
-class TimeProblem:
+class TimeProblem(NetworkProblem):
     """Records of one sensor, cut into lanes, ready for any estimator that works in time.
 
     Attributes:
         layout: model, discretisation, quantity, number of inputs, number of segments.
-        records: the records, in order.
-        frame: shape of the network, and the delay at which the inputs were interpolated.
-        lanes: their steps.
+        lanes: steps of the records.
         intervals_s: distinct sampling intervals, shape (R,).
         fractions: read-out fraction at ``delay_s``, shape (R,).
-        record_of_segment: record of each real segment; segments beyond them are padding.
-        pieces: record, samples and first lane of each segment.
+        pieces: the real segments; those beyond them are padding.
     """
 
     layout: Layout
-    records: tuple[Record, ...]
-    frame: Frame
     lanes: Lanes
     intervals_s: FloatArray
     fractions: FloatArray
-    record_of_segment: np.ndarray
-    pieces: tuple[tuple[int, slice, int], ...]
+    pieces: tuple[Piece, ...]
 
     @classmethod
-    def build(
-        cls,
-        records: Sequence[Record],
-        model: SensorModel,
-        method: Method,
-        quantity: Quantity,
-        start: Mapping[str, float],
-    ) -> TimeProblem:
-        """Interpolate the inputs at the expected delay and cut the records into lanes.
-
-        Args: as of :meth:`vibrident.fit.problem.framing.Frame.of`.
-
-        Raises:
-            InputError: no record is long enough.
-        """
-        if next(_builds) % LOOK_EVERY == 0:
+    def of_frame(cls, records: tuple[Record, ...], frame: Frame) -> TimeProblem:
+        """The records cut into lanes."""
+        if next(_builds) % 100 == 0:  # now and then, the memory maps of compiled kernels are looked at
             release_kernels()
-        frame = Frame.of(records, model, method, quantity, start)
+        model, method = frame.model, frame.method
         intervals, rate = np.unique([r.sampling_interval_s for r in records], return_inverse=True)
-        terms, delay, order = frame.terms, frame.delay_s, frame.order
-        steps = steps_of(records, method, terms, delay, linear=model.is_linear)
+        # A nonlinear spring depends on its rest position: its reference loses the offset, not the mean of a motion that
+        # ends within a period.
+        seen = [seen_by_network(record, centred=model.is_linear) for record in records]
+        late = [frame.delay_s * record.sampling_rate_hz for record in records]
+        steps = [method.inputs(*own, frame.terms, delay) for own, delay in zip(seen, late, strict=True)]
         fractions = np.zeros(len(intervals))
         fractions[rate] = [step.fraction for step in steps]
-        pieces = pieces_of(records, steps, fewest=frame.fewest)
+        lanes, pieces = cut(records, steps, rate, frame.fewest, CHUNK)
         if not pieces:
             raise frame.too_short(records)
-        lanes, first_lanes = cut(pieces, records, rate, terms, CHUNK)
         nodes, rounds = (0, (0, 0)) if model.is_linear else accuracy(frame.fastest * float(np.max(intervals)))
-        layout = Layout(model, method, quantity, terms, order, bucket(len(pieces) + 1), nodes, rounds)
-        owners = np.array([piece.record for piece in pieces])
-        placed = tuple((p.record, p.run, lane) for p, lane in zip(pieces, first_lanes, strict=True))
-        return cls(layout, tuple(records), frame, lanes, intervals, fractions, owners, placed)
+        segments = bucket(len(pieces) + 1)
+        layout = Layout(model, method, frame.quantity, frame.terms, frame.order, segments, nodes, rounds)
+        return cls(records, frame, layout, lanes, intervals, fractions, tuple(pieces))
+
+    @functools.cached_property
+    def record_of_segment(self) -> np.ndarray:
+        """Record of each real segment."""
+        return np.array([piece.record for piece in self.pieces])
 
     @property
     def degrees_of_freedom(self) -> FloatArray:
         """Samples less initial states and offset, for every record, shape (records,)."""
-        per_lane = np.sum(self.lanes.weight, axis=0)
-        owners = self.by_lane(np.arange(len(self.records)), fill=0).astype(int)  # padding weighs nothing
-        counts = np.bincount(owners, weights=per_lane, minlength=len(self.records))
-        segments = np.bincount(self.record_of_segment, minlength=len(self.records))
-        return np.asarray(counts - (self.layout.order + 1.0) * segments, dtype=np.float64)
-
-    @property
-    def noise_floor(self) -> FloatArray:
-        """Lower limit of the standard deviation of each record's residual, response unit, shape (records,)."""
-        return self._noise_floor
-
-    @functools.cached_property
-    def _noise_floor(self) -> FloatArray:
-        return noise_floor(self.records)
-
-    def idle(self) -> TimeProblem:
-        """Itself: nothing of it is made again."""
-        return self
-
-    def at_delay_of(self, values: Mapping[str, float]) -> TimeProblem:
-        """The same with inputs interpolated at the delay of ``values``; itself where they nearly are."""
-        layout = self.layout
-        if self.frame.settled(float(layout.model.delay_s(values)), self.records):
-            return self
-        return TimeProblem.build(self.records, layout.model, layout.method, layout.quantity, values)
+        found = np.zeros(len(self.records))
+        for number, run, _ in self.pieces:
+            found[number] += self.records[number].mask[run].sum() - (self.frame.order + 1.0)
+        return found
 
     @functools.cached_property
     def data(self) -> tuple[Any, ...]:
         """Arrays that the residual needs beside the parameters and the noise, on the device."""
-        return jax.device_put(self._arrays())
-
-    def _arrays(self) -> tuple[Any, ...]:
-        return self.lanes, self.intervals_s, self.fractions, self.frame.delay_s
+        return jax.device_put((self.lanes, self.intervals_s, self.fractions, self.frame.delay_s))
 
     def by_lane(self, per_record: np.ndarray, fill: float = 1.0) -> np.ndarray:
         """Spread one value a record over its lanes, shape (M,); ``fill`` for padding lanes."""
         spread = np.append(np.asarray(per_record)[self.record_of_segment], fill)
         return spread[np.minimum(np.asarray(self.lanes.segment), len(self.record_of_segment))]
-
-    @functools.cached_property
-    def response_size(self) -> float:
-        """Largest distance of a valid response sample from its record's mean, response unit."""
-        return response_size(self.records)
 
     def weights(self, values: Mapping[str, Any]) -> Weights:
         """Network weights of the sensor's linear part, one set a sampling interval (leading axis R)."""
@@ -171,12 +125,10 @@ class TimeProblem:
         by_lane = jnp.asarray(self.by_lane(noise))
         return evaluate(jnp.asarray(z), coordinates, self.layout, self.data, by_lane)
 
-    def record_noise(self, normal: Normal, noise: FloatArray) -> FloatArray:
-        """Standard deviation of each record's residual, shape (records,); the sums of squares are not weighted."""
-        count = len(self.records)
+    def squares(self, normal: Normal, noise: FloatArray) -> FloatArray:
+        """Sum of squares of each record's residual, shape (records,); those of the segments are not weighted."""
         squares = np.asarray(normal.squares)[: len(self.record_of_segment)]  # segments beyond are padding
-        totals = np.bincount(self.record_of_segment, weights=squares, minlength=count)
-        return np.maximum(np.sqrt(totals / np.maximum(self.degrees_of_freedom, 1.0)), self.noise_floor)
+        return np.bincount(self.record_of_segment, squares, len(self.records)).astype(float)
 
     def lines(self, z: FloatArray, coordinates: Coordinates, noise: FloatArray) -> list[RecordBins]:
         """Residual and slopes of every record at the bins of its transform, in units of its noise."""
@@ -202,10 +154,8 @@ class TimeProblem:
         values = np.asarray(lanes_values)
         ordered = [np.full(record.samples, np.nan) for record in self.records]
         for owner, run, lane in self.pieces:
-            whole, rest = divmod(run.stop - run.start, CHUNK)
-            end = run.stop - rest
-            ordered[owner][run.start : end].reshape(whole, CHUNK)[:] = values[:, lane : lane + whole].T
-            ordered[owner][end : run.stop] = values[:rest, lane + whole] if rest else 0.0
+            steps = run.stop - run.start
+            ordered[owner][run] = values[:, lane : lane - (-steps // CHUNK)].T.reshape(-1)[:steps]
         return ordered
 
 
@@ -249,8 +199,8 @@ def physical_normal(z: Any, coordinates: Coordinates, layout: Layout, data: tupl
 def _nonlinear_normal(z: Any, coordinates: Coordinates, layout: Layout, data: tuple[Any, ...], noise: Any) -> Normal:
     lanes, *where = data
     # In the padding behind a record the reference jumps to zero, and a step of Newton's may go too far: what a spring
-    # would do to a response that was never seen must not drown the rest.
-    largest = BEYOND * jnp.max(jnp.abs(lanes.response))
+    # would do to a response ten times the largest seen must not drown the rest.
+    largest = 10.0 * jnp.max(jnp.abs(lanes.response))
     largest = jnp.where(largest > 0.0, largest, jnp.inf)
 
     def simulate(z: Any, starts: Any) -> tuple[Any, Any]:

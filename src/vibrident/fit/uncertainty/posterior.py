@@ -23,9 +23,8 @@ from vibrident.base.backend import jax, jnp
 from vibrident.base.errors import InputError
 from vibrident.data.records import FloatArray
 from vibrident.fit.estimators import Estimate
-from vibrident.fit.estimators.likelihood import solved_problem
+from vibrident.fit.estimators.kinds.ml import solved_problem
 from vibrident.fit.problem import Coordinates, Evidence, FrequencyProblem
-from vibrident.fit.problem.frequency_domain import response_residual
 
 WIDEST = 3.0  # largest standard deviation that scales the coordinates; an open direction has no finite one
 AGREE = 1.02  # chains agree where the largest R̂ is below this (Vehtari et al. 2021) …
@@ -202,10 +201,9 @@ def _log_density(
     coordinates: Coordinates, problem: FrequencyProblem, freedom: FloatArray | None, scale: float
 ) -> Callable[[Any], Any]:
     """Log posterior density of the coordinates z, up to a constant."""
-    kind = (problem.polar, problem.has_phase, problem.quantity)
 
     def likelihood(z: Any) -> Any:
-        residual = response_residual(z, coordinates, *kind, problem.data) / scale
+        residual = problem.residual(z, coordinates) / scale
         if freedom is None:
             return -0.5 * jnp.sum(residual**2)
         squares = jnp.sum(residual.reshape(2, -1) ** 2, axis=0)

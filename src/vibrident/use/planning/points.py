@@ -21,8 +21,7 @@ import numpy as np
 from vibrident.base.errors import InputError
 from vibrident.data.records import FloatArray, Quantity, Record
 from vibrident.fit.decay.motion import free_motion
-from vibrident.fit.problem import Coordinates
-from vibrident.fit.problem.frequency_domain import response_jacobian
+from vibrident.fit.problem import Coordinates, FrequencyProblem
 from vibrident.fit.response.tones import measure_tones
 from vibrident.physics.models import SensorModel
 from vibrident.physics.models.base import DERIVATIVES
@@ -169,7 +168,7 @@ def _points(
     frequency = subject.frequency_hz
     coordinates = Coordinates.at(subject.model, subject.values, (float(frequency.min()), float(frequency.max())))
     z = coordinates.first
-    rows = response_jacobian(z, coordinates, polar, has_phase, subject.quantity, data)
+    rows = FrequencyProblem(subject.model, subject.quantity, data, polar, has_phase).jacobian(z, coordinates)
     parts = rows.reshape(-1, frequency.size, z.size)
     information = np.einsum("rki,rkj->kij", parts, parts)
     return PlannedPoints(coordinates, subject, information, relative, freedom, parts.shape[0], findings)
