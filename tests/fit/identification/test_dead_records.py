@@ -7,8 +7,7 @@ import pytest
 
 from vibrident import identify, simulate
 from vibrident.data.records import Calibration, Record
-from vibrident.fit.response import find_tones, measure_bands
-from vibrident.fit.response.bands import uncorrelated_records
+from vibrident.fit.response import find_tones
 from vibrident.fit.screening.quality import silent_records
 
 #: A resonance rings for some 1600 samples after the motion that it answers.
@@ -47,7 +46,6 @@ def test_what_rings_from_before_the_record_is_no_dead_channel():
     records = pieces_of_one_record(1)
     size = float(np.mean([np.std(r.response) for r in records]))
     records = [r.with_response(r.response + size * rng.standard_normal(SAMPLES), "") for r in records]
-    assert uncorrelated_records(measure_bands(records))  # the coherence alone would leave some out
     result = identify(Calibration(records=tuple(records), model="accelerometer"))
     assert "dead_channel" not in result.warning_codes
 

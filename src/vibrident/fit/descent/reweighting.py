@@ -74,7 +74,7 @@ def reweighted(
     noise: FloatArray,
     bent: Bent | None = None,
 ) -> Reweighted | None:
-    """Go to the optimum of the noise as it is; None where the misfit is no noise.
+    """Go to the optimum of the noise as it is; None where that is not reached, or the misfit is no noise.
 
     Args:
         problem: the records.
@@ -96,9 +96,7 @@ def reweighted(
         if here is None:
             continue
         here = _down(here, lines, evaluate, bent)
-        if here.astray(lines):
-            return None
-        if here.end is not None or here.far <= 0.3:
+        if not here.astray(lines) and (here.end is not None or here.far <= 0.3):
             return _arrived(here, lines, evaluate, problem, noise)
     return None
 

@@ -100,6 +100,11 @@ class Attempt:
         """Whether the model explains the data."""
         return self.judgement.adequacy.adequate
 
+    @property
+    def in_noise_found(self) -> bool:
+        """Whether the fit is the optimum in the noise that it found."""
+        return _noise_weights(self.estimate) == "spectrum"
+
 
 @dataclass(frozen=True, eq=False)
 class Fitted:

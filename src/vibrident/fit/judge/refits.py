@@ -80,5 +80,7 @@ def beside_departures(first: Attempt) -> Attempt:
         other = now.anew(now.evidence.with_records(records))
         if not other.adequate and not now.adequate:  # a misfit has tones and drifts, too
             break
+        if now.in_noise_found and not other.in_noise_found:
+            break
         now = replace(other, told=(*now.told, found.told_as_nuisance(now.judgement)))
     return now

@@ -35,9 +35,9 @@ BANDS_PER_OCTAVE = 12
 MOST_LINES = 4096
 #: A band counts when its excitation per line is above this part of the strongest band's.
 LEAST_POWER = 1e-5
-#: … and where at least this part of the response is coherent with it …
-LEAST_COHERENCE = 0.4
-#: … unless that leaves fewer bands than this.
+#: … and where the channels have something in common, of such bands at most this part by chance …
+FALSE_BANDS = 0.01
+#: … unless that leaves a record fewer bands than this.
 FEWEST_BANDS = 6
 #: A displacement holds so much more at low frequencies that these would leak over all others; differences of both
 #: channels, sample by sample, are level and have the same ratio.
@@ -70,24 +70,51 @@ def _at_one_delay(records: Sequence[tuple[int, Record]]) -> list[tuple[int, Meas
     delays = {bulk_delay((record for _, record in records), longest), bulk_delay(filtered, longest)}
     looks = []
     for late in sorted(delays, key=abs):
-        found = [
-            (index, look)
-            for (index, record), white in zip(records, filtered, strict=True)
-            for look in _clearer(record, white, late)
-        ]
+        plain = _coherent([_Look.at(record, late) for _, record in records])
+        white = _coherent([None if record is None else _Look.at(record, late) for record in filtered])
+        own = zip(records, plain, white, strict=True)
+        found = [(index, look) for (index, _), *both in own for look in _clearer(both)]
         looks.append((sum(look.whole for _, look in found), late, found))
     _, late, found = max(looks, key=lambda one: one[0])
     return [(index, look.bands(index, late)) for index, look in found]
 
 
-def _clearer(record: Record, white: Record | None, late: int) -> list[_Look]:
+def _coherent(looks: Sequence[_Look | None]) -> list[_Look | None]:
+    """The looks with the bands in which the channels have something in common; with all where these are too few.
+
+    What of the reference does not show in the response is its own noise, beyond the excitation's band. A band is tested
+    by all records that have it: without motion the evidence of each is exponential.
+    """
+    found = list(looks)
+    for samples in {look.record.samples for look in looks if look is not None}:
+        some = {k: look for k, look in enumerate(looks) if look is not None and look.record.samples == samples}
+        evidence, records = np.zeros((2, max(len(look.edges) for look in some.values()) - 1))
+        for look in some.values():
+            evidence[look.keep] += look.evidence
+            records[look.keep] += 1.0
+        tested, shown = np.flatnonzero(records), np.zeros(len(records), dtype=bool)
+        chance = [gamma_tail(*pair) for pair in zip(records[tested].tolist(), evidence[tested].tolist(), strict=True)]
+        shown[tested] = _significant(np.array(chance))
+        for k, look in some.items():
+            own = shown[look.keep]
+            found[k] = look.only(own) if np.count_nonzero(own) >= FEWEST_BANDS else look
+    return found
+
+
+def _significant(chance: FloatArray) -> BoolArray:
+    """The tests that noise does not explain, at most FALSE_BANDS of them wrongly (Benjamini & Hochberg 1995)."""
+    order = np.sort(chance)
+    passed = order[order <= FALSE_BANDS * np.arange(1, order.size + 1) / order.size]
+    return chance <= np.max(passed, initial=-1.0)
+
+
+def _clearer(both: Sequence[_Look | None]) -> list[_Look]:
     """The bands of a record as it is, or whitened: of the look in which the two channels agree more.
 
     The other look has bands in which they agree where they do not in this one: whitening hides frequencies below those
     that it raises. These are taken where they show, by no chance, that the channels have something in common.
     """
-    looks = [look for one in (record, white) if one is not None and (look := _Look.at(one, late)) is not None]
-    looks.sort(key=lambda look: -look.whole)
+    looks = sorted((look for look in both if look is not None), key=lambda look: -look.whole)
     if len(looks) < 2:
         return looks
     first, second = looks
@@ -98,11 +125,10 @@ def _clearer(record: Record, white: Record | None, late: int) -> list[_Look]:
     return [first, others] if others.sure else [first]
 
 
-def _evidence_of_motion(coherence: FloatArray, lines: FloatArray, least: float = 0.0) -> FloatArray:
-    """−(n − 1) log(1 − γ²) of each band of so many lines, counted from the coherence ``least``, shape (bands,)."""
+def _evidence_of_motion(coherence: FloatArray, lines: FloatArray) -> FloatArray:
+    """−(n − 1) log(1 − γ²) of each band of so many lines, shape (bands,)."""
     freedom = np.maximum(INDEPENDENT * lines - 1.0, 1.0)
-    apart = 1.0 - np.clip(coherence, 0.0, 1.0 - 1e-12)
-    return -freedom * np.log(np.minimum(apart / (1.0 - least), 1.0))
+    return -freedom * np.log(1.0 - np.clip(coherence, 0.0, 1.0 - 1e-12))
 
 
 def _coherence(bands: MeasuredResponse) -> FloatArray:
@@ -115,16 +141,13 @@ def uncorrelated_records(bands: MeasuredResponse) -> list[int]:
     """Records whose response has nothing in common with their reference: what ``bands.record`` calls them.
 
     Of n lines without anything in common, 1 − γ² is below x with the chance 1 − x^(n − 1) (γ² the coherence), so that
-    Σ −(n − 1) log(1 − γ²) over the bands is a sum of exponentials. Where only coherent bands were kept, it counts from
-    there on.
+    Σ −(n − 1) log(1 − γ²) over the bands is a sum of exponentials.
     """
     share = _coherence(bands)
     found = []
     for record in distinct(bands.record).tolist():
         own = bands.record == record
-        least = LEAST_COHERENCE if np.min(share[own]) > LEAST_COHERENCE and own.sum() >= FEWEST_BANDS else 0.0
-        lines = np.sum(bands.line_weight[own], axis=1)
-        statistic = float(np.sum(_evidence_of_motion(share[own], lines, least)))
+        statistic = float(np.sum(_evidence_of_motion(share[own], np.sum(bands.line_weight[own], axis=1))))
         if gamma_tail(float(own.sum()), statistic) > BY_CHANCE:
             found.append(int(record))
     return found
@@ -172,9 +195,7 @@ class _Look:
     @property
     def sure(self) -> bool:
         """Whether the channels have something in common by no chance, in bands that were kept for that."""
-        freedom = np.maximum(INDEPENDENT * np.diff(self.edges)[self.keep] - 1.0, 1.0)
-        beyond = self.whole + float(np.sum(freedom)) * np.log(1.0 - LEAST_COHERENCE)
-        return bool(self.keep.size) and gamma_tail(float(self.keep.size), beyond) < SURE
+        return bool(self.keep.size) and gamma_tail(float(self.keep.size), self.whole) < SURE
 
     @property
     def edges_hz(self) -> FloatArray:
@@ -200,11 +221,7 @@ class _Look:
         total, answered, cross = _sums(reference, response, edges)
         both, counts = total * answered, np.diff(edges)
         coherence = np.divide(power_of(cross), both, out=np.zeros_like(both), where=both > 0)
-        excited = total / counts > LEAST_POWER * np.max(total / counts)
-        # What of the reference does not show in the response is its own noise, beyond the excitation's band.
-        keep = np.flatnonzero(excited & (coherence > LEAST_COHERENCE))
-        if keep.size < FEWEST_BANDS:
-            keep = np.flatnonzero(excited)
+        keep = np.flatnonzero(total / counts > LEAST_POWER * np.max(total / counts))
         if not keep.size:
             return None
         for band in keep[counts[keep] > MOST_LINES].tolist():  # by the lines that are kept

@@ -258,11 +258,10 @@ class _Trained:
     def in_the_noise_found(self, evidence: Evidence) -> Estimate:
         """The last step of training: every line of the residual weighted by its own noise."""
         two_modes = bool(self.coordinates.model.shares)  # they trade against each other along a curved valley
-        begins, bent, noise = [self.trace.last], None, self.network.noise
+        bent, noise = None, self.network.noise
+        begins = [self.trace.last, self.coordinates.place(self.begin.values)]
         if two_modes:
             bent = geodesic_steps(evidence, self.coordinates, noise)
-        if two_modes or evidence.start is not None:  # which knows the noise of both channels
-            begins.append(self.coordinates.place(self.begin.values))
         end = reweighted(self.problem, self.coordinates, begins, noise, bent)
         if end is None:
             return self.with_equal_weights()
