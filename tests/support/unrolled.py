@@ -8,13 +8,14 @@ from vibrident.physics.discretisation import Weights
 from vibrident.physics.network.unroll import (
     Lanes,
     Nuisance,
+    chained,
     fit_nuisance,
     free_part,
     free_response,
     from_rest,
     nuisance_response,
+    per_lane,
     projection,
-    start_states,
 )
 
 
@@ -115,5 +116,5 @@ def respond(weights: Weights, lanes: Lanes, nuisance: Nuisance):
     """Response of every lane, shape (L, M). ``weights`` carry a leading axis: one set a sampling interval."""
     forced, ends = from_rest(weights, lanes)
     rows, power = free_response(weights, lanes.response.shape[0])
-    starts = start_states(power, ends, lanes, nuisance.state)
+    starts = chained(per_lane(power, lanes.rate), ends, lanes.first, nuisance.state[lanes.segment].T)
     return forced + free_part(rows, lanes.rate, starts) + nuisance.offset[lanes.segment]
