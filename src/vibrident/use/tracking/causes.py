@@ -54,12 +54,7 @@ def cause(
 ) -> Cause | None:
     """What departs from the model in these samples; None where nothing does, or they do not tell.
 
-    Args:
-        model: the sensor model.
-        reference: shape (samples,), in the SI unit of its quantity.
-        response: shape (samples,).
-        rate_hz: samples per second.
-        quantity: what the reference is.
+    ``reference``: shape (samples,), in the SI unit of its quantity; ``response``: shape (samples,).
     """
     try:
         data = Calibration.from_arrays(reference, response, rate_hz, quantity=quantity, excitation="random")
