@@ -23,7 +23,7 @@ from vibrident.physics.simulation.excitation import Sine
 from vibrident.physics.simulation.motion import Motion
 from vibrident.physics.simulation.noise import ChannelNoise
 from vibrident.physics.simulation.rk4 import rk4_response
-from vibrident.physics.simulation.scheme import ExcitationNoiseLevel, Plan, Seed, Take, one_third_octave, stream
+from vibrident.physics.simulation.scheme import Plan, Seed, Take, one_third_octave, stream, with_excitation_noise
 from vibrident.physics.simulation.sensors import Sensor, sensor_named
 from vibrident.physics.simulation.truth import Start, exact_reference, exact_response
 
@@ -127,8 +127,13 @@ def simulate(
     peak = chosen.amplitude if amplitude is None else float(amplitude)
     natural = parse(chosen.model).typical_frequency(chosen.parameters)
     plan = Plan(_frequencies(frequencies_hz, chosen), rate, samples, peak, natural, seed)
-    level = ExcitationNoiseLevel(excitation_snr_db, excitation_noise_band_hz)
-    takes = [level.added_to(take, index, seed) for index, take in enumerate(plan.takes(excitation, repeats))]
+    takes = plan.takes(excitation, repeats)
+    if excitation_snr_db is not None:
+        draws = [stream(seed, index, "excitation noise") for index in range(len(takes))]
+        takes = [
+            with_excitation_noise(take, excitation_snr_db, excitation_noise_band_hz, rng)
+            for take, rng in zip(takes, draws, strict=True)
+        ]
     if keep_takes is not None:
         keep_takes.extend(takes)
     behind = _behind_filter(takes, antialias, method, start)
