@@ -15,7 +15,7 @@ from scipy import fft
 
 from vibrident.base.errors import InputError
 from vibrident.data.records import BoolArray, FloatArray, Record
-from vibrident.data.records.basis import resolution
+from vibrident.data.records.basis import resolution, runs_of_true
 from vibrident.fit.screening.quality import Finding, screen
 
 #: Motions that may begin after a rest; ``decay`` stands for any motion without a reference. Others begin gradually,
@@ -149,8 +149,7 @@ def step_behind(values: FloatArray, known: BoolArray) -> FloatArray:
     From sums of as many samples nearby less those of the line beside them; infinite behind a longer gap.
     """
     variance = np.zeros(values.size)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], ~known, [False]]).astype(int)))
-    for first, stop in edges.reshape(-1, 2).tolist():
+    for first, stop in zip(*runs_of_true(~known), strict=True):
         count = stop - first
         near = slice(max(first - BESIDE, 0), stop + BESIDE)
         windows = np.lib.stride_tricks.sliding_window_view(values[near], count + 2)

@@ -23,7 +23,6 @@ from vibrident.result.document import plain
 from vibrident.use.planning.design import CRITERIA, Criterion, best_points, efficiency, total
 from vibrident.use.planning.points import PlannedPoints, Recording, Subject, of_records, of_table
 
-_UNIT_FIELDS: tuple[str, ...] = ("response", "reference", "reference_integrated", "conversion")
 #: Neighbours on either side over which the noise of a result's own points is averaged: it is estimated, and the choice
 #: must not favour points with a low estimate.
 NEIGHBOURS = 2
@@ -194,8 +193,7 @@ def _deviations(points: PlannedPoints, uses: np.ndarray, reference_uncertainty: 
     coordinates, z = points.coordinates, points.coordinates.first
     covariance, freedom = _covariance(points, uses)
     covariance = with_reference(covariance, z, coordinates.model, reference_uncertainty)
-    none: dict[str, str] = dict.fromkeys(_UNIT_FIELDS, "1")
-    table = parameter_table(coordinates, z, covariance, freedom, none, {})
+    table = parameter_table(coordinates, z, covariance, freedom, fields_of_units("1", "1", drive=True), {})
     return {name: float(table[name].standard_uncertainty or 0.0) for name in coordinates.model.parameter_names}
 
 
