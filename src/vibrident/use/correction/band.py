@@ -20,7 +20,7 @@ from scipy import fft
 from vibrident.base.errors import InputError
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.result.sensor import IdentifiedSensor
-from vibrident.use.correction.quiet import Surroundings
+from vibrident.use.correction.quiet import Surroundings, periodogram
 
 BINS = 12  # spectral bins and candidate bands, an octave
 HEARD = 6.0  # a bin holds motion if its power exceeds the noise by this many standard deviations of the bin's mean
@@ -124,10 +124,10 @@ def content(
     count = values.size
     transient = around.rest_samples > 0 and around.rests_at_end
     window = np.ones(count) if transient else np.hanning(count)
-    power = _power(values, window)
+    power = periodogram(values, window)
     if not transient:  # the last of a sweep is as fast as nothing before, and a window that falls so slowly hides it
         upper = np.cumsum(power) > 0.5 * np.sum(power)
-        power[upper] = np.maximum(power[upper], _power(values, _tapered(count))[upper])
+        power[upper] = np.maximum(power[upper], periodogram(values, _tapered(count))[upper])
     frequency = np.array(fft.rfftfreq(count, 1.0 / rate), dtype=np.float64)
     used = (frequency > 0) & (frequency <= highest)
     frequency, power = frequency[used], power[used]
@@ -147,10 +147,6 @@ def content(
     acceleration, slope = _with_envelope(centre, acceleration, heard, limit, LOBE_OCTAVES if transient else 0.0)
     lines = 2.0 * size / count
     return Content(centre, lines, acceleration, mean(noise * inverse), count, event, heard, slope)
-
-
-def _power(values: FloatArray, window: FloatArray) -> FloatArray:
-    return np.abs(np.asarray(fft.rfft(values * window))) ** 2 / np.sum(window**2)
 
 
 def _tapered(count: int) -> FloatArray:

@@ -160,6 +160,11 @@ def step_behind(values: FloatArray, known: BoolArray) -> FloatArray:
     return np.sqrt(variance)
 
 
+def periodogram(values: FloatArray, window: FloatArray, size: int | None = None) -> FloatArray:
+    """Power of windowed values at the lines of their transform, of length ``size``, in the scale of a spectrum here."""
+    return np.abs(np.asarray(fft.rfft(values * window, size))) ** 2 / np.sum(window**2)
+
+
 def _block(values: FloatArray) -> int:
     return min(max(FEWEST_REST, int(REST_SHARE * values.size)), values.size // 4)
 
@@ -240,7 +245,7 @@ def _spectrum_at_rest(values: FloatArray, rate: float) -> tuple[FloatArray, Floa
 def _plateau(values: FloatArray) -> float:
     """Least smoothed level of the record's own spectrum: noise alone, if motion is absent somewhere."""
     window = np.hanning(values.size)
-    power = np.abs(np.asarray(fft.rfft((values - values.mean()) * window))) ** 2 / np.sum(window**2)
+    power = periodogram(values - values.mean(), window)
     lines = min(PLATEAU_LINES, max(4, power.size // 8))
     blocks = power[: power.size // lines * lines].reshape(-1, lines)
     return float(np.quantile(np.mean(blocks[1:] if len(blocks) > 1 else blocks, axis=1), 0.1)) * (
