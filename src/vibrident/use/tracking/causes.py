@@ -16,13 +16,12 @@ from vibrident.data.records import Calibration, FloatArray, Quantity
 from vibrident.fit.identification import identify
 from vibrident.physics.models import AddOn, SensorModel, parse
 from vibrident.result import Result
-from vibrident.use.tracking.state import CERTAIN, Alarm
+from vibrident.use.tracking.state import CERTAIN, INNOVATION, Alarm
 
 #: Samples behind an alarm that are examined: as a calibration record has, in the time of a second of arithmetic.
 LENGTH = 8192
 #: Findings that name no cause: of a model that is wrong somewhere, and of a change in time, which an alarm is.
 UNNAMED = ("band_sensitive", "regimes")
-INNOVATION = "innovation"
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from vibrident.use.tracking.detection import (
     variance_deviate,
 )
 from vibrident.use.tracking.knowledge import Knowledge
-from vibrident.use.tracking.state import OPENED, SEEN, Alarm
+from vibrident.use.tracking.state import INNOVATION, OPENED, SEEN, Alarm
 
 DEAD = "dead channel"
 LOUDER = "noise, or a part of the response that the model does not have: a second mode, a loose mounting"
@@ -169,7 +169,7 @@ class Changes:
     def _say_noise(self, now: float, freedom: float, what: str) -> None:
         _, start, detected, variance, behind, spread = self.knowledge.state.pending[:6].tolist()
         u = float(np.sqrt(spread / 4.0 * (variance / behind + now / freedom)))
-        self.alarms.append(Alarm(start, detected, "innovation", variance**0.5, now**0.5, u, what))
+        self.alarms.append(Alarm(start, detected, INNOVATION, variance**0.5, now**0.5, u, what))
 
 
 def in_words(spec: ParameterSpec, before: float, after: float, u: float) -> str:

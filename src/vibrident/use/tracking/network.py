@@ -23,11 +23,11 @@ from vibrident.data.records import FloatArray, Quantity
 from vibrident.physics.discretisation import Weights, method
 from vibrident.physics.discretisation.inputs import HALF_WIDTH
 from vibrident.physics.models import SensorModel
+from vibrident.physics.models.slopes import STEP
 from vibrident.physics.models.state_space import realise
 
 TAPS = 2 * HALF_WIDTH  # samples of the reference that the inputs of a step need
 SPAN = 16  # steps run at once
-STEP = 1e-100  # imaginary step, in units of the coordinate
 #: Factor by which a positive parameter moves at once, at most: beyond it the linearisation says nothing.
 FURTHEST = 2.0
 

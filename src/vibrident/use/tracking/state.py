@@ -20,6 +20,7 @@ HEAD = 16  # bytes before the numbers
 SEEN, OPENED = 1.0, 2.0
 #: Standard uncertainties from which something is certain.
 CERTAIN = 3.0
+INNOVATION = "innovation"  # what an alarm names instead of a parameter where the noise changed
 WAITING = ("reference", "response")  # samples that wait for others
 
 

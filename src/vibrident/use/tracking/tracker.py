@@ -154,11 +154,6 @@ class Tracker:
         return (squares / freedom) ** 0.5 if freedom > 0.0 and self._tone is None else None
 
     @property
-    def time_s(self) -> float:
-        """Time of the next step, s: samples before it are taken."""
-        return self.knowledge.time_s
-
-    @property
     def next_sample_s(self) -> float:
         """Time of the next sample of the run, s."""
         return float(self.state.clock[0] + self.state.clock[1] * self.network.interval_s)
