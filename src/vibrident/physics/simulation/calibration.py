@@ -8,6 +8,7 @@ reference unchanged.
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Literal
@@ -44,11 +45,6 @@ def _filter() -> FloatArray:
     return taps / taps.sum()
 
 
-def margin_samples() -> int:
-    """Samples that the filter looks ahead, at the sampling rate."""
-    return -(-(len(_filter()) // 2) // OVERSAMPLING)
-
-
 def filtered(fine: Callable[[float, int], FloatArray], sampling_rate_hz: float, samples: int) -> FloatArray:
     """A channel sampled behind the filter; at rest before its first sample.
 
@@ -56,7 +52,7 @@ def filtered(fine: Callable[[float, int], FloatArray], sampling_rate_hz: float, 
     """
     taps = _filter()
     half = len(taps) // 2
-    count = (samples + margin_samples()) * OVERSAMPLING
+    count = (samples + math.ceil(half / OVERSAMPLING)) * OVERSAMPLING  # it looks ahead by half its length
     values = fine(sampling_rate_hz * OVERSAMPLING, count)
     size = fast_length(count + 2 * half)
     spectrum = np.asarray(fft.rfft(values, size)) * np.asarray(fft.rfft(taps, size))
