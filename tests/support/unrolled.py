@@ -1,4 +1,4 @@
-"""Random networks and records for them, and the recursion written out in NumPy, sample after sample."""
+"""Random networks, records for them, and their residual and response by the unrolled network."""
 
 import numpy as np
 
@@ -34,16 +34,6 @@ def random_weights(rng, states=2, terms=3, damping=0.03):
         rng.standard_normal(states),
         rng.standard_normal(terms),
     )
-
-
-def recursion(weights, inputs, state, offset=0.0):
-    """x ← Φ x + Γ c, y = C x + D c + offset; inputs (steps, q) → (steps,)."""
-    phi, gamma, c, d = (np.asarray(w) for w in weights)
-    state, outputs = np.array(state, dtype=float), np.empty(len(inputs))
-    for k, u in enumerate(inputs):
-        outputs[k] = c @ state + d @ u + offset
-        state = phi @ state + gamma @ u
-    return outputs
 
 
 def stacked(sets):
