@@ -94,15 +94,14 @@ class Compensation:
         return gain
 
     @cached_property
+    def rule(self) -> ComplexArray:
+        """One over the response of the integrations, by the trapezoidal rule, at the lines."""
+        return (2j * self.rate * np.tan(np.pi * self.frequency_hz / self.rate)) ** self.integrations
+
+    @cached_property
     def after_integration(self) -> ComplexArray:
-        """L/H at the lines, divided by the response of the integrations by the trapezoidal rule."""
-        if self.integrations == 0:
-            return self.total
-        x = np.pi * self.frequency_hz / self.rate
-        gain = np.zeros_like(self.total)
-        rule = 2j * self.rate * np.tan(x[self._within])
-        gain[self._within] = self.total[self._within] * rule**self.integrations
-        return gain
+        """L/H at the lines, divided by the response of the integrations."""
+        return self.total * self.rule
 
     @cached_property
     def slopes(self) -> ComplexArray:
