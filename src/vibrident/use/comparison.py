@@ -15,6 +15,7 @@ import numpy as np
 from vibrident.base.errors import InputError
 from vibrident.physics.naming import in_words, is_gain
 from vibrident.result import Parameter, Result
+from vibrident.result.document import plain
 
 SCHEMA = "vibrident.comparison/1"
 TRUTH_SCHEMA = "vibrident.truth/1"
@@ -301,9 +302,7 @@ def _method(
         "estimator": result.estimator,
         "discretisation": result.settings.get("discretisation"),
         "parameters": parameters,
-        "fit": {
-            key: value if value is None or math.isfinite(value) else None for key, value in asdict(result.fit).items()
-        },
+        "fit": plain(result.fit),
         "criteria": asdict(criteria(result)),
         "warnings": list(result.warning_codes),
         "time_s": result.settings.get("time_s"),
