@@ -125,11 +125,9 @@ def simulate(
     plan = Plan(_frequencies(frequencies_hz, chosen), rate, samples, peak, natural, seed)
     takes = plan.takes(excitation, repeats)
     if excitation_snr_db is not None:
+        snr_db, band_hz = excitation_snr_db, excitation_noise_band_hz
         draws = [stream(seed, index, "excitation noise") for index in range(len(takes))]
-        takes = [
-            with_excitation_noise(take, excitation_snr_db, excitation_noise_band_hz, rng)
-            for take, rng in zip(takes, draws, strict=True)
-        ]
+        takes = [with_excitation_noise(*one, snr_db, band_hz) for one in zip(takes, draws, strict=True)]
     if keep_takes is not None:
         keep_takes.extend(takes)
     behind = _behind_filter(takes, antialias, method, start)

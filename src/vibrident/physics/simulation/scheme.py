@@ -189,7 +189,7 @@ class Plan:
 
 
 def with_excitation_noise(
-    take: Take, snr_db: float, band_hz: tuple[float, float] | None, rng: np.random.Generator
+    take: Take, rng: np.random.Generator, snr_db: float, band_hz: tuple[float, float] | None
 ) -> Take:
     """The take with noise motion on top of its excitation; arguments as of ``simulate``.
 
