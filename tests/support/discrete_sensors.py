@@ -39,12 +39,12 @@ def weights_of(name, p, ts, fraction, terms, model="accelerometer", quantity="ac
     return Weights(*(np.asarray(w) for w in _compiled(p, ts, fraction, name, model, quantity, terms, whole)))
 
 
-def recursion(weights, coefficients, state):
-    """x ← Φ x + Γ c, y = C x + D c, in plain NumPy; shape (steps,)."""
+def recursion(weights, coefficients, state, offset=0.0):
+    """x ← Φ x + Γ c, y = C x + D c + offset, in plain NumPy; coefficients (steps, q) → (steps,)."""
     phi, gamma, c, d = (np.asarray(w) for w in weights)
     outputs = np.empty(len(coefficients))
     for k, inputs in enumerate(coefficients):
-        outputs[k] = c @ state + d @ inputs
+        outputs[k] = c @ state + d @ inputs + offset
         state = phi @ state + gamma @ inputs
     return outputs
 

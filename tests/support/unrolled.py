@@ -1,4 +1,4 @@
-"""Random networks and records for them, and the recursion written out in NumPy, sample after sample."""
+"""Random networks, records for them, and their residual and response by the unrolled network."""
 
 import numpy as np
 
@@ -8,13 +8,14 @@ from vibrident.physics.discretisation import Weights
 from vibrident.physics.network.unroll import (
     Lanes,
     Nuisance,
+    chained,
     fit_nuisance,
     free_part,
     free_response,
     from_rest,
     nuisance_response,
+    per_lane,
     projection,
-    start_states,
 )
 
 
@@ -33,16 +34,6 @@ def random_weights(rng, states=2, terms=3, damping=0.03):
         rng.standard_normal(states),
         rng.standard_normal(terms),
     )
-
-
-def recursion(weights, inputs, state, offset=0.0):
-    """x ← Φ x + Γ c, y = C x + D c + offset; inputs (steps, q) → (steps,)."""
-    phi, gamma, c, d = (np.asarray(w) for w in weights)
-    state, outputs = np.array(state, dtype=float), np.empty(len(inputs))
-    for k, u in enumerate(inputs):
-        outputs[k] = c @ state + d @ u + offset
-        state = phi @ state + gamma @ u
-    return outputs
 
 
 def stacked(sets):
@@ -115,5 +106,5 @@ def respond(weights: Weights, lanes: Lanes, nuisance: Nuisance):
     """Response of every lane, shape (L, M). ``weights`` carry a leading axis: one set a sampling interval."""
     forced, ends = from_rest(weights, lanes)
     rows, power = free_response(weights, lanes.response.shape[0])
-    starts = start_states(power, ends, lanes, nuisance.state)
+    starts = chained(per_lane(power, lanes.rate), ends, lanes.first, nuisance.state[lanes.segment].T)
     return forced + free_part(rows, lanes.rate, starts) + nuisance.offset[lanes.segment]

@@ -15,6 +15,7 @@ import numpy as np
 from vibrident.base.errors import InputError
 from vibrident.physics.naming import in_words, is_gain
 from vibrident.result import Parameter, Result
+from vibrident.result.document import plain
 
 SCHEMA = "vibrident.comparison/1"
 TRUTH_SCHEMA = "vibrident.truth/1"
@@ -212,19 +213,22 @@ class Recommendation:
 def recommendation(results: Mapping[str, Result]) -> Recommendation:
     """The best of several models on the same data: adequate, identifiable, and of those the smallest BIC."""
     judged = {name: criteria(result) for name, result in results.items()}
-    sound = {name: c for name, c in judged.items() if c.sound}
+
+    def order(name: str) -> tuple[float, int]:
+        return judged[name].bic or 0.0, judged[name].parameters
+
+    sound = [name for name, found in judged.items() if found.sound]
     if sound:
-        best = min(sound, key=lambda name: (sound[name].bic or 0.0, sound[name].parameters))
+        best = min(sound, key=order)
         others = [name for name, result in results.items() if result.model != results[best].model]
         words = f"Take {best}: it explains the data and they determine all its parameters"
-        reasons = [_against(results[name], judged[name], sound[best]) for name in others]
+        reasons = [_against(results[name], judged[name], judged[best]) for name in others]
         return Recommendation(best, "; ".join([words, *dict.fromkeys(reasons)]) + ".")
     adequate = [name for name, result in results.items() if result.fit.adequate]
     if adequate:
-        best = min(adequate, key=lambda name: (judged[name].bic or 0.0, judged[name].parameters))
-        weak = [n for n, p in results[best].parameters.items() if not p.derived and not p.identifiable]
+        best = min(adequate, key=order)
         words = (
-            f"{best} explains the data, but they do not determine the {', '.join(in_words(n) for n in weak)}: use its "
+            f"{best} explains the data, but they do not determine the {_weak(results[best])}: use its "
             "curve within the band, not these parameters, or measure where they matter."
         )
         return Recommendation(best, words)
@@ -234,13 +238,17 @@ def recommendation(results: Mapping[str, Result]) -> Recommendation:
     return Recommendation(None, words)
 
 
+def _weak(result: Result) -> str:
+    """The parameters that the data do not determine, in words."""
+    return ", ".join(in_words(n) for n, p in result.parameters.items() if not p.derived and not p.identifiable)
+
+
 def _against(result: Result, found: Criteria, best: Criteria) -> str:
     """Why another model is not taken."""
     if not result.fit.adequate:
         return f"{result.model} does not explain them"
-    weak = [n for n, p in result.parameters.items() if not p.derived and not p.identifiable]
-    if weak:
-        return f"they do not determine the {', '.join(in_words(n) for n in weak)} of {result.model}"
+    if weak := _weak(result):
+        return f"they do not determine the {weak} of {result.model}"
     if found.bic is not None and best.bic is not None:
         return f"{result.model} has a BIC larger by {found.bic - best.bic:.3g}"
     return f"{result.model} is sound too"
@@ -294,9 +302,7 @@ def _method(
         "estimator": result.estimator,
         "discretisation": result.settings.get("discretisation"),
         "parameters": parameters,
-        "fit": {
-            key: value if value is None or math.isfinite(value) else None for key, value in asdict(result.fit).items()
-        },
+        "fit": plain(result.fit),
         "criteria": asdict(criteria(result)),
         "warnings": list(result.warning_codes),
         "time_s": result.settings.get("time_s"),

@@ -23,7 +23,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vibrident.base.errors import InputError
 from vibrident.base.tails import student_quantile
@@ -31,14 +30,14 @@ from vibrident.data.io.axes_file import AxesCalibration, read_axes
 from vibrident.data.records import Calibration, FloatArray, Record
 from vibrident.fit.response.tones import measure_tones, tone_frequency
 from vibrident.fit.uncertainty.budget import effects_of, pattern
+from vibrident.physics.models.slopes import ComplexArray
+from vibrident.result.document import plain
 
 SCHEMA = "vibrident.matrix/1"
 _SAME = 1e-3  # relative distance within which records are at one frequency
 _CONDITION = 1e3  # of the motion, scaled to one: beyond, the axes are not told apart
 _FORMULAS = ("gain", "timing", "phase", "mounting")  # effects that need no model
 _SMALL = 1e-300
-
-ComplexArray = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +86,7 @@ class Matrix:
                 "components_rad": {self.axes[j]: in_phase[:, n] for n, j in enumerate(across)},
                 "components_uncertainty_rad": {self.axes[j]: u[:, n] for n, j in enumerate(across)},
             }
-            found.append({key: _plain(value) for key, value in rows.items()})
+            found.append(plain(rows))
         return found
 
     def to_dict(self) -> dict[str, Any]:
@@ -97,12 +96,12 @@ class Matrix:
             "outputs": list(self.outputs),
             "axes": list(self.axes),
             "unit": self.unit,
-            "frequency_hz": _plain(self.frequency_hz),
-            "real": _plain(self.values.real),
-            "imaginary": _plain(self.values.imag),
-            "u_real": _plain(self.u[..., 0]),
-            "u_imaginary": _plain(self.u[..., 1]),
-            "degrees_of_freedom": _plain(self.degrees_of_freedom),
+            "frequency_hz": plain(self.frequency_hz),
+            "real": plain(self.values.real),
+            "imaginary": plain(self.values.imag),
+            "u_real": plain(self.u[..., 0]),
+            "u_imaginary": plain(self.u[..., 1]),
+            "degrees_of_freedom": plain(self.degrees_of_freedom),
             "main": self.main(),
             "settings": dict(self.settings),
         }
@@ -244,13 +243,3 @@ def _u_of_size(parts: FloatArray, u: FloatArray) -> FloatArray:
     size = np.sqrt(np.sum(parts**2, axis=1))
     linear = np.sqrt(np.sum((parts * u) ** 2, axis=1)) / np.maximum(size, _SMALL)
     return np.where(size > 0, linear, np.max(u, axis=1, initial=0.0))
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
-    if isinstance(value, list):
-        return [_plain(item) for item in value]
-    if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
-    return None if isinstance(value, float) and not np.isfinite(value) else value

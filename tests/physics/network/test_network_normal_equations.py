@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from tests.support.unrolled import cut, physical_residual, random_weights, recursion, stacked, time_residual
+from tests.support.discrete_sensors import recursion
+from tests.support.unrolled import cut, physical_residual, random_weights, stacked, time_residual
 
 from vibrident.base.backend import jax, jnp
 from vibrident.fit.problem import BinProblem, Coordinates

@@ -5,7 +5,8 @@ import functools
 import numpy as np
 import pytest
 from scipy.signal import lfilter, ss2tf
-from tests.support.unrolled import cut, random_weights, recursion, respond, stacked
+from tests.support.discrete_sensors import recursion
+from tests.support.unrolled import cut, random_weights, respond, stacked
 
 from vibrident.base.backend import jax, jnp
 from vibrident.physics.discretisation import Weights

@@ -119,7 +119,7 @@ def test_a_gap_restarts_the_state_and_keeps_the_parameters(rng):
     y[20000:20050] = np.nan
     one = fed(tracker(rng), u, y)
     found = one.read()
-    assert one.time_s == pytest.approx((40000 - 40) / RATE_HZ, abs=1e-9)
+    assert one.knowledge.time_s == pytest.approx((40000 - 40) / RATE_HZ, abs=1e-9)
     assert not one.alarms
     assert np.all(np.abs(relative(found.values) - 1.0) < 4.0 * relative(found.uncertainty))
 

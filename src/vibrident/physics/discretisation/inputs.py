@@ -116,25 +116,19 @@ def band_limited_inputs(samples: FloatArray, valid: BoolArray, terms: int, delay
     invalid sample are not usable; ``terms``: number of coefficients a step; ``delay_samples``: delay of the response
     channel after the input, in samples; any sign.
     """
-    n = samples.shape[0]
-    half = half_width_for(n)
-    whole = math.ceil(delay_samples)  # step k starts at sample k − whole + shift
-    shift = whole - delay_samples
-    clean = np.where(valid, samples, 0.0)
+    n, whole = samples.shape[0], math.ceil(delay_samples)  # step k starts at sample k − whole + shift
+    half, shift = half_width_for(n), whole - delay_samples
     size = fast_length(n + 2 * half)
-    spectrum = np.asarray(fft.rfft(clean, size))
-    kernels = _spectra(terms, half, shift, size)
-    convolved = np.asarray(fft.irfft(spectrum * kernels, size, axis=-1))
+    spectrum = np.asarray(fft.rfft(np.where(valid, samples, 0.0), size))
+    convolved = np.asarray(fft.irfft(spectrum * _spectra(terms, half, shift, size), size, axis=-1))
     # The reversed filter's last sample belongs to offset 1 − half, so the step that starts at k sits at k + half.
-    coefficients = convolved[:, half : half + n].T
-    return _delayed(coefficients, _supported(valid, half), whole, 0.0)
+    return _aligned(convolved[:, half : half + n].T, whole, band_limited_filters(valid, terms, delay_samples))
 
 
 def band_limited_filters(valid: BoolArray, terms: int, delay_samples: float) -> StepFilters:
     """The filters of :func:`band_limited_inputs`; invalid samples count as zero."""
-    half = half_width_for(valid.shape[0])
-    whole = math.ceil(delay_samples)
-    usable = _usable(_supported(valid, half), whole)
+    half, whole = half_width_for(valid.shape[0]), math.ceil(delay_samples)
+    usable = _usable(_whole(valid, 1 - half, half), whole)
     return StepFilters(_filters(terms, half, whole - delay_samples), 1 - half - whole, usable, 0.0)
 
 
@@ -165,10 +159,6 @@ def _window(distance: FloatArray, half_width: int) -> FloatArray:
     return np.i0(beta * np.sqrt(inside)) / np.i0(beta) * (np.abs(distance) <= half_width)
 
 
-def _supported(valid: BoolArray, half: int) -> BoolArray:
-    return _whole(valid, 1 - half, half)
-
-
 def _whole(valid: BoolArray, begin: int, end: int) -> BoolArray:
     """Where all samples from ``begin`` to ``end`` beside each are there and valid."""
     bad = np.concatenate([[0], np.cumsum(~valid)])
@@ -183,13 +173,12 @@ def _whole(valid: BoolArray, begin: int, end: int) -> BoolArray:
 
 def sampled_inputs(samples: FloatArray, valid: BoolArray, terms: int, delay_samples: float) -> StepInputs:
     """Inputs that are held (terms = 1) or joined by straight lines (terms = 2) between samples."""
-    whole = math.ceil(delay_samples)
-    fraction = whole - delay_samples
     if terms == 1:
-        return _delayed(samples[:, None], valid, whole, fraction)
-    following = np.append(samples[1:], samples[-1])
-    coefficients = np.stack([0.5 * (samples + following), 0.5 * (following - samples)], axis=1)
-    return _delayed(coefficients, valid & np.append(valid[1:], False), whole, fraction)
+        coefficients = samples[:, None]
+    else:
+        following = np.append(samples[1:], samples[-1])
+        coefficients = np.stack([0.5 * (samples + following), 0.5 * (following - samples)], axis=1)
+    return _aligned(coefficients, math.ceil(delay_samples), sampled_filters(valid, terms, delay_samples))
 
 
 def sampled_filters(valid: BoolArray, terms: int, delay_samples: float) -> StepFilters:
@@ -209,12 +198,8 @@ def _usable(usable: BoolArray, whole: int) -> BoolArray:
     return moved
 
 
-def _delayed(coefficients: FloatArray, usable: BoolArray, whole: int, fraction: float) -> StepInputs:
-    """Move steps ``whole`` samples later, so that step k meets response sample k."""
-    n = usable.shape[0]
-    source = np.arange(n) - whole
-    inside = (source >= 0) & (source < n)
-    source = np.clip(source, 0, n - 1)
-    if whole:
-        coefficients, usable = coefficients[source], usable[source] & inside
-    return StepInputs(np.ascontiguousarray(coefficients), usable.copy(), fraction)
+def _aligned(coefficients: FloatArray, whole: int, made: StepFilters) -> StepInputs:
+    """The coefficients of steps moved ``whole`` samples later, so that step k meets response sample k."""
+    last = len(coefficients) - 1
+    source = np.clip(np.arange(last + 1) - whole, 0, last)
+    return StepInputs(np.ascontiguousarray(coefficients[source]), made.usable, made.fraction)

@@ -26,12 +26,9 @@ def response_and_slopes(
 ) -> tuple[ComplexArray, ComplexArray]:
     """Frequency response, shape (points,), and its derivatives with the parameters, shape (parameters, points).
 
-    Args:
-        model: the sensor model; of a nonlinear one, its linearisation for small signals.
-        values: of the parameters by name; numbers, or of many sensors at once each of shape (sensors, 1). The shapes
-            returned are then (sensors, points) and (parameters, sensors, points).
-        frequency_hz: shape (points,).
-        quantity: what the reference is.
+    Of a nonlinear model: of its linearisation for small signals. ``values``: of the parameters by name; numbers, or of
+    many sensors at once each of shape (sensors, 1), which give shapes (sensors, points) and (parameters, sensors,
+    points); ``frequency_hz``: shape (points,); ``quantity``: what the reference is.
     """
     s = 2j * np.pi * np.asarray(frequency_hz, dtype=float)
     moved, per = _moved(model, values)

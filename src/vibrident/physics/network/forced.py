@@ -20,15 +20,13 @@ from vibrident.physics.discretisation.forced import ForcedWeights
 from vibrident.physics.network.sensitivity import Normal
 from vibrident.physics.network.unroll import (
     Lanes,
+    best_start,
+    carried,
+    chained,
     dot,
-    fit_nuisance,
-    free_part,
-    free_response,
-    from_rest,
     inverse_of_segments,
     per_lane,
-    projection,
-    start_states,
+    product,
 )
 
 MOST_STEPS = 20  # most Newton steps
@@ -47,15 +45,8 @@ def forced_response(
     the latter adds one order of the derivative's series.
     """
     settling, slope_rounds = rounds
-    linear, w = weights.linear, weights
-    phi, gamma = per_lane(linear.transition, lanes.rate), per_lane(linear.drive, lanes.rate)
-    c, d = per_lane(linear.output, lanes.rate), per_lane(linear.feedthrough, lanes.rate)
-    pull, pull_output = per_lane(w.force, lanes.rate), per_lane(w.force_output, lanes.rate)
-    at_state, at_drive = per_lane(w.node_state, lanes.rate), per_lane(w.node_drive, lanes.rate)
-    among = per_lane(w.node_force, lanes.rate)
-
-    def product(matrix: Any, vector: Any) -> Any:  # (a, k, M) and (k, M) → (a, M), written out over k
-        return dot([matrix[..., k, :] for k in range(matrix.shape[-2])], [vector[k] for k in range(vector.shape[0])])
+    phi, gamma, c, d = (per_lane(w, lanes.rate) for w in weights.linear)
+    pull, pull_output, at_state, at_drive, among = (per_lane(w, lanes.rate) for w in weights[1:])
 
     def step(x: Any, u: Any) -> tuple[Any, Any]:
         alone = product(at_state, x) + product(at_drive, u)
@@ -90,7 +81,7 @@ def forced_normal(
     the response noise, by lane, shape (M,).
     """
     n, p = linear.output.shape[-1], z.shape[0]
-    shots = _settled(simulate, z, _first_guess(linear, lanes, segments), lanes, segments)
+    shots = _settled(simulate, z, best_start(linear, lanes, segments)[2], lanes, segments)
 
     def shifted(y: Any, shift: Any) -> tuple[Any, Any]:
         found = simulate(y, shots.starts + shift[:, None])
@@ -98,16 +89,13 @@ def forced_normal(
 
     slopes, outputs = jax.jacfwd(shifted, argnums=(0, 1), has_aux=True)(z, jnp.zeros(n))
     (by_z, by_start), (ends_z, ends_start) = slopes
-    carry = _chain(ends_start, jnp.zeros((n, n, lanes.first.shape[0])), lanes.first, jnp.eye(n))  # (n, n, M)
-    states_z = _chain(ends_start, jnp.moveaxis(ends_z, 1, -1), lanes.first, jnp.zeros((n, p)))  # (n, P, M)
+    by_start, ends_z, ends_start = (jnp.moveaxis(x, -1, 1) for x in (by_start, ends_z, ends_start))
+    states_z = chained(ends_start, ends_z, lanes.first, 0.0)  # (n, P, M)
     scale = lanes.weight / noise
     response = outputs + shots.offset[lanes.segment]
     residual = (lanes.response - response) * scale
-    columns = [
-        (by_z[..., a] + dot([by_start[..., i] for i in range(n)], [states_z[i, a] for i in range(n)])) * scale
-        for a in range(p)
-    ]
-    rows = _nuisance_rows(by_start, carry, lanes)
+    columns = [(by_z[..., a] + product(by_start, states_z[:, a])) * scale for a in range(p)]
+    rows = _nuisance_rows(by_start, carried(ends_start, lanes), lanes)
     inverse = inverse_of_segments(_gram(rows, lanes, segments))
     removed = []
     for column in columns:
@@ -120,16 +108,6 @@ def forced_normal(
     return Normal(matrix, gradient, cost, squares, response, removed)
 
 
-def _first_guess(linear: Any, lanes: Lanes, segments: int) -> Any:
-    """Start states of the chunks by the linear network, shape (n, M)."""
-    proj = projection(linear, lanes, segments)
-    _, power = free_response(linear, lanes.response.shape[0])
-    forced, ends = from_rest(linear, lanes)
-    at_rest = start_states(power, ends, lanes, jnp.zeros((segments, linear.output.shape[-1])))
-    nuisance = fit_nuisance(proj, lanes, lanes.response - forced - free_part(proj.rows, lanes.rate, at_rest))
-    return start_states(power, ends, lanes, nuisance.state)
-
-
 def _settled(simulate: Any, z: Any, starts: Any, lanes: Lanes, segments: int) -> _Shots:
     """Newton's method on the chunks' start states, the segments' initial states and offsets."""
     n = starts.shape[0]
@@ -140,11 +118,12 @@ def _settled(simulate: Any, z: Any, starts: Any, lanes: Lanes, segments: int) ->
             return found, found
 
         (by_start, ends_start), (outputs, ends) = jax.jacfwd(shifted, has_aux=True)(jnp.zeros(n))
-        carry = _chain(ends_start, jnp.zeros((n, n, lanes.first.shape[0])), lanes.first, jnp.eye(n))
+        by_start, ends_start = jnp.moveaxis(by_start, -1, 1), jnp.moveaxis(ends_start, -1, 1)
+        carry = carried(ends_start, lanes)
         gaps = ends - jnp.roll(shots.starts, -1, axis=1)  # to the next chunk's start; never used at a segment's end
-        moved = _chain(ends_start, gaps[:, None, :], lanes.first, jnp.zeros((n, 1)))[:, 0]
+        moved = chained(ends_start, gaps, lanes.first, 0.0)
         rows = _nuisance_rows(by_start, carry, lanes)
-        joined = outputs + dot([by_start[..., i] for i in range(n)], list(moved))
+        joined = outputs + product(by_start, moved)
         inverse = inverse_of_segments(_gram(rows, lanes, segments))
         wanted = _moments(rows, (lanes.response - joined) * lanes.weight, lanes, segments)
         solved = jnp.einsum("sij,sj->si", inverse, wanted)
@@ -158,28 +137,9 @@ def _settled(simulate: Any, z: Any, starts: Any, lanes: Lanes, segments: int) ->
     return lax.while_loop(unsettled, step, _Shots(starts, jnp.zeros(segments), jnp.asarray(jnp.inf), 0))
 
 
-def _chain(matrix: Any, ends: Any, first: Any, initial: Any) -> Any:
-    """X at every chunk's start from X' = M X + E at its end, X = ``initial`` at a segment's start.
-
-    ``matrix``: M, ∂end/∂start of every chunk, shape (n, M, n); ``ends``: E, shape (n, K, M); ``first``: shape (M,);
-    ``initial``: shape (n, K).
-    """
-
-    def step(carried: Any, lane: Any) -> tuple[Any, Any]:
-        m, end, is_first = lane
-        state = jnp.where(is_first, initial, carried)
-        return dot([m[:, k, None] for k in range(m.shape[1])], list(state)) + end, state
-
-    lane = (jnp.moveaxis(matrix, 1, 0), jnp.moveaxis(ends, -1, 0), first)
-    _, states = lax.scan(step, jnp.zeros_like(initial), lane)
-    return jnp.moveaxis(states, 0, -1)
-
-
 def _nuisance_rows(by_start: Any, carry: Any, lanes: Lanes) -> list[Any]:
     """Derivatives of the response by a segment's initial state and offset: n + 1 of shape (L, M)."""
-    n = carry.shape[0]
-    states = [dot([by_start[..., i] for i in range(n)], [carry[i, a] for i in range(n)]) for a in range(n)]
-    return [*states, jnp.ones_like(lanes.response)]
+    return [*(product(by_start, carry[:, a]) for a in range(carry.shape[1])), jnp.ones_like(lanes.response)]
 
 
 def _moments(rows: list[Any], signal: Any, lanes: Lanes, segments: int) -> Any:

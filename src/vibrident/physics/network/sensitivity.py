@@ -11,7 +11,6 @@ with the free response C Φ^k, chunk by chunk.
 
 from __future__ import annotations
 
-import functools
 from typing import Any, NamedTuple
 
 from vibrident.base.backend import jax, jnp, lax
@@ -19,17 +18,13 @@ from vibrident.physics.discretisation.weights import Weights
 from vibrident.physics.network.unroll import (
     Lanes,
     Nuisance,
-    Projection,
-    dot,
+    best_start,
+    chained,
     free_part,
-    free_response,
-    from_rest,
     imitable,
-    nuisance_of,
     nuisance_response,
     per_lane,
-    projection,
-    start_states,
+    product,
 )
 
 
@@ -50,15 +45,13 @@ def normal_equations(weights: Weights, slopes: Weights, lanes: Lanes, noise: Any
     ``weights``: one set a sampling interval (leading axis R); ``slopes``: ∂weights/∂parameters, each with a trailing
     axis of P; ``noise``: standard deviation of the response noise, by lane, shape (M,).
     """
-    known = _known(weights, lanes, segments)
-    # Without their projections, shape (P, S, n + 1), on initial states and offset.
-    p, proj = slopes.output.shape[-1], known.projection
-    ends, in_chunk, response = _derivatives(weights, slopes, lanes, known.starts)
-    response = response + known.nuisance.offset[lanes.segment]
+    p, (proj, nuisance, starts) = slopes.output.shape[-1], best_start(weights, lanes, segments)
+    ends, in_chunk, response = _derivatives(weights, slopes, lanes, starts)
+    response = response + nuisance.offset[lanes.segment]
     scale = lanes.weight / noise
     residual = (lanes.response - response) * scale
     # True derivative of the state at each chunk's start; zero at a segment's start, where it is a fixed nuisance.
-    d_starts = _chain(per_lane(known.power, lanes.rate), ends, lanes.first)  # (P, n, M)
+    d_starts = jnp.moveaxis(chained(proj.power, ends, lanes.first, 0.0), 1, 0)
     columns = [
         (slope + free_part(proj.rows, lanes.rate, d)) * scale for slope, d in zip(in_chunk, d_starts, strict=True)
     ]
@@ -77,70 +70,20 @@ def normal_equations(weights: Weights, slopes: Weights, lanes: Lanes, noise: Any
     return Normal(matrix, gradient, jnp.vdot(residual, residual), squares, response, freed)
 
 
-class _Known(NamedTuple):
-    """Estimated initial states and offsets, and the state at the start of every lane, (n, M)."""
-
-    projection: Projection
-    nuisance: Nuisance
-    power: Any
-    starts: Any
-
-
-def _known(weights: Weights, lanes: Lanes, segments: int) -> _Known:
-    n = weights.output.shape[-1]
-    proj = projection(weights, lanes, segments)
-    _, power = free_response(weights, lanes.response.shape[0])
-    forced, ends = from_rest(weights, lanes)
-    at_rest = start_states(power, ends, lanes, jnp.zeros((segments, n)))
-    signal = (lanes.response - forced - free_part(proj.rows, lanes.rate, at_rest)) * lanes.weight
-    nuisance = nuisance_of(proj, imitable(proj, lanes, signal))
-    return _Known(proj, nuisance, power, start_states(power, ends, lanes, nuisance.state))
-
-
-def contract(matrix: Any, vectors: Any) -> Any:
-    """Σ_k matrix[i, k] vectors[…, k], written out over k; (n, K, M) and (…, K, M) → (…, n, M)."""
-    terms = range(matrix.shape[1])
-    return dot([matrix[:, k] for k in terms], [vectors[..., k, None, :] for k in terms])
-
-
 def _derivatives(weights: Weights, slopes: Weights, lanes: Lanes, starts: Any) -> tuple[Any, Any, Any]:
-    """Run every chunk from its true state with ∂x = 0.
-
-    Returns:
-        The end ∂x, shape (P, n, M); P times ∂y, each of shape (L, M); y itself, shape (L, M).
-    """
-    n, p = weights.output.shape[-1], slopes.output.shape[-1]
+    """Run every chunk from its true state with ∂x = 0: end ∂x (n, P, M); P times ∂y, each (L, M); y itself (L, M)."""
     phi, gamma, c, d = (per_lane(w, lanes.rate) for w in weights)
-    # Slopes with the parameter first: (P, n, n), (P, n, q), (P, n), (P, q), each with the lane axis last.
-    d_phi, d_gamma, d_c, d_d = (jnp.moveaxis(per_lane(w, lanes.rate), -2, 0) for w in slopes)
+    # Slopes with the parameter before what is summed over: (n, P, n), (n, P, q), (P, n), (P, q), then the lane.
+    d_phi, d_gamma, d_c, d_d = (jnp.moveaxis(per_lane(w, lanes.rate), -2, -3) for w in slopes)
 
     def step(carry: Any, u: Any) -> tuple[Any, Any]:
         x, dx = carry
-        y = dot(list(c), list(x)) + dot(list(d), list(u))
-        dy = dot(list(c), [dx[:, i] for i in range(n)]) + over(d_c, x) + over(d_d, u)
-        following = contract(phi, x) + contract(gamma, u)
-        moved = contract(phi, dx) + over(d_phi, x) + over(d_gamma, u)
-        return (following, moved), ([dy[a] for a in range(p)], y)
+        y = product(c, x) + product(d, u)
+        dy = product(c, dx) + product(d_c, x) + product(d_d, u)
+        following = product(phi, x) + product(gamma, u)
+        moved = product(phi[:, None], dx) + product(d_phi, x) + product(d_gamma, u)
+        return (following, moved), (list(dy), y)
 
-    (_, ends), (dy, y) = lax.scan(step, (starts, jnp.zeros((p, *starts.shape))), lanes.inputs)
+    at_rest = jnp.zeros((starts.shape[0], slopes.output.shape[-1], starts.shape[1]))
+    (_, ends), (dy, y) = lax.scan(step, (starts, at_rest), lanes.inputs)
     return ends, dy, y
-
-
-def over(slopes: Any, values: Any) -> Any:
-    """Σ_k slopes[…, k] values[k], written out over k; (…, K, M) and (K, M) → (…, M)."""
-    return dot([slopes[..., k, :] for k in range(values.shape[0])], list(values))
-
-
-def _chain(phi: Any, ends: Any, first: Any) -> Any:
-    """∂x at the start of every chunk, shape (P, n, M), from the ends of chunks that began at zero."""
-    p, n, count = ends.shape
-    power = jnp.moveaxis(jnp.broadcast_to(phi, (n, n, count)), -1, 0)
-
-    def step(carry: Any, lane: Any) -> tuple[Any, Any]:
-        matrix, end, is_first = lane
-        state = jnp.where(is_first, 0.0, carry)
-        columns = [state[:, k, None] * matrix[None, :, k] for k in range(n)]
-        return functools.reduce(jnp.add, columns) + end, state
-
-    _, states = lax.scan(step, jnp.zeros((p, n)), (power, jnp.moveaxis(ends, -1, 0), first))
-    return jnp.moveaxis(states, 0, -1)

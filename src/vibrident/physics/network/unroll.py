@@ -39,31 +39,21 @@ class Nuisance(NamedTuple):
     offset: Any
 
 
-def start_states(power: Any, ends: Any, lanes: Lanes, initial: Any) -> Any:
-    """True state at the start of every lane, shape (n, M).
-
-    ``power``: Φ^L, shape (R, n, n); ``ends``: end states of the lanes from rest, shape (n, M); ``initial``: state at
-    the start of every segment, shape (S, n).
-    """
-    return _starts(per_lane(power, lanes.rate), ends, lanes.first, initial[lanes.segment].T)
-
-
 class Projection(NamedTuple):
     """Projection of a signal on the response to initial states and offsets."""
 
     rows: Any  # C Φ^k, shape (L, R, n)
+    power: Any  # Φ^L, shape (n, n, M), or (n, n, 1) where all lanes share one set of weights
     carry: Any  # Φ^{L c} of each lane's place c in its segment, shape (n, n, M)
     inverse: Any  # inverse of the segments' normal matrices, shape (S, n + 1, n + 1)
 
 
 def projection(weights: Weights, lanes: Lanes, segments: int) -> Projection:
     """Prepare the projection for ``weights``."""
-    length, count = lanes.response.shape
     n = weights.output.shape[-1]
-    rows, power = free_response(weights, length)
-    chunk_power = per_lane(power, lanes.rate)
-    zero = jnp.zeros((n, count))
-    carry = jnp.stack([_starts(chunk_power, zero, lanes.first, zero.at[i].set(1.0)) for i in range(n)], axis=1)
+    rows, power = free_response(weights, len(lanes.response))
+    power = per_lane(power, lanes.rate)
+    carry = carried(power, lanes)
 
     weighted = lanes.weight
     pair = [[_collect(rows[..., i] * rows[..., j], lanes.rate, weighted) for j in range(n)] for i in range(n)]
@@ -75,7 +65,7 @@ def projection(weights: Weights, lanes: Lanes, segments: int) -> Projection:
     top = jnp.concatenate([gram, cross[:, :, None]], axis=2)
     bottom = jnp.concatenate([cross, total[:, None]], axis=1)[:, None, :]
     normal = jax.ops.segment_sum(jnp.concatenate([top, bottom], axis=1), lanes.segment, segments)
-    return Projection(rows, carry, inverse_of_segments(normal))
+    return Projection(rows, power, carry, inverse_of_segments(normal))
 
 
 def inverse_of_segments(normal: Any) -> Any:
@@ -99,12 +89,7 @@ def imitable(p: Projection, lanes: Lanes, signal: Any) -> Any:
 
 def fit_nuisance(p: Projection, lanes: Lanes, signal: Any) -> Nuisance:
     """Least-squares initial states and offsets that explain ``signal``, shape (L, M)."""
-    return nuisance_of(p, imitable(p, lanes, signal * lanes.weight))
-
-
-def nuisance_of(p: Projection, moments: Any) -> Nuisance:
-    """Initial states and offsets whose products are ``moments``, shape (S, n + 1)."""
-    solved = jnp.einsum("sij,sj->si", p.inverse, moments)
+    solved = jnp.einsum("sij,sj->si", p.inverse, imitable(p, lanes, signal * lanes.weight))
     return Nuisance(solved[:, :-1], solved[:, -1])
 
 
@@ -116,21 +101,22 @@ def nuisance_response(p: Projection, lanes: Lanes, nuisance: Nuisance) -> Any:
 
 def from_rest(weights: Weights, lanes: Lanes) -> tuple[Any, Any]:
     """Forced response from a zero state in every lane, shape (L, M), and the end states, shape (n, M)."""
-    inputs = lanes.inputs
-    _, terms, count = inputs.shape
-    n = weights.output.shape[-1]
-    phi, gamma = per_lane(weights.transition, lanes.rate), per_lane(weights.drive, lanes.rate)
-    c, d = per_lane(weights.output, lanes.rate), per_lane(weights.feedthrough, lanes.rate)
+    phi, gamma, c, d = (per_lane(w, lanes.rate) for w in weights)
 
-    def step(state: tuple[Any, ...], u: Any) -> tuple[tuple[Any, ...], Any]:
-        output = dot([c[i] for i in range(n)], state) + dot([d[j] for j in range(terms)], u)
-        following = tuple(
-            dot([phi[i, k] for k in range(n)], state) + dot([gamma[i, j] for j in range(terms)], u) for i in range(n)
-        )
-        return following, output
+    def step(x: Any, u: Any) -> tuple[Any, Any]:
+        return product(phi, x) + product(gamma, u), product(c, x) + product(d, u)
 
-    ends, outputs = lax.scan(step, (jnp.zeros(count),) * n, inputs)
-    return outputs, jnp.stack(ends)
+    ends, outputs = lax.scan(step, jnp.zeros((weights.output.shape[-1], lanes.inputs.shape[-1])), lanes.inputs)
+    return outputs, ends
+
+
+def best_start(weights: Weights, lanes: Lanes, segments: int) -> tuple[Projection, Nuisance, Any]:
+    """Least-squares initial states and offsets, and with them the true state at each lane's start, shape (n, M)."""
+    p = projection(weights, lanes, segments)
+    forced, ends = from_rest(weights, lanes)
+    at_rest = chained(p.power, ends, lanes.first, 0.0)
+    nuisance = fit_nuisance(p, lanes, lanes.response - forced - free_part(p.rows, lanes.rate, at_rest))
+    return p, nuisance, chained(p.power, ends, lanes.first, nuisance.state[lanes.segment].T)
 
 
 def free_response(weights: Weights, length: int) -> tuple[Any, Any]:
@@ -154,20 +140,31 @@ def _power(matrix: Any, exponent: int) -> Any:
     return result
 
 
-def _starts(power: Any, ends: Any, first: Any, initial: Any) -> Any:
-    """State at the start of every lane, shape (n, M), from the lanes' end states and the segments' initial states."""
-    n, count = ends.shape
-    power = jnp.broadcast_to(power, (n, n, count))
+def chained(power: Any, ends: Any, first: Any, initial: Any) -> Any:
+    """X at the start of every lane from X' = power X + end of the lane before; ``initial`` where a segment begins.
 
-    def step(carry: Any, lane: Any) -> tuple[Any, Any]:
-        p, end, is_first, start = lane
-        state = [jnp.where(is_first, start[i], carry[i]) for i in range(n)]
-        following = [dot([p[i, k] for k in range(n)], state) + end[i] for i in range(n)]
-        return following, state
+    ``power``: shape (n, n, M or 1); ``ends``: shape (n, …, M); ``first``: shape (M,); ``initial``: broadcast to
+    ``ends``.
+    """
+    n, count, others = ends.shape[0], ends.shape[-1], (1,) * (ends.ndim - 2)
 
-    lane = (jnp.moveaxis(power, -1, 0), ends.T, first, initial.T)
-    _, states = lax.scan(step, [jnp.zeros(())] * n, lane)
-    return jnp.stack(states)
+    def by_lane(values: Any, shape: tuple[int, ...]) -> Any:
+        return jnp.moveaxis(jnp.broadcast_to(values, shape), -1, 0)
+
+    def step(carried: Any, lane: Any) -> tuple[Any, Any]:
+        matrix, end, is_first, start = lane
+        state = jnp.where(is_first, start, carried)
+        return dot([matrix[:, k].reshape(n, *others) for k in range(n)], list(state)) + end, state
+
+    lanes = (by_lane(power, (n, n, count)), jnp.moveaxis(ends, -1, 0), first, by_lane(initial, ends.shape))
+    _, states = lax.scan(step, jnp.zeros(ends.shape[:-1]), lanes)
+    return jnp.moveaxis(states, 0, -1)
+
+
+def carried(power: Any, lanes: Lanes) -> Any:
+    """Derivative of every lane's start by its segment's, shape (n, n, M); ``power`` as of :func:`chained`."""
+    n, count = len(power), lanes.first.shape[0]
+    return chained(power, jnp.zeros((n, n, count)), lanes.first, jnp.eye(n)[..., None])
 
 
 def free_part(rows: Any, rate: Any, starts: Any) -> Any:
@@ -194,3 +191,8 @@ def per_lane(weight: Any, rate: Any) -> Any:
 def dot(weights: Any, values: Any) -> Any:
     """Σ_i weights[i] · values[i], written out: elementwise, never a small matrix product."""
     return functools.reduce(lambda total, pair: total + pair[0] * pair[1], zip(weights, values, strict=True), 0.0)
+
+
+def product(matrix: Any, vector: Any) -> Any:
+    """Σ_k matrix[…, k, :] vector[k], written out over k: (…, K, M) and (K, …, M) → (…, M)."""
+    return dot([matrix[..., k, :] for k in range(matrix.shape[-2])], list(vector))

@@ -8,6 +8,7 @@ reference unchanged.
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Literal
@@ -23,7 +24,7 @@ from vibrident.physics.simulation.excitation import Sine
 from vibrident.physics.simulation.motion import Motion
 from vibrident.physics.simulation.noise import ChannelNoise
 from vibrident.physics.simulation.rk4 import rk4_response
-from vibrident.physics.simulation.scheme import ExcitationNoiseLevel, Plan, Seed, Take, one_third_octave, stream
+from vibrident.physics.simulation.scheme import Plan, Seed, Take, one_third_octave, stream, with_excitation_noise
 from vibrident.physics.simulation.sensors import Sensor, sensor_named
 from vibrident.physics.simulation.truth import Start, exact_reference, exact_response
 
@@ -44,11 +45,6 @@ def _filter() -> FloatArray:
     return taps / taps.sum()
 
 
-def margin_samples() -> int:
-    """Samples that the filter looks ahead, at the sampling rate."""
-    return -(-(len(_filter()) // 2) // OVERSAMPLING)
-
-
 def filtered(fine: Callable[[float, int], FloatArray], sampling_rate_hz: float, samples: int) -> FloatArray:
     """A channel sampled behind the filter; at rest before its first sample.
 
@@ -56,7 +52,7 @@ def filtered(fine: Callable[[float, int], FloatArray], sampling_rate_hz: float, 
     """
     taps = _filter()
     half = len(taps) // 2
-    count = (samples + margin_samples()) * OVERSAMPLING
+    count = (samples + math.ceil(half / OVERSAMPLING)) * OVERSAMPLING  # it looks ahead by half its length
     values = fine(sampling_rate_hz * OVERSAMPLING, count)
     size = fast_length(count + 2 * half)
     spectrum = np.asarray(fft.rfft(values, size)) * np.asarray(fft.rfft(taps, size))
@@ -127,8 +123,11 @@ def simulate(
     peak = chosen.amplitude if amplitude is None else float(amplitude)
     natural = parse(chosen.model).typical_frequency(chosen.parameters)
     plan = Plan(_frequencies(frequencies_hz, chosen), rate, samples, peak, natural, seed)
-    level = ExcitationNoiseLevel(excitation_snr_db, excitation_noise_band_hz)
-    takes = [level.added_to(take, index, seed) for index, take in enumerate(plan.takes(excitation, repeats))]
+    takes = plan.takes(excitation, repeats)
+    if excitation_snr_db is not None:
+        snr_db, band_hz = excitation_snr_db, excitation_noise_band_hz
+        draws = [stream(seed, index, "excitation noise") for index in range(len(takes))]
+        takes = [with_excitation_noise(*one, snr_db, band_hz) for one in zip(takes, draws, strict=True)]
     if keep_takes is not None:
         keep_takes.extend(takes)
     behind = _behind_filter(takes, antialias, method, start)

@@ -29,8 +29,8 @@ FORGOTTEN = 1e-14  # a steady state is reached when the free motion has decayed 
 
 #: Stages of DOP853: instants in the step, and weights of the slopes before each stage and at the end.
 PLACES = tuple(DOP853.C.tolist())
-_A: tuple[tuple[float, ...], ...] = tuple(tuple(row[:i]) for i, row in enumerate(DOP853.A.tolist()))
-_B: tuple[float, ...] = tuple(DOP853.B.tolist())
+_A = tuple(tuple(row[:i]) for i, row in enumerate(DOP853.A.tolist()))
+_B = tuple(DOP853.B.tolist())
 
 
 def cubic_response(
@@ -44,13 +44,9 @@ def cubic_response(
 ) -> FloatArray:
     """Response V on a grid, shape (samples,).
 
-    Args:
-        linear: exact response of the linear sensor on any grid.
-        parameters: of an accelerometer with ``cubic_stiffness``.
-        grid: instants; before t = 0 the sensor is at rest, held, or in its steady motion.
-        highest_hz: highest frequency of the motion.
-        forever: whether the motion has no beginning.
-        held: linear response to a static value that is released at t = 0; None if absent.
+    ``linear``: exact response of the linear sensor on any grid; ``grid``: instants; before t = 0 the sensor is at rest,
+    held, or in its steady motion; ``highest_hz``: of the motion; ``forever``: whether it has no beginning; ``held``:
+    linear response to a static value that is released at t = 0; None if absent.
 
     Raises:
         InputError: the softening spring becomes unstable, or an undamped sensor has no steady motion.
@@ -59,13 +55,13 @@ def cubic_response(
     wn, damping = 2.0 * math.pi * float(parameters["natural_frequency"]), float(parameters["damping_ratio"])
     static = _static(k3, held) if held is not None else 0.0
     begin_s = min(grid.start_s, 0.0) - _memory(wn, damping) if forever else 0.0
-    after = grid.since(0.0) if not forever else grid
+    after = grid if forever else grid.since(0.0)
     if not after.samples:
         return np.full(grid.samples, static)
     largest = max(float(np.max(np.abs(linear(after)))), abs(static))
     fastest = max(wn * math.sqrt(1.0 + 3.0 * abs(k3) * largest**2), 2.0 * math.pi * highest_hz)
     substeps = max(1, math.ceil(fastest * grid.interval_s / PHASE))
-    first_s = after.start_s if not forever else grid.start_s
+    first_s = after.start_s
     lead = math.ceil((first_s - begin_s) * grid.rate_hz * substeps)  # whole steps up to the first sample
     state = np.array([static - held if held is not None else 0.0, 0.0])
     if lead:

@@ -25,8 +25,9 @@ from scipy.linalg import expm
 from vibrident.base.errors import InputError, ModelError
 from vibrident.data.records import FloatArray
 from vibrident.physics.models.base import Rational
+from vibrident.physics.models.slopes import ComplexArray
 from vibrident.physics.simulation.checks import require
-from vibrident.physics.simulation.motion import ComplexArray, Motion, SampleGrid
+from vibrident.physics.simulation.motion import Motion, SampleGrid
 
 _PARALLEL = 100.0  # largest condition number of the eigenvectors that are used
 TOLERANCE = 1e-12  # change of the response, relative to its largest value, at which refinement stops

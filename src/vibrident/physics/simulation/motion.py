@@ -8,12 +8,11 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vibrident.data.records import Excitation, FloatArray
+from vibrident.physics.models.slopes import ComplexArray
 
 _COINCIDENT = 1e-9  # an instant this close to a sample, in samples, is that sample
-ComplexArray = NDArray[np.complex128]
 _BLOCK = 4096  # tones evaluated at once; bounds the memory
 _FFT_FROM = 64  # from this many tones on, harmonics of a fundamental that fits the grid are summed by FFT
 _LONGEST_FFT = 2**24

@@ -82,9 +82,8 @@ def optical_signals(
         if size:
             phase = phase + size * np.sin(order * phase + 0.7 * order)
     light = _light(optics, time, random)
-    signals = _heterodyne(optics, phase, light, time) if optics.setting.kind == "heterodyne" else None
-    if signals is None:
-        signals = _quadrature(optics, phase, light, time)
+    detected = _heterodyne if optics.setting.kind == "heterodyne" else _quadrature
+    signals = detected(optics, phase, light, time)
     size = optics.noise * float(np.mean(optics.amplitudes[: signals.shape[0]]))
     signals += size * random.standard_normal(signals.shape)
     if not optics.bits:

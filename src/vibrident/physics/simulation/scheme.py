@@ -188,42 +188,28 @@ class Plan:
         return [Decay(self.amplitude)]
 
 
-@dataclass(frozen=True)
-class ExcitationNoiseLevel:
-    """Level of the noise motion on top of every excitation."""
+def with_excitation_noise(
+    take: Take, rng: np.random.Generator, snr_db: float, band_hz: tuple[float, float] | None
+) -> Take:
+    """The take with noise motion on top of its excitation; arguments as of ``simulate``.
 
-    snr_db: float | None  # rms of the excitation within the record over rms of the noise, dB; None for none
-    band_hz: tuple[float, float] | None  # of the noise; None: up to 0.4 of the sampling rate
-
-    def __post_init__(self) -> None:
-        require_finite("simulate", excitation_snr_db=self.snr_db or 0.0)
-
-    def added_to(self, take: Take, record: int, seed: Seed) -> Take:
-        """The take with noise from the stream of the record of that index.
-
-        Raises:
-            InputError: the record is a free decay, which has no reference, or the noise cannot be made.
-        """
-        if self.snr_db is None:
-            return take
-        require(
-            not isinstance(take.motion, Decay),
-            "A free decay has no excitation to add noise to.",
-            expected="an excitation that moves the base",
-            found="decay",
-            where=f"record {take.name!r}",
-            remedy="leave excitation_snr_db out, or use response_noise",
-        )
-        clean = acceleration_on(take.motion, SampleGrid(0.0, take.sampling_rate_hz, take.samples))
-        rms = float(np.sqrt(np.mean(np.square(clean)))) * 10.0 ** (-self.snr_db / 20.0)
-        noise = excitation_noise(
-            rms,
-            sampling_rate_hz=take.sampling_rate_hz,
-            samples=take.samples,
-            rng=stream(seed, record, "excitation noise"),
-            band_hz=self.band_hz,
-        )
-        return replace(take, motion=Superposition((take.motion, noise)))
+    Raises:
+        InputError: the record is a free decay, which has no reference, or the noise cannot be made.
+    """
+    require_finite("simulate", excitation_snr_db=snr_db)
+    require(
+        not isinstance(take.motion, Decay),
+        "A free decay has no excitation to add noise to.",
+        expected="an excitation that moves the base",
+        found="decay",
+        where=f"record {take.name!r}",
+        remedy="leave excitation_snr_db out, or use response_noise",
+    )
+    rate, samples = take.sampling_rate_hz, take.samples
+    clean = acceleration_on(take.motion, SampleGrid(0.0, rate, samples))
+    rms = float(np.sqrt(np.mean(np.square(clean)))) * 10.0 ** (-snr_db / 20.0)
+    noise = excitation_noise(rms, sampling_rate_hz=rate, samples=samples, rng=rng, band_hz=band_hz)
+    return replace(take, motion=Superposition((take.motion, noise)))
 
 
 def _distinct(names: list[str]) -> list[str]:

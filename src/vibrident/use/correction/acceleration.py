@@ -306,10 +306,7 @@ def _seen(spectrum: np.ndarray, compensation: Compensation, edges: tuple[float, 
     gain = np.zeros(frequency.shape, dtype=complex)
     gain[inside] = (1.0 - compensation.lowpass[inside]) / compensation.sensor.frequency_response(frequency[inside])
     noise = compensation.line_mean(np.abs(gain) ** 2 * compensation.around.noise(frequency))
-    gain[inside] *= (2j * compensation.rate * np.tan(np.pi * frequency[inside] / compensation.rate)) ** (
-        compensation.integrations
-    )
-    power = _running_mean(compensation.restored(spectrum, gain) ** 2, width)
+    power = _running_mean(compensation.restored(spectrum, gain * compensation.rule) ** 2, width)
     return np.where(power > CLEARLY * noise, power, 0.0)
 
 

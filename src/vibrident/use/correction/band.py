@@ -20,7 +20,7 @@ from scipy import fft
 from vibrident.base.errors import InputError
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.result.sensor import IdentifiedSensor
-from vibrident.use.correction.quiet import Surroundings
+from vibrident.use.correction.quiet import Surroundings, periodogram
 
 BINS = 12  # spectral bins and candidate bands, an octave
 HEARD = 6.0  # a bin holds motion if its power exceeds the noise by this many standard deviations of the bin's mean
@@ -76,7 +76,6 @@ class Content:
     samples: int  # of the record
     event: float  # part of the record with motion
     heard: BoolArray  # bins with motion, shape (bins,)
-    power: float  # exponent of the envelope of |A|² beyond the last of them
 
     def noise_deviation(self, low: FloatArray, high: FloatArray) -> FloatArray:
         """Standard deviation of the noise that bands pass, m/s²; low and high broadcast against one another."""
@@ -124,10 +123,10 @@ def content(
     count = values.size
     transient = around.rest_samples > 0 and around.rests_at_end
     window = np.ones(count) if transient else np.hanning(count)
-    power = _power(values, window)
+    power = periodogram(values, window)
     if not transient:  # the last of a sweep is as fast as nothing before, and a window that falls so slowly hides it
         upper = np.cumsum(power) > 0.5 * np.sum(power)
-        power[upper] = np.maximum(power[upper], _power(values, _tapered(count))[upper])
+        power[upper] = np.maximum(power[upper], periodogram(values, _tapered(count))[upper])
     frequency = np.array(fft.rfftfreq(count, 1.0 / rate), dtype=np.float64)
     used = (frequency > 0) & (frequency <= highest)
     frequency, power = frequency[used], power[used]
@@ -144,13 +143,9 @@ def content(
     heard = mean(power) > level * (1.0 + HEARD * np.sqrt(spread))
     acceleration = np.maximum(mean((power - noise) * inverse), 0.0)
     limit = level * mean(inverse) * (1.0 + HEARD * np.sqrt(spread))
-    acceleration, slope = _with_envelope(centre, acceleration, heard, limit, LOBE_OCTAVES if transient else 0.0)
+    acceleration = _with_envelope(centre, acceleration, heard, limit, LOBE_OCTAVES if transient else 0.0)
     lines = 2.0 * size / count
-    return Content(centre, lines, acceleration, mean(noise * inverse), count, event, heard, slope)
-
-
-def _power(values: FloatArray, window: FloatArray) -> FloatArray:
-    return np.abs(np.asarray(fft.rfft(values * window))) ** 2 / np.sum(window**2)
+    return Content(centre, lines, acceleration, mean(noise * inverse), count, event, heard)
 
 
 def _tapered(count: int) -> FloatArray:
@@ -162,7 +157,7 @@ def _tapered(count: int) -> FloatArray:
 
 def _with_envelope(
     frequency: FloatArray, acceleration: FloatArray, heard: BoolArray, limit: FloatArray, lobe_octaves: float
-) -> tuple[FloatArray, float]:
+) -> FloatArray:
     """The power with an envelope beyond the last bin with motion: the slope of the octave before, or steeper by
     ``limit``.
 
@@ -171,7 +166,7 @@ def _with_envelope(
     and rises again within ``lobe_octaves``: silence counts from there.
     """
     if not heard.any():
-        return np.zeros_like(acceleration), STEEPEST
+        return np.zeros_like(acceleration)
     last = int(np.flatnonzero(heard)[-1])
     x = np.log(frequency / frequency[last])
     shown = heard & (x >= -SHOWN_OCTAVES * np.log(2.0)) & (acceleration > 0)
@@ -179,12 +174,11 @@ def _with_envelope(
     if shown.sum() >= FEWEST_SHOWN:
         slope = max(slope, float(-np.polyfit(x[shown], np.log(acceleration[shown]), 1)[0]))
     level = float(np.mean(acceleration[shown] * np.exp(slope * x[shown])))
-    beyond = x > 0
     silent = np.flatnonzero(x > lobe_octaves * np.log(2.0))[1:]
     if silent.size and level > 0:
         slope = float(np.clip(np.max(np.log(level / limit[silent]) / x[silent]), slope, STEEPEST))
     envelope = np.exp(np.maximum(np.log(max(level, 1e-300)) - slope * np.maximum(x, 0.0), -690.0))
-    return np.where(beyond, envelope, acceleration), slope
+    return np.where(x > 0, envelope, acceleration)
 
 
 def highest_frequency(sensor: IdentifiedSensor, rate: float) -> tuple[float, str]:

@@ -24,7 +24,7 @@ from vibrident.fit.response.transform import line_counts
 from vibrident.physics.models.slopes import ComplexArray
 from vibrident.result.sensor import IdentifiedSensor
 from vibrident.use.correction.band import Band
-from vibrident.use.correction.quiet import Surroundings
+from vibrident.use.correction.quiet import Surroundings, periodogram
 
 KERNEL_PERIODS = 8.0  # length of the filter's kernel on either side, in periods of the narrowest slope of L
 DECAY = 8.0  # time constants of 1/H's poles that the kernel covers
@@ -55,11 +55,10 @@ class Compensation:
     @cached_property
     def pad(self) -> int:
         """Samples by which the record is continued on either side."""
+        model, values = self.sensor.model, self.sensor.values
         slope = min(self.band.high_hz, 0.5 * self.band.low_hz or np.inf)
-        reach = (
-            KERNEL_PERIODS * self.rate / slope + abs(float(self.sensor.model.delay_s(self.sensor.values))) * self.rate
-        )
-        numerator = np.trim_zeros(np.array(self.sensor.model.rational(self.sensor.values).numerator, dtype=float), "f")
+        reach = KERNEL_PERIODS * self.rate / slope + abs(float(model.delay_s(values))) * self.rate
+        numerator = np.trim_zeros(np.array(model.rational(values).numerator, dtype=float), "f")
         roots = np.roots(numerator[::-1]) if numerator.size > 1 else np.zeros(0)
         if roots.size:  # the inverse rings at the sensor's zeros
             reach += DECAY * self.rate / max(float(np.min(np.abs(roots.real))), 1e-9)
@@ -95,15 +94,14 @@ class Compensation:
         return gain
 
     @cached_property
+    def rule(self) -> ComplexArray:
+        """One over the response of the integrations, by the trapezoidal rule, at the lines."""
+        return (2j * self.rate * np.tan(np.pi * self.frequency_hz / self.rate)) ** self.integrations
+
+    @cached_property
     def after_integration(self) -> ComplexArray:
-        """L/H at the lines, divided by the response of the integrations by the trapezoidal rule."""
-        if self.integrations == 0:
-            return self.total
-        x = np.pi * self.frequency_hz / self.rate
-        gain = np.zeros_like(self.total)
-        rule = 2j * self.rate * np.tan(x[self._within])
-        gain[self._within] = self.total[self._within] * rule**self.integrations
-        return gain
+        """L/H at the lines, divided by the response of the integrations."""
+        return self.total * self.rule
 
     @cached_property
     def slopes(self) -> ComplexArray:
@@ -126,15 +124,11 @@ class Compensation:
         return whole[..., self.pad : self.pad + self.samples]
 
     def _continued(self, values: FloatArray) -> FloatArray:
-        taper = self._taper
-        left = (
-            np.zeros(self.pad)
-            if self.around.rest_samples
-            else (2.0 * values[0] - values[self.pad : 0 : -1]) * taper[::-1]
-        )
-        right = np.zeros(self.pad)
+        left = right = np.zeros(self.pad)
+        if not self.around.rest_samples:
+            left = (2.0 * values[0] - values[self.pad : 0 : -1]) * self._taper[::-1]
         if not self.around.rests_at_end or self.integrations:  # the integral of a rest continues by reflection
-            right = (2.0 * values[-1] - values[-2 : -self.pad - 2 : -1]) * taper
+            right = (2.0 * values[-1] - values[-2 : -self.pad - 2 : -1]) * self._taper
         return np.concatenate([left, values, right])
 
     @cached_property
@@ -202,7 +196,7 @@ class Compensation:
         """Of the filter's input, lags 0 … 2 pad: of the response, or formally of its integrals."""
         window = np.hanning(values.size) if self.integrations else np.ones(values.size)
         size = fast_length(values.size + 2 * self.pad + 1)
-        power = np.abs(np.asarray(fft.rfft(values * window, size))) ** 2 / np.sum(window**2)
+        power = periodogram(values, window, size)
         if self.integrations:
             power[0] = 0.0
             power[1:] /= (2.0 * self.rate * np.sin(np.pi * np.arange(1, power.size) / size)) ** (2 * self.integrations)
@@ -211,25 +205,24 @@ class Compensation:
     def _edge(self, covariance: FloatArray, *, at_left: bool) -> FloatArray:
         """Variance of the continuation's error in the first samples from an end inwards, shape (pad,)."""
         kernel = self.kernel if at_left else np.concatenate([self.kernel[:1], self.kernel[:0:-1]])
-        pad, middle = self.pad, self.pad
+        pad = self.pad
         # An integral drifts; only its second difference, without the taper, has a variance.
         taper = np.ones(pad) if self.integrations else self._taper
         size = fast_length(4 * pad + 2)
         circular = np.zeros(size)
         circular[: 2 * pad + 1] = covariance
         circular[-2 * pad :] = covariance[:0:-1]
-        weight = np.maximum(np.real(np.asarray(fft.rfft(circular))), 0.0)
-        weight *= line_counts(size)
-        steps = np.unique(np.concatenate([[0], np.geomspace(1, pad, EDGE_POINTS).astype(int)])) if pad > 1 else [0]
-        kept = np.asarray(steps)[np.asarray(steps) < pad]
+        weight = np.maximum(np.real(np.asarray(fft.rfft(circular))), 0.0) * line_counts(size)
+        steps = np.unique(np.concatenate([[0], np.geomspace(1, pad, EDGE_POINTS).astype(int)]))
+        kept = steps[steps < pad]
         beyond = np.arange(1, pad + 1)
         variances = []
         for step in kept:
             reached = np.where(step + beyond < self.size // 2, kernel[(step + beyond) % self.size], 0.0)
             weights = np.zeros(2 * pad + 1)  # of the true samples −pad … pad about the end
-            weights[middle - beyond] = reached
-            weights[middle + beyond] = reached * taper
-            weights[middle] = -2.0 * np.sum(reached * taper)
+            weights[pad - beyond] = reached
+            weights[pad + beyond] = reached * taper
+            weights[pad] = -2.0 * np.sum(reached * taper)
             power = np.abs(np.asarray(fft.rfft(weights, size))) ** 2
             variances.append(float(np.sum(power * weight)) / size)
         return np.interp(np.arange(pad), kept, variances)

@@ -15,7 +15,7 @@ from scipy import fft
 
 from vibrident.base.errors import InputError
 from vibrident.data.records import BoolArray, FloatArray, Record
-from vibrident.data.records.basis import resolution
+from vibrident.data.records.basis import resolution, runs_of_true
 from vibrident.fit.screening.quality import Finding, screen
 
 #: Motions that may begin after a rest; ``decay`` stands for any motion without a reference. Others begin gradually,
@@ -149,8 +149,7 @@ def step_behind(values: FloatArray, known: BoolArray) -> FloatArray:
     From sums of as many samples nearby less those of the line beside them; infinite behind a longer gap.
     """
     variance = np.zeros(values.size)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], ~known, [False]]).astype(int)))
-    for first, stop in edges.reshape(-1, 2).tolist():
+    for first, stop in zip(*runs_of_true(~known), strict=True):
         count = stop - first
         near = slice(max(first - BESIDE, 0), stop + BESIDE)
         windows = np.lib.stride_tricks.sliding_window_view(values[near], count + 2)
@@ -159,6 +158,11 @@ def step_behind(values: FloatArray, known: BoolArray) -> FloatArray:
         usable = count <= SHORT and whole.any()
         variance[first:] += float(np.mean(error[whole] ** 2)) if usable else np.inf
     return np.sqrt(variance)
+
+
+def periodogram(values: FloatArray, window: FloatArray, size: int | None = None) -> FloatArray:
+    """Power of windowed values at the lines of their transform, of length ``size``, in the scale of a spectrum here."""
+    return np.abs(np.asarray(fft.rfft(values * window, size))) ** 2 / np.sum(window**2)
 
 
 def _block(values: FloatArray) -> int:
@@ -241,7 +245,7 @@ def _spectrum_at_rest(values: FloatArray, rate: float) -> tuple[FloatArray, Floa
 def _plateau(values: FloatArray) -> float:
     """Least smoothed level of the record's own spectrum: noise alone, if motion is absent somewhere."""
     window = np.hanning(values.size)
-    power = np.abs(np.asarray(fft.rfft((values - values.mean()) * window))) ** 2 / np.sum(window**2)
+    power = periodogram(values - values.mean(), window)
     lines = min(PLATEAU_LINES, max(4, power.size // 8))
     blocks = power[: power.size // lines * lines].reshape(-1, lines)
     return float(np.quantile(np.mean(blocks[1:] if len(blocks) > 1 else blocks, axis=1), 0.1)) * (

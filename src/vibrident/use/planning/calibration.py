@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any, overload
+from typing import Any
 
 import numpy as np
 
@@ -23,7 +23,6 @@ from vibrident.result.document import plain
 from vibrident.use.planning.design import CRITERIA, Criterion, best_points, efficiency, total
 from vibrident.use.planning.points import PlannedPoints, Recording, Subject, of_records, of_table
 
-_UNIT_FIELDS: tuple[str, ...] = ("response", "reference", "reference_integrated", "conversion")
 #: Neighbours on either side over which the noise of a result's own points is averaged: it is estimated, and the choice
 #: must not favour points with a low estimate.
 NEIGHBOURS = 2
@@ -105,8 +104,10 @@ def plan(
     frequency = _frequencies(frequencies_hz, source)
     subject = Subject(model, values, _quantity(quantity, source), frequency)
     peaks = _each("amplitude", amplitude, frequency)
-    magnitude = _each("magnitude uncertainty", magnitude_uncertainty, frequency)
-    phase = _each("phase uncertainty", phase_uncertainty_rad, frequency)
+    magnitude, phase = (
+        None if u is None else _each(label, u, frequency)
+        for label, u in (("magnitude uncertainty", magnitude_uncertainty), ("phase uncertainty", phase_uncertainty_rad))
+    )
     if recording is not None and magnitude is None:
         points = of_records(subject, peaks, recording)
     elif magnitude is not None and recording is None:
@@ -194,8 +195,7 @@ def _deviations(points: PlannedPoints, uses: np.ndarray, reference_uncertainty: 
     coordinates, z = points.coordinates, points.coordinates.first
     covariance, freedom = _covariance(points, uses)
     covariance = with_reference(covariance, z, coordinates.model, reference_uncertainty)
-    none: dict[str, str] = dict.fromkeys(_UNIT_FIELDS, "1")
-    table = parameter_table(coordinates, z, covariance, freedom, none, {})
+    table = parameter_table(coordinates, z, covariance, freedom, fields_of_units("1", "1", drive=True), {})
     return {name: float(table[name].standard_uncertainty or 0.0) for name in coordinates.model.parameter_names}
 
 
@@ -246,13 +246,7 @@ def _frequencies(given: Sequence[float] | FloatArray | None, source: Result | No
     return np.sort(frequency)
 
 
-@overload
-def _each(label: str, value: float | Sequence[float], frequency: FloatArray) -> FloatArray: ...
-@overload
-def _each(label: str, value: None, frequency: FloatArray) -> None: ...
-def _each(label: str, value: float | Sequence[float] | None, frequency: FloatArray) -> FloatArray | None:
-    if value is None:
-        return None
+def _each(label: str, value: float | Sequence[float], frequency: FloatArray) -> FloatArray:
     values = np.asarray(value, dtype=float)
     if values.ndim > 1 or (values.ndim == 1 and values.size != frequency.size):
         raise InputError(

@@ -38,12 +38,7 @@ def best_points(
 ) -> np.ndarray:
     """Uses of each point, shape (n,): ``count`` in all, each at most once unless ``repeats``.
 
-    Args:
-        information: of each point, shape (n, p, p).
-        count: points to choose.
-        criterion: D or A.
-        scale: of each parameter, for A, shape (p,).
-        repeats: whether a point may be measured several times.
+    ``information``: of each point, shape (n, p, p); ``scale``: of each parameter, for the criterion A, shape (p,).
     """
     rng = np.random.default_rng(0)
     points = information.shape[0]

@@ -131,10 +131,8 @@ def of_records(subject: Subject, amplitude: FloatArray, recording: Recording) ->
 def of_table(subject: Subject, magnitude: FloatArray, phase_rad: FloatArray | None) -> PlannedPoints:
     """Points with stated uncertainties.
 
-    Args:
-        subject: sensor and frequencies.
-        magnitude: relative standard uncertainty of the magnitude at each, shape (n,).
-        phase_rad: standard uncertainty of the phase at each, rad, shape (n,); None: no phase is measured.
+    ``magnitude``: relative standard uncertainty of the magnitude at each, shape (n,); ``phase_rad``: standard
+    uncertainty of the phase at each, rad, shape (n,); None: no phase is measured.
 
     Raises:
         InputError: an uncertainty is not above zero.

@@ -18,11 +18,8 @@ def correct_tracked(
 ) -> Corrections:
     """Restore the acceleration of records, tracking the sensor through them.
 
-    Args:
-        result: of an identification, from which tracking starts.
-        calibration: records in the order of time, each with a reference.
-        band_hz: band to restore; None: chosen for each record.
-        noise: standard deviation of white noise of the response, response unit; None: from the records.
+    Tracking starts from the result of an identification. The calibration's records are in the order of time, each with
+    a reference; ``band_hz`` and ``noise`` are those of ``correct``.
 
     Raises:
         InputError: a record lacks a reference, rates differ, or as of ``correct`` and a tracking session.

@@ -16,13 +16,12 @@ from vibrident.data.records import Calibration, FloatArray, Quantity
 from vibrident.fit.identification import identify
 from vibrident.physics.models import AddOn, SensorModel, parse
 from vibrident.result import Result
-from vibrident.use.tracking.state import CERTAIN, Alarm
+from vibrident.use.tracking.state import CERTAIN, INNOVATION, Alarm
 
 #: Samples behind an alarm that are examined: as a calibration record has, in the time of a second of arithmetic.
 LENGTH = 8192
 #: Findings that name no cause: of a model that is wrong somewhere, and of a change in time, which an alarm is.
 UNNAMED = ("band_sensitive", "regimes")
-INNOVATION = "innovation"
 
 
 @dataclass(frozen=True)
@@ -54,12 +53,7 @@ def cause(
 ) -> Cause | None:
     """What departs from the model in these samples; None where nothing does, or they do not tell.
 
-    Args:
-        model: the sensor model.
-        reference: shape (samples,), in the SI unit of its quantity.
-        response: shape (samples,).
-        rate_hz: samples per second.
-        quantity: what the reference is.
+    ``reference``: shape (samples,), in the SI unit of its quantity; ``response``: shape (samples,).
     """
     try:
         data = Calibration.from_arrays(reference, response, rate_hz, quantity=quantity, excitation="random")

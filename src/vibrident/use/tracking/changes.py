@@ -18,7 +18,7 @@ from vibrident.use.tracking.detection import (
     variance_deviate,
 )
 from vibrident.use.tracking.knowledge import Knowledge
-from vibrident.use.tracking.state import OPENED, SEEN, Alarm
+from vibrident.use.tracking.state import INNOVATION, OPENED, SEEN, Alarm
 
 DEAD = "dead channel"
 LOUDER = "noise, or a part of the response that the model does not have: a second mode, a loose mounting"
@@ -35,9 +35,7 @@ class Changes:
     def seen(self, count: int, rows: FloatArray) -> tuple[int, int] | None:
         """End and level of the first segment of a block in which a change is certain.
 
-        Args:
-            count: rows of the block before these.
-            rows: whitened, shape (rows, m + 1).
+        ``count``: rows of the block before these; ``rows``: whitened, shape (rows, m + 1).
         """
         s, k, thresholds = self.knowledge.state, self.knowledge.network.nuisances, self.knowledge.thresholds
         if not s.clock[9] or s.clock[6] or s.pending[0] or s.noise[1] == 0.0:
@@ -137,7 +135,7 @@ class Changes:
         s.clock[4] = s.clock[9] = 0.0
         self.knowledge.move(np.concatenate([np.zeros(k), before + amount]))
 
-    def name(self) -> bool:
+    def name(self) -> None:
         """A block after a change: say what it was, or wait for another where it takes more to tell."""
         s, net = self.knowledge.state, self.knowledge.network
         k = net.nuisances
@@ -149,7 +147,7 @@ class Changes:
         louder = self._deviate(now / (variance or 1.0), freedom, behind, noise_spread)
         if not changed and louder < self.knowledge.thresholds.noise[self.knowledge.settings.parts] and wait > 1.0:
             s.pending[6] -= 1.0
-            return False
+            return
         for place, amount, u in changed:
             spec, scale = net.model.parameters[place], float(net.scale[place])
             value = float(s.point[k + place] + before[k + place]) * scale
@@ -167,12 +165,11 @@ class Changes:
                 s.known[:] = self.knowledge.before
                 self.knowledge.free_run()
         s.pending[0] = s.clock[4] = 0.0
-        return False
 
     def _say_noise(self, now: float, freedom: float, what: str) -> None:
         _, start, detected, variance, behind, spread = self.knowledge.state.pending[:6].tolist()
         u = float(np.sqrt(spread / 4.0 * (variance / behind + now / freedom)))
-        self.alarms.append(Alarm(start, detected, "innovation", variance**0.5, now**0.5, u, what))
+        self.alarms.append(Alarm(start, detected, INNOVATION, variance**0.5, now**0.5, u, what))
 
 
 def in_words(spec: ParameterSpec, before: float, after: float, u: float) -> str:

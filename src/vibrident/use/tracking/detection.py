@@ -30,19 +30,14 @@ NORMAL = 3.0
 
 @dataclass(frozen=True, eq=False)
 class Thresholds:
-    """From a rate of false alarms: of T by its degrees of freedom, and of the normal deviate of a ratio of variances.
+    """From a rate of false alarms: of T by its degrees of freedom, and of the deviate of a ratio of variances."""
 
-    Attributes:
-        change: of segments of 1, 2, 4, … samples, then blocks; shape (parts + levels, P), of 1 … P degrees of freedom.
-        noise: shape (parts + levels,).
-        louder: sum of squares that a segment within a block has at least to be louder, in units of the variance; shape
-            (parts,).
-        further: of T, with 1 … P degrees of freedom, of what is left beside the parameters already named; shape (P,).
-    """
-
+    # of segments of 1, 2, 4, … samples, then blocks; shape (parts + levels, P), of 1 … P degrees of freedom
     change: FloatArray
-    noise: FloatArray
+    noise: FloatArray  # shape (parts + levels,)
+    # sum of squares that a segment within a block has at least to be louder, in units of the variance; shape (parts,)
     louder: FloatArray
+    # of T, with 1 … P degrees of freedom, of what is left beside the parameters already named; shape (P,)
     further: FloatArray
 
     @classmethod
@@ -61,19 +56,12 @@ class Thresholds:
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """A tested change.
+    """A tested change."""
 
-    Attributes:
-        order: parameters in the order in which they explain most.
-        increments: of T, what each explains.
-        table: information about the changes and their score, shape (P, P + 1).
-        before: coordinates before, relative to the point of linearisation, and what a change takes from them, shape
-            (P, P + 1).
-    """
-
-    order: list[int]
-    increments: list[float]
-    table: FloatArray
+    order: list[int]  # parameters in the order in which they explain most
+    increments: list[float]  # of T, what each explains
+    table: FloatArray  # information about the changes and their score, shape (P, P + 1)
+    # coordinates before, relative to the point of linearisation, and what a change takes from them, shape (P, P + 1)
     before: FloatArray
 
     @property
@@ -90,10 +78,8 @@ class Change:
 def change(known: FloatArray, segment: FloatArray, nuisances: int) -> Change:
     """Test of a change at the start of a segment.
 
-    Args:
-        known: square-root information before it, shape (m, m + 1).
-        segment: products of its whitened rows, shape (m + 1, m + 1).
-        nuisances: columns before the parameters.
+    ``known``: square-root information before it, shape (m, m + 1); ``segment``: products of its whitened rows, shape
+    (m + 1, m + 1); ``nuisances``: columns before the parameters.
     """
     m = known.shape[0]
     prior = known.T @ known
@@ -157,11 +143,8 @@ def named(
 ) -> list[tuple[int, float, float]]:
     """Which coordinates differ: place, change and its standard uncertainty, the most certain first.
 
-    Args:
-        before: shape (P,).
-        after: shape (P,).
-        covariance: of their difference, shape (P, P).
-        further: as of :func:`fewest`.
+    ``before``, ``after``: shape (P,); ``covariance``: of their difference, shape (P, P); ``further``: as of
+    :func:`fewest`.
     """
     inverse: FloatArray = np.asarray(np.linalg.inv(covariance), dtype=float)
     table = np.column_stack([inverse, inverse @ (after - before)])
@@ -214,13 +197,8 @@ def suspects(
 ) -> list[tuple[int, int]]:
     """End and level of each segment that ends in these rows and is to be tested, in the order of time.
 
-    Args:
-        part: as of :func:`stretch`.
-        count: likewise.
-        rows: likewise.
-        nuisances: columns before the parameters.
-        limit: of the squared score of a parameter over its information, shape (parts,).
-        louder: of the sum of squares, shape (parts,).
+    ``part``, ``count``, ``rows``: as of :func:`stretch`; ``nuisances``: columns before the parameters; ``limit``: of
+    the squared score of a parameter over its information, shape (parts,); ``louder``: of the sum of squares, likewise.
     """
     e, slopes, p = rows[:, -1:], rows[:, nuisances:-1], rows.shape[1] - 1 - nuisances
     sums = np.concatenate([slopes * e, slopes**2, e**2], axis=1).T
@@ -243,27 +221,19 @@ def suspects(
 
 @dataclass(eq=False)
 class Ladder:
-    """The segments under way, one of each length.
+    """The segments under way, one of each length."""
 
-    Attributes:
-        known: what was known at each one's start, shape (levels, m, m + 1).
-        gram: products of its rows, shape (levels, m + 1, m + 1).
-        meta: of each, shape (levels, 7): blocks, squares and degrees of freedom of its noise; variance of the noise
-            before it, its degrees of freedom and its spread; time of its start, s.
-    """
-
-    known: FloatArray
-    gram: FloatArray
+    known: FloatArray  # what was known at each one's start, shape (levels, m, m + 1)
+    gram: FloatArray  # products of its rows, shape (levels, m + 1, m + 1)
+    # of each, shape (levels, 7): blocks, squares and degrees of freedom of its noise; variance of the noise before it,
+    # its degrees of freedom and its spread; time of its start, s
     meta: FloatArray
 
     @classmethod
     def empty(cls, levels: int, columns: int) -> Ladder:
         """Nothing under way."""
-        return cls(
-            np.zeros((levels, columns, columns + 1)),
-            np.zeros((levels, columns + 1, columns + 1)),
-            np.zeros((levels, 7)),
-        )
+        known, gram = np.zeros((levels, columns, columns + 1)), np.zeros((levels, columns + 1, columns + 1))
+        return cls(known, gram, np.zeros((levels, 7)))
 
     def add(self, known: FloatArray, gram: FloatArray, noise: tuple[float, ...], time_s: float, blocks: int) -> None:
         """A block that began at ``time_s`` after ``blocks`` others; ``known``, ``noise``: as they were before it.

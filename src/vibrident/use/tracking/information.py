@@ -36,9 +36,13 @@ def triangle(gram: FloatArray) -> FloatArray:
 
 
 def absorb(known: FloatArray, rows: FloatArray) -> FloatArray:
-    """What is known together with further rows, shape (rows, m + 1); the diagonal is not negative."""
-    m = known.shape[0]
-    found = np.asarray(np.linalg.qr(np.concatenate([known, rows]), mode="r"))[:m]
+    """What is known together with further rows, shape (rows, m + 1)."""
+    return reduced(np.concatenate([known, rows]))[: len(known)]
+
+
+def reduced(rows: FloatArray) -> FloatArray:
+    """Upper triangle R with RᵀR = rowsᵀ rows; its diagonal is not negative."""
+    found = np.asarray(np.linalg.qr(rows, mode="r"))
     return found * np.where(np.diag(found) < 0.0, -1.0, 1.0)[:, None]
 
 
@@ -52,8 +56,7 @@ def walk(known: FloatArray, variance: FloatArray, first: int) -> FloatArray:
     stacked[:w, :w] = np.diag(1.0 / np.sqrt(variance[moving]))
     stacked[w:, :w] = -known[:, first + moving]
     stacked[w:, w:] = known
-    found = np.asarray(np.linalg.qr(stacked, mode="r"))[w : w + m, w:]
-    return found * np.where(np.diag(found) < 0.0, -1.0, 1.0)[:, None]
+    return reduced(stacked)[w : w + m, w:]
 
 
 def solve(known: FloatArray) -> FloatArray:

@@ -67,8 +67,11 @@ class Learner:
         s.noise += (squares, freedom, s.own[2], s.own[1], squares**2 / freedom, 1.0)
         s.clock[4] += 1.0
         s.own[:], s.part[:] = 0.0, 0.0
-        tested = self.changes.name() if s.pending[0] == OPENED else self.changes.alarmed()
-        if not tested and not self._moved(fresh=fresh):
+        if s.pending[0] == OPENED:
+            self.changes.name()
+        elif self.changes.alarmed():
+            return
+        if not self._moved(fresh=fresh):
             self._learn_whitening(*lags)
 
     def _unsettled(self, learned: FloatArray) -> bool:

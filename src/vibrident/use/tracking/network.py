@@ -23,11 +23,11 @@ from vibrident.data.records import FloatArray, Quantity
 from vibrident.physics.discretisation import Weights, method
 from vibrident.physics.discretisation.inputs import HALF_WIDTH
 from vibrident.physics.models import SensorModel
+from vibrident.physics.models.slopes import STEP
 from vibrident.physics.models.state_space import realise
 
 TAPS = 2 * HALF_WIDTH  # samples of the reference that the inputs of a step need
 SPAN = 16  # steps run at once
-STEP = 1e-100  # imaginary step, in units of the coordinate
 #: Factor by which a positive parameter moves at once, at most: beyond it the linearisation says nothing.
 FURTHEST = 2.0
 
@@ -37,36 +37,20 @@ class Network:
     """What is fixed of a sensor's network: its model, sampling, and the filters of its inputs.
 
     The parameters are kept as coordinates: values over their ``scale``.
-
-    Attributes:
-        model: the sensor model, linear and rational.
-        quantity: what the reference is.
-        interval_s: sampling interval, s.
-        terms: inputs a step, q.
-        delay_s: delay at which the inputs are interpolated, s.
-        scale: of the parameters, shape (P,), in their units.
-        filters: from samples of the reference to inputs, shape (q, TAPS).
-        first: sample of the first tap, counted from the step's.
     """
 
-    model: SensorModel
-    quantity: Quantity
-    interval_s: float
-    terms: int
-    delay_s: float
-    scale: FloatArray
-    filters: FloatArray
-    first: int
+    model: SensorModel  # the sensor model, linear and rational
+    quantity: Quantity  # what the reference is
+    interval_s: float  # sampling interval, s
+    terms: int  # inputs a step, q
+    delay_s: float  # delay at which the inputs are interpolated, s
+    scale: FloatArray  # of the parameters, shape (P,), in their units
+    filters: FloatArray  # from samples of the reference to inputs, shape (q, TAPS)
+    first: int  # sample of the first tap, counted from the step's
 
     @classmethod
     def of(cls, model: SensorModel, values: Mapping[str, float], quantity: Quantity, interval_s: float) -> Network:
-        """The network at its start values.
-
-        Args:
-            model: sensor model.
-            values: name → value, SI units, frequencies in Hz.
-            quantity: what the reference is.
-            interval_s: sampling interval, s.
+        """The network at its start values, ``values``: name → value, SI units, frequencies in Hz.
 
         Raises:
             ModelError: the model is not linear, or not rational.

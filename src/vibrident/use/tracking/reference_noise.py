@@ -28,19 +28,12 @@ POINTS = 512  # frequencies of the means
 
 @dataclass(frozen=True, eq=False)
 class ReferenceNoise:
-    """White noise of the reference.
+    """White noise of the reference."""
 
-    Attributes:
-        variance: b, in squared reference units.
-        u: its standard uncertainty.
-        shift: what b does to the parameters, in the model's order and their units, shape (P,).
-        chance: of a residual as far from white noise of both channels as this.
-    """
-
-    variance: float
-    u: float
-    shift: FloatArray
-    chance: float
+    variance: float  # b, in squared reference units
+    u: float  # its standard uncertainty
+    shift: FloatArray  # what b does to the parameters, in the model's order and their units, shape (P,)
+    chance: float  # of a residual as far from white noise of both channels as this
 
     @property
     def certain(self) -> bool:

@@ -32,30 +32,19 @@ class Trouble:
 
 @dataclass(eq=False)
 class Session:
-    """Tracks a sensor.
+    """Tracks a sensor."""
 
-    Attributes:
-        tracker: what learns.
-        every: samples a row.
-        units: unit of each parameter.
-        cause: what departs from the model, since an alarm that it explained.
-        samples: taken so far.
-        left: samples until the next row.
-        troubles: with the chunks, the first of each kind by name, and their counts.
-        alarms: what changed so far.
-        held: alarms whose cause is looked for in the samples behind them.
-    """
-
-    tracker: Tracker
-    every: int
-    units: Mapping[str, str]
-    cause: Cause
-    samples: int = 0
-    left: int = 0
+    tracker: Tracker  # what learns
+    every: int  # samples a row
+    units: Mapping[str, str]  # unit of each parameter
+    cause: Cause  # what departs from the model, since an alarm that it explained
+    samples: int = 0  # taken so far
+    left: int = 0  # samples until the next row
     started: bool = False
+    # with the chunks, the first of each kind by name, and their counts
     troubles: list[Trouble] = field(default_factory=list)
-    alarms: list[Alarm] = field(default_factory=list)
-    held: list[Alarm] = field(default_factory=list)
+    alarms: list[Alarm] = field(default_factory=list)  # what changed so far
+    held: list[Alarm] = field(default_factory=list)  # alarms whose cause is looked for in the samples behind them
     behind: list[FloatArray] = field(default_factory=list)  # samples behind the first, each of shape (2, samples)
 
     @classmethod

@@ -20,31 +20,23 @@ HEAD = 16  # bytes before the numbers
 SEEN, OPENED = 1.0, 2.0
 #: Standard uncertainties from which something is certain.
 CERTAIN = 3.0
+INNOVATION = "innovation"  # what an alarm names instead of a parameter where the noise changed
 WAITING = ("reference", "response")  # samples that wait for others
 
 
 @dataclass(frozen=True)
 class Settings:
-    """How a sensor is tracked.
+    """How a sensor is tracked."""
 
-    Attributes:
-        false_alarms_per_day: expected of noise alone, in a day of motion.
-        drift_per_year: random walk of the parameters, relative, in one year, of each or of all: their u grows by it
-            where nothing is seen.
-        reference_uncertainty: relative standard uncertainty of the reference, systematic; part of the gain's u.
-        model_error: relative error of the model at a tone beside the noise, as the certificate states it.
-        block: steps in a block, a power of two.
-        order: of the autoregression of the residual.
-        levels: lengths of segments that are tested for a change, 1, 2, 4, … blocks.
-    """
-
-    false_alarms_per_day: float = 0.01
+    false_alarms_per_day: float = 0.01  # expected of noise alone, in a day of motion
+    # random walk of the parameters, relative, in one year, of each or of all: their u grows by it where nothing is seen
     drift_per_year: float | tuple[float, ...] = 0.01
+    # relative standard uncertainty of the reference, systematic; part of the gain's u
     reference_uncertainty: float = 0.0
-    model_error: float = 0.0
-    block: int = 1024
-    order: int = 8
-    levels: int = 16
+    model_error: float = 0.0  # relative error of the model at a tone beside the noise, as the certificate states it
+    block: int = 1024  # steps in a block, a power of two
+    order: int = 8  # of the autoregression of the residual
+    levels: int = 16  # lengths of segments that are tested for a change, 1, 2, 4, … blocks
 
     @property
     def parts(self) -> int:
@@ -54,25 +46,15 @@ class Settings:
 
 @dataclass(frozen=True)
 class Alarm:
-    """A change.
+    """A change."""
 
-    Attributes:
-        time_s: estimated time of the change.
-        detected_s: time of the sample at which it was certain.
-        parameter: name of the parameter, or ``innovation``.
-        before: value before, in the parameter's unit; of the innovation its rms, in that of the response.
-        after: value after.
-        u: standard uncertainty of the change.
-        what: what changed, in words.
-    """
-
-    time_s: float
-    detected_s: float
-    parameter: str
-    before: float
-    after: float
-    u: float
-    what: str
+    time_s: float  # estimated time of the change
+    detected_s: float  # time of the sample at which it was certain
+    parameter: str  # name of the parameter, or ``innovation``
+    before: float  # value before, in the parameter's unit; of the innovation its rms, in that of the response
+    after: float  # value after
+    u: float  # standard uncertainty of the change
+    what: str  # what changed, in words
 
     def document(self) -> dict[str, float | str]:
         """As in ``track.json``."""
@@ -183,21 +165,12 @@ class State:
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """What is known at a moment.
+    """What is known at a moment."""
 
-    Attributes:
-        time_s: of the moment.
-        values: name → value.
-        uncertainty: name → standard uncertainty.
-        covariance: of the values in the model's order, the reference's uncertainty included, shape (P, P).
-        innovation: rms of the whitened residual since the last reading, response unit; NaN where nothing moved.
-        excited: names of the parameters that the motion since then tells by itself, apart from the others and better
-            than ± 100 %.
-    """
-
-    time_s: float
-    values: Mapping[str, float]
-    uncertainty: Mapping[str, float]
-    covariance: FloatArray
-    innovation: float
+    time_s: float  # of the moment
+    values: Mapping[str, float]  # name → value
+    uncertainty: Mapping[str, float]  # name → standard uncertainty
+    covariance: FloatArray  # of the values in the model's order, the reference's uncertainty included, shape (P, P)
+    innovation: float  # rms of the whitened residual since the last reading, response unit; NaN where nothing moved
+    # names of the parameters that the motion since then tells by itself, apart from the others and better than ± 100 %
     excited: tuple[str, ...]

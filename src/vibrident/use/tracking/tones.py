@@ -26,19 +26,12 @@ HIGHEST = 0.45
 
 @dataclass(eq=False)
 class Tone:
-    """A run of one tone.
+    """A run of one tone."""
 
-    Attributes:
-        frequency_hz: of the tone.
-        length: samples of a stretch.
-        taken: samples of the run so far.
-        amplitudes: of reference and response of each stretch, complex, at the run's start.
-    """
-
-    frequency_hz: float
-    length: int
-    taken: int
-    amplitudes: list[tuple[complex, complex]]
+    frequency_hz: float  # of the tone
+    length: int  # samples of a stretch
+    taken: int  # samples of the run so far
+    amplitudes: list[tuple[complex, complex]]  # of reference and response of each stretch, complex, at the run's start
 
     @classmethod
     def of(cls, frequency_hz: float, interval_s: float) -> Tone:

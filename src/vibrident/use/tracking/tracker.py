@@ -14,6 +14,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from vibrident.data.records import FloatArray, Quantity
+from vibrident.data.records.basis import runs_of_true
 from vibrident.physics.models import SensorModel
 from vibrident.use.tracking import information
 from vibrident.use.tracking.detection import NORMAL, extend
@@ -91,20 +92,15 @@ class Tracker:
 
     def feed(self, reference: FloatArray, response: FloatArray) -> None:
         """Samples that follow those before; ones that are not numbers are a gap. Both of shape (samples,)."""
-        good = np.isfinite(reference) & np.isfinite(response)
         if self._tone is not None:
             self._feed_tone(self._tone, reference, response)
             return
-        if good.all():
-            self._feed(reference, response)
-            return
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], good, [False]]).astype(int)))
-        start = self.next_sample_s
-        for k, (first, last) in enumerate(edges.reshape(-1, 2)):
-            if k or first:
+        good, start = np.isfinite(reference) & np.isfinite(response), self.next_sample_s
+        for first, last in zip(*runs_of_true(good), strict=True):
+            if first:
                 self.begin(start + first * self.network.interval_s)
             self._feed(reference[first:last], response[first:last])
-        if not good[-1]:
+        if not good[-1:].all():
             self.begin(start + len(good) * self.network.interval_s)
 
     def finish(self) -> None:
@@ -156,11 +152,6 @@ class Tracker:
         """Standard deviation of the whitened residual, response unit; None where it is not known, or of tones."""
         squares, freedom = self.state.noise[:2].tolist()
         return (squares / freedom) ** 0.5 if freedom > 0.0 and self._tone is None else None
-
-    @property
-    def time_s(self) -> float:
-        """Time of the next step, s: samples before it are taken."""
-        return self.knowledge.time_s
 
     @property
     def next_sample_s(self) -> float:
@@ -267,5 +258,4 @@ def _square_root(covariance: FloatArray) -> FloatArray:
     """Upper triangle R with (RᵀR)⁻¹ = ``covariance``, shape (P, P)."""
     values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
     kept = np.maximum(values, np.finfo(float).eps * values[-1])
-    found = np.asarray(np.linalg.qr((vectors / np.sqrt(kept)).T, mode="r"))
-    return found * np.where(np.diag(found) < 0.0, -1.0, 1.0)[:, None]
+    return information.reduced((vectors / np.sqrt(kept)).T)
