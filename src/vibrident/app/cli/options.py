@@ -9,21 +9,18 @@ from typing import Any
 
 import typer
 
-from vibrident.app.workflow.choices import DISCRETISATIONS as DISCRETISATIONS
-from vibrident.app.workflow.choices import UNCERTAINTIES as UNCERTAINTIES
+from vibrident.app.workflow.estimators import DISCRETISATIONS as DISCRETISATIONS
+from vibrident.app.workflow.estimators import UNCERTAINTIES as UNCERTAINTIES
 from vibrident.app.workflow.estimators import estimator_names
 from vibrident.base.errors import InputError, unknown
 from vibrident.export.registry import EXPORTS
 from vibrident.fit.registry import ESTIMATORS
 from vibrident.physics.registry import MODELS
 
-OPTIMISERS = ("lm", "adam")
-WEIGHTINGS = ("plain", "weighted")
 EXCITATIONS = ("sine", "multisine", "sweep", "random", "shock")
 QUANTITIES = ("acceleration", "velocity", "displacement", "drive")
 SENSORS = ("paper", "inverted", "cubic", "two-mode", "piezo", "geophone", "seismometer")
-STARTS = ("rest", "steady")
-METHODS = ("exact", "rk4")
+
 FORMATS = ("html", "pdf", "md")
 
 #: Names to choose from, or a function that returns them.

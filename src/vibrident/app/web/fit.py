@@ -16,8 +16,7 @@ from vibrident.app.web.looks import calibration
 from vibrident.app.web.session import CALIBRATION
 from vibrident.app.web.users import User
 from vibrident.app.web.worker import Stopped
-from vibrident.app.workflow.choices import DISCRETISATIONS, UNCERTAINTIES
-from vibrident.app.workflow.estimators import AUTO, estimators_with
+from vibrident.app.workflow.estimators import AUTO, DISCRETISATIONS, UNCERTAINTIES, estimators_with
 from vibrident.fit.registry import ESTIMATORS
 from vibrident.show import axes
 from vibrident.show.media.charts import charts

@@ -14,7 +14,7 @@ from vibrident.app.web.confinement import possible
 from vibrident.app.web.door import Door, team
 from vibrident.app.web.home import Home
 from vibrident.app.web.session import MEGABYTE
-from vibrident.app.workflow.choices import LOOPBACK
+from vibrident.app.workflow.accounts import LOOPBACK
 from vibrident.base.errors import InputError
 from vibrident.lab.history.location import data_folder
 

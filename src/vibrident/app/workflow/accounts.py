@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import re
 import threading
@@ -12,6 +13,8 @@ from pathlib import Path
 from vibrident.base.errors import InputError
 from vibrident.base.files import whole
 
+#: Addresses at which a page is for this machine alone.
+LOOPBACK = frozenset({"127.0.0.1", "localhost", "::1"})
 #: What each may do, and all before it: look at results and histories, identify and issue, approve.
 ROLES = ("look", "identify", "approve")
 _NAME = re.compile(r"[\w.@+-]{1,64}")
@@ -72,7 +75,7 @@ class Accounts:
         hasher = PasswordHasher()
         with self._one_at_a_time:
             try:  # an unknown name takes as long as a known one
-                hasher.verify(account.hash if account and account.hash else _nobody(), password)
+                hasher.verify((account and account.hash) or _nobody(), password)
                 right = account is not None and bool(account.hash)
             except (VerificationError, InvalidHashError):
                 right = False
@@ -131,16 +134,12 @@ def add(file: Path, name: str, role: str, password: str) -> None:
         partial.write_text(text, encoding="utf-8")
 
 
+@functools.cache
 def _nobody() -> str:
     """A hash that fits no password that is used, at the cost of any other."""
     from argon2 import PasswordHasher
 
-    global _NOBODY
-    _NOBODY = _NOBODY or PasswordHasher().hash(os.urandom(32).hex())
-    return _NOBODY
-
-
-_NOBODY = ""
+    return PasswordHasher().hash(os.urandom(32).hex())
 
 
 def _unusable(

@@ -11,6 +11,10 @@ from vibrident.fit.registry import AUTO, ESTIMATORS
 if TYPE_CHECKING:
     from vibrident.fit.estimators import Estimator
 
+# What there is to choose from, as names; nothing is loaded.
+DISCRETISATIONS = ("euler", "zoh", "foh", "tustin", "bandlimited")
+UNCERTAINTIES = ("auto", "noise", "inflated")
+
 
 def estimator_names() -> tuple[str, ...]:
     """The values of ``--estimator``; nothing is loaded."""
