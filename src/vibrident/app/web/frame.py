@@ -45,14 +45,14 @@ _LABELS |= {
 def show_error(place: ui.element, error: BaseException, session: Session | None = None) -> None:
     """The message of the command line, in a box; for unexpected errors, the number in the log."""
     known = in_page_words(_error_to_show(error))
-    local = session.local(known) if session else known
     if place.is_deleted:  # the page was left meanwhile
         return
     place.clear()
     with place, ui.element("div").classes("error").props("role=alert"):
-        if not isinstance(local, InputError):
-            ui.label(str(local)).classes("problem")
+        if not isinstance(known, InputError):
+            ui.label(str(known)).classes("problem")
             return
+        local = session.local(known) if session else known
         ui.label(local.problem).classes("problem")
         for label, text in local.parts:
             with ui.element("p"):
