@@ -152,11 +152,7 @@ def filled(text: str | None) -> str | None:
 
 
 def one_of(name: str, value: str, allowed: Sequence[str]) -> str:
-    """The value, if it is one of those allowed.
-
-    Raises:
-        InputError: the value is not allowed.
-    """
+    """The value, if it is one of those allowed."""
     if value in allowed:
         return value
     raise unknown(f"{value!r} is not a choice of {name}.", value, allowed, name)
@@ -183,11 +179,7 @@ def not_read(name: str, text: str, expected: str, remedy: str) -> InputError:
 
 
 def pairs(name: str, given: Sequence[str], example: str) -> dict[str, str]:
-    """Names and values of ``NAME=VALUE``.
-
-    Raises:
-        InputError: a text is not of this form.
-    """
+    """Names and values of ``NAME=VALUE``."""
     found = {}
     for text in given:
         key, separator, value = (part.strip() for part in text.partition("="))
@@ -198,11 +190,7 @@ def pairs(name: str, given: Sequence[str], example: str) -> dict[str, str]:
 
 
 def settings(given: Sequence[str]) -> dict[str, Any]:
-    """Settings of ``--set NAME=VALUE``: numbers, true, false, or text.
-
-    Raises:
-        InputError: a text is not of this form, or the setting has an option of its own.
-    """
+    """Settings of ``--set NAME=VALUE``: numbers, true, false, or text."""
     found: dict[str, Any] = {}
     for name, text in pairs("--set", given, "limit=2").items():
         if name in SETTINGS:
@@ -221,11 +209,7 @@ def settings(given: Sequence[str]) -> dict[str, Any]:
 
 
 def band(text: str | None) -> tuple[float, float] | None:
-    """``10:1000``, a lower and a higher frequency in Hz.
-
-    Raises:
-        InputError: the text is not such a range.
-    """
+    """``10:1000``, a lower and a higher frequency in Hz."""
     if text is None:
         return None
     try:
@@ -237,11 +221,7 @@ def band(text: str | None) -> tuple[float, float] | None:
 
 
 def frequencies(text: str | None) -> list[float] | None:
-    """``10:1000``, the exact one-third-octave frequencies in that range, or a list such as ``10,20,50``; in Hz.
-
-    Raises:
-        InputError: the text is neither.
-    """
+    """``10:1000``, the exact one-third-octave frequencies in that range, or a list such as ``10,20,50``; in Hz."""
     if text is None:
         return None
     separator = ":" if ":" in text else ","

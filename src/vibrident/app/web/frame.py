@@ -34,12 +34,8 @@ _COMMAND = re.compile(r"`?vibrident (identify|inspect|serve|export)\b`?")
 _INSTALL = re.compile(r"pip install '?([^' ]+)'?")
 _STEPS = {"identify": "Identify", "inspect": "“Draw these columns”", "serve": "the server", "export": "“Export”"}
 _LABELS = {option.flag.removeprefix("--"): option.label for option in OPTIONS.values() if option.label}
-_LABELS |= {
-    "certificate": "What the certificate states",
-    "format": "Export as",
-    "estimator": "Estimator",
-    "model": "Model",
-}
+_LABELS |= {"certificate": "What the certificate states", "format": "Export as"}
+_LABELS |= {"estimator": "Estimator", "model": "Model"}
 
 
 def show_error(place: ui.element, error: BaseException, session: Session | None = None) -> None:
@@ -141,9 +137,8 @@ class Chart:
     """
 
     def __init__(self, figure: bytes, height: int) -> None:
-        self.place = (
-            ui.element("div").classes("chart").style(f"min-height: {height}px")
-        )  # the layout stays when it is drawn
+        self.place = ui.element("div").classes("chart")
+        self.place.style(f"min-height: {height}px")  # the layout stays when it is drawn
         self.show(figure)
 
     def show(self, figure: bytes) -> None:
@@ -169,22 +164,16 @@ def page_words(text: str) -> str:
 
 
 def _error_to_show(error: BaseException) -> VibridentError:
-    """The error to show: vibrident's own unchanged; anything else is logged."""
+    """The error to show: vibrident's own unchanged; anything else goes to the log, with a number."""
     if isinstance(error, VibridentError):
         return error
-    number = _noted(error)
+    number = secrets.token_hex(4)
+    text = str(error) if isinstance(error, WorkerError) else "".join(traceback.format_exception(error))
+    lines = ("".join(c if c.isprintable() else " " for c in line) for line in text[-_LONGEST:].splitlines())
+    _LOG.error("something went wrong, %s\n%s", number, "\n".join(f"{number}  {line}" for line in lines))
     return InputError(
         "Something went wrong.",
         expected="no error of the program",
         found=f"an unexpected error, number {number} in the server's log",
         remedy="your files and results are kept; try again, and report a repeated error with that number",
     )
-
-
-def _noted(error: BaseException) -> str:
-    """Write an error to the log; returns its number."""
-    number = secrets.token_hex(4)
-    text = str(error) if isinstance(error, WorkerError) else "".join(traceback.format_exception(error))
-    lines = ("".join(c if c.isprintable() else " " for c in line) for line in text[-_LONGEST:].splitlines())
-    _LOG.error("something went wrong, %s\n%s", number, "\n".join(f"{number}  {line}" for line in lines))
-    return number

@@ -45,25 +45,10 @@ def serve(
     say: Callable[[str], None] = print,
     note: Callable[[str], None] = print,
 ) -> None:
-    """Serve the page until interrupted.
+    """Serve the page until interrupted, with the options of ``vibrident serve``.
 
-    Args:
-        host: address to listen at; loopback is for this machine alone.
-        port: 0: 8080 if free, else any free one.
-        show: open the browser.
-        limit_mb: most megabytes of one user's files.
-        names: further host names of the page.
-        store: URL of the history that everybody who reaches the page may read and add to; None for none.
-        keep_h: hours for which data, form and results of who left are kept on disk; 0: an hour, in memory alone.
-        auth: file of accounts; see ``accounts``.
-        proxy: address of a proxy before the page; its word on who asks is taken.
-        user_header: header in which the proxy says who has signed in.
-        audit: file of what was done by whom; None for one in the user's data folder where people sign in.
-        say: called with the address.
-        note: called with what to know before.
-
-    Raises:
-        InputError: the address or the port cannot be used, or others could use the page without signing in.
+    ``show``: open the browser; ``names``: further host names of the page; ``store``: URL of the history that everybody
+    who reaches the page may read and add to; ``say`` is called with the address, ``note`` with what to know before.
     """
     from nicegui import ui
 
@@ -99,13 +84,7 @@ def serve(
 
 
 def build(
-    limit_mb: float,
-    home: Home,
-    *,
-    names: frozenset[str] = LOOPBACK,
-    store: str | None = None,
-    keep_s: float = 0.0,
-    door: Door | None = None,
+    limit_mb: float, home: Home, *, names: frozenset[str], store: str | None, keep_s: float, door: Door | None
 ) -> None:
     """Register the page and its guard."""
     from nicegui import app, ui

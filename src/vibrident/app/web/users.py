@@ -138,7 +138,7 @@ class User:
 
         def write() -> None:
             more = {} if path is None else {"sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
-            door.audit.note(self.owner, action, **facts, **more)
+            door.note(self.owner, action, **facts, **more)
 
         await asyncio.to_thread(write)
 

@@ -39,11 +39,7 @@ class Account:
 
 
 class Accounts:
-    """The accounts of a file, read again when it has changed: a line each, ``NAME:ROLE:HASH``.
-
-    Raises:
-        InputError: the file cannot be read, or a line is no account.
-    """
+    """The accounts of a file, read again when it has changed: a line each, ``NAME:ROLE:HASH``."""
 
     def __init__(self, file: Path) -> None:
         self._file, self._seen = file, -1
@@ -113,11 +109,7 @@ class Accounts:
 
 
 def add(file: Path, name: str, role: str, password: str) -> None:
-    """Write an account to the file; it replaces one of the same name.
-
-    Raises:
-        InputError: name or role cannot be used, the password is too short, or the file is of another kind.
-    """
+    """Write an account to the file; it replaces one of the same name."""
     from argon2 import PasswordHasher
 
     if not _NAME.fullmatch(name) or role not in ROLES:

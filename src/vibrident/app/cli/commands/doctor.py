@@ -29,8 +29,7 @@ def doctor() -> None:
             text.append(f"\n→ {printable(check.remedy)}", "yellow" if check.sound else "bold")
         table.add_row(verdict, Text(check.subject), text)
     out().print(table)
-    failed = [check.subject for check in checks if not check.sound]
-    if failed:
+    if failed := [check.subject for check in checks if not check.sound]:
         err().print(f"Not fit for use: {', '.join(failed)}.", style="bold red")
         raise typer.Exit(BAD_INPUT)
     say("Fit for use.")
