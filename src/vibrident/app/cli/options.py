@@ -23,8 +23,7 @@ SENSORS = ("paper", "inverted", "cubic", "two-mode", "piezo", "geophone", "seism
 
 FORMATS = ("html", "pdf", "md")
 
-#: Names to choose from, or a function that returns them.
-Names = Sequence[str] | Callable[[], Sequence[str]]
+Names = Sequence[str] | Callable[[], Sequence[str]]  # names to choose from, or a function that returns them
 
 
 # ``value``: that of a command's parameter without the option (...: there is none, it must be given). ``default``: what

@@ -21,8 +21,7 @@ from vibrident.data.io.certificate import CertificateData, certificate_section, 
 from vibrident.show.issue import FormField, form, lacking
 from vibrident.show.language import ENGLISH
 
-#: Most bytes of a logo or a template, and most characters of all entries.
-_MOST_OWN, _MOST_TEXT = 200_000, 100_000
+_MOST_OWN, _MOST_TEXT = 200_000, 100_000  # most bytes of a logo or a template, and most characters of all entries
 #: The laboratory's own files: what they are, and their endings.
 _OWN = {"logo": ("PNG, JPEG or SVG", ".png,.jpg,.jpeg,.svg"), "template": ("a typst file in place of ours", ".typ")}
 _SENSOR = ("manufacturer", "type", "serial_number")

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable
 from dataclasses import replace
 from typing import Any
 
 from nicegui import ui
 
 from vibrident.app.web import frame
+from vibrident.app.web.data import DataStep
 from vibrident.app.web.description import ROLES, Description, calibration_text, described
+from vibrident.app.web.fit import FitStep
 from vibrident.app.web.held import Confirmed, Form
 from vibrident.app.web.looks import MOST_TEXT, Guess, calibration, chart, faults, guess, readable
 from vibrident.app.web.preview import HEIGHT
@@ -42,19 +43,12 @@ class _Outdated(Exception):
 class ColumnsStep:
     """From files to a calibration file in the user's folder."""
 
-    def __init__(self, user: User) -> None:
-        self.user = user
+    def __init__(self, user: User, data: DataStep, fit: FitStep) -> None:
+        self.user, self.data, self.fit = user, data, fit
         self.turn = 0
 
-    def build(
-        self,
-        on_confirmed: Callable[[Confirmed], Awaitable[Any]],
-        on_edit: Callable[[], Any],
-        on_doubt: Callable[[], Any],
-        on_file: Callable[[], Any],
-    ) -> None:
-        """Build the section, hidden until there are data; ``on_file`` is called when the user has a file more."""
-        self.on_confirmed, self.on_edit, self.on_doubt, self.on_file = on_confirmed, on_edit, on_doubt, on_file
+    def build(self) -> None:
+        """Build the section, hidden until there are data."""
         self.section = frame.step("Columns, units and model", "columns")
         with self.section:
             self.body = ui.element("div")
@@ -62,7 +56,7 @@ class ColumnsStep:
 
     async def show(self) -> None:
         """The files have changed: guess again, or use the uploaded calibration file."""
-        self.on_doubt()
+        self.fit.doubt()
         self.user.session.forget_calibration()
         if await self._look(again=True):
             frame.go(self.section)
@@ -123,7 +117,7 @@ class ColumnsStep:
         frame.Text("calibration-came", text)
         self.errors = ui.element("div").props("aria-live=assertive")
         with ui.element("div").classes("actions"):
-            ui.button("Confirm", on_click=lambda: self.on_confirmed(Confirmed(name, False))).props("id=confirm")
+            ui.button("Confirm", on_click=lambda: self.fit.show(Confirmed(name, False))).props("id=confirm")
             if len(text) <= MOST_TEXT:
                 ui.button("Edit", on_click=lambda: self._write(name, text)).props("outline id=edit-text")
 
@@ -144,7 +138,7 @@ class ColumnsStep:
             edited(self.user, name, text, self._taken, self.restore)
 
     async def _taken(self) -> None:
-        self.on_file()
+        self.data.show()
         await self.show()
 
     async def _ask(self) -> None:
@@ -218,7 +212,7 @@ class ColumnsStep:
             if element.value != value:
                 element.value = value
         self._visible()
-        self.on_edit()
+        self.fit.refresh()
 
     def _visible(self) -> None:
         given = self.user.form.given if self.user.form else Description()
@@ -341,7 +335,7 @@ class ColumnsStep:
         except InputError as error:
             frame.show_error(self.errors, error, session)
             return
-        await self.on_confirmed(Confirmed(CALIBRATION, True))
+        await self.fit.show(Confirmed(CALIBRATION, True))
 
 
 def _column_named(text: str) -> int | str | None:

@@ -22,10 +22,8 @@ from vibrident.data.io.readers import unknown_format
 from vibrident.show import views
 from vibrident.show.views import count
 
-#: Most files listed one by one, each with a button to remove it.
-_MOST_NAMED = 40
-#: Most omitted files whose names the browser reports.
-_MOST_TOLD = 1000
+_MOST_NAMED = 40  # most files listed one by one, each with a button to remove it
+_MOST_TOLD = 1000  # most omitted files whose names the browser reports
 _UNKNOWN = f"Not a supported kind of file ({', '.join(KNOWN)})"
 #: Files of unknown format are not sent; the browser reports their names.
 _FILTER = f"files => files.filter(f => {json.dumps(KNOWN)}.some(e => f.name.toLowerCase().endsWith(e)))"

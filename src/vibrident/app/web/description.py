@@ -15,8 +15,7 @@ from vibrident.physics.models import ADD_ONS
 
 #: Fields that name a column of a table.
 POINTS = ("frequency", "magnitude", "phase", "magnitude_uncertainty", "phase_uncertainty")
-#: Fields that name a column.
-ROLES = ("time", "reference", "first_signal", "second_signal", "response", *POINTS)
+ROLES = ("time", "reference", "first_signal", "second_signal", "response", *POINTS)  # fields that name a column
 
 
 def delays() -> list[str]:

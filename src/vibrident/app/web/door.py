@@ -18,12 +18,10 @@ from vibrident.app.workflow.accounts import Account, Accounts
 from vibrident.base.errors import InputError
 
 SIGN_IN, SIGN_OUT = "/sign-in", "/sign-out"
-#: Seconds for which somebody stays signed in.
-_SESSION_S = 12 * 3600.0
+_SESSION_S = 12 * 3600.0  # seconds for which somebody stays signed in
 _MOST_SESSIONS = 1000
-#: Most bytes of a name and a password, and most tries that wait for their turn.
-_MOST_BYTES = 2000
-_MOST_WAITING = 8
+_MOST_BYTES = 2000  # of a name and a password
+_MOST_WAITING = 8  # most tries that wait for their turn
 _PAGE = """<!doctype html><html lang="en"><meta charset="utf-8"><meta name="viewport" content="width=device-width">
 <meta name="color-scheme" content="light dark"><title>vibrident: sign in</title><style nonce="{nonce}">
 body {{ font: 1rem/1.5 system-ui, sans-serif; max-width: 22rem; margin: 12vh auto; padding: 0 16px }}

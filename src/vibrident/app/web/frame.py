@@ -21,13 +21,10 @@ from vibrident.base.process import WorkerError
 from vibrident.export.form import OPTIONS
 from vibrident.show import views
 
-#: Naming it makes its library available to the browser.
-_PLOTLY = ui.plotly
+_PLOTLY = ui.plotly  # naming it makes its library available to the browser
 _LOG = logging.getLogger("vibrident.app.web")
-#: Most characters of an unexpected error in the log.
-_LONGEST = 20_000
-#: Most names in a list; the rest is counted.
-_MOST_NAMES = 12
+_LONGEST = 20_000  # most characters of an unexpected error in the log
+_MOST_NAMES = 12  # most names in a list; the rest is counted
 #: Words of the command line in messages: a flag with the sign of its value, a command, a package to install.
 _FLAG = re.compile(r"--([a-z][a-z-]*)(?: [A-Z][A-Z:]*\b)?")
 _COMMAND = re.compile(r"`?vibrident (identify|inspect|serve|export)\b`?")

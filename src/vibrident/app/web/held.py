@@ -18,8 +18,7 @@ from vibrident.app.workflow.estimators import AUTO, estimators_with
 from vibrident.base import parcel
 from vibrident.data.io.certificate import CertificateData
 
-#: Most bytes of what is kept of a user.
-_MOST_BYTES = 20_000_000
+_MOST_BYTES = 20_000_000  # most bytes of what is kept of a user
 
 
 @dataclass(frozen=True)

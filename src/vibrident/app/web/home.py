@@ -21,8 +21,7 @@ except ImportError:  # Windows: without locks a dead server cannot be detected, 
     fcntl = None
 
 PREFIX = "vibrident-serve-"
-#: Lock file, held while the server lives; the system releases it however the server ends.
-_LOCK = "lock"
+_LOCK = "lock"  # lock file, held while the server lives; the system releases it however the server ends
 _NEW = "vibrident-new-"
 
 

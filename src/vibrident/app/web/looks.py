@@ -39,17 +39,12 @@ from vibrident.show.views import Figure, count
 if TYPE_CHECKING:
     from vibrident.lab.history.store import Store
 
-#: Most files whose motion is examined, spread over all of them.
-_MOST_EXAMINED = 5
-#: Most columns offered in lists; otherwise names are typed.
-MOST_COLUMNS = 60
-#: Most characters of a calibration file shown.
-MOST_TEXT = 20_000
-#: Most bytes of charts sent to the browser at once.
-MOST_BYTES = 4_000_000
+_MOST_EXAMINED = 5  # most files whose motion is examined, spread over all of them
+MOST_COLUMNS = 60  # most columns offered in lists; otherwise names are typed
+MOST_TEXT = 20_000  # most characters of a calibration file shown
+MOST_BYTES = 4_000_000  # most bytes of charts sent to the browser at once
 _LONGEST_LABEL = 200
-#: Seconds after which no further file is examined.
-_MOST_SECONDS = 40.0
+_MOST_SECONDS = 40.0  # seconds after which no further file is examined
 
 
 @dataclass(frozen=True)

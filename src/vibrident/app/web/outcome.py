@@ -17,8 +17,7 @@ from vibrident.base.errors import InputError
 from vibrident.base.escaping import html
 from vibrident.show.report import FILE_NAMES
 
-#: Most bytes of a file that an export writes.
-_MOST_EXPORTED = 200_000_000
+_MOST_EXPORTED = 200_000_000  # most bytes of a file that an export writes
 #: Most bytes of the store's file: it may be as large as it likes, but a process that may write needs a number.
 _ANY_SIZE = 1 << 42
 
@@ -88,18 +87,16 @@ class OutcomeStep:
         ui.html("<h3>Download</h3>", sanitize=False)
         with ui.element("div").classes("actions"):
             ui.button("result.json", on_click=lambda: ui.download.file(named.path, RESULT)).props("id=get-json")
-            names = {**{form: own for form, (own, _) in FILE_NAMES.items()}, "pdf": pdf}
             for form, label in (("html", "Report (HTML)"), ("pdf", f"{title} (PDF)"), ("md", "Report (Markdown)")):
-                asked = partial(self._report, named, form, names[form])
+                asked = partial(self._report, named, form, pdf if form == "pdf" else FILE_NAMES[form][0])
                 ui.button(label, on_click=asked).props(f"outline id=get-{form}")
             ui.button("Everything (zip)", on_click=partial(self._everything, named)).props("outline id=get-everything")
             if named.choices is not None:
                 name = named.choices.calibration
                 ui.button(name, on_click=lambda: ui.download.file(named.calibration, name)).props("outline id=get-toml")
         if named.choices is not None:
-            ui.label(f"With {named.choices.calibration} in the folder of the data, the same in a shell:").classes(
-                "hint"
-            )
+            hint = f"With {named.choices.calibration} in the folder of the data, the same in a shell:"
+            ui.label(hint).classes("hint")
             frame.Text("command", named.choices.command)
 
     def _exports(self, named: Named) -> None:
@@ -125,14 +122,12 @@ class OutcomeStep:
                 for name, field in fields.items():
                     field.visible = name in forms[value].options
 
-            def asked() -> dict[str, Any]:
-                return {name: field.value or None for name, field in fields.items()}
+            async def export() -> None:
+                await self._export(named, form.value, {name: field.value or None for name, field in fields.items()})
 
             needed(form.value)
             form.on_value_change(lambda event: needed(event.value))
-            ui.button("Export", on_click=lambda: self._export(named, form.value, asked())).props(
-                "outline id=get-export"
-            )
+            ui.button("Export", on_click=export).props("outline id=get-export")
 
     async def _report(self, named: Named, form: str, name: str) -> None:
         self.errors.clear()

@@ -19,10 +19,8 @@ from vibrident.show.media.charts import Chart, charts
 from vibrident.show.numbers import shortened
 from vibrident.show.views import BLUE, GREEN, VERMILION, Figure, Look, Panel, Series, Stack
 
-#: Height of the chart in pixels.
-HEIGHT = 360
-#: Samples drawn.
-MOST_SAMPLES = 3000
+HEIGHT = 360  # height of the chart in pixels
+MOST_SAMPLES = 3000  # samples drawn
 
 
 def preview(given: Description, folder: Path, files: Sequence[str]) -> Chart:

@@ -19,8 +19,7 @@ from vibrident.base.errors import InputError
 from vibrident.lab.history.location import data_folder
 
 USUAL_PORT = 8080
-#: Seconds without a connection after which the browser rebuilds the page; its state is kept longer.
-_RECONNECT_S = 30.0
+_RECONNECT_S = 30.0  # seconds without a connection after which the browser rebuilds the page; its state is kept longer
 #: Addresses for documentation (RFC 5737, RFC 3849): nothing is sent there; they only reveal this machine's own address.
 _ANYWHERE = {socket.AF_INET: "192.0.2.1", socket.AF_INET6: "2001:db8::1"}
 _ICON = (

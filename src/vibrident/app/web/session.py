@@ -16,16 +16,12 @@ from vibrident.base.errors import InputError
 from vibrident.data.io.readers import by_ending, unknown_format
 from vibrident.data.io.record_files import natural
 
-#: Name of the calibration file that the page writes.
-CALIBRATION = "calibration.toml"
-#: Name of a result when it is downloaded.
-RESULT = "result.json"
+CALIBRATION = "calibration.toml"  # name of the calibration file that the page writes
+RESULT = "result.json"  # name of a result when it is downloaded
 MEGABYTE = 1_000_000
 MOST_FILES = 500
-#: Most results of one page; the oldest are evicted.
-MOST_RESULTS = 20
-#: Endings of accepted files.
-KNOWN = (*by_ending(), ".toml", ".json")
+MOST_RESULTS = 20  # most results of one page; the oldest are evicted
+KNOWN = (*by_ending(), ".toml", ".json")  # endings of accepted files
 _LONGEST_NAME = 120
 _DOWNLOADS = 4
 _UNSAFE = re.compile(r"[^\w.+ -]+")

@@ -13,7 +13,6 @@ from typing import Any
 from nicegui import ui
 
 from vibrident.app.web import frame
-from vibrident.app.web.description import calibration_text
 from vibrident.app.web.held import Named
 from vibrident.app.web.looks import facts
 from vibrident.app.web.users import User
@@ -164,8 +163,7 @@ class ToolsStep:
         try:
             user.require("identify", "do that")
             arguments = self.arguments()
-            if user.confirmed and user.confirmed.from_form and user.form:
-                session.write_calibration(calibration_text(user.form.given, session.files))
+            user.write_form()
             async with session.new_folder("tool") as folder:
                 await asyncio.to_thread(session.copy_to, folder)
                 if chosen := self._chosen():

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from vibrident.app.web.confinement import confined
+from vibrident.app.web.description import calibration_text
 from vibrident.app.web.door import Door
 from vibrident.app.web.held import Choices, Confirmed, Form, Job, Named, read_state, write_state
 from vibrident.app.web.looks import facts, prepare
@@ -25,21 +26,12 @@ from vibrident.base.errors import InputError
 from vibrident.base.process import Limits
 from vibrident.base.sandbox import Ready, run
 
-#: Seconds for which a page's state is kept without a browser, by a server that keeps nothing on disk.
-KEPT_S = 3600.0
-#: Seconds between two rounds that write what has changed.
-_WRITE_S = 0.3
-#: Most users; beyond, the one who left first is evicted; if nobody has left, a new one is refused.
-MOST_USERS = 50
-#: Limit of all users, in limits of one.
-_ALL_LIMITS = 10
-#: Most processes that read files at once.
-_LOOKS_AT_ONCE = 3
-_LOOK_SECONDS = 60.0
-#: Memory of a reading process, bytes.
-_LOOK_MEMORY = 1_000_000_000
-#: Further memory for each byte that a user may upload.
-_LOOK_MEMORY_A_BYTE = 5
+KEPT_S = 3600.0  # seconds for which a page's state is kept without a browser, by a server that keeps nothing on disk
+_WRITE_S = 0.3  # seconds between two rounds that write what has changed
+MOST_USERS = 50  # most users; beyond, the one who left first is evicted; if nobody has left, a new one is refused
+_ALL_LIMITS = 10  # limit of all users, in limits of one
+_LOOKS_AT_ONCE, _LOOK_SECONDS = 3, 60.0  # processes that read files: how many, and how long one may take
+_LOOK_MEMORY, _LOOK_MEMORY_A_BYTE = 1_000_000_000, 5  # its bytes, and more for each byte that a user may upload
 _ROUND_S = 20.0
 _T = TypeVar("_T")
 
@@ -141,6 +133,11 @@ class User:
             door.note(self.owner, action, **facts, **more)
 
         await asyncio.to_thread(write)
+
+    def write_form(self) -> None:
+        """Write the calibration file that the form describes, if that is what was confirmed."""
+        if self.confirmed and self.confirmed.from_form and self.form:
+            self.session.write_calibration(calibration_text(self.form.given, self.session.files))
 
     def start(self, choices: Choices) -> None:
         """Begin to identify with a copy of the data, if the account may; the outcome is in ``job`` and ``results``."""

@@ -13,16 +13,14 @@ from pathlib import Path
 from vibrident.base.errors import InputError
 from vibrident.base.files import whole
 
-#: Addresses at which a page is for this machine alone.
-LOOPBACK = frozenset({"127.0.0.1", "localhost", "::1"})
+LOOPBACK = frozenset({"127.0.0.1", "localhost", "::1"})  # addresses at which a page is for this machine alone
 #: What each may do, and all before it: look at results and histories, identify and issue, approve.
 ROLES = ("look", "identify", "approve")
 _NAME = re.compile(r"[\w.@+-]{1,64}")
 #: Failures of a name or an address before it has to wait, and the longest wait in seconds; it doubles from a second.
 _FREE_TRIES = 5
 _LONGEST_WAIT_S = 900.0
-#: Most names and addresses whose failures are remembered.
-_MOST_REMEMBERED = 10_000
+_MOST_REMEMBERED = 10_000  # most names and addresses whose failures are remembered
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,7 @@ from vibrident.base.files import unwritable
 if TYPE_CHECKING:
     from vibrident.result import Result
 
-#: Moved last, so that its presence implies the others.
-_LAST = "result.json"
+_LAST = "result.json"  # moved last, so that its presence implies the others
 
 
 def load_result(path: Path) -> Result:

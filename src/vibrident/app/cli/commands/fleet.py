@@ -22,8 +22,7 @@ if TYPE_CHECKING:
     from vibrident.lab.fleet.coordinator import RunProgress
     from vibrident.result import Result
 
-#: Seconds between progress lines if stderr is not a terminal.
-_LINE_S = 30.0
+_LINE_S = 30.0  # seconds between progress lines if stderr is not a terminal
 
 
 def fleet(

@@ -21,12 +21,9 @@ if TYPE_CHECKING:
     from vibrident.use.tracking.session import Session
     from vibrident.use.tracking.state import Estimate
 
-#: The source where none is given.
-RECORDS = "calibration-records"
-#: Time between rows of a stream, s, where --every does not say.
-EVERY_S = 1.0
-#: Random walk of a parameter in a year, relative, where no history tells it: a choice.
-WALK = 0.01
+RECORDS = "calibration-records"  # the source where none is given
+EVERY_S = 1.0  # time between rows of a stream, s, where --every does not say
+WALK = 0.01  # random walk of a parameter in a year, relative, where no history tells it: a choice
 
 
 def track(
