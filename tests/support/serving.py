@@ -23,6 +23,7 @@ from tests.support.shell import printed
 
 _T = TypeVar("_T")
 VIBRIDENT = (sys.executable, "-m", "vibrident")
+WAIT_MS = 120_000  # longest wait of a test for the page
 
 
 CHROMIUM_FLAGS = (
@@ -110,6 +111,13 @@ def alone(coroutine: Coroutine[Any, Any, _T]) -> _T:
 def upload(page, *files: Path) -> None:
     """Choose files on the page."""
     page.locator("input[type=file][multiple]").first.set_input_files([str(file) for file in files])
+
+
+def download(page, name: str) -> bytes:
+    """The file that a button of the page gives."""
+    with page.expect_download(timeout=WAIT_MS) as waiting:
+        page.locator(f"#get-{name}").click()
+    return Path(waiting.value.path()).read_bytes()
 
 
 def start_anew(page) -> None:

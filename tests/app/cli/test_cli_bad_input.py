@@ -39,50 +39,28 @@ def edit_record(calibration: Path, line: int, change) -> None:
     file.write_text("".join(lines))
 
 
-def unknown_model(file):
-    edit(file, '"accelerometer"', '"accelerometr"')
+def edited(old: str, new: str):
+    """The calibration file with another text in the place of one."""
+    return lambda file: edit(file, old, new)
 
 
 def missing_record(file):
     file.with_name(RECORD).unlink()
 
 
-def missing_column(file):
-    edit(file, '"response"', '"respons"')
-
-
 def repeated_column(file):
     edit_record(file, 1, lambda line: line.replace("time_s", "response"))
 
 
-def text_in_numbers(file):
-    edit_record(file, 42, lambda line: line.rpartition(",")[0] + ",broken\n")
-
-
-def nan_in_numbers(file):
-    edit_record(file, 42, lambda line: line.rpartition(",")[0] + ",nan\n")
-
-
-def nothing_matched(file):
-    edit(file, f'"{RECORD}"', '"nothing*.csv"')
+def last_cell(text: str):
+    """A record with another text at the end of its line 42."""
+    return lambda file: edit_record(file, 42, lambda line: f"{line.rpartition(',')[0]},{text}\n")
 
 
 def lengths_differ(file):
     short = file.with_name("reference.csv")
     short.write_text("".join(file.with_name(RECORD).read_text().splitlines(keepends=True)[:1500]))
     edit(file, f'file = "{RECORD}"', f'file = "{RECORD}"\nreference_file = "reference.csv"')
-
-
-def rate_of_zero(file):
-    edit(file, "rate_hz = 12800.0", "rate_hz = 0.0")
-
-
-def frequency_above_nyquist(file):
-    edit(file, "frequency_hz = 100.0", "frequency_hz = 7000.0")
-
-
-def unknown_key(file):
-    edit(file, "rate_hz", "rate_herz")
 
 
 def empty_data_file(file):
@@ -94,33 +72,33 @@ def file_cut_in_mid_line(file):
     file.with_name(RECORD).write_text(text[: text.rindex(",", 0, len(text) // 2) - 3])
 
 
-def invalid_toml(file):
-    edit(file, "[response]", "[response")
-
-
 SPOILED = {
-    unknown_model: ["calibration.toml, [sensor] model", "did you mean 'accelerometer'?"],
-    missing_record: [RECORD],
-    missing_column: ["respons", RECORD],
-    repeated_column: ["response", RECORD],
-    text_in_numbers: ["broken", "line 42"],
-    nan_in_numbers: ["nan", RECORD],
-    nothing_matched: ["nothing*.csv"],
-    lengths_differ: ["1499", "2000"],
-    rate_of_zero: ["rate_hz", "0.0"],
-    frequency_above_nyquist: ["7000", "6400"],
-    unknown_key: ["rate_herz", "rate_hz"],
-    empty_data_file: [RECORD],
-    file_cut_in_mid_line: [RECORD, "line"],
-    invalid_toml: ["calibration.toml, line"],
+    "unknown_model": (
+        edited('"accelerometer"', '"accelerometr"'),
+        ["calibration.toml, [sensor] model", "did you mean 'accelerometer'?"],
+    ),
+    "missing_record": (missing_record, [RECORD]),
+    "missing_column": (edited('"response"', '"respons"'), ["respons", RECORD]),
+    "repeated_column": (repeated_column, ["response", RECORD]),
+    "text_in_numbers": (last_cell("broken"), ["broken", "line 42"]),
+    "nan_in_numbers": (last_cell("nan"), ["nan", RECORD]),
+    "nothing_matched": (edited(f'"{RECORD}"', '"nothing*.csv"'), ["nothing*.csv"]),
+    "lengths_differ": (lengths_differ, ["1499", "2000"]),
+    "rate_of_zero": (edited("rate_hz = 12800.0", "rate_hz = 0.0"), ["rate_hz", "0.0"]),
+    "frequency_above_nyquist": (edited("frequency_hz = 100.0", "frequency_hz = 7000.0"), ["7000", "6400"]),
+    "unknown_key": (edited("rate_hz", "rate_herz"), ["rate_herz", "rate_hz"]),
+    "empty_data_file": (empty_data_file, [RECORD]),
+    "file_cut_in_mid_line": (file_cut_in_mid_line, [RECORD, "line"]),
+    "invalid_toml": (edited("[response]", "[response"), ["calibration.toml, line"]),
 }
 
 
-@pytest.mark.parametrize("spoil", SPOILED, ids=lambda spoil: spoil.__name__)
-def test_a_spoiled_calibration(spoil, calibration, run, tmp_path):
+@pytest.mark.parametrize("name", SPOILED)
+def test_a_spoiled_calibration(name, calibration, run, tmp_path):
+    spoil, words = SPOILED[name]
     spoil(calibration)
     done = run("identify", calibration, "--out", tmp_path / "out")
-    assert_refused(done, tmp_path / "out", *SPOILED[spoil])
+    assert_refused(done, tmp_path / "out", *words)
 
 
 def test_a_missing_calibration_file(run, tmp_path):

@@ -8,6 +8,7 @@ from typing import get_args
 
 import numpy as np
 import pytest
+from tests.support.shell import printed
 
 import vibrident
 from vibrident.app.cli import options
@@ -79,14 +80,12 @@ def test_simulate_writes_what_identify_takes(made, identified):
 
 
 @pytest.mark.parametrize("excitation", ["multisine", "sweep", "random", "shock"])
-def test_other_excitations_are_identified_as_they_are(excitation, run, tmp_path):
-    made = run(
+def test_other_excitations_are_identified_as_they_are(excitation, tmp_path):
+    printed(
         "simulate", "--out", tmp_path / "cal", "--excitation", excitation, "--samples", 4096, "--rate", 12800,
         "--frequencies", "20:2000", "--response-noise", 0.01, "--start", "rest", "--force",
     )  # fmt: skip
-    assert made.exit_code == 0, made.output
-    done = run("identify", tmp_path / "cal" / "calibration.toml", "--out", tmp_path / "out", "--no-plots")
-    assert done.exit_code == 0, done.output
+    printed("identify", tmp_path / "cal" / "calibration.toml", "--out", tmp_path / "out", "--no-plots")
     truth = read_truth(tmp_path / "cal" / "truth.json")
     assert_close(Result.load(tmp_path / "out" / "result.json"), truth)
 
@@ -121,12 +120,11 @@ def test_identify_prints_and_writes_what_was_agreed(identified, made, run, tmp_p
     assert done.stderr == ""
 
 
-def test_identify_draws_pictures(made, run, tmp_path):
+def test_identify_draws_pictures(made, tmp_path):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "notes.txt").write_text("mine")
     (tmp_path / "out" / "result.json").write_text("old")
-    done = run("identify", made / "calibration.toml", "--out", tmp_path / "out")
-    assert done.exit_code == 0, done.output
+    printed("identify", made / "calibration.toml", "--out", tmp_path / "out")
     pictures = ["deviation.png", "residuals.png", "sensitivity.png", "signals.png", "training.png"]
     assert shown(tmp_path / "out") == sorted([*pictures, "notes.txt", "result.json"])
     assert (tmp_path / "out" / "notes.txt").read_text() == "mine"
@@ -155,16 +153,15 @@ SMALL_AND_CLEAN = ("--frequencies", "100,300,500,630,800", "--rate", "12800", "-
 
 
 @pytest.mark.needs("network")
-def test_settings_of_an_estimator_reach_it(made, run, tmp_path):
+def test_settings_of_an_estimator_reach_it(made, tmp_path):
     chosen = ["--estimator", "ipnn", "--discretisation", "euler", "--optimiser", "adam", "--steps", "5", "--weights"]
-    done = run("identify", made / "calibration.toml", "--out", tmp_path, "--no-plots", *chosen)
-    assert done.exit_code == 0, done.output
+    said = printed("identify", made / "calibration.toml", "--out", tmp_path, "--no-plots", *chosen)
     result = Result.load(tmp_path / "result.json")
     assert result.estimator == "ipnn"
     assert result.settings["discretisation"] == "euler"
     assert result.settings["optimiser"] == "adam"
-    assert "W1" in done.stdout
-    assert "Weights of the network" in done.stdout
+    assert "W1" in said
+    assert "Weights of the network" in said
 
 
 def test_weights_of_a_method_without_a_network(made, run, tmp_path):
@@ -173,7 +170,7 @@ def test_weights_of_a_method_without_a_network(made, run, tmp_path):
     assert "ml trains no network" in done.stderr
 
 
-def test_inspect_shows_records_findings_and_a_picture(calibration, run, tmp_path, monkeypatch):
+def test_inspect_shows_records_findings_and_a_picture(calibration, tmp_path, monkeypatch):
     file = calibration.with_name("630_Hz.csv")
     rows = list(csv.reader(file.read_text().splitlines()))
     for row in rows[1:]:
@@ -183,20 +180,18 @@ def test_inspect_shows_records_findings_and_a_picture(calibration, run, tmp_path
     flat = [",".join([*line.split(",")[:2], "0.5"]) for line in dead.read_text().splitlines()[1:]]
     dead.write_text("\n".join(["time_s,reference_acceleration,response", *flat]) + "\n")
     monkeypatch.chdir(tmp_path)
-    done = run("inspect", calibration)
-    assert done.exit_code == 0, done.output
+    said = printed("inspect", calibration)
     for text in ("100 Hz", "12800", "acceleration in m/s²", "(clipped)", "(dead_channel)", "clipped at 1.5", "800 Hz"):
-        assert text in done.stdout
-    assert "Written: calibration.inspect.png" in done.stdout
+        assert text in said
+    assert "Written: calibration.inspect.png" in said
     assert (tmp_path / "calibration.inspect.png").read_bytes()[:4] == b"\x89PNG"
 
 
-def test_inspect_a_table(run, tmp_path):
+def test_inspect_a_table(tmp_path):
     (tmp_path / "frf.csv").write_text("f,m,p\n10,1.0,0\n20,1.1,-2\n30,1.2,-3\n")
     (tmp_path / "table.toml").write_text('[table]\nfile = "frf.csv"\nfrequency = 1\nmagnitude = 2\nphase = 3\n')
-    done = run("inspect", tmp_path / "table.toml", "--out", tmp_path / "out")
-    assert done.exit_code == 0, done.output
-    assert "frf.csv" in done.stdout
+    said = printed("inspect", tmp_path / "table.toml", "--out", tmp_path / "out")
+    assert "frf.csv" in said
     assert shown(tmp_path / "out") == ["inspect.png"]
 
 
@@ -213,8 +208,7 @@ def test_inspect_refuses_a_model_that_identify_would_refuse(run, tmp_path):
 def test_predict_meets_the_measured_response_within_its_noise(identified, run, tmp_path):
     other = ["--excitation", "random", "--frequencies", "20:2000", "--rate", 12800, "--samples", 3000]
     run("simulate", "--out", tmp_path / "cal", *other, "--response-noise", 0.02, "--seed", 3)
-    done = run("predict", identified, tmp_path / "cal" / "calibration.toml", "--out", tmp_path / "out")
-    assert done.exit_code == 0, done.output
+    printed("predict", identified, tmp_path / "cal" / "calibration.toml", "--out", tmp_path / "out")
     document = json.loads((tmp_path / "out" / "prediction.json").read_text())
     (record,) = document["records"]
     assert record["name"] == "random"
@@ -230,23 +224,21 @@ def test_predict_meets_the_measured_response_within_its_noise(identified, run, t
     assert times == pytest.approx(np.arange(3000) / 12800)
 
 
-def test_predict_gives_every_record_a_file_of_its_own(calibration, identified, run, tmp_path):
+def test_predict_gives_every_record_a_file_of_its_own(calibration, identified, tmp_path):
     text = calibration.read_text()
     calibration.write_text(
         text.replace('name = "100 Hz"', 'name = "a/b"').replace('name = "300 Hz"', 'name = "A\\\\b"')
     )
-    done = run("predict", identified, calibration, "--out", tmp_path / "out")
-    assert done.exit_code == 0, done.output
+    printed("predict", identified, calibration, "--out", tmp_path / "out")
     document = json.loads((tmp_path / "out" / "prediction.json").read_text())
     files = [record["file"] for record in document["records"]]
     assert files == ["a_b.csv", "A_b_2.csv", "500_Hz.csv", "630_Hz.csv", "800_Hz.csv"]
     assert shown(tmp_path / "out") == sorted([*files, "prediction.json"])
 
 
-def test_compare_methods(made, run, tmp_path):
+def test_compare_methods(made, tmp_path):
     arguments = ["--estimators", "ml,ipnn", "--discretisations", "zoh,bandlimited", "--truth", made / "truth.json"]
-    done = run("compare", made / "calibration.toml", *arguments, "--out", tmp_path / "out")
-    assert done.exit_code == 0, done.output
+    printed("compare", made / "calibration.toml", *arguments, "--out", tmp_path / "out")
     document = json.loads((tmp_path / "out" / "comparison.json").read_text())
     assert document["schema"] == "vibrident.comparison/1"
     assert document["deviations_from"] == "truth"
@@ -261,9 +253,8 @@ def test_compare_methods(made, run, tmp_path):
     assert "lack_of_fit" in methods["ipnn zoh"]["warnings"]
     saved = [tmp_path / "out" / f"{name}.json" for name in ("ml", "ipnn-zoh")]
     assert Result.load(saved[1]).settings["discretisation"] == "zoh"
-    again = run("compare", *saved, "--out", tmp_path / "again")
-    assert again.exit_code == 0, again.output
-    assert "natural frequency" in again.stdout
+    said = printed("compare", *saved, "--out", tmp_path / "again")
+    assert "natural frequency" in said
     document = json.loads((tmp_path / "again" / "comparison.json").read_text())
     assert document["deviations_from"] == "ml"
     assert document["methods"][0]["parameters"]["damping_ratio"]["deviation_percent"] == 0.0
@@ -279,8 +270,7 @@ def test_compare_leaves_out_what_does_not_suit(run, tmp_path):
     named = run("compare", tmp_path / "cal" / "calibration.toml", "--estimators", "ml", "--out", tmp_path / "o2")
     assert named.exit_code == 2
     pair = ["compare", tmp_path / "cal" / "calibration.toml", "--out", tmp_path / "o3", "--models"]
-    models = run(*pair, "accelerometer,accelerometer+delay")
-    assert models.exit_code == 0, models.output
+    printed(*pair, "accelerometer,accelerometer+delay")
     assert shown(tmp_path / "o3") == ["comparison.json", "ipnn-accelerometer-delay.json", "ipnn-accelerometer.json"]
     unknown = run(*pair, "accelerometer,acelerometer")
     assert unknown.exit_code == 2
@@ -295,31 +285,28 @@ def test_report_beside_the_result_and_elsewhere(identified, run, tmp_path):
     assert run("report", results[0]).exit_code == 0
     assert "report.md" in shown(tmp_path / "a")
     assert "![" in (tmp_path / "a" / "report.md").read_text(encoding="utf-8")
-    done = run("report", *results, "--out", tmp_path / "all")
-    assert done.exit_code == 0, done.output
+    printed("report", *results, "--out", tmp_path / "all")
     assert shown(tmp_path / "all") == ["a", "b", "comparison.md"]
     assert (tmp_path / "all" / "b" / "sensitivity.png").is_file()
 
 
-def test_demo_meets_the_truth(run, tmp_path):
-    done = run("demo", "--out", tmp_path / "demo")
-    assert done.exit_code == 0, done.output
+def test_demo_meets_the_truth(tmp_path):
+    said = printed("demo", "--out", tmp_path / "demo")
     result = Result.load(tmp_path / "demo" / "result.json")
     assert_close(result, read_truth(tmp_path / "demo" / "truth.json"))
     assert result.warnings == ()
     written = {file for file in shown(tmp_path / "demo") if not file.endswith(".csv")}
     assert {"report.md", "sensitivity.png", "training.png", "network.json", "network.png"} < written
-    assert all(file in done.stdout for file in written)
-    assert "W3 feedback" in done.stdout
-    assert "difference / u" in done.stdout
-    assert "Look at" in done.stdout
+    assert all(file in said for file in written)
+    assert "W3 feedback" in said
+    assert "difference / u" in said
+    assert "Look at" in said
 
 
-def test_doctor_finds_a_sound_installation_fit(run):
-    done = run("doctor")
-    assert done.exit_code == 0, done.output
-    assert "FAIL" not in done.stdout
-    assert "Fit for use." in done.stdout
+def test_doctor_finds_a_sound_installation_fit():
+    said = printed("doctor")
+    assert "FAIL" not in said
+    assert "Fit for use." in said
 
 
 @pytest.mark.needs("network")

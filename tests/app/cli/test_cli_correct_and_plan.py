@@ -7,6 +7,7 @@ import json
 
 import numpy as np
 import pytest
+from tests.support.shell import printed
 
 from vibrident.result import Result
 
@@ -17,10 +18,9 @@ PLAN = (
 
 
 @pytest.fixture(scope="module")
-def shock(run, tmp_path_factory):
+def shock(tmp_path_factory):
     folder = tmp_path_factory.mktemp("shock") / "cal"
-    done = run("simulate", "--out", folder, "--excitation", "shock", "--samples", 4000, "--response-noise", 0.002)
-    assert done.exit_code == 0, done.output
+    printed("simulate", "--out", folder, "--excitation", "shock", "--samples", 4000, "--response-noise", 0.002)
     return folder / "calibration.toml"
 
 
@@ -30,9 +30,8 @@ def columns(path):
     return rows[0], np.array([[float(cell) if cell else np.nan for cell in row] for row in rows[1:]])
 
 
-def test_correct_writes_acceleration_with_uncertainty(run, identified, shock, tmp_path):
-    done = run("correct", identified, shock, "--out", tmp_path / "out")
-    assert done.exit_code == 0, done.output
+def test_correct_writes_acceleration_with_uncertainty(identified, shock, tmp_path):
+    said = printed("correct", identified, shock, "--out", tmp_path / "out")
     assert {p.name for p in (tmp_path / "out").iterdir()} == {"shock.csv", "correction.json", "correction.png"}
     header, table = columns(tmp_path / "out" / "shock.csv")
     assert header == ["time_s", "acceleration", "standard_uncertainty"]
@@ -49,7 +48,7 @@ def test_correct_writes_acceleration_with_uncertainty(run, identified, shock, tm
     assert "before the motion" in row["noise"]["assumption"]
     assert row["reference"]["rmse"] < 0.1
     assert document["unit"] == "m/s^2"
-    assert "peak" in done.stdout
+    assert "peak" in said
 
 
 def test_correct_without_a_reference_gives_the_same(run, identified, shock, tmp_path):
@@ -110,9 +109,8 @@ def test_correct_refuses_other_units_tables_and_cubic_models(run, identified, sh
     assert not (tmp_path / "out").exists()
 
 
-def test_plan_prints_and_writes(run, tmp_path):
-    done = run(*PLAN, "--best", 6, "--criterion", "D", "--out", tmp_path / "out")
-    assert done.exit_code == 0, done.output
+def test_plan_prints_and_writes(tmp_path):
+    said = printed(*PLAN, "--best", 6, "--criterion", "D", "--out", tmp_path / "out")
     assert {p.name for p in (tmp_path / "out").iterdir()} == {"plan.json", "plan.png"}
     document = json.loads((tmp_path / "out" / "plan.json").read_text(encoding="utf-8"))
     assert len(document["points"]) == 6
@@ -124,12 +122,11 @@ def test_plan_prints_and_writes(run, tmp_path):
     all_points = document["standard_uncertainty_of_all_candidates"]
     assert all_points["sensitivity"] < parameters["sensitivity"]["standard_uncertainty"]
     for word in ("natural frequency", "Frequencies in Hz", "D-optimal choice of 6 out of 14"):
-        assert word in done.stdout
+        assert word in said
 
 
-def test_plan_from_a_result_foresees_its_own_uncertainties(run, identified, tmp_path):
-    done = run("plan", "--from", identified, "--out", tmp_path / "out")
-    assert done.exit_code == 0, done.output
+def test_plan_from_a_result_foresees_its_own_uncertainties(identified, tmp_path):
+    printed("plan", "--from", identified, "--out", tmp_path / "out")
     planned = json.loads((tmp_path / "out" / "plan.json").read_text(encoding="utf-8"))["parameters"]
     for name, parameter in Result.load(identified).parameters.items():
         assert planned[name]["standard_uncertainty"] == pytest.approx(parameter.standard_uncertainty, rel=0.25)

@@ -5,6 +5,7 @@ import shutil
 
 import numpy as np
 import pytest
+from tests.support.shell import printed
 
 from vibrident.result import Result
 
@@ -14,20 +15,18 @@ MECHANICS = ("natural_frequency", "damping_ratio")
 
 
 @pytest.fixture(scope="module")
-def again(run, tmp_path_factory):
+def again(tmp_path_factory):
     """The same sensor's calibration once more, with noise of its own."""
     folder = tmp_path_factory.mktemp("again") / "later"
-    done = run("simulate", "--out", folder, *SMALL, "--seed", 8)
-    assert done.exit_code == 0, done.output
+    printed("simulate", "--out", folder, *SMALL, "--seed", 8)
     return shutil.copy(folder / "calibration.toml", folder / "later.toml")
 
 
 @pytest.fixture(scope="module")
-def joint(run, made, again, tmp_path_factory):
+def joint(made, again, tmp_path_factory):
     folder = tmp_path_factory.mktemp("joint") / "out"
-    done = run("identify", made / "calibration.toml", again, "--out", folder, "--no-plots")
-    assert done.exit_code == 0, done.output
-    return folder, done.stdout
+    said = printed("identify", made / "calibration.toml", again, "--out", folder, "--no-plots")
+    return folder, said
 
 
 def test_each_file_gets_a_result(joint, identified):
@@ -50,24 +49,20 @@ def test_each_file_gets_a_result(joint, identified):
     assert "consistent" in printed
 
 
-def test_other_commands_take_either_result(joint, run, again, tmp_path):
+def test_other_commands_take_either_result(joint, again, tmp_path):
     folder, _ = joint
     second = folder / "later" / "result.json"
-    done = run("predict", second, again, "--out", tmp_path / "predicted")
-    assert done.exit_code == 0, done.output
+    printed("predict", second, again, "--out", tmp_path / "predicted")
     prediction = json.loads((tmp_path / "predicted" / "prediction.json").read_text())
     assert prediction["rmse"] == pytest.approx(Result.load(second).fit.rmse, rel=1e-6)
-    done = run("report", folder / "result.json", "--format", "md", "--out", tmp_path / "report")
-    assert done.exit_code == 0, done.output
-    done = run("compare", folder / "result.json", second, "--out", tmp_path / "compared")
-    assert done.exit_code == 0, done.output
+    printed("report", folder / "result.json", "--format", "md", "--out", tmp_path / "report")
+    printed("compare", folder / "result.json", second, "--out", tmp_path / "compared")
 
 
-def test_what_is_shared_can_be_named(run, made, again, tmp_path):
+def test_what_is_shared_can_be_named(made, again, tmp_path):
     out = tmp_path / "out"
     files = (made / "calibration.toml", again)
-    done = run("identify", *files, "--share", "natural_frequency", "--out", out, "--no-plots", "--quiet")
-    assert done.exit_code == 0, done.output
+    printed("identify", *files, "--share", "natural_frequency", "--out", out, "--no-plots", "--quiet")
     results = [Result.load(out / "result.json"), Result.load(out / "later" / "result.json")]
     shared, own = ([result.parameters[name].value for result in results] for name in MECHANICS)
     assert shared[0] == pytest.approx(shared[1], rel=1e-12)

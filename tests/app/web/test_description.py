@@ -6,9 +6,8 @@ import pytest
 
 import vibrident
 from vibrident.app.web.columns import merged
-from vibrident.app.web.description import Description, calibration_text, described
+from vibrident.app.web.description import Description, calibration_text, described, mark
 from vibrident.app.web.looks import chart, guess
-from vibrident.app.web.pairs import mark
 from vibrident.base.errors import InputError
 from vibrident.data.io.calibration_file import read_calibration_file
 from vibrident.data.io.guess import guess_columns

@@ -17,7 +17,7 @@ from tests.support.serving import VIBRIDENT, alone
 
 pytest.importorskip("argon2")
 
-from vibrident.app.web.door import Audit, Door, team
+from vibrident.app.web.door import Door, team
 from vibrident.app.web.guard import ACCOUNT, OWNER, Guard
 from vibrident.app.web.users import Users
 from vibrident.app.workflow import accounts
@@ -65,7 +65,7 @@ def file(hashed, tmp_path):
 
 @pytest.fixture
 def door(file, tmp_path):
-    return Door(Accounts(file), None, Audit(tmp_path / "audit.jsonl"), tmp_path / "sessions.json")
+    return Door(Accounts(file), tmp_path / "audit.jsonl", tmp_path / "sessions.json")
 
 
 def ask(door: Door, path: str = "/", method: str = "GET", body: bytes = b"", at: str = "10.0.0.9", **headers: str):
@@ -117,7 +117,7 @@ def test_who_signs_in_comes_in_until_signed_out_and_the_next_server_knows(door, 
 
     token = inside["cookie"].partition("=")[2]
     assert token not in (tmp_path / "sessions.json").read_text()  # who reads it cannot come in
-    again = Door(Accounts(file), None, Audit(None), tmp_path / "sessions.json")
+    again = Door(Accounts(file), None, tmp_path / "sessions.json")
     assert ask(again, **inside)[0] == 200
     assert ask(door, "/sign-out", "POST", **inside)[0] == 303
     assert ask(door, **inside)[0] == 303

@@ -13,7 +13,7 @@ from tests.support.serving import alone
 
 from vibrident.app.web.guard import Guard, policy
 from vibrident.app.web.server import own_names, reachable, serve
-from vibrident.app.workflow.choices import LOOPBACK
+from vibrident.app.workflow.accounts import LOOPBACK
 from vibrident.base.errors import InputError
 
 LIMIT, ENVELOPE = 2_000_000, 1_000_000

@@ -10,13 +10,12 @@ from pathlib import Path
 import pypdf
 import pytest
 from tests.support.sample_results import table2
-from tests.support.serving import choose, field, upload
+from tests.support.serving import WAIT_MS, choose, download, field, upload
 from tests.support.shell import printed
 
 from vibrident.app.web.certify import _PROFILE
 from vibrident.data.io.certificate import CertificateSection
 
-WAIT_MS = 120_000
 LOGO = b'<svg xmlns="http://www.w3.org/2000/svg" width="40" height="20"><rect width="40" height="20"/></svg>'
 STATED = {
     "Serial number *": "ACS_001",
@@ -49,12 +48,6 @@ def opened(page):
     page.locator("#save-certificate").wait_for(timeout=WAIT_MS)
 
 
-def taken(page, name: str) -> bytes:
-    with page.expect_download(timeout=WAIT_MS) as waiting:
-        page.locator(f"#get-{name}").click()
-    return Path(waiting.value.path()).read_bytes()
-
-
 def text(pdf: bytes) -> str:
     return "\n".join(sheet.extract_text() for sheet in pypdf.PdfReader(io.BytesIO(pdf)).pages)
 
@@ -65,7 +58,7 @@ def test_a_certificate_is_filled_in_after_the_fit_and_the_laboratory_is_remember
     upload(page, results[0])
     page.locator("#lacking").wait_for(timeout=WAIT_MS)
     assert "draft until these are stated: Certificate number, Laboratory" in page.locator("#lacking").inner_text()
-    assert "DRAFT" in text(taken(page, "pdf"))
+    assert "DRAFT" in text(download(page, "pdf"))
     opened(page)
     for label, words in STATED.items():
         field(page, label).fill(words)
@@ -90,12 +83,12 @@ def test_a_certificate_is_filled_in_after_the_fit_and_the_laboratory_is_remember
     page.get_by_text("Saved: reports").wait_for(timeout=WAIT_MS)
     assert page.locator("#lacking").inner_text() == "Nothing is missing in the PDF."
 
-    issued = taken(page, "pdf")
+    issued = download(page, "pdf")
     said = text(issued)
     assert "DRAFT" not in said
     for words in (*STATED.values(), "Laser vibrometer", "Kalibrierschein"):
         assert all(line in said for line in words.split("\n")) or words in ("2026-11-24", "2026-11-23"), words
-    (tmp_path / "certificate.toml").write_bytes(taken(page, "certificate-toml"))
+    (tmp_path / "certificate.toml").write_bytes(download(page, "certificate-toml"))
     (tmp_path / "logo.svg").write_bytes(LOGO)
     (tmp_path / "logo.toml").write_text('[certificate]\nlogo = "logo.svg"\n')
     both = ("--certificate", "certificate.toml", "--certificate", "logo.toml")
@@ -121,10 +114,10 @@ def test_a_certificate_before_and_after_adjustment_is_among_everything(visit, re
     choose(page, "Before adjustment", "first")
     page.locator("#save-certificate").press("Enter")
     page.get_by_text("Saved: reports").wait_for(timeout=WAIT_MS)
-    said = text(taken(page, "pdf"))
+    said = text(download(page, "pdf"))
     assert "Before and after adjustment" in said
     assert "DRAFT" in said
-    with zipfile.ZipFile(io.BytesIO(taken(page, "everything"))) as packed:
+    with zipfile.ZipFile(io.BytesIO(download(page, "everything"))) as packed:
         assert text(packed.read("certificate.pdf")) == said
         assert b"2026-CALS_0042" in packed.read("certificate.toml")
 
@@ -146,7 +139,7 @@ def test_the_laboratorys_own_template_is_chosen_and_removed(visit, results):
         chooser.value.set_files({"name": "own.typ", "mimeType": "text/plain", "buffer": template.encode()})
         page.get_by_text("The template is here.").wait_for(timeout=WAIT_MS)
         if not said:
-            assert text(taken(page, "pdf")).startswith("Own form of Calibration certificate")
+            assert text(download(page, "pdf")).startswith("Own form of Calibration certificate")
             continue
         page.wait_for_timeout(500)
         page.locator("#get-pdf").click()
@@ -155,7 +148,7 @@ def test_the_laboratorys_own_template_is_chosen_and_removed(visit, results):
         assert said in alert.inner_text()
     page.get_by_role("button", name="Remove the template").click()
     page.get_by_text("The template is here.").wait_for(state="hidden")
-    assert "DRAFT" in text(taken(page, "pdf"))
+    assert "DRAFT" in text(download(page, "pdf"))
 
 
 def test_the_profile_is_of_entries_that_there_are():

@@ -11,9 +11,8 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from tests.support.serving import choose, field, simulated, start_anew, upload
+from tests.support.serving import WAIT_MS, choose, field, simulated, start_anew, upload
 
-WAIT_MS = 120_000
 ROWS = "time,reference,response\n" + "".join(f"{i / 100},{i % 7},{i % 5}\n" for i in range(50))
 
 

@@ -2,9 +2,8 @@
 
 from tests.support.contrast import too_faint
 from tests.support.sample_results import table2
-from tests.support.serving import upload
+from tests.support.serving import WAIT_MS, upload
 
-WAIT_MS = 120_000
 ROWS = "time,reference,response\n" + "".join(f"{i / 100},{i % 7},{i % 5}\n" for i in range(50))
 #: What can be pressed or filled in and has no name; tags and classes, for the message.
 UNNAMED = """() => [...document.querySelectorAll(

@@ -11,18 +11,10 @@ import pytest
 from pypdf import PdfReader
 from tests.support.contrast import texts, too_faint
 from tests.support.real_data import real_data
-from tests.support.serving import choose, field, upload
+from tests.support.serving import WAIT_MS, choose, download, field, upload
 from tests.support.shell import printed, run
 
 from vibrident.app.workflow import real
-
-WAIT_MS = 120_000
-
-
-def download(page, name: str) -> bytes:
-    with page.expect_download(timeout=WAIT_MS) as waiting:
-        page.locator(f"#get-{name}").click()
-    return Path(waiting.value.path()).read_bytes()
 
 
 def shell(folder: Path, shown: str) -> dict:

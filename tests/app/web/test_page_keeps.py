@@ -6,9 +6,8 @@ import signal
 
 import pytest
 from tests.support.sample_results import table2
-from tests.support.serving import VIBRIDENT, field, serving, simulated, upload
+from tests.support.serving import VIBRIDENT, WAIT_MS, field, serving, simulated, upload
 
-WAIT_MS = 120_000
 ROWS = "time,reference,response\n" + "".join(f"{i / 100},{i % 7},{i % 5}\n" for i in range(50))
 
 

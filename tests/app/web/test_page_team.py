@@ -6,13 +6,12 @@ import json
 
 import pytest
 from tests.support.sample_results import table2
-from tests.support.serving import VIBRIDENT, serving, upload
+from tests.support.serving import VIBRIDENT, WAIT_MS, serving, upload
 
 pytest.importorskip("argon2")
 
 from vibrident.app.workflow.accounts import add
 
-WAIT_MS = 120_000
 SECRET = "correct horse"
 ROWS = "time,reference,response\n" + "".join(f"{i / 100},{i % 7},{i % 5}\n" for i in range(50))
 

@@ -8,7 +8,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
-from tests.support.serving import choose, simulated, upload
+from tests.support.serving import choose, download, simulated, upload
 from tests.support.shell import printed
 
 WAIT_MS = 240_000
@@ -45,9 +45,7 @@ def ran(page, task: str) -> str:
 
 
 def files(page) -> dict[str, bytes]:
-    with page.expect_download(timeout=WAIT_MS) as waiting:
-        page.locator("#get-all").click()
-    with zipfile.ZipFile(io.BytesIO(Path(waiting.value.path()).read_bytes())) as packed:
+    with zipfile.ZipFile(io.BytesIO(download(page, "all"))) as packed:
         return {name: packed.read(name) for name in packed.namelist()}
 
 
@@ -56,9 +54,7 @@ def test_predict_correct_track_and_plan(identified, picture, violations, made):
     page = identified()
     steps = ["Data", "Columns, units and model", "Identify", "Result", "More with these data"]
     assert page.get_by_role("navigation", name="Contents").get_by_role("link").all_inner_texts() == steps
-    with page.expect_download(timeout=WAIT_MS) as waiting:
-        page.locator("#get-everything").click()
-    with zipfile.ZipFile(Path(waiting.value.path())) as packed:
+    with zipfile.ZipFile(io.BytesIO(download(page, "everything"))) as packed:
         names = set(packed.namelist())
     assert {"result.json", "calibration.toml"} <= names
     assert {name.rpartition(".")[2] for name in names} >= {"pdf", "html", "md", "csv"}

@@ -15,11 +15,10 @@ from urllib.parse import urlsplit
 import h5py
 import pytest
 from tests.support.sample_results import table2
-from tests.support.serving import VIBRIDENT, serving, start_anew, upload
+from tests.support.serving import VIBRIDENT, WAIT_MS, serving, start_anew, upload
 
 from vibrident.app.workflow.accounts import add
 
-WAIT_MS = 120_000
 TAG = "<img src=x onerror=window.pwned=1>"
 LINK = '<a href="https://evil.example/">u</a>'
 #: Bytes of memory that the server may ever have held: it has the libraries, and no file.

@@ -129,7 +129,8 @@ def test_a_file_of_the_same_name_in_capitals_is_the_same_file(session):
 def test_a_copy_keeps_what_the_person_changes_later(session):
     put(session, "a.csv", "one")
     put(session, "my.toml", "one")
-    session.copy_to(copy := session.new_folder("run"))
+    (copy := session.folder / "copy").mkdir()
+    session.copy_to(copy)
     put(session, "my.toml", "two")
     session.remove("a.csv")
     assert ((copy / "a.csv").read_text(), (copy / "my.toml").read_text()) == ("one", "one")

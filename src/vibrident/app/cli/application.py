@@ -24,15 +24,10 @@ from vibrident.app.cli.commands.reproduce import reproduce
 from vibrident.app.cli.commands.serve import serve
 from vibrident.app.cli.commands.simulate import simulate
 from vibrident.app.cli.commands.track import track
-from vibrident.app.cli.console import show_error
+from vibrident.app.cli.console import BAD_INPUT, INTERRUPTED, show_error
 from vibrident.app.cli.options import filled
 from vibrident.base.errors import VibridentError
 from vibrident.base.version import __version__
-
-#: Exit code of input that cannot be used.
-BAD_INPUT = 2
-#: Exit code after Ctrl-C.
-INTERRUPTED = 130
 
 
 class Commands(TyperGroup):

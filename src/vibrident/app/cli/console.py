@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import os
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
@@ -16,11 +16,11 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from vibrident.data.records import Record
+    from vibrident.show.views import Block
 
-#: Columns of a table in a file or a pipe.
-WIDTH_IN_A_FILE = 120
-#: Least columns of a table: a broken line is better than a cut number.
-LEAST_WIDTH = 80
+
+#: Exit codes: of input that cannot be used, of a warning with --strict, after Ctrl-C.
+BAD_INPUT, DOUBTFUL, INTERRUPTED = 2, 3, 130
 
 
 def forgiving_streams() -> None:
@@ -36,13 +36,41 @@ def _nowhere() -> TextIO:
 
 
 def out() -> Console:
-    """Console for the command's results."""
-    return _console(stderr=False)
+    """Console for the command's results: 120 columns in a file or a pipe; a broken line is better than a cut number."""
+    console = _console(stderr=False)
+    free = not sys.stdout.isatty() and not os.environ.get("COLUMNS")
+    console.width = 120 if free else max(console.width, 80)
+    return console
 
 
 def err() -> Console:
     """Console for everything else: errors, warnings, progress."""
     return _console(stderr=True)
+
+
+def _console(*, stderr: bool) -> Console:
+    from rich.console import Console
+
+    return Console(stderr=stderr, markup=False, highlight=False, emoji=False)
+
+
+def say(text: str, style: str = "") -> None:
+    """A line on stdout."""
+    out().print(printable(text), style=style, soft_wrap=True)
+
+
+def show(*blocks: Block | None) -> None:
+    """Tables and sentences, on stdout."""
+    from vibrident.show.media.console import shown
+
+    out().print(shown(*blocks))
+
+
+def show_rows(rows: Sequence[Mapping[str, object]], title: str) -> None:
+    """A table of rows, column name to value, on stdout."""
+    from vibrident.show.terminal import inspection_table
+
+    out().print(inspection_table(rows, title))
 
 
 def note(text: str) -> None:
@@ -79,16 +107,6 @@ def show_error(error: VibridentError) -> None:
     for label, text in error.parts:
         grid.add_row(f"  {label}:", Text(printable(text)))
     console.print(grid)
-
-
-def _console(*, stderr: bool) -> Console:
-    from rich.console import Console
-
-    console = Console(stderr=stderr, markup=False, highlight=False, emoji=False)
-    free = not (sys.stderr if stderr else sys.stdout).isatty() and not os.environ.get("COLUMNS")
-    if not stderr:
-        console.width = WIDTH_IN_A_FILE if free else max(console.width, LEAST_WIDTH)
-    return console
 
 
 def write_samples(path: Path, record: Record, **columns: Any) -> None:

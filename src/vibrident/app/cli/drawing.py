@@ -19,8 +19,7 @@ from vibrident.base.process import Died, Process, WorkerError, processors
 if TYPE_CHECKING:
     from vibrident.result import Result
 
-#: Pictures that take about as long as the others.
-BY_COPY = ("deviation", "signals")
+BY_COPY = ("deviation", "signals")  # pictures that take about as long as the others
 
 
 class Painter:

@@ -9,25 +9,21 @@ from typing import Any
 
 import typer
 
-from vibrident.app.workflow.choices import DISCRETISATIONS as DISCRETISATIONS
-from vibrident.app.workflow.choices import UNCERTAINTIES as UNCERTAINTIES
+from vibrident.app.workflow.estimators import DISCRETISATIONS as DISCRETISATIONS
+from vibrident.app.workflow.estimators import UNCERTAINTIES as UNCERTAINTIES
 from vibrident.app.workflow.estimators import estimator_names
 from vibrident.base.errors import InputError, unknown
 from vibrident.export.registry import EXPORTS
 from vibrident.fit.registry import ESTIMATORS
 from vibrident.physics.registry import MODELS
 
-OPTIMISERS = ("lm", "adam")
-WEIGHTINGS = ("plain", "weighted")
 EXCITATIONS = ("sine", "multisine", "sweep", "random", "shock")
 QUANTITIES = ("acceleration", "velocity", "displacement", "drive")
 SENSORS = ("paper", "inverted", "cubic", "two-mode", "piezo", "geophone", "seismometer")
-STARTS = ("rest", "steady")
-METHODS = ("exact", "rk4")
+
 FORMATS = ("html", "pdf", "md")
 
-#: Names to choose from, or a function that returns them.
-Names = Sequence[str] | Callable[[], Sequence[str]]
+Names = Sequence[str] | Callable[[], Sequence[str]]  # names to choose from, or a function that returns them
 
 
 # ``value``: that of a command's parameter without the option (...: there is none, it must be given). ``default``: what
@@ -155,11 +151,7 @@ def filled(text: str | None) -> str | None:
 
 
 def one_of(name: str, value: str, allowed: Sequence[str]) -> str:
-    """The value, if it is one of those allowed.
-
-    Raises:
-        InputError: the value is not allowed.
-    """
+    """The value, if it is one of those allowed."""
     if value in allowed:
         return value
     raise unknown(f"{value!r} is not a choice of {name}.", value, allowed, name)
@@ -186,11 +178,7 @@ def not_read(name: str, text: str, expected: str, remedy: str) -> InputError:
 
 
 def pairs(name: str, given: Sequence[str], example: str) -> dict[str, str]:
-    """Names and values of ``NAME=VALUE``.
-
-    Raises:
-        InputError: a text is not of this form.
-    """
+    """Names and values of ``NAME=VALUE``."""
     found = {}
     for text in given:
         key, separator, value = (part.strip() for part in text.partition("="))
@@ -201,11 +189,7 @@ def pairs(name: str, given: Sequence[str], example: str) -> dict[str, str]:
 
 
 def settings(given: Sequence[str]) -> dict[str, Any]:
-    """Settings of ``--set NAME=VALUE``: numbers, true, false, or text.
-
-    Raises:
-        InputError: a text is not of this form, or the setting has an option of its own.
-    """
+    """Settings of ``--set NAME=VALUE``: numbers, true, false, or text."""
     found: dict[str, Any] = {}
     for name, text in pairs("--set", given, "limit=2").items():
         if name in SETTINGS:
@@ -224,11 +208,7 @@ def settings(given: Sequence[str]) -> dict[str, Any]:
 
 
 def band(text: str | None) -> tuple[float, float] | None:
-    """``10:1000``, a lower and a higher frequency in Hz.
-
-    Raises:
-        InputError: the text is not such a range.
-    """
+    """``10:1000``, a lower and a higher frequency in Hz."""
     if text is None:
         return None
     try:
@@ -240,11 +220,7 @@ def band(text: str | None) -> tuple[float, float] | None:
 
 
 def frequencies(text: str | None) -> list[float] | None:
-    """``10:1000``, the exact one-third-octave frequencies in that range, or a list such as ``10,20,50``; in Hz.
-
-    Raises:
-        InputError: the text is neither.
-    """
+    """``10:1000``, the exact one-third-octave frequencies in that range, or a list such as ``10,20,50``; in Hz."""
     if text is None:
         return None
     separator = ":" if ":" in text else ","

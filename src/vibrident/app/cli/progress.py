@@ -14,18 +14,9 @@ from vibrident.app.workflow.interruption import tidied_up
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
-#: Seconds before anything is shown.
-PATIENCE_S = 1.0
-#: Clears the line and shows the cursor, which the bar hides.
-_RESTORE = b"\r\x1b[2K\x1b[?25h"
-
 
 class Busy:
-    """Shows the current step, and an optimiser's progress when called with it.
-
-    with Busy("Identifying") as progress:
-        identify(calibration, progress=progress)
-    """
+    """Shows the current step, and an optimiser's progress when called with it."""
 
     def __init__(self, what: str) -> None:
         self._what = what
@@ -44,7 +35,7 @@ class Busy:
         columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(24), TimeElapsedColumn())
         self._bar = Progress(*columns, console=console, transient=True)
         self._task = self._bar.add_task(self._what, total=None)
-        self._timer = threading.Timer(PATIENCE_S, self._show)
+        self._timer = threading.Timer(1.0, self._show)
         self._timer.daemon = True
         self._open.enter_context(tidied_up(self._restore))
         self._timer.start()
@@ -83,4 +74,4 @@ class Busy:
 
     def _restore(self) -> None:
         if self._bar is not None and self._bar.live.is_started:
-            os.write(2, _RESTORE)
+            os.write(2, b"\r\x1b[2K\x1b[?25h")  # clears the line and shows the cursor, which the bar hides

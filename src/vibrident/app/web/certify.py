@@ -21,8 +21,7 @@ from vibrident.data.io.certificate import CertificateData, certificate_section, 
 from vibrident.show.issue import FormField, form, lacking
 from vibrident.show.language import ENGLISH
 
-#: Most bytes of a logo or a template, and most characters of all entries.
-_MOST_OWN, _MOST_TEXT = 200_000, 100_000
+_MOST_OWN, _MOST_TEXT = 200_000, 100_000  # most bytes of a logo or a template, and most characters of all entries
 #: The laboratory's own files: what they are, and their endings.
 _OWN = {"logo": ("PNG, JPEG or SVG", ".png,.jpg,.jpeg,.svg"), "template": ("a typst file in place of ours", ".typ")}
 _SENSOR = ("manufacturer", "type", "serial_number")
@@ -46,12 +45,9 @@ _NUMBERS = ("low", "high", "from_hz", "to_hz")
 
 
 class CertificateForm:
-    """The form of one result.
+    """The form of one result, with which what is stated is kept.
 
-    Args:
-        user: who fills it in.
-        named: the result; what is stated is kept with it.
-        known: what the result itself states: ``certificate``, ``sensor``, and the names of its ``parameters``.
+    ``known`` is what the result itself states: ``certificate``, ``sensor``, and the names of its ``parameters``.
     """
 
     def __init__(self, user: User, named: Named, known: Mapping[str, Any]) -> None:
@@ -118,20 +114,17 @@ class CertificateForm:
 
     def _rows(self, entry: FormField, values: Sequence[Any]) -> Rows:
         if entry.kind == "instruments":
-            return Rows(
-                "Instrument", _INSTRUMENT, [one if isinstance(one, Mapping) else {"name": one} for one in values]
-            )
+            rows = [one if isinstance(one, Mapping) else {"name": one} for one in values]
+            return Rows("Instrument", _INSTRUMENT, rows)
         return Rows("Requirement", _REQUIREMENT, values, ("sensitivity_deviation", *self.known["parameters"]))
 
     def _more(self) -> None:
         """The result before an adjustment, and the laboratory's own files."""
         others = {str(one.path): one.name for one in self.user.results if one.path != self.named.path}
+        own = self.named.stated
+        value = str(own.before) if own and str(own.before) in others else None
         with frame.group("Adjustment, logo and template", 4):
-            own = self.named.stated
-            value = str(own.before) if own and own.before else None
-            self.before = _plain(
-                ui.select({None: "none", **others}, value=value if value in others else None, label="Before adjustment")
-            )
+            self.before = _plain(ui.select({None: "none", **others}, value=value, label="Before adjustment"))
             for kind in _OWN:
                 self._own(kind)
 
@@ -173,12 +166,12 @@ class CertificateForm:
         return {}
 
     def _read(self) -> CertificateData:
-        """What is in the form, checked; None for what the result states and the form leaves empty.
-
-        Raises:
-            InputError: an entry is not allowed.
-        """
-        filled = {entry.key: _value(entry, self.entries[entry.key]) for entry in form()}
+        """What is in the form, checked; None for what the result states and the form leaves empty."""
+        filled = {}
+        for entry in form():
+            value = _text(self.entries[entry.key].value)
+            paragraphs = entry.kind == "paragraphs" and value
+            filled[entry.key] = [line for line in value.split("\n") if line.strip()] if paragraphs else value
         filled = {key: value for key, value in filled.items() if value not in (None, [])}
         if len(json.dumps(filled)) > _MOST_TEXT:
             raise InputError(
@@ -274,11 +267,6 @@ def _element(entry: FormField, known: Any) -> Any:
     if entry.kind in ("lines", "paragraphs"):
         return _plain(ui.textarea(label, value=text).props("autogrow rows=1"))
     return _plain(ui.input(label, value=text), date=entry.kind == "date")
-
-
-def _value(entry: FormField, element: Any) -> Any:
-    value = _text(element.value)
-    return [line for line in value.split("\n") if line.strip()] if entry.kind == "paragraphs" and value else value
 
 
 def _text(value: Any) -> Any:

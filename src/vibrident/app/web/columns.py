@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable
 from dataclasses import replace
 from typing import Any
 
 from nicegui import ui
 
 from vibrident.app.web import frame
+from vibrident.app.web.data import DataStep
 from vibrident.app.web.description import ROLES, Description, calibration_text, described
+from vibrident.app.web.fit import FitStep
 from vibrident.app.web.held import Confirmed, Form
 from vibrident.app.web.looks import MOST_TEXT, Guess, calibration, chart, faults, guess, readable
 from vibrident.app.web.preview import HEIGHT
@@ -42,19 +43,12 @@ class _Outdated(Exception):
 class ColumnsStep:
     """From files to a calibration file in the user's folder."""
 
-    def __init__(self, user: User) -> None:
-        self.user = user
+    def __init__(self, user: User, data: DataStep, fit: FitStep) -> None:
+        self.user, self.data, self.fit = user, data, fit
         self.turn = 0
 
-    def build(
-        self,
-        on_confirmed: Callable[[Confirmed], Awaitable[Any]],
-        on_edit: Callable[[], Any],
-        on_doubt: Callable[[], Any],
-        on_file: Callable[[], Any],
-    ) -> None:
-        """Build the section, hidden until there are data; ``on_file`` is called when the user has a file more."""
-        self.on_confirmed, self.on_edit, self.on_doubt, self.on_file = on_confirmed, on_edit, on_doubt, on_file
+    def build(self) -> None:
+        """Build the section, hidden until there are data."""
         self.section = frame.step("Columns, units and model", "columns")
         with self.section:
             self.body = ui.element("div")
@@ -62,7 +56,7 @@ class ColumnsStep:
 
     async def show(self) -> None:
         """The files have changed: guess again, or use the uploaded calibration file."""
-        self.on_doubt()
+        self.fit.doubt()
         self.user.session.forget_calibration()
         if await self._look(again=True):
             frame.go(self.section)
@@ -123,7 +117,7 @@ class ColumnsStep:
         frame.Text("calibration-came", text)
         self.errors = ui.element("div").props("aria-live=assertive")
         with ui.element("div").classes("actions"):
-            ui.button("Confirm", on_click=lambda: self.on_confirmed(Confirmed(name, False))).props("id=confirm")
+            ui.button("Confirm", on_click=lambda: self.fit.show(Confirmed(name, False))).props("id=confirm")
             if len(text) <= MOST_TEXT:
                 ui.button("Edit", on_click=lambda: self._write(name, text)).props("outline id=edit-text")
 
@@ -144,12 +138,12 @@ class ColumnsStep:
             edited(self.user, name, text, self._taken, self.restore)
 
     async def _taken(self) -> None:
-        self.on_file()
+        self.data.show()
         await self.show()
 
     async def _ask(self) -> None:
-        form = self.user.form
-        assert form is not None
+        assert self.user.form is not None
+        self.form = form = self.user.form
         self.fields: dict[str, list[Any]] = {}
         kept = "; your settings are kept" if form.touched else ""
         first = self.user.session.files[0]
@@ -160,16 +154,16 @@ class ColumnsStep:
                 f"The first are {frame.listed(form.guess.columns.labels)}."
             ).classes("hint")
         kind = ui.toggle({False: "Records in time", True: "Table of a response"}, value=form.given.table)
-        self._field("table", kind.props("no-caps"))
+        kind.props("no-caps").on_value_change(lambda event: self._edited("table", event.value))
         self.of_records, self.of_table = ui.element("div"), ui.element("div")
         with self.of_records:
             self.of_motion, self.of_channel, self.of_light = (ui.element("div") for _ in range(3))
         self._visible()
         with self.of_records:
-            await self._records(form)
+            await self._records()
         with self.of_table:
-            await self._table(form)
-        await self._model(form)
+            await self._table()
+        await self._model()
         self._visible()
         with ui.element("div").classes("actions"):
             ui.button("Draw these columns", on_click=self._plot).props("outline id=show")
@@ -193,10 +187,20 @@ class ColumnsStep:
             self.chart = frame.Chart(drawn, HEIGHT)
             ui.label(f"{self.user.session.files[0]}, the beginning of the file as it is.").classes("hint")
 
-    def _field(self, name: str, element: Any) -> Any:
+    async def _field(self, name: str, element: Any, identity: str = "", more: str = "") -> Any:
         """An element that shows and sets one field of the form."""
         self.fields.setdefault(name, []).append(element)
-        return element.on_value_change(lambda event: self._edited(name, event.value))
+        element.on_value_change(lambda event: self._edited(name, event.value))
+        return await self._placed(element, identity, more)
+
+    async def _placed(self, element: Any, identity: str, more: str = "") -> Any:
+        """An element in the style of the form. Other users have a turn: a form has many elements."""
+        element.props(f"dense outlined stack-label {more}" + (f" id={identity}" if identity else ""))
+        turn = self.turn
+        await asyncio.sleep(0)
+        if turn != self.turn or self.body.is_deleted:
+            raise _Outdated
+        return element
 
     def _edited(self, name: str, value: Any) -> None:
         form = self.user.form
@@ -204,11 +208,11 @@ class ColumnsStep:
             return
         form.set(name, value)
         self.user.changed()
-        for element in self.fields[name]:  # some occur twice, for records and for a table
+        for element in self.fields.get(name, []):  # some occur twice, for records and for a table
             if element.value != value:
                 element.value = value
         self._visible()
-        self.on_edit()
+        self.fit.refresh()
 
     def _visible(self) -> None:
         given = self.user.form.given if self.user.form else Description()
@@ -221,106 +225,84 @@ class ColumnsStep:
             for element in self.fields.get(name, []):
                 element.visible = visible
 
-    async def _records(self, form: Form) -> None:
+    async def _records(self) -> None:
         with self.of_motion, frame.group("Reference: motion of the sensor"):
-            await self._select(form, REFERENCES, "Reference: taken from", "reference_by", "reference-by")
-            await self._number(form, "Reference: relative u (optional)", "standard_uncertainty")
+            await self._select(REFERENCES, "Reference: taken from", "reference_by", "reference-by")
+            await self._number("Reference: relative u (optional)", "standard_uncertainty")
         with self.of_channel, ui.element("div").classes("fields"):
-            await self._column(form, "Reference: column", "reference", "reference-column")
-            await self._select(form, QUANTITIES, "Reference: quantity", "quantity", "quantity")
-            await self._number(form, "Reference: SI units per unit of the file", "scale", "scale")
-            await self._text(form, "Reference: unit, for reports", "unit")
+            await self._column("Reference: column", "reference", "reference-column")
+            await self._select(QUANTITIES, "Reference: quantity", "quantity", "quantity")
+            await self._number("Reference: SI units per unit of the file", "scale", "scale")
+            await self._text("Reference: unit, for reports", "unit")
         with self.of_light, ui.element("div").classes("fields"):
-            await self._interferometer(form)
+            await self._interferometer()
         with frame.group("Response: output of the sensor"):
-            await self._column(form, "Response: column", "response", "response-column")
-            await self._text(form, "Response: unit", "response_unit", "response-unit")
-            await self._number(form, "Response: units per unit of the file", "response_scale", "response-scale")
+            await self._column("Response: column", "response", "response-column")
+            await self._text("Response: unit", "response_unit", "response-unit")
+            await self._number("Response: units per unit of the file", "response_scale", "response-scale")
         with frame.group("Sampling and excitation"):
-            await self._column(form, "Time column, in s", "time", "time-column", optional=True)
-            await self._number(form, "Sampling rate in Hz (or the file's)", "rate_hz", "rate")
-            await self._select(form, EXCITATIONS, "Excitation", "excitation", "excitation")
+            await self._column("Time column, in s", "time", "time-column", optional=True)
+            await self._number("Sampling rate in Hz (or the file's)", "rate_hz", "rate")
+            await self._select(EXCITATIONS, "Excitation", "excitation", "excitation")
 
-    async def _interferometer(self, form: Form) -> None:
-        await self._column(form, "First signal: cos, or carrier", "first_signal", "first-signal")
-        await self._column(form, "Second signal: sin", "second_signal", "second-signal")
-        await self._number(form, "Wavelength in the medium, in nm", "wavelength_nm", "wavelength")
-        await self._number(form, "Passes to the target and back", "passes", "passes")
-        await self._number(form, "Carrier in Hz, approximately", "carrier_hz", "carrier")
-        await self._select(form, DIRECTIONS, "Direction of x", "direction", "direction")
-        await self._number(form, "Wavelength: relative u (optional)", "wavelength_relative_uncertainty")
-        await self._number(form, "Optical channel later by, in s (optional)", "optical_delay_s")
-        await self._number(form, "u of this delay, in s (optional)", "optical_delay_standard_uncertainty_s")
-        await self._number(form, "Optical sampling rate in Hz, if another", "optical_rate_hz")
-        await self._text(form, "Signals in files of their own: more in their names", "optical_part", "optical-part")
+    async def _interferometer(self) -> None:
+        await self._column("First signal: cos, or carrier", "first_signal", "first-signal")
+        await self._column("Second signal: sin", "second_signal", "second-signal")
+        await self._number("Wavelength in the medium, in nm", "wavelength_nm", "wavelength")
+        await self._number("Passes to the target and back", "passes", "passes")
+        await self._number("Carrier in Hz, approximately", "carrier_hz", "carrier")
+        await self._select(DIRECTIONS, "Direction of x", "direction", "direction")
+        await self._number("Wavelength: relative u (optional)", "wavelength_relative_uncertainty")
+        await self._number("Optical channel later by, in s (optional)", "optical_delay_s")
+        await self._number("u of this delay, in s (optional)", "optical_delay_standard_uncertainty_s")
+        await self._number("Optical sampling rate in Hz, if another", "optical_rate_hz")
+        await self._text("Signals in files of their own: more in their names", "optical_part", "optical-part")
 
-    async def _table(self, form: Form) -> None:
+    async def _table(self) -> None:
         with frame.group("Columns of the table"):
-            await self._column(form, "Frequency, in Hz", "frequency")
-            await self._column(form, "Magnitude", "magnitude")
-            await self._column(form, "Phase", "phase", optional=True)
-            await self._select(form, ("deg", "rad"), "Unit of the phase", "phase_unit")
-            await self._column(form, "Standard uncertainty of the magnitude", "magnitude_uncertainty", optional=True)
-            await self._column(form, "Standard uncertainty of the phase", "phase_uncertainty", optional=True)
-            await self._select(form, QUANTITIES, "Reference: quantity", "quantity")
-            await self._text(form, "Response: unit", "response_unit")
-            await self._number(form, "Response: unit per unit in the file", "response_scale")
+            await self._column("Frequency, in Hz", "frequency")
+            await self._column("Magnitude", "magnitude")
+            await self._column("Phase", "phase", optional=True)
+            await self._select(("deg", "rad"), "Unit of the phase", "phase_unit")
+            await self._column("Standard uncertainty of the magnitude", "magnitude_uncertainty", optional=True)
+            await self._column("Standard uncertainty of the phase", "phase_uncertainty", optional=True)
+            await self._select(QUANTITIES, "Reference: quantity", "quantity")
+            await self._text("Response: unit", "response_unit")
+            await self._number("Response: unit per unit in the file", "response_scale")
 
-    async def _model(self, form: Form) -> None:
+    async def _model(self) -> None:
         with frame.group("Sensor and model"):
-            for key in form.given.sensor:
-                await self._text(form, key.replace("_", " ").capitalize(), f"sensor.{key}")
-            await self._select(form, tuple(CORES), "Model", "core", "core")
-            (await self._select(form, tuple(ADD_ONS), "Add-ons", "add_ons", "add-ons")).props("multiple use-chips")
+            for key in self.form.given.sensor:
+                await self._text(key.replace("_", " ").capitalize(), f"sensor.{key}")
+            await self._select(tuple(CORES), "Model", "core", "core")
+            (await self._select(tuple(ADD_ONS), "Add-ons", "add_ons", "add-ons")).props("multiple use-chips")
 
-    async def _column(self, form: Form, label: str, name: str, identity: str = "", *, optional: bool = False) -> None:
-        columns, chosen = form.guess.columns, form.get(name)
-        if form.guess.all_columns > len(columns.columns):
-            await self._written(form, label, name, identity)
+    async def _column(self, label: str, name: str, identity: str = "", *, optional: bool = False) -> None:
+        """A column chosen from a list, or written by its name or number if the list would be too long."""
+        columns, chosen = self.form.guess.columns, self.form.get(name)
+        if self.form.guess.all_columns > len(columns.columns):
+            shown = "" if chosen is None else str(chosen)
+            element = ui.input(label, value=shown, placeholder="name, or number from 1")
+            element.on_value_change(lambda event: self._edited(name, _column_named(event.value or "")))
+            await self._placed(element, identity)
             return
         choices: dict[Any, str] = {None: "none"} if optional else {}
         choices |= dict(zip(columns.columns, columns.labels, strict=True))
         if chosen is not None:
             choices.setdefault(chosen, f"{chosen} (not in this file)")
-        await self._select(form, choices, label, name, identity)
+        await self._select(choices, label, name, identity)
 
-    async def _written(self, form: Form, label: str, name: str, identity: str) -> None:
-        """A column by its name or number, if the list would be too long."""
-        chosen = form.get(name)
-        element = ui.input(label, value="" if chosen is None else str(chosen), placeholder="name, or number from 1")
-        element.props("dense outlined stack-label")
-
-        def read(event: Any) -> None:
-            text = (event.value or "").strip()
-            self._edited(name, int(text) if text.isdecimal() and len(text) < 9 else text or None)
-
-        _called(element, identity).on_value_change(read)
-        self.fields.setdefault(name, [])
-        await self._breathe()
-
-    async def _select(self, form: Form, choices: Any, label: str, name: str, identity: str = "") -> Any:
+    async def _select(self, choices: Any, label: str, name: str, identity: str = "") -> Any:
         options = choices if isinstance(choices, dict) else list(choices)
-        element = ui.select(options, value=form.get(name), label=label, multiple=name == "add_ons")
-        self._field(name, _called(element, identity).props("dense outlined stack-label options-dense"))
-        await self._breathe()
-        return element
+        element = ui.select(options, value=self.form.get(name), label=label, multiple=name == "add_ons")
+        return await self._field(name, element, identity, "options-dense")
 
-    async def _number(self, form: Form, label: str, name: str, identity: str = "") -> None:
-        element = ui.number(label, value=form.get(name), format="%.12g").props("dense outlined stack-label step=any")
-        self._field(name, _called(element, identity))
-        await self._breathe()
+    async def _number(self, label: str, name: str, identity: str = "") -> None:
+        element = ui.number(label, value=self.form.get(name), format="%.12g")
+        await self._field(name, element, identity, "step=any")
 
-    async def _text(self, form: Form, label: str, name: str, identity: str = "") -> None:
-        element = ui.input(label, value=form.get(name)).props("dense outlined stack-label")
-        self._field(name, _called(element, identity))
-        await self._breathe()
-
-    async def _breathe(self) -> None:
-        """Yield to the other users; a form has many elements."""
-        turn = self.turn
-        await asyncio.sleep(0)
-        if turn != self.turn or self.body.is_deleted:
-            raise _Outdated
+    async def _text(self, label: str, name: str, identity: str = "") -> None:
+        await self._field(name, ui.input(label, value=self.form.get(name)), identity)
 
     async def _plot(self) -> None:
         form, session = self.user.form, self.user.session
@@ -353,7 +335,12 @@ class ColumnsStep:
         except InputError as error:
             frame.show_error(self.errors, error, session)
             return
-        await self.on_confirmed(Confirmed(CALIBRATION, True))
+        await self.fit.show(Confirmed(CALIBRATION, True))
+
+
+def _column_named(text: str) -> int | str | None:
+    text = text.strip()
+    return int(text) if text.isdecimal() and len(text) < 9 else text or None
 
 
 def merged(before: Form | None, found: Guess) -> Form:
@@ -365,7 +352,3 @@ def merged(before: Form | None, found: Guess) -> Form:
         if role not in before.touched and getattr(before.given, role) not in (None, *found.columns.columns):
             setattr(before.given, role, getattr(given, role))
     return Form(found, before.given, before.touched)
-
-
-def _called(element: Any, identity: str) -> Any:
-    return element.props(f"id={identity}") if identity else element

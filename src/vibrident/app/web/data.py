@@ -13,21 +13,20 @@ from nicegui import events, ui
 
 from vibrident.app.web import frame
 from vibrident.app.web.looks import facts
-from vibrident.app.web.session import KNOWN, MEGABYTE, MOST_FILES, safe_name, too_large, unknown_kind
+from vibrident.app.web.session import KNOWN, MEGABYTE, MOST_FILES, safe_name, too_large
 from vibrident.app.web.users import User
 from vibrident.app.web.worker import simulate_demo
 from vibrident.app.workflow.real import STORY, real_data, write_real
 from vibrident.base.errors import InputError
+from vibrident.data.io.readers import unknown_format
 from vibrident.show import views
 from vibrident.show.views import count
 
-#: Most files listed one by one, each with a button to remove it.
-_MOST_NAMED = 40
-#: Most omitted files whose names the browser reports.
-_MOST_TOLD = 1000
-_KNOWN = json.dumps(KNOWN)
+_MOST_NAMED = 40  # most files listed one by one, each with a button to remove it
+_MOST_TOLD = 1000  # most omitted files whose names the browser reports
+_UNKNOWN = f"Not a supported kind of file ({', '.join(KNOWN)})"
 #: Files of unknown format are not sent; the browser reports their names.
-_FILTER = f"files => files.filter(f => {_KNOWN}.some(e => f.name.toLowerCase().endsWith(e)))"
+_FILTER = f"files => files.filter(f => {json.dumps(KNOWN)}.some(e => f.name.toLowerCase().endsWith(e)))"
 _TOLD = f"rejected => emit(rejected.slice(0, {_MOST_TOLD}).map(r => [r.failedPropValidation, r.file.name]))"
 
 
@@ -60,7 +59,7 @@ class DataStep:
                 .props("flat bordered")
             )
             self.upload.props[":filter"] = _FILTER
-            self.upload.on("start", self._begin, args=[])
+            self.upload.on("start", lambda: self.errors.clear(), args=[])
             self.upload.on("rejected", self._rejected, js_handler=_TOLD)
             self.upload.on("failed", self._failed, args=[])
             self.upload.on("uploaded", js_handler=f"() => vibrident.sent({self.upload.id})")
@@ -82,18 +81,15 @@ class DataStep:
         self.user.changed()
         self.upload.client.run_javascript(f"vibrident.hold({str(not self.user.empty).lower()})")
 
-    def _begin(self) -> None:
-        self.errors.clear()
-
     def _rejected(self, event: events.GenericEventArguments) -> None:
         """Files that the browser did not send."""
         told = [(str(why), safe_name(str(name))) for why, name in event.args]
         unknown = [name for why, name in told if why == "filter"]
         large = [name for why, name in told if why != "filter"]
         if len(told) == 1 and unknown:
-            frame.show_error(self.errors, unknown_kind(unknown[0]))
+            frame.show_error(self.errors, unknown_format(Path(unknown[0]).suffix, unknown[0]))
             return
-        self.not_sent = {self._unknown(): unknown, self._large(): large}
+        self.not_sent = {_UNKNOWN: unknown, self._large(): large}
         self._left_out(self.not_sent)
 
     def _failed(self) -> None:
@@ -110,15 +106,13 @@ class DataStep:
             ),
         )
 
-    def _unknown(self) -> str:
-        return f"Not a supported kind of file ({', '.join(KNOWN)})"
-
     def _large(self) -> str:
         return f"Beyond the limit of {self.user.session.limit_mb:g} MB and {MOST_FILES} files in all"
 
     async def _arrived(self, event: events.MultiUploadEventArguments) -> None:
-        session, came, results = self.user.session, [], 0
+        session, came, results = self.user.session, [], False
         alone = len(event.files) == 1
+        known = {unknown_format("", "").problem: _UNKNOWN, too_large(1.0).problem: self._large()}
         left_out: dict[str, list[str]] = {}
         for file in event.files:
             try:
@@ -130,15 +124,21 @@ class DataStep:
                 except BaseException:
                     session.remove(place.name)
                     raise
-                if place.suffix.lower() == ".json":
-                    results += await self._result(place)
-                else:
+                if place.suffix.lower() != ".json":
                     came.append(place.name)
+                    continue
+                try:  # an earlier result, checked in a separate process
+                    await self.user.look(facts, place)
+                    self.user.keep(place.stem, place)
+                finally:
+                    session.remove(place.name)
+                results = True
             except InputError as error:
                 if alone:
                     frame.show_error(self.errors, error, session)
                 else:
-                    left_out.setdefault(self._reason(error), []).append(safe_name(file.name))
+                    reason = known.get(error.problem, error.problem.rstrip("."))
+                    left_out.setdefault(reason, []).append(safe_name(file.name))
             except Exception as error:
                 frame.show_error(self.errors, error, session)
         if self.upload.is_deleted:
@@ -150,20 +150,6 @@ class DataStep:
             await self.on_result()
         if came:
             await self.on_data()
-
-    def _reason(self, error: InputError) -> str:
-        known = {unknown_kind("").problem: self._unknown(), too_large(1.0).problem: self._large()}
-        return known.get(error.problem, error.problem.rstrip("."))
-
-    async def _result(self, place: Path) -> int:
-        """An earlier result, checked in a separate process."""
-        session = self.user.session
-        try:
-            await self.user.look(facts, place)
-            self.user.keep(place.stem, place)
-        finally:
-            session.remove(place.name)
-        return 1
 
     def _left_out(self, left_out: dict[str, list[str]]) -> None:
         self.left.clear()
@@ -183,13 +169,18 @@ class DataStep:
         """Take an example in place of what there is; whether it is here."""
         self.errors.clear()
         self.left.clear()
-        if self.user.busy:
-            frame.show_error(self.errors, _busy())
-            return False
-        self.demo_button.disable()
-        self.listing.text = doing
         session = self.user.session
         try:
+            if self.user.busy:
+                raise InputError(
+                    "An identification is under way.",
+                    expected="none",
+                    found="one",
+                    where="examples",
+                    remedy="wait for it, or cancel it",
+                )
+            self.demo_button.disable()
+            self.listing.text = doing
             self.user.require("identify", "identify")
             session.clear()
             session.open()
@@ -252,13 +243,3 @@ class DataStep:
                         button = ui.button(icon="close", on_click=partial(self._remove, name))
                         button.props("flat round size=xs").props["aria-label"] = f"remove {name}"
         self.hold()
-
-
-def _busy() -> InputError:
-    return InputError(
-        "An identification is under way.",
-        expected="none",
-        found="one",
-        where="examples",
-        remedy="wait for it, or cancel it",
-    )

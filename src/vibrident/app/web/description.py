@@ -1,12 +1,12 @@
-"""From the confirmed form to the calibration file that reproduces it from the shell."""
+"""From the confirmed form to the calibration file that reproduces it from the shell, and files told by their names."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
-from vibrident.app.web.pairs import paired
 from vibrident.base.errors import InputError
 from vibrident.data.io.guess import Columns
 from vibrident.data.io.toml_text import toml_entry, toml_section
@@ -15,8 +15,7 @@ from vibrident.physics.models import ADD_ONS
 
 #: Fields that name a column of a table.
 POINTS = ("frequency", "magnitude", "phase", "magnitude_uncertainty", "phase_uncertainty")
-#: Fields that name a column.
-ROLES = ("time", "reference", "first_signal", "second_signal", "response", *POINTS)
+ROLES = ("time", "reference", "first_signal", "second_signal", "response", *POINTS)  # fields that name a column
 
 
 def delays() -> list[str]:
@@ -80,11 +79,7 @@ class Description:
         return both if self.reference_by == "quadrature" else both[:1]
 
     def pairs(self, files: Sequence[str]) -> list[tuple[str, str | None]]:
-        """The file of each record, and that of its optical signals where these are apart.
-
-        Raises:
-            InputError: a file has no partner.
-        """
+        """The file of each record, and that of its optical signals where these are apart."""
         return paired(files, self.optical_part if self.signals else "")
 
 
@@ -102,11 +97,7 @@ def described(guess: Columns, excitation: str = "sine") -> Description:
 
 
 def calibration_text(given: Description, files: Sequence[str]) -> str:
-    """The calibration file, as text.
-
-    Raises:
-        InputError: a choice is missing.
-    """
+    """The calibration file, as text; refused where a choice is missing."""
     _complete(given, files)
     sensor = {key: text for key, text in given.sensor.items() if text} | {"model": given.model}
     reference: dict[str, Any] = {"standard_uncertainty": given.standard_uncertainty}
@@ -117,11 +108,8 @@ def calibration_text(given: Description, files: Sequence[str]) -> str:
             "scale": None if given.table else given.scale,
             "unit": (given.unit or None) if not given.table or given.quantity == "drive" else None,
         }
-    response: dict[str, Any] = {
-        "column": None if given.table else given.response,
-        "scale": given.response_scale,
-        "unit": given.response_unit,
-    }
+    column = None if given.table else given.response
+    response = {"column": column, "scale": given.response_scale, "unit": given.response_unit}
     sections = [toml_section("sensor", sensor), toml_section("reference", _floats(reference))]
     if given.signals:
         sections.append(toml_section("interferometer", _interferometer(given)))
@@ -165,32 +153,27 @@ def _floats(values: dict[str, Any]) -> dict[str, Any]:
 def _complete(given: Description, files: Sequence[str]) -> None:
     if given.table and len(files) != 1:
         raise _missing("A tabulated response is one file.", "one file", f"{len(files)} files", "remove the others")
-    wanted = {"frequency": given.frequency, "magnitude": given.magnitude} if given.table else {}
+    usual = "a number; 1 if the file has the unit itself"
+    wanted = {"frequency": given.frequency, "magnitude": given.magnitude}
+    numbers = {"scale of the response": (given.response_scale, usual)}
     if not given.table:
         wanted = {"response": given.response}
         if given.signals:
             names = ("cosine", "sine") if given.reference_by == "quadrature" else ("signal on the carrier",)
             wanted |= dict(zip(names, given.signals, strict=True))
-        elif given.excitation != "decay":
-            wanted["reference"] = given.reference
+            numbers["wavelength"] = (given.wavelength_nm, "a number in nm, such as 632.991")
+            if given.reference_by == "heterodyne":
+                numbers["carrier"] = (given.carrier_hz, "its frequency in Hz")
+        else:
+            numbers["scale of the reference"] = (given.scale, usual)
+            if given.excitation != "decay":
+                wanted["reference"] = given.reference
     for name, column in wanted.items():
         if column is None:
             raise _missing(f"No column is chosen for the {name}.", "a column of the file", "none", "choose one")
-    usual = "a number; 1 if the file has the unit itself"
-    numbers = {"scale of the response": (given.response_scale, usual)}
-    if given.signals:
-        numbers["wavelength"] = (given.wavelength_nm, "a number in nm, such as 632.991")
-        if given.reference_by == "heterodyne":
-            numbers["carrier"] = (given.carrier_hz, "its frequency in Hz")
-    elif not given.table:
-        numbers["scale of the reference"] = (given.scale, usual)
     for name, (number, expected) in numbers.items():
         if number is None:
             raise _missing(f"The {name} is empty.", expected, "none", "fill it in")
-    _require_apart(given)
-
-
-def _require_apart(given: Description) -> None:
     if given.table or given.excitation == "decay":
         return
     motion = given.signals or (given.reference,)
@@ -204,3 +187,52 @@ def _require_apart(given: Description) -> None:
 
 def _missing(problem: str, expected: str, found: str, remedy: str) -> InputError:
     return InputError(problem, expected=expected, found=found, where="columns and units", remedy=remedy)
+
+
+def mark(files: Sequence[str]) -> str:
+    """The part of a name that optical files have beyond the response's, such as ``_optical``; empty for no pairs.
+
+    Half of the files must have it, and each of them a partner without it.
+    """
+    if len(files) < 2 or len(files) % 2:
+        return ""
+    first, *others = (Path(file).stem for file in files)
+    parts = (_added(*sorted((first, other), key=len)) for other in others)
+    return next((part for part in parts if part and _partners(files, part) is not None), "")
+
+
+def paired(files: Sequence[str], part: str) -> list[tuple[str, str | None]]:
+    """Each file of a response with the file of its optical signals; without a part of names, all are in one."""
+    if not part:
+        return [(file, None) for file in files]
+    found = _partners(files, part)
+    if found is None:
+        optical = [file for file in files if part in Path(file).stem]
+        raise InputError(
+            "The files with optical signals do not match those with responses.",
+            expected=f"for each file a second one, with {part!r} more in its name",
+            found=f"{len(files) - len(optical)} files without {part!r}, {len(optical)} with it",
+            where="columns and units",
+            remedy="add or rename files, or correct that part of the names; leave it empty for signals in one file",
+        )
+    return list(found)
+
+
+def _partners(files: Sequence[str], part: str) -> list[tuple[str, str | None]] | None:
+    """Pairs in the order of the responses; None if a file is left over."""
+    optical = {Path(file).stem.replace(part, "", 1): file for file in files if part in Path(file).stem}
+    others = [file for file in files if part not in Path(file).stem]
+    if len(optical) != len(others) or len(files) != 2 * len(others) or not others:
+        return None
+    pairs = [(file, optical.get(Path(file).stem)) for file in others]
+    return pairs if all(partner is not None for _, partner in pairs) else None
+
+
+def _added(short: str, long: str) -> str:
+    """What a name has beyond another, in one place; empty if they differ otherwise."""
+    same = next((i for i, (a, b) in enumerate(zip(short, long, strict=False)) if a != b), len(short))
+    more = len(long) - len(short)
+    for start in range(same, -1, -1):
+        if more and long[:start] + long[start + more :] == short:
+            return long[start : start + more]
+    return ""

@@ -10,7 +10,6 @@ import json
 import os
 import secrets
 import time
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs
@@ -19,12 +18,10 @@ from vibrident.app.workflow.accounts import Account, Accounts
 from vibrident.base.errors import InputError
 
 SIGN_IN, SIGN_OUT = "/sign-in", "/sign-out"
-#: Seconds for which somebody stays signed in.
-_SESSION_S = 12 * 3600.0
+_SESSION_S = 12 * 3600.0  # seconds for which somebody stays signed in
 _MOST_SESSIONS = 1000
-#: Most bytes of a name and a password, and most tries that wait for their turn.
-_MOST_BYTES = 2000
-_MOST_WAITING = 8
+_MOST_BYTES = 2000  # of a name and a password
+_MOST_WAITING = 8  # most tries that wait for their turn
 _PAGE = """<!doctype html><html lang="en"><meta charset="utf-8"><meta name="viewport" content="width=device-width">
 <meta name="color-scheme" content="light dark"><title>vibrident: sign in</title><style nonce="{nonce}">
 body {{ font: 1rem/1.5 system-ui, sans-serif; max-width: 22rem; margin: 12vh auto; padding: 0 16px }}
@@ -36,48 +33,27 @@ input {{ padding: 8px; margin: 2px 0 14px }} button {{ padding: 10px }} [role=al
 <button>Sign in</button></form></main></html>"""
 
 
-@dataclass(frozen=True)
-class Proxy:
-    """A proxy before the page: its address, and the header in which it says who has signed in there, if it does."""
-
-    address: str
-    user_header: str | None = None
-
-
-class Audit:
-    """What was done by whom: a line of JSON each, added to a file."""
-
-    def __init__(self, file: Path | None) -> None:
-        self._file = file
-
-    def note(self, account: str, action: str, **facts: Any) -> None:
-        """Add a line; it is on the disk when this returns."""
-        if self._file is None:
-            return
-        at = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
-        line = json.dumps({"time": at, "account": account, "action": action, **facts}) + "\n"
-        self._file.parent.mkdir(parents=True, exist_ok=True)
-        place = os.open(self._file, os.O_CREAT | os.O_WRONLY | os.O_APPEND, 0o600)
-        try:
-            os.write(place, line.encode())
-            os.fsync(place)
-        finally:
-            os.close(place)
-
-
 class Door:
     """Lets requests in, and answers those of signing in and out.
 
     Args:
         accounts: of the file; None if everybody whom the proxy lets in may identify.
-        proxy: before the page; None for none.
-        audit: where to note who came.
+        audit: file of what was done by whom, a line of JSON each; None for none.
         sessions: file in which sessions outlive the server.
+        proxy: address of a proxy before the page.
+        user_header: header in which the proxy says who has signed in there, if it does.
     """
 
-    def __init__(self, accounts: Accounts | None, proxy: Proxy | None, audit: Audit, sessions: Path) -> None:
-        self._accounts, self._proxy, self.audit, self._file = accounts, proxy, audit, sessions
-        self._by_proxy = proxy is not None and proxy.user_header is not None
+    def __init__(
+        self,
+        accounts: Accounts | None,
+        audit: Path | None,
+        sessions: Path,
+        proxy: str | None = None,
+        user_header: str | None = None,
+    ) -> None:
+        self._accounts, self._audit, self._file, self._proxy = accounts, audit, sessions, proxy
+        self._user_header = None if user_header is None else user_header.lower().encode()
         self._waiting = 0
         self._sessions: dict[str, tuple[str, float]] = {}
         with contextlib.suppress(OSError, ValueError, TypeError):
@@ -85,27 +61,37 @@ class Door:
                 key: (str(one[0]), float(one[1])) for key, one in json.loads(sessions.read_text()).items()
             }
 
+    def note(self, account: str, action: str, **facts: Any) -> None:
+        """Add a line on what was done by whom; it is on the disk when this returns."""
+        if self._audit is None:
+            return
+        at = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
+        line = json.dumps({"time": at, "account": account, "action": action, **facts}) + "\n"
+        self._audit.parent.mkdir(parents=True, exist_ok=True)
+        with os.fdopen(os.open(self._audit, os.O_CREAT | os.O_WRONLY | os.O_APPEND, 0o600), "wb", 0) as out:
+            out.write(line.encode())
+            os.fsync(out.fileno())
+
     def account(self, name: str) -> Account | None:
         """Who has this name now; a role that was changed holds at once."""
         known = self._accounts.named(name) if self._accounts else None
-        if known is None and self._by_proxy:
+        if known is None and self._user_header is not None:
             return Account(name, "look" if self._accounts else "identify", "")
         return known
 
     def visitor(self, scope: Any, headers: dict[bytes, str]) -> Account | None:
         """Whose request it is; None if of nobody who may come in."""
-        if self._by_proxy:
-            assert self._proxy is not None
-            name = headers.get(str(self._proxy.user_header).lower().encode(), "")
+        if self._user_header is not None:
+            name = headers.get(self._user_header, "")
             plain = 0 < len(name) <= 200 and name.isprintable()
-            return self.account(name) if plain and _peer(scope) == self._proxy.address else None
+            return self.account(name) if plain and _peer(scope) == self._proxy else None
         name, until = self._sessions.get(_key(headers, scope), ("", 0.0))
         return self.account(name) if time.time() < until else None
 
     async def answer(self, scope: Any, receive: Any, send: Any, headers: dict[bytes, str], told: Any) -> bool:
         """Answer a request that the page does not; False if the page may."""
         path, method = scope.get("path"), scope.get("method")
-        if self._by_proxy:
+        if self._user_header is not None:
             if self.visitor(scope, headers) is None:
                 await say(send, 403, told, b"Sign in at the proxy before this page.")
                 return True
@@ -118,7 +104,7 @@ class Door:
             account = self.visitor(scope, headers)
             self._sessions.pop(_key(headers, scope), None)
             self._write()
-            self.audit.note(account.name if account else "", "signed out")
+            self.note(account.name if account else "", "signed out")
             await _see(send, told, SIGN_IN)
         elif self.visitor(scope, headers) is None:
             if path == "/" and method == "GET":
@@ -149,7 +135,7 @@ class Door:
             account = await asyncio.to_thread(self._accounts.check, name, password, *keys)
         finally:
             self._waiting -= 1
-        self.audit.note(name[:64], "signed in" if account else "refused", address=where)
+        self.note(name[:64], "signed in" if account else "refused", address=where)
         if account is None:
             await self._form(send, told, 403, "Name and password do not belong together.")
             return
@@ -161,7 +147,7 @@ class Door:
         self._sessions[hashlib.sha256(token.encode()).hexdigest()] = (name, now + _SESSION_S)
         self._write()
         flags = f"Path=/; Max-Age={_SESSION_S:.0f}; HttpOnly; SameSite=Lax"
-        if self._proxy and _peer(scope) == self._proxy.address and headers.get(b"x-forwarded-proto") == "https":
+        if self._proxy and _peer(scope) == self._proxy and headers.get(b"x-forwarded-proto") == "https":
             flags += "; Secure"
         cookie = (b"set-cookie", f"{_cookie(scope)}={token}; {flags}".encode())
         await _see(send, (*told, cookie), "/")
@@ -169,7 +155,7 @@ class Door:
     def _from(self, scope: Any, headers: dict[bytes, str]) -> str:
         """The address of who asks: what the proxy says of it, if there is one."""
         peer = _peer(scope)
-        if self._proxy and peer == self._proxy.address:
+        if self._proxy and peer == self._proxy:
             return headers.get(b"x-forwarded-for", peer).rpartition(",")[2].strip()[:64]
         return peer
 
@@ -192,11 +178,7 @@ class Door:
 def team(
     auth: Path | None, proxy: str | None, user_header: str | None, audit: Path | None, folder: Path, *, loopback: bool
 ) -> Door | None:
-    """The door of a team's page; None for a page that this machine alone can reach.
-
-    Raises:
-        InputError: others could come in unasked, or the options do not fit together.
-    """
+    """The door of a team's page, refused if others could come in unasked; None if this machine alone can reach it."""
     if user_header is not None and proxy is None:
         raise _unguarded(
             f"--user-header {user_header} without --proxy", "the address of the proxy that sends the header"
@@ -206,7 +188,7 @@ def team(
             raise _unguarded("neither", "--auth FILE, or --proxy ADDRESS with --user-header NAME")
         return None
     known = Accounts(auth) if auth is not None else None
-    return Door(known, Proxy(proxy, user_header) if proxy else None, Audit(audit), folder / "sessions.json")
+    return Door(known, audit, folder / "sessions.json", proxy or None, user_header)
 
 
 def _unguarded(found: str, expected: str) -> InputError:

@@ -13,22 +13,17 @@ from vibrident.app.web import frame
 from vibrident.app.web.description import calibration_text
 from vibrident.app.web.held import Choices, Confirmed, Job
 from vibrident.app.web.looks import calibration
-from vibrident.app.web.session import CALIBRATION
 from vibrident.app.web.users import User
 from vibrident.app.web.worker import Stopped
-from vibrident.app.workflow.choices import DISCRETISATIONS, UNCERTAINTIES
-from vibrident.app.workflow.estimators import AUTO, estimators_with
+from vibrident.app.workflow.estimators import AUTO, DISCRETISATIONS, UNCERTAINTIES, estimators_with
 from vibrident.fit.registry import ESTIMATORS
 from vibrident.show import axes
 from vibrident.show.media.charts import charts
 from vibrident.show.views import BLUE, ORANGE, Figure, Look, Panel, Series, Stack
 
-#: Seconds between two updates from the identification.
-_PACE_S = 0.25
-#: Height of the curve in pixels.
-HEIGHT = 230
-#: Most iterations drawn, of all starts together.
-_MOST_DRAWN = 2000
+_PACE_S = 0.25  # seconds between two updates from the identification
+HEIGHT = 230  # height of the curve in pixels
+_MOST_DRAWN = 2000  # most iterations drawn, of all starts together
 
 
 class FitStep:
@@ -116,11 +111,11 @@ class FitStep:
         if confirmed.from_form:
             self.refresh()
             return
-        try:
-            self.text.show(await self.user.look(calibration, session.data, confirmed.name))
-        except Exception as error:
+        text = await frame.looked(self.user, self.errors, calibration, session.data, confirmed.name)
+        if text is None:
             self.user.confirmed = None
-            frame.show_error(self.errors, error, session)
+        else:
+            self.text.show(text)
         self._renew()
 
     def _renew(self) -> None:
@@ -136,18 +131,10 @@ class FitStep:
             return
         self.errors.clear()
         self._forget_curve()
-        name = user.confirmed.name
-        if user.confirmed.from_form:
-            assert user.form is not None
-            try:
-                user.session.write_calibration(calibration_text(user.form.given, user.session.files))
-            except Exception as error:
-                frame.show_error(self.errors, error, user.session)
-                return
-            name = CALIBRATION
-        chosen = Choices(name, self.estimator.value, self.discretisation.value, uncertainty=self.uncertainty.value)
+        wanted = (self.estimator.value, self.discretisation.value, self.uncertainty.value)
         try:
-            user.start(chosen)
+            user.write_form()
+            user.start(Choices(user.confirmed.name, *wanted))
         except Exception as error:
             frame.show_error(self.errors, error, user.session)
             return

@@ -21,38 +21,31 @@ from vibrident.base.process import WorkerError
 from vibrident.export.form import OPTIONS
 from vibrident.show import views
 
-#: Naming it makes its library available to the browser.
-_PLOTLY = ui.plotly
+_PLOTLY = ui.plotly  # naming it makes its library available to the browser
 _LOG = logging.getLogger("vibrident.app.web")
-#: Most characters of an unexpected error in the log.
-_LONGEST = 20_000
-#: Most names in a list; the rest is counted.
-_MOST_NAMES = 12
+_LONGEST = 20_000  # most characters of an unexpected error in the log
+_MOST_NAMES = 12  # most names in a list; the rest is counted
 #: Words of the command line in messages: a flag with the sign of its value, a command, a package to install.
 _FLAG = re.compile(r"--([a-z][a-z-]*)(?: [A-Z][A-Z:]*\b)?")
 _COMMAND = re.compile(r"`?vibrident (identify|inspect|serve|export)\b`?")
 _INSTALL = re.compile(r"pip install '?([^' ]+)'?")
 _STEPS = {"identify": "Identify", "inspect": "“Draw these columns”", "serve": "the server", "export": "“Export”"}
 _LABELS = {option.flag.removeprefix("--"): option.label for option in OPTIONS.values() if option.label}
-_LABELS |= {
-    "certificate": "What the certificate states",
-    "format": "Export as",
-    "estimator": "Estimator",
-    "model": "Model",
-}
+_LABELS |= {"certificate": "What the certificate states", "format": "Export as"}
+_LABELS |= {"estimator": "Estimator", "model": "Model"}
 
 
 def show_error(place: ui.element, error: BaseException, session: Session | None = None) -> None:
     """The message of the command line, in a box; for unexpected errors, the number in the log."""
     known = in_page_words(_error_to_show(error))
-    local = session.local(known) if session else known
     if place.is_deleted:  # the page was left meanwhile
         return
     place.clear()
     with place, ui.element("div").classes("error").props("role=alert"):
-        if not isinstance(local, InputError):
-            ui.label(str(local)).classes("problem")
+        if not isinstance(known, InputError):
+            ui.label(str(known)).classes("problem")
             return
+        local = session.local(known) if session else known
         ui.label(local.problem).classes("problem")
         for label, text in local.parts:
             with ui.element("p"):
@@ -141,9 +134,8 @@ class Chart:
     """
 
     def __init__(self, figure: bytes, height: int) -> None:
-        self.place = (
-            ui.element("div").classes("chart").style(f"min-height: {height}px")
-        )  # the layout stays when it is drawn
+        self.place = ui.element("div").classes("chart")
+        self.place.style(f"min-height: {height}px")  # the layout stays when it is drawn
         self.show(figure)
 
     def show(self, figure: bytes) -> None:
@@ -169,22 +161,16 @@ def page_words(text: str) -> str:
 
 
 def _error_to_show(error: BaseException) -> VibridentError:
-    """The error to show: vibrident's own unchanged; anything else is logged."""
+    """The error to show: vibrident's own unchanged; anything else goes to the log, with a number."""
     if isinstance(error, VibridentError):
         return error
-    number = _noted(error)
+    number = secrets.token_hex(4)
+    text = str(error) if isinstance(error, WorkerError) else "".join(traceback.format_exception(error))
+    lines = ("".join(c if c.isprintable() else " " for c in line) for line in text[-_LONGEST:].splitlines())
+    _LOG.error("something went wrong, %s\n%s", number, "\n".join(f"{number}  {line}" for line in lines))
     return InputError(
         "Something went wrong.",
         expected="no error of the program",
         found=f"an unexpected error, number {number} in the server's log",
         remedy="your files and results are kept; try again, and report a repeated error with that number",
     )
-
-
-def _noted(error: BaseException) -> str:
-    """Write an error to the log; returns its number."""
-    number = secrets.token_hex(4)
-    text = str(error) if isinstance(error, WorkerError) else "".join(traceback.format_exception(error))
-    lines = ("".join(c if c.isprintable() else " " for c in line) for line in text[-_LONGEST:].splitlines())
-    _LOG.error("something went wrong, %s\n%s", number, "\n".join(f"{number}  {line}" for line in lines))
-    return number

@@ -11,15 +11,11 @@ from urllib.parse import urlsplit
 
 from vibrident.app.web.door import Door, cookies, say
 
-#: Allowance for the browser's envelope around files.
-_ENVELOPE_BYTES = 1_000_000
+_ENVELOPE_BYTES = 1_000_000  # allowance for the browser's envelope around files
 _MOST_DIGITS = 18
-#: Most simultaneous uploads of the largest size, of all users together.
-_AT_ONCE = 4
-#: Key of a request's scope: whose browser it is.
-OWNER = "vibrident.owner"
-#: The same: who signed in, if the page has a door.
-ACCOUNT = "vibrident.account"
+_AT_ONCE = 4  # most simultaneous uploads of the largest size, of all users together
+OWNER = "vibrident.owner"  # key of a request's scope: whose browser it is
+ACCOUNT = "vibrident.account"  # the same: who signed in, if the page has a door
 _COOKIE_S = 30 * 86_400
 _COOKIE = re.compile(r"[0-9a-f]{64}")
 _HOST = re.compile(r"[\w.\-]+(:\d{1,5})?|\[[0-9a-fA-F:.]+\](:\d{1,5})?", re.ASCII)

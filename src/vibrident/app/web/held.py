@@ -1,7 +1,12 @@
-"""What a user's page holds beside files: the form, the choices, the running identification, the results."""
+"""What a user's page holds beside files: the form, the choices, the running identification, the results.
+
+It lies on disk, too: what a stopped server left is there again when the next one starts.
+"""
 
 from __future__ import annotations
 
+import contextlib
+import os
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,23 +15,19 @@ from typing import Any, ClassVar
 from vibrident.app.web.description import Description
 from vibrident.app.web.looks import Guess
 from vibrident.app.workflow.estimators import AUTO, estimators_with
+from vibrident.base import parcel
 from vibrident.data.io.certificate import CertificateData
+
+_MOST_BYTES = 20_000_000  # most bytes of what is kept of a user
 
 
 @dataclass(frozen=True)
 class Choices:
-    """Choices of one identification, also as a command for a shell.
+    """Choices of one identification, also as a command for a shell."""
 
-    Attributes:
-        calibration: name of the calibration file, in the folder of the data.
-        estimator: its name.
-        discretisation: of an estimator that has one; ignored for others.
-        uncertainty: what the uncertainties cover.
-    """
-
-    calibration: str
+    calibration: str  # name of the calibration file, in the folder of the data
     estimator: str = AUTO
-    discretisation: str = "bandlimited"
+    discretisation: str = "bandlimited"  # of an estimator that has one; ignored for others
     uncertainty: str = "auto"
 
     @property
@@ -59,17 +60,11 @@ class Named:
 
 @dataclass
 class Form:
-    """The form about the columns, and the user's input.
+    """The form about the columns, and the user's input."""
 
-    Attributes:
-        guess: the choices, and the possible meaning of the columns.
-        given: the form's values.
-        touched: fields set by the user; a guess does not change them.
-    """
-
-    guess: Guess
+    guess: Guess  # the choices, and the possible meaning of the columns
     given: Description
-    touched: set[str] = field(default_factory=set)
+    touched: set[str] = field(default_factory=set)  # fields set by the user; a guess does not change them
 
     def get(self, name: str) -> Any:
         """Value of a field; those of the sensor are named ``sensor.NAME``."""
@@ -128,3 +123,22 @@ class Job:
         self.most_left_s = (time.monotonic() - self._started) / done * (most - iteration) if done else None
         which = f"Start {len(self.starts)}, iteration" if len(self.starts) > 1 else "Iteration"
         self.words = f"{which} {iteration} of at most {most}, cost {cost:.4g}"
+
+
+def write_state(folder: Path, state: dict[str, Any]) -> None:
+    """Replace what is kept of a user; nothing if the folder is gone."""
+    with contextlib.suppress(FileNotFoundError):
+        partial = folder / "state.part"
+        with os.fdopen(os.open(partial, os.O_CREAT | os.O_WRONLY | os.O_TRUNC, 0o600), "wb") as file:
+            parcel.send(file, state)
+        partial.replace(folder / "state")
+
+
+def read_state(folder: Path) -> dict[str, Any] | None:
+    """What was kept; None if there is nothing, or another version wrote it."""
+    try:
+        with (folder / "state").open("rb") as file:
+            found = parcel.receive(file, _MOST_BYTES)
+    except (OSError, EOFError, parcel.TooLong, ValueError, TypeError, KeyError, RecursionError, ImportError):
+        return None
+    return found if isinstance(found, dict) else None

@@ -21,21 +21,14 @@ except ImportError:  # Windows: without locks a dead server cannot be detected, 
     fcntl = None
 
 PREFIX = "vibrident-serve-"
-#: Lock file, held while the server lives; the system releases it however the server ends.
-_LOCK = "lock"
+_LOCK = "lock"  # lock file, held while the server lives; the system releases it however the server ends
 _NEW = "vibrident-new-"
 
 
 class Home:
-    """A private folder: below the system's temporary folder, or one of an address that is kept.
+    """A private folder: a temporary one, or in the folder ``kept`` of all kept ones, named by the server's address.
 
-    Args:
-        kept: folder of all kept ones; None for a temporary one.
-        address: of the server; names the folder that is kept.
-        keep_s: seconds for which folders of dead servers are kept.
-
-    Raises:
-        InputError: another server has the folder, or it cannot be made.
+    Folders of dead servers are kept for ``keep_s`` seconds.
     """
 
     def __init__(self, kept: Path | None = None, address: str = "", keep_s: float = 0.0) -> None:

@@ -11,13 +11,12 @@ import os
 import time
 import zipfile
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from vibrident.app.web.description import POINTS, Description, described
-from vibrident.app.web.pairs import mark, paired
+from vibrident.app.web.description import POINTS, Description, described, mark, paired
 from vibrident.app.web.preview import preview
 from vibrident.app.web.session import refuse_outside
 from vibrident.base.errors import InputError, VibridentError
@@ -37,36 +36,26 @@ from vibrident.show.media import charts, html
 from vibrident.show.report import content, file_name
 from vibrident.show.views import Figure, count
 
-#: Most files whose motion is examined, spread over all of them.
-_MOST_EXAMINED = 5
-#: Most columns offered in lists; otherwise names are typed.
-MOST_COLUMNS = 60
-#: Most characters of a calibration file shown.
-MOST_TEXT = 20_000
-#: Most bytes of charts sent to the browser at once.
-MOST_BYTES = 4_000_000
+if TYPE_CHECKING:
+    from vibrident.lab.history.store import Store
+
+_MOST_EXAMINED = 5  # most files whose motion is examined, spread over all of them
+MOST_COLUMNS = 60  # most columns offered in lists; otherwise names are typed
+MOST_TEXT = 20_000  # most characters of a calibration file shown
+MOST_BYTES = 4_000_000  # most bytes of charts sent to the browser at once
 _LONGEST_LABEL = 200
-#: Seconds after which no further file is examined.
-_MOST_SECONDS = 40.0
+_MOST_SECONDS = 40.0  # seconds after which no further file is examined
 
 
 @dataclass(frozen=True)
 class Guess:
-    """The possible meaning of the columns.
+    """The possible meaning of the columns."""
 
-    Attributes:
-        columns: by their names; at most what can be shown.
-        excitation: by the file's name or the motion; None if undetermined.
-        all_columns: number of the file's columns.
-        chart: the guessed columns, as ``chart`` draws them; empty if that fails.
-        optical_part: what names of files with optical signals have beyond the others'; empty if there are none.
-    """
-
-    columns: Columns
-    excitation: str | None
-    all_columns: int
-    chart: bytes
-    optical_part: str = ""
+    columns: Columns  # by their names; at most what can be shown
+    excitation: str | None  # by the file's name or the motion; None if undetermined
+    all_columns: int  # number of the file's columns
+    chart: bytes  # the guessed columns, as ``chart`` draws them; empty if that fails
+    optical_part: str = ""  # what names of files with optical signals have beyond the others'; empty if there are none
 
 
 def prepare() -> None:
@@ -74,24 +63,19 @@ def prepare() -> None:
 
 
 def guess(folder: Path, files: Sequence[str]) -> Guess:
-    """Guess the columns from the first file, and the excitation from several.
-
-    Raises:
-        InputError: the first file cannot be opened.
-    """
+    """Guess the columns from the first file, and the excitation from several."""
     part = mark(files)
     columns, apart = _columns(folder, paired(files, part))
-    count = len(columns.columns)
+    part = part if apart else ""
     try:
-        excitation = likely_excitation(columns, folder, [file for file, _ in paired(files, part if apart else "")])
+        excitation = likely_excitation(columns, folder, [file for file, _ in paired(files, part)])
     except MemoryError:  # the files may be too large for a guess
         excitation = None
     try:
-        given = replace(described(columns, excitation or "sine"), optical_part=part if apart else "")
-        drawn = chart(given, folder, files)
+        drawn = chart(replace(described(columns, excitation or "sine"), optical_part=part), folder, files)
     except (VibridentError, MemoryError):  # reported when the page requests the chart
         drawn = b""
-    return Guess(_few(columns), excitation, count, drawn, part if apart else "")
+    return Guess(_few(columns), excitation, len(columns.columns), drawn, part)
 
 
 def _columns(folder: Path, pairs: Sequence[tuple[str, str | None]]) -> tuple[Columns, bool]:
@@ -133,11 +117,7 @@ def _few(columns: Columns) -> Columns:
 
 
 def calibration(folder: Path, name: str) -> str:
-    """The text of a calibration file; of a long one the beginning.
-
-    Raises:
-        InputError: it cannot be read, or names files that were not uploaded.
-    """
+    """The text of a calibration file that names no other files than those uploaded; of a long one the beginning."""
     refuse_outside(folder / name)
     text = (folder / name).read_text(encoding="utf-8-sig")
     left = len(text) - MOST_TEXT
@@ -178,20 +158,12 @@ def _require_numbers(path: Path, columns: Sequence[int | str]) -> None:
 
 
 def readable(folder: Path, name: str) -> None:
-    """Read all that a calibration file names.
-
-    Raises:
-        InputError: something in it cannot be read.
-    """
+    """Read all that a calibration file names, to see whether it can be read."""
     read(folder / name)
 
 
 def facts(path: Path) -> tuple[str, str]:
-    """Model and estimator of a result.
-
-    Raises:
-        InputError: the file is not a result.
-    """
+    """Model and estimator of a result."""
     result = Result.load(path)
     return result.model, result.estimator
 
@@ -304,46 +276,40 @@ def comparison(paths: Sequence[Path], names: Sequence[str]) -> dict[str, Any]:
 
 def history(path: Path, store: str) -> dict[str, Any]:
     """What a store holds of the sensor of a result: words, charts as JSON, and tables as HTML."""
-    return _history(Result.load(path), store, "")
+    return _history(path, store, lambda opened, result: "")
 
 
 def added_to_history(path: Path, store: str) -> dict[str, Any]:
-    """The same, once the result was added.
-
-    Raises:
-        InputError: the result states no serial number or date, or the store cannot be used.
-    """
+    """The same, once the result was added."""
     from vibrident.lab.history.entry import add_all
-    from vibrident.lab.history.store import Store
 
-    result = Result.load(path)
-    with Store(store) as opened:
+    def add(opened: Store, result: Result) -> str:
         ((new, number),) = add_all(opened, [result])
-    return _history(result, store, f"Calibration {number}{'' if new else ' was there already'}. ")
+        return f"Calibration {number}{'' if new else ' was there already'}. "
+
+    return _history(path, store, add)
 
 
 def approved(path: Path, store: str, by: str) -> dict[str, Any]:
-    """The same, once the result's calibration was approved.
-
-    Raises:
-        InputError: the history does not hold it, or the store cannot be used.
-    """
+    """The same, once the result's calibration was added and approved."""
     from vibrident.lab.history.entry import add_all, approve
-    from vibrident.lab.history.store import Store
 
-    result = Result.load(path)
-    with Store(store) as opened:
+    def add(opened: Store, result: Result) -> str:
         ((_, number),) = add_all(opened, [result])
         approve(opened, number, by=by)
-    return _history(result, store, f"Calibration {number} is approved. ")
+        return f"Calibration {number} is approved. "
+
+    return _history(path, store, add)
 
 
-def _history(result: Result, store: str, before: str) -> dict[str, Any]:
+def _history(path: Path, store: str, change: Callable[[Store, Result], str]) -> dict[str, Any]:
     from vibrident.lab.history import page
     from vibrident.lab.history.document import of_result
     from vibrident.lab.history.store import Store
 
+    result = Result.load(path)
     with Store(store) as opened:
+        before = change(opened, result)
         life = of_result(opened, result)
     if life is None:
         return {"words": f"{before}The history holds no calibration of this sensor.", "charts": [], "tables": ""}

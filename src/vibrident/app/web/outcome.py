@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import shutil
 from functools import partial
 from typing import Any
 
@@ -14,11 +13,11 @@ from vibrident.app.web.certify import CertificateForm
 from vibrident.app.web.held import Named
 from vibrident.app.web.session import RESULT
 from vibrident.app.web.users import User
+from vibrident.base.errors import InputError
 from vibrident.base.escaping import html
 from vibrident.show.report import FILE_NAMES
 
-#: Most bytes of a file that an export writes.
-_MOST_EXPORTED = 200_000_000
+_MOST_EXPORTED = 200_000_000  # most bytes of a file that an export writes
 #: Most bytes of the store's file: it may be as large as it likes, but a process that may write needs a number.
 _ANY_SIZE = 1 << 42
 
@@ -88,18 +87,16 @@ class OutcomeStep:
         ui.html("<h3>Download</h3>", sanitize=False)
         with ui.element("div").classes("actions"):
             ui.button("result.json", on_click=lambda: ui.download.file(named.path, RESULT)).props("id=get-json")
-            names = {**{form: own for form, (own, _) in FILE_NAMES.items()}, "pdf": pdf}
             for form, label in (("html", "Report (HTML)"), ("pdf", f"{title} (PDF)"), ("md", "Report (Markdown)")):
-                asked = partial(self._report, named, form, names[form])
+                asked = partial(self._report, named, form, pdf if form == "pdf" else FILE_NAMES[form][0])
                 ui.button(label, on_click=asked).props(f"outline id=get-{form}")
             ui.button("Everything (zip)", on_click=partial(self._everything, named)).props("outline id=get-everything")
             if named.choices is not None:
                 name = named.choices.calibration
                 ui.button(name, on_click=lambda: ui.download.file(named.calibration, name)).props("outline id=get-toml")
         if named.choices is not None:
-            ui.label(f"With {named.choices.calibration} in the folder of the data, the same in a shell:").classes(
-                "hint"
-            )
+            hint = f"With {named.choices.calibration} in the folder of the data, the same in a shell:"
+            ui.label(hint).classes("hint")
             frame.Text("command", named.choices.command)
 
     def _exports(self, named: Named) -> None:
@@ -125,14 +122,12 @@ class OutcomeStep:
                 for name, field in fields.items():
                     field.visible = name in forms[value].options
 
-            def asked() -> dict[str, Any]:
-                return {name: field.value or None for name, field in fields.items()}
+            async def export() -> None:
+                await self._export(named, form.value, {name: field.value or None for name, field in fields.items()})
 
             needed(form.value)
             form.on_value_change(lambda event: needed(event.value))
-            ui.button("Export", on_click=lambda: self._export(named, form.value, asked())).props(
-                "outline id=get-export"
-            )
+            ui.button("Export", on_click=export).props("outline id=get-export")
 
     async def _report(self, named: Named, form: str, name: str) -> None:
         self.errors.clear()
@@ -142,31 +137,17 @@ class OutcomeStep:
     async def _everything(self, named: Named) -> None:
         self.errors.clear()
         await self.user.note("issued", named.path, document="everything.zip")
-        folder = self.user.session.new_folder("export")
         calibration = named.calibration if named.choices is not None else None
-        try:
+        async with self.user.session.new_folder("export") as folder:
             asked = (looks.everything, named.path, calibration, folder, self.certificate.given())
             await give(self.user, self.errors, "calibration.zip", *asked, file_bytes=_MOST_EXPORTED)
-        finally:
-            await asyncio.to_thread(shutil.rmtree, folder, True)
 
     async def _export(self, named: Named, form: str, options: dict[str, Any]) -> None:
         self.export_errors.clear()
-        session, errors = self.user.session, self.export_errors
         await self.user.note("exported", named.path, form=form)
-        folder = session.new_folder("export")
-        try:
-            made, name = await self.user.look(
-                looks.exported, named.path, folder, form, options, self.certificate.given(), file_bytes=_MOST_EXPORTED
-            )
-            place = await asyncio.to_thread(session.download, made)
-        except Exception as error:
-            frame.show_error(errors, error, session)
-            return
-        finally:
-            await asyncio.to_thread(shutil.rmtree, folder, True)
-        if not errors.is_deleted:
-            ui.download.file(place, name)
+        async with self.user.session.new_folder("export") as folder:
+            asked = (looks.exported, named.path, folder, form, options, self.certificate.given())
+            await give(self.user, self.export_errors, None, *asked, file_bytes=_MOST_EXPORTED)
 
 
 class History:
@@ -199,11 +180,11 @@ class History:
         self.errors.clear()
         try:
             self.user.require("approve", "approve")
-        except Exception as error:
+        except InputError as error:
             frame.show_error(self.errors, error)
             return
         await self.user.note("approved", self.named.path)
-        await self._ask(looks.approved, *([self.user.owner] if self.user.users.door else ["the page"]))
+        await self._ask(looks.approved, self.user.owner if self.user.users.door else "the page")
 
     async def _ask(self, function: Any, *more: str) -> None:
         self.errors.clear()
@@ -222,10 +203,11 @@ class History:
             ui.html(shown["tables"], sanitize=False)
 
 
-async def give(user: User, errors: ui.element, name: str, function: Any, *args: Any, **limits: Any) -> None:
-    """Let the browser download the output of a function of ``looks``."""
+async def give(user: User, errors: ui.element, name: str | None, function: Any, *args: Any, **limits: Any) -> None:
+    """Let the browser download what a function of ``looks`` makes, and, where no name is given, names."""
     try:
         made = await user.look(function, *args, **limits)
+        made, name = made if name is None else (made, name)
         place = await asyncio.to_thread(user.session.download, made)
     except Exception as error:
         frame.show_error(errors, error, user.session)

@@ -25,8 +25,7 @@ from vibrident.show.views import count
 
 _FOLDER = Path(__file__).parent
 _STYLE = (_FOLDER / "page.css").read_text(encoding="utf-8")
-#: Most of them that a new tab is offered.
-_MOST_OFFERED = 4
+_MOST_OFFERED = 4  # most earlier tabs whose work a new one is offered
 _SCRIPT = (_FOLDER / "page.js").read_text(encoding="utf-8")
 
 
@@ -93,7 +92,8 @@ def _offer(user: User) -> None:
 
 async def _steps(user: User) -> None:
     outcome, compare, fit = OutcomeStep(user), CompareStep(user), FitStep(user)
-    columns, data, tools = ColumnsStep(user), DataStep(user), ToolsStep(user)
+    data, tools = DataStep(user), ToolsStep(user)
+    columns = ColumnsStep(user, data, fit)
 
     async def results(*, go: bool = True) -> None:
         data.hold()
@@ -107,7 +107,7 @@ async def _steps(user: User) -> None:
 
     data.build(on_data=came, on_result=results)
     await asyncio.sleep(0)  # yield between the steps
-    columns.build(on_confirmed=fit.show, on_edit=fit.refresh, on_doubt=fit.doubt, on_file=data.show)
+    columns.build()
     fit.build(on_result=results)
     await asyncio.sleep(0)
     outcome.build()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -16,23 +17,16 @@ from vibrident.show import axes
 from vibrident.show.data_figures import lissajous
 from vibrident.show.media.charts import Chart, charts
 from vibrident.show.numbers import shortened
-from vibrident.show.views import BLUE, GREEN, VERMILION, Axis, Figure, Look, Panel, Series, Stack
+from vibrident.show.views import BLUE, GREEN, VERMILION, Figure, Look, Panel, Series, Stack
 
-#: Height of the chart in pixels.
-HEIGHT = 360
-#: Samples drawn.
-MOST_SAMPLES = 3000
-#: Samples from which an ellipse is fitted.
-MOST_LIGHT = 1 << 18
+HEIGHT = 360  # height of the chart in pixels
+MOST_SAMPLES = 3000  # samples drawn
 
 
 def preview(given: Description, folder: Path, files: Sequence[str]) -> Chart:
     """A figure of the first file: reference above response, or magnitude over frequency.
 
     Two photodetector signals are also drawn over each other, with their ellipse.
-
-    Raises:
-        InputError: a column cannot be read, or the columns are too large to be read whole.
     """
     first, other = given.pairs(files)[0]
     source = open_columns(folder / first)
@@ -66,24 +60,17 @@ def _over(source: ColumnFile, wanted: Sequence[int | str], across: int | str | N
     title = "Frequency in Hz" if table else "Sample" if x is None else "Time from the first sample in s"
     below = axes.frequency(places, title) if table else axes.linear(title, places, margin=0.02)
     mark = "o" if table else ""
-    panels = tuple(
-        Panel(below, _axis(values[column]), (_series(places, values[column][:size], column, colour, mark),), 1.0)
-        for colour, column in zip((BLUE, VERMILION, GREEN), wanted, strict=False)
-    )
-    return Stack(panels)
+    panels = []
+    for colour, column in zip((BLUE, VERMILION, GREEN), wanted, strict=False):
+        look = Look(colour, width=1.0, marker=mark)  # type: ignore[arg-type]
+        line = Series(places, values[column][:size], shortened(str(column), 50), look)
+        panels.append(Panel(below, axes.linear("", values[column]), (line,), 1.0))
+    return Stack(tuple(panels))
 
 
 def _beginnings(source: ColumnFile, columns: Sequence[int | str]) -> list[FloatArray]:
     positions = [source.position_of(column, "columns and units") for column in columns]
     return [source.block([p], 0, min(source.length(p), MOST_SAMPLES))[0] for p in positions]
-
-
-def _series(x: FloatArray, y: FloatArray, column: int | str, colour: str, mark: str) -> Series:
-    return Series(x, y, shortened(str(column), 50), Look(colour, width=1.0, marker=mark))  # type: ignore[arg-type]
-
-
-def _axis(values: FloatArray) -> Axis:
-    return axes.linear("", values)
 
 
 def _light(source: ColumnFile, given: Description) -> tuple[Stack, ...]:
@@ -94,12 +81,12 @@ def _light(source: ColumnFile, given: Description) -> tuple[Stack, ...]:
     from vibrident.data.interferometer.survey import survey
 
     places = [source.position_of(column, "columns and units") for column in given.signals if column is not None]
-    size = min(*(source.length(place) for place in places), MOST_LIGHT)
+    size = min(*(source.length(place) for place in places), 1 << 18)  # enough to fit an ellipse
     signals = source.block(places, 0, size)
     if size < 2 or not np.isfinite(signals).all():
         return ()
-    try:
+    points, ellipse = signals[:, :: max(size // MOST_SAMPLES, 1)], None
+    with suppress(InputError):  # reported when the file is confirmed; the signals themselves show it
         seen = survey(held(signals, 1.0))
-    except InputError:  # reported when the file is confirmed; the signals themselves show it
-        return (Stack((lissajous(signals[:, :: max(size // MOST_SAMPLES, 1)], None),)),)
-    return (Stack((lissajous(seen.points, seen.ellipse if seen.fitted else None),)),)
+        points, ellipse = seen.points, seen.ellipse if seen.fitted else None
+    return (Stack((lissajous(points, ellipse),)),)

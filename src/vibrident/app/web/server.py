@@ -14,13 +14,12 @@ from vibrident.app.web.confinement import possible
 from vibrident.app.web.door import Door, team
 from vibrident.app.web.home import Home
 from vibrident.app.web.session import MEGABYTE
-from vibrident.app.workflow.choices import LOOPBACK
+from vibrident.app.workflow.accounts import LOOPBACK
 from vibrident.base.errors import InputError
 from vibrident.lab.history.location import data_folder
 
 USUAL_PORT = 8080
-#: Seconds without a connection after which the browser rebuilds the page; its state is kept longer.
-_RECONNECT_S = 30.0
+_RECONNECT_S = 30.0  # seconds without a connection after which the browser rebuilds the page; its state is kept longer
 #: Addresses for documentation (RFC 5737, RFC 3849): nothing is sent there; they only reveal this machine's own address.
 _ANYWHERE = {socket.AF_INET: "192.0.2.1", socket.AF_INET6: "2001:db8::1"}
 _ICON = (
@@ -45,25 +44,10 @@ def serve(
     say: Callable[[str], None] = print,
     note: Callable[[str], None] = print,
 ) -> None:
-    """Serve the page until interrupted.
+    """Serve the page until interrupted, with the options of ``vibrident serve``.
 
-    Args:
-        host: address to listen at; loopback is for this machine alone.
-        port: 0: 8080 if free, else any free one.
-        show: open the browser.
-        limit_mb: most megabytes of one user's files.
-        names: further host names of the page.
-        store: URL of the history that everybody who reaches the page may read and add to; None for none.
-        keep_h: hours for which data, form and results of who left are kept on disk; 0: an hour, in memory alone.
-        auth: file of accounts; see ``accounts``.
-        proxy: address of a proxy before the page; its word on who asks is taken.
-        user_header: header in which the proxy says who has signed in.
-        audit: file of what was done by whom; None for one in the user's data folder where people sign in.
-        say: called with the address.
-        note: called with what to know before.
-
-    Raises:
-        InputError: the address or the port cannot be used, or others could use the page without signing in.
+    ``show``: open the browser; ``names``: further host names of the page; ``store``: URL of the history that everybody
+    who reaches the page may read and add to; ``say`` is called with the address, ``note`` with what to know before.
     """
     from nicegui import ui
 
@@ -99,13 +83,7 @@ def serve(
 
 
 def build(
-    limit_mb: float,
-    home: Home,
-    *,
-    names: frozenset[str] = LOOPBACK,
-    store: str | None = None,
-    keep_s: float = 0.0,
-    door: Door | None = None,
+    limit_mb: float, home: Home, *, names: frozenset[str], store: str | None, keep_s: float, door: Door | None
 ) -> None:
     """Register the page and its guard."""
     from nicegui import app, ui

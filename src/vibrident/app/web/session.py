@@ -2,43 +2,37 @@
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
 import os
 import re
 import secrets
 import shutil
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
 from pathlib import Path, PurePosixPath
-from typing import Any, TypeVar
+from typing import Any
 
-from vibrident.base.errors import InputError, VibridentError
+from vibrident.base.errors import InputError
 from vibrident.data.io.reader import by_ending, unknown_format
 from vibrident.data.io.record_files import natural
 
-#: Name of the calibration file that the page writes.
-CALIBRATION = "calibration.toml"
-#: Name of a result when it is downloaded.
-RESULT = "result.json"
+CALIBRATION = "calibration.toml"  # name of the calibration file that the page writes
+RESULT = "result.json"  # name of a result when it is downloaded
 MEGABYTE = 1_000_000
 MOST_FILES = 500
-#: Most results of one page; the oldest are evicted.
-MOST_RESULTS = 20
-#: Endings of accepted files.
-KNOWN = (*by_ending(), ".toml", ".json")
+MOST_RESULTS = 20  # most results of one page; the oldest are evicted
+KNOWN = (*by_ending(), ".toml", ".json")  # endings of accepted files
 _LONGEST_NAME = 120
 _DOWNLOADS = 4
 _UNSAFE = re.compile(r"[^\w.+ -]+")
 _RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
-_T = TypeVar("_T", bound=VibridentError)
 
 
 class Session:
-    """Files of one user, in a private folder that is made with the first file.
+    """Files of one user, in a private folder below ``parent`` that is made with the first file; ``name``: a kept one.
 
-    Args:
-        parent: folder of all users.
-        limit_mb: most megabytes of the data, and of the results.
-        room: called with the bytes to come; raises InputError if the server has no room for them.
-        name: of a folder that was kept.
+    ``limit_mb``: most megabytes of the data, and of the results. ``room`` is called with the bytes to come and refuses
+    those that the server has no room for.
     """
 
     def __init__(
@@ -102,11 +96,7 @@ class Session:
 
     @property
     def calibration(self) -> str | None:
-        """Name of the uploaded calibration file; the page's own does not count.
-
-        Raises:
-            InputError: there are several, none with the usual name.
-        """
+        """Name of the uploaded calibration file; not of the page's own. Several must have the usual name."""
         names = [name for name in self.names if Path(name).suffix.lower() == ".toml"]
         if len(names) > 1 and CALIBRATION not in names:
             raise InputError(
@@ -132,14 +122,10 @@ class Session:
             self.remove(CALIBRATION)
 
     def place_for(self, name: str, size: int) -> Path:
-        """Path for a file of this name and size. A calibration file replaces one of the same name.
-
-        Raises:
-            InputError: the format is not supported, the name is taken, or there is no room.
-        """
+        """Path for a file of this name and size. A calibration file replaces one of the same name."""
         safe = safe_name(name)
         if Path(safe).suffix.lower() not in KNOWN:
-            raise unknown_kind(safe)
+            raise unknown_format(Path(safe).suffix, safe)
         if safe.lower() == CALIBRATION:
             self.forget_calibration()
         taken = {other.lower(): other for other in self._sizes}.get(safe.lower())
@@ -193,13 +179,17 @@ class Session:
         """Update the list of files after another process has written."""
         self._sizes = {path.name: path.stat().st_size for path in self.data.iterdir()}
 
-    def new_folder(self, name: str) -> Path:
-        """A folder that the caller removes."""
+    @contextlib.asynccontextmanager
+    async def new_folder(self, name: str) -> AsyncIterator[Path]:
+        """A folder for the time of the block."""
         self.open()
         self._made += 1
         folder = self.folder / f"{name}-{self._made}"
         folder.mkdir(mode=0o700)
-        return folder
+        try:
+            yield folder
+        finally:
+            await asyncio.to_thread(shutil.rmtree, folder, True)
 
     def copy_to(self, copy: Path) -> None:
         """Copy the data, so that later changes do not affect an identification."""
@@ -231,30 +221,23 @@ class Session:
             gone.append(oldest)
         return kept, gone
 
-    def download(self, content: bytes) -> Path:
-        """A file for bytes to the browser; all but the last few are removed."""
-        self._for_download().write_bytes(content)
-        return self._last
-
-    def take(self, file: Path) -> Path:
-        """The same for a file, which is moved."""
-        file.replace(self._for_download())
-        return self._last
-
-    def _for_download(self) -> Path:
+    def download(self, made: bytes | Path) -> Path:
+        """A file for the browser, of bytes or a file that is moved; all but the last few are removed."""
         self.open()
         folder = self.folder / "downloads"
         folder.mkdir(mode=0o700, exist_ok=True)
-        self._made += 1
-        self._last = folder / f"{self._made}"
         for old in sorted(folder.iterdir(), key=lambda path: int(path.name))[: 1 - _DOWNLOADS]:
             old.unlink(missing_ok=True)
-        return self._last
+        self._made += 1
+        place = folder / f"{self._made}"
+        if isinstance(made, bytes):
+            place.write_bytes(made)
+        else:
+            made.replace(place)
+        return place
 
-    def local(self, error: _T) -> _T | InputError:
+    def local(self, error: InputError) -> InputError:
         """The error with paths relative to the folder of the data."""
-        if not isinstance(error, InputError):
-            return error
         fields = dict(vars(error))
         for folder in (self.data, self.results, self.folder):
             fields = {key: value.replace(f"{folder}{os.sep}", "") for key, value in fields.items()}
@@ -273,11 +256,6 @@ def safe_name(name: str) -> str:
     return plain[:room] + Path(plain).suffix if room > 0 else plain[:_LONGEST_NAME]
 
 
-def unknown_kind(name: str) -> InputError:
-    """The error of an unsupported file."""
-    return unknown_format(Path(name).suffix, name)
-
-
 def too_large(limit_mb: float, where: str = "upload") -> InputError:
     """The error of an upload beyond the limit."""
     return InputError(
@@ -290,11 +268,7 @@ def too_large(limit_mb: float, where: str = "upload") -> InputError:
 
 
 def refuse_outside(file: Path) -> None:
-    """Refuse a calibration file that names files outside its folder.
-
-    Raises:
-        InputError: a path is absolute or leads upwards, or the file cannot be read.
-    """
+    """Refuse a calibration file that names files outside its folder: a path that is absolute or leads upwards."""
     from vibrident.data.io.calibration_file import read_calibration_file
 
     document = read_calibration_file(file)

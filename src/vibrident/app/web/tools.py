@@ -5,15 +5,14 @@ from __future__ import annotations
 import asyncio
 import base64
 import shutil
-from collections.abc import Awaitable, Callable
-from dataclasses import dataclass
+from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from nicegui import ui
 
 from vibrident.app.web import frame
-from vibrident.app.web.description import calibration_text
 from vibrident.app.web.held import Named
 from vibrident.app.web.looks import facts
 from vibrident.app.web.users import User
@@ -26,22 +25,14 @@ _RESULT_NAME = "chosen-result.json"
 
 
 @dataclass(frozen=True)
-class Field:
-    """An option of a command: ``kind`` is text or a switch."""
-
-    flag: str
-    label: str
-    kind: type = str
-
-
-@dataclass(frozen=True)
 class Tool:
-    """A command and its options."""
+    """A command, its options with their labels, and those of them that are switches."""
 
     title: str
     hint: str
     command: tuple[str, ...]
-    fields: tuple[Field, ...] = ()
+    fields: Mapping[str, str] = field(default_factory=dict)
+    switches: Mapping[str, str] = field(default_factory=dict)
 
 
 TOOLS = {
@@ -49,50 +40,44 @@ TOOLS = {
         "Compare models and estimators",
         "Fits each to the data; of several models it recommends one, with the reason.",
         ("compare", DATA),
-        (
-            Field("--models", "Models, joined by commas"),
-            Field("--estimators", "Estimators, joined by commas"),
-            Field("--cross-validate", "Cross-validate: predict each fifth of the records", bool),
-        ),
+        {"--models": "Models, joined by commas", "--estimators": "Estimators, joined by commas"},
+        {"--cross-validate": "Cross-validate: predict each fifth of the records"},
     ),
     "predict": Tool("Predict", "The response of these records, by the chosen result.", ("predict", RESULT, DATA)),
     "correct": Tool(
         "Correct",
         "The acceleration from the response, with an uncertainty for every sample. Records without reference: decay.",
         ("correct", RESULT, DATA),
-        (
-            Field("--band", "Band to restore in Hz, as LOW:HIGH"),
-            Field("--noise", "Noise of the response, rms"),
-            Field("--track", "Track the sensor through the records", bool),
-        ),
+        {"--band": "Band to restore in Hz, as LOW:HIGH", "--noise": "Noise of the response, rms"},
+        {"--track": "Track the sensor through the records"},
     ),
     "track": Tool(
         "Track",
         "The parameters over the records, and when the sensor changed.",
         ("track", RESULT, DATA),
-        (Field("--every", "Seconds between rows"), Field("--false-alarms-per-day", "False alarms in a day")),
+        {"--every": "Seconds between rows", "--false-alarms-per-day": "False alarms in a day"},
     ),
     "plan": Tool(
         "Plan the next calibration",
         "The uncertainty that other frequencies or longer records would give, for the sensor of the chosen result.",
         ("plan", "--from", RESULT),
-        (
-            Field("--frequencies", "Frequencies in Hz: LOW:HIGH, or a list"),
-            Field("--best", "Choose the best N of them"),
-            Field("--times-as-long", "Records X times as long"),
-        ),
+        {
+            "--frequencies": "Frequencies in Hz: LOW:HIGH, or a list",
+            "--best": "Choose the best N of them",
+            "--times-as-long": "Records X times as long",
+        },
     ),
     "joint": Tool(
         "Fit several calibrations together",
         "Upload a calibration file (.toml) for each, with their data: one sensor, one fit.",
         ("identify", ALL),
-        (Field("--share", "Shared parameters, joined by commas"), Field("--model", "Model, or one each, by commas")),
+        {"--share": "Shared parameters, joined by commas", "--model": "Model, or one each, by commas"},
     ),
     "fleet": Tool(
         "Identify many sensors",
         "Upload a calibration file (.toml) for each, with their data: one table, a row each.",
         ("fleet", ALL),
-        (Field("--model", "Model for all"),),
+        {"--model": "Model for all"},
     ),
 }
 
@@ -141,19 +126,16 @@ class ToolsStep:
                 names = [named.name for named in self.user.results]
                 self.result = ui.select(names, value=names[-1] if names else None, label="Result")
                 self.result.props("dense outlined stack-label")
-            for field in tool.fields:
-                made = ui.checkbox(field.label) if field.kind is bool else ui.input(field.label)
-                self.given[field.flag] = made.props("dense" if field.kind is bool else "dense outlined stack-label")
+            for flag, label in tool.fields.items():
+                self.given[flag] = ui.input(label).props("dense outlined stack-label")
+            for flag, label in tool.switches.items():
+                self.given[flag] = ui.checkbox(label).props("dense")
 
     def _chosen(self) -> Named | None:
         return next((one for one in self.user.results if self.result and one.name == self.result.value), None)
 
     def arguments(self) -> list[str]:
-        """The command, its options as one word each: no value can pass for another option.
-
-        Raises:
-            InputError: it needs a result, or calibration files, that are not there.
-        """
+        """The command, its options as one word each: no value can pass for another option."""
         words: list[str] = []
         for word in TOOLS[self.tool.value].command:
             if word == DATA:
@@ -178,22 +160,20 @@ class ToolsStep:
         user, session = self.user, self.user.session
         self.errors.clear()
         self.body.clear()
-        folder = None
         try:
             user.require("identify", "do that")
             arguments = self.arguments()
-            if user.confirmed and user.confirmed.from_form and user.form:
-                session.write_calibration(calibration_text(user.form.given, session.files))
-            folder = session.new_folder("tool")
-            await asyncio.to_thread(session.copy_to, folder)
-            if chosen := self._chosen():
-                await asyncio.to_thread(shutil.copyfile, chosen.path, folder / _RESULT_NAME)
-            self._busy(True)
-            async with user.users.identifying:
-                said = await self.worker.run(command, arguments, folder=folder)
-            await user.note("ran", None, command=" ".join(arguments))
-            if not self.body.is_deleted:
-                await self._tell(said, folder)
+            user.write_form()
+            async with session.new_folder("tool") as folder:
+                await asyncio.to_thread(session.copy_to, folder)
+                if chosen := self._chosen():
+                    await asyncio.to_thread(shutil.copyfile, chosen.path, folder / _RESULT_NAME)
+                self._busy(True)
+                async with user.users.identifying:
+                    said = await self.worker.run(command, arguments, folder=folder)
+                await user.note("ran", command=" ".join(arguments))
+                if not self.body.is_deleted:
+                    await self._tell(said, folder)
         except asyncio.CancelledError:
             return
         except Exception as error:
@@ -201,8 +181,6 @@ class ToolsStep:
         finally:
             if not self.body.is_deleted:
                 self._busy(False)
-            if folder is not None:
-                await asyncio.to_thread(shutil.rmtree, folder, True)
 
     def _busy(self, busy: bool) -> None:
         self.start.set_enabled(not busy)
@@ -211,7 +189,7 @@ class ToolsStep:
     async def _tell(self, said: dict[str, Any], folder: Path) -> None:
         archive = None
         if said["code"] == 0 and (folder / ARCHIVE).exists():
-            archive = await asyncio.to_thread(self.user.session.take, folder / ARCHIVE)
+            archive = await asyncio.to_thread(self.user.session.download, folder / ARCHIVE)
         with self.body:
             if said["code"]:
                 with ui.element("div").classes("error").props("role=alert"):

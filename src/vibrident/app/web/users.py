@@ -15,10 +15,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
-from vibrident.app.web import state
 from vibrident.app.web.confinement import confined
+from vibrident.app.web.description import calibration_text
 from vibrident.app.web.door import Door
-from vibrident.app.web.held import Choices, Confirmed, Form, Job, Named
+from vibrident.app.web.held import Choices, Confirmed, Form, Job, Named, read_state, write_state
 from vibrident.app.web.looks import facts, prepare
 from vibrident.app.web.session import MEGABYTE, RESULT, Session
 from vibrident.app.web.worker import Stopped, Worker, identify
@@ -26,21 +26,12 @@ from vibrident.base.errors import InputError
 from vibrident.base.process import Limits
 from vibrident.base.sandbox import Ready, run
 
-#: Seconds for which a page's state is kept without a browser, by a server that keeps nothing on disk.
-KEPT_S = 3600.0
-#: Seconds between two rounds that write what has changed.
-_WRITE_S = 0.3
-#: Most users; beyond, the one who left first is evicted; if nobody has left, a new one is refused.
-MOST_USERS = 50
-#: Limit of all users, in limits of one.
-_ALL_LIMITS = 10
-#: Most processes that read files at once.
-_LOOKS_AT_ONCE = 3
-_LOOK_SECONDS = 60.0
-#: Memory of a reading process, bytes.
-_LOOK_MEMORY = 1_000_000_000
-#: Further memory for each byte that a user may upload.
-_LOOK_MEMORY_A_BYTE = 5
+KEPT_S = 3600.0  # seconds for which a page's state is kept without a browser, by a server that keeps nothing on disk
+_WRITE_S = 0.3  # seconds between two rounds that write what has changed
+MOST_USERS = 50  # most users; beyond, the one who left first is evicted; if nobody has left, a new one is refused
+_ALL_LIMITS = 10  # limit of all users, in limits of one
+_LOOKS_AT_ONCE, _LOOK_SECONDS = 3, 60.0  # processes that read files: how many, and how long one may take
+_LOOK_MEMORY, _LOOK_MEMORY_A_BYTE = 1_000_000_000, 5  # its bytes, and more for each byte that a user may upload
 _ROUND_S = 20.0
 _T = TypeVar("_T")
 
@@ -65,7 +56,7 @@ class User:
     @classmethod
     def restored(cls, users: Users, folder: Path) -> User | None:
         """Who left this folder; None if nobody can tell."""
-        known = state.read(folder)
+        known = read_state(folder)
         if known is None:
             return None
         try:
@@ -77,7 +68,13 @@ class User:
                 user.form.touched = set(user.form.touched)
             if known["running"] is not None:
                 user.running = known["running"]
-                user.job = Job("", over=True, error=_server_stopped())
+                stopped = Stopped(
+                    "The server was stopped during the identification.",
+                    expected="an identification that runs to its end",
+                    found="a server that was started again",
+                    remedy="repeat it; the data and the form are here",
+                )
+                user.job = Job("", over=True, error=stopped)
         except (KeyError, TypeError, ValueError, AttributeError, OSError):
             return None
         return user
@@ -91,19 +88,9 @@ class User:
         form = self.form
         if form is not None:  # the chart can be drawn again
             form = replace(form, guess=replace(form.guess, chart=b""), touched=sorted(form.touched))  # type: ignore[arg-type]
-        state.write(
-            self.session.folder,
-            {
-                "owner": self.owner,
-                "tab": self.tab,
-                "seen": self.seen,
-                "session": self.session.state,
-                "form": form,
-                "confirmed": self.confirmed,
-                "results": self.results,
-                "running": self.running,
-            },
-        )
+        kept = ("owner", "tab", "seen", "confirmed", "results", "running")
+        state = {**{name: getattr(self, name) for name in kept}, "session": self.session.state, "form": form}
+        write_state(self.session.folder, state)
 
     @property
     def connected(self) -> bool:
@@ -127,11 +114,7 @@ class User:
         return door is None or (account is not None and account.may(role))
 
     def require(self, role: str, what: str) -> None:
-        """Refuse what the account may not do.
-
-        Raises:
-            InputError: its role does not include the one that is needed.
-        """
+        """Refuse what the account may not do."""
         if not self.may(role):
             raise InputError(
                 f"Your account may not {what}.",
@@ -147,37 +130,40 @@ class User:
 
         def write() -> None:
             more = {} if path is None else {"sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
-            door.audit.note(self.owner, action, **facts, **more)
+            door.note(self.owner, action, **facts, **more)
 
         await asyncio.to_thread(write)
 
-    def start(self, choices: Choices) -> None:
-        """Begin to identify with a copy of the data; the outcome is in ``job`` and ``results``.
+    def write_form(self) -> None:
+        """Write the calibration file that the form describes, if that is what was confirmed."""
+        if self.confirmed and self.confirmed.from_form and self.form:
+            self.session.write_calibration(calibration_text(self.form.given, self.session.files))
 
-        Raises:
-            InputError: the account may not.
-        """
+    def start(self, choices: Choices) -> None:
+        """Begin to identify with a copy of the data, if the account may; the outcome is in ``job`` and ``results``."""
         self.require("identify", "identify")
         self.job, self.running = Job(), choices
         self.changed()
         self._task = asyncio.get_running_loop().create_task(self._identify(self.job, choices))
 
     async def _identify(self, job: Job, choices: Choices) -> None:
-        copy = self.session.new_folder("run")
-        made = copy / f"new-{RESULT}"
         try:
-            await asyncio.to_thread(self.session.copy_to, copy)
-            if self.users.identifying.locked():
-                job.words = "Waiting for other identifications …"
-            async with self.users.identifying:
-                job.words = Job.BEGINNING
-                task = (identify, choices.calibration, choices.options, made)
-                await self.worker.run(*task, folder=copy, progress=job.add)
-            job.words = "Reading the result …"
-            model, estimator = await self.look(facts, made)
-            await self.note("identified", made, model=model, estimator=estimator)
-            self.keep(f"{self._number()}: {model}, {estimator}", made, copy / choices.calibration, choices)
-            job.words = Job.DONE
+            async with self.session.new_folder("run") as copy:
+                made = copy / f"new-{RESULT}"
+                await asyncio.to_thread(self.session.copy_to, copy)
+                if self.users.identifying.locked():
+                    job.words = "Waiting for other identifications …"
+                async with self.users.identifying:
+                    job.words = Job.BEGINNING
+                    task = (identify, choices.calibration, choices.options, made)
+                    await self.worker.run(*task, folder=copy, progress=job.add)
+                job.words = "Reading the result …"
+                model, estimator = await self.look(facts, made)
+                await self.note("identified", made, model=model, estimator=estimator)
+                taken = [named.name.partition(":")[0] for named in self.results]
+                number = max((int(number) for number in taken if number.isdecimal()), default=0) + 1
+                self.keep(f"{number}: {model}, {estimator}", made, copy / choices.calibration, choices)
+                job.words = Job.DONE
         except asyncio.CancelledError:
             job.words = "Cancelled."
         except Exception as error:
@@ -185,11 +171,6 @@ class User:
         finally:
             job.over, self.running = True, None
             self.changed()
-            shutil.rmtree(copy, ignore_errors=True)
-
-    def _number(self) -> int:
-        taken = [named.name.partition(":")[0] for named in self.results]
-        return max((int(number) for number in taken if number.isdecimal()), default=0) + 1
 
     def keep(self, name: str, place: Path, calibration: Path | None = None, choices: Choices | None = None) -> None:
         """Keep a result under a free name; evict the oldest beyond the limit."""
@@ -214,15 +195,11 @@ class User:
 
 
 class Users:
-    """All users of a server.
+    """All users of a server, their files in a folder; ``limit_mb`` holds for those of one user.
 
-    Args:
-        folder: folder of their files.
-        limit_mb: most megabytes of one user's files.
-        store: URL of the history that all of them share; None for none.
-        keep_s: seconds for which the state of who left is kept on disk, also when the server stops; 0 for an hour,
-            as long as the server runs.
-        door: of a team's page, where the owner of a page is an account; None for none.
+    ``store``: URL of the history that all of them share. ``keep_s``: seconds for which the state of who left is kept on
+    disk, also when the server stops; 0 for an hour, as long as the server runs. ``door``: of a team's page, where the
+    owner of a page is an account.
     """
 
     def __init__(
@@ -277,15 +254,7 @@ class Users:
         return await asyncio.get_running_loop().run_in_executor(self._threads, call)
 
     def attach(self, client: Any, owner: str = "") -> User:
-        """The user of this browser tab: the one it had, or a new one.
-
-        Args:
-            client: the page that was opened.
-            owner: whose browser it is.
-
-        Raises:
-            InputError: there are too many users.
-        """
+        """The user of the tab in which a page was opened, in a browser of this owner: the one it had, or a new one."""
         user = next((one for one in self.kept if (one.tab, one.owner) == (client.tab_id, owner)), None)
         user = user or self._new(client.tab_id, owner)
         user.client, user.seen = client, time.time()
@@ -319,11 +288,7 @@ class Users:
         return user
 
     def make_room(self, size: int) -> None:
-        """Evict users who have left, the earliest first, until so many bytes fit.
-
-        Raises:
-            InputError: they do not fit.
-        """
+        """Evict users who have left, the earliest first, until so many bytes fit; refuse those that do not."""
         most = _ALL_LIMITS * self.limit_mb * MEGABYTE
         while sum(user.session.used_bytes for user in self.kept) + size > most:
             if not self._drop_oldest():
@@ -364,12 +329,3 @@ class Users:
                 self.to_write |= {user for user in self.kept if user.connected and not user.empty}
             while self.keep_s and self.to_write:
                 self.to_write.pop().write()
-
-
-def _server_stopped() -> Stopped:
-    return Stopped(
-        "The server was stopped during the identification.",
-        expected="an identification that runs to its end",
-        found="a server that was started again",
-        remedy="repeat it; the data and the form are here",
-    )

@@ -22,10 +22,8 @@ from vibrident.app.web.session import refuse_outside
 from vibrident.base.errors import InputError
 from vibrident.base.process import Died, Ended, Limits, Process, WorkerError
 
-#: Memory of an identification, bytes.
-_MEMORY = 4_000_000_000
-#: Further memory for each byte of data.
-_MEMORY_A_BYTE = 20
+#: Memory of an identification, bytes, and further memory for each byte of data.
+_MEMORY, _MEMORY_A_BYTE = 4_000_000_000, 20
 _MOST_SECONDS = 7200.0
 _MOST_FILE_BYTES = 1_000_000_000
 #: Of a command: its folder of files, the archive of them, most characters, and pictures that are shown.
@@ -90,11 +88,7 @@ def identify(calibration: str, options: Mapping[str, str], result: Path, *, prog
 
 
 def command(arguments: Sequence[str]) -> dict[str, Any]:
-    """Run a command of the shell on the files of the folder: what it said, its pictures, and an archive of its files.
-
-    Raises:
-        InputError: a calibration file names files outside the folder.
-    """
+    """Run a command of the shell on the files of the folder: what it said, its pictures, an archive of its files."""
     for word in arguments:
         if word.endswith(".toml"):
             refuse_outside(Path(word))

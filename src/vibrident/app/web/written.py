@@ -17,8 +17,7 @@ _HINT = (
     "axis, temperature_c; [reference] and [response] a full_scale; [[uncertainty]] and [[cmc]] what the laboratory "
     "declares. To come back to the form, remove the file above."
 )
-#: Name under which a text is read before it takes the place of a file.
-_TRIED = ".tried.toml"
+_TRIED = ".tried.toml"  # name under which a text is read before it takes the place of a file
 
 
 def edited(

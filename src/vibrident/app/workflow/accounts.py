@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import re
 import threading
@@ -12,14 +13,14 @@ from pathlib import Path
 from vibrident.base.errors import InputError
 from vibrident.base.files import whole
 
+LOOPBACK = frozenset({"127.0.0.1", "localhost", "::1"})  # addresses at which a page is for this machine alone
 #: What each may do, and all before it: look at results and histories, identify and issue, approve.
 ROLES = ("look", "identify", "approve")
 _NAME = re.compile(r"[\w.@+-]{1,64}")
 #: Failures of a name or an address before it has to wait, and the longest wait in seconds; it doubles from a second.
 _FREE_TRIES = 5
 _LONGEST_WAIT_S = 900.0
-#: Most names and addresses whose failures are remembered.
-_MOST_REMEMBERED = 10_000
+_MOST_REMEMBERED = 10_000  # most names and addresses whose failures are remembered
 
 
 @dataclass(frozen=True)
@@ -36,11 +37,7 @@ class Account:
 
 
 class Accounts:
-    """The accounts of a file, read again when it has changed: a line each, ``NAME:ROLE:HASH``.
-
-    Raises:
-        InputError: the file cannot be read, or a line is no account.
-    """
+    """The accounts of a file, read again when it has changed: a line each, ``NAME:ROLE:HASH``."""
 
     def __init__(self, file: Path) -> None:
         self._file, self._seen = file, -1
@@ -72,7 +69,7 @@ class Accounts:
         hasher = PasswordHasher()
         with self._one_at_a_time:
             try:  # an unknown name takes as long as a known one
-                hasher.verify(account.hash if account and account.hash else _nobody(), password)
+                hasher.verify((account and account.hash) or _nobody(), password)
                 right = account is not None and bool(account.hash)
             except (VerificationError, InvalidHashError):
                 right = False
@@ -110,11 +107,7 @@ class Accounts:
 
 
 def add(file: Path, name: str, role: str, password: str) -> None:
-    """Write an account to the file; it replaces one of the same name.
-
-    Raises:
-        InputError: name or role cannot be used, the password is too short, or the file is of another kind.
-    """
+    """Write an account to the file; it replaces one of the same name."""
     from argon2 import PasswordHasher
 
     if not _NAME.fullmatch(name) or role not in ROLES:
@@ -131,16 +124,12 @@ def add(file: Path, name: str, role: str, password: str) -> None:
         partial.write_text(text, encoding="utf-8")
 
 
+@functools.cache
 def _nobody() -> str:
     """A hash that fits no password that is used, at the cost of any other."""
     from argon2 import PasswordHasher
 
-    global _NOBODY
-    _NOBODY = _NOBODY or PasswordHasher().hash(os.urandom(32).hex())
-    return _NOBODY
-
-
-_NOBODY = ""
+    return PasswordHasher().hash(os.urandom(32).hex())
 
 
 def _unusable(

@@ -11,6 +11,10 @@ from vibrident.fit.registry import AUTO, ESTIMATORS
 if TYPE_CHECKING:
     from vibrident.fit.estimators import Estimator
 
+# What there is to choose from, as names; nothing is loaded.
+DISCRETISATIONS = ("euler", "zoh", "foh", "tustin", "bandlimited")
+UNCERTAINTIES = ("auto", "noise", "inflated")
+
 
 def estimator_names() -> tuple[str, ...]:
     """The values of ``--estimator``; nothing is loaded."""
@@ -22,23 +26,16 @@ def estimators_with(setting: str) -> tuple[str, ...]:
     return tuple(name for name, one in ESTIMATORS.all().items() if setting in one.settings)
 
 
-def given(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """The settings that are given: those that are not None."""
+def _given(settings: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in settings.items() if value is not None}
 
 
 def checked(name: str, settings: Mapping[str, Any], *, weights: bool = False) -> None:
-    """Refuse settings that do not fit the estimator; without settings, nothing is loaded.
+    """Refuse settings that do not fit the estimator, and ``weights`` of one that has none; None is not given.
 
-    Args:
-        name: of the estimator, or ``auto``.
-        settings: name → value; None where it is not given.
-        weights: whether the weights of its network are requested.
-
-    Raises:
-        InputError: a setting belongs to another estimator, needs another setting, or has a value that cannot be used.
+    Without settings, nothing is loaded.
     """
-    asked = given(settings)
+    asked = _given(settings)
     for setting in asked:
         owners = estimators_with(setting)
         if not owners:
@@ -59,7 +56,7 @@ def checked(name: str, settings: Mapping[str, Any], *, weights: bool = False) ->
 
 def estimator(name: str, settings: Mapping[str, Any]) -> str | Estimator:
     """The argument of ``identify``: a name, or the estimator with the given settings."""
-    asked = given(settings)
+    asked = _given(settings)
     return ESTIMATORS[name].configured(**asked) if asked else name
 
 

@@ -17,8 +17,7 @@ from vibrident.base.files import unwritable
 if TYPE_CHECKING:
     from vibrident.result import Result
 
-#: Moved last, so that its presence implies the others.
-_LAST = "result.json"
+_LAST = "result.json"  # moved last, so that its presence implies the others
 
 
 def load_result(path: Path) -> Result:
@@ -55,9 +54,6 @@ def written_whole(target: Path) -> Iterator[Folder]:
     """Collect files for ``target``; move them there at the end of the block; leave nothing if it fails.
 
     Files of the same names are replaced, others stay.
-
-    Raises:
-        InputError: the folder cannot be made or written.
     """
     if target.exists() and not target.is_dir():
         raise InputError(
@@ -82,7 +78,11 @@ def written_whole(target: Path) -> Iterator[Folder]:
         with tidied_up(discard):
             partial.mkdir(parents=True)
             yield folder
-            folder.files = [_moved(file, partial, target) for file in _in_order(partial)]
+            made = [path for path in partial.rglob("*") if path.is_file()]
+            for file in sorted(made, key=lambda file: (file.name == _LAST, file)):
+                place = target / file.relative_to(partial)
+                place.parent.mkdir(parents=True, exist_ok=True)
+                folder.files.append(file.replace(place))
     except BrokenPipeError:
         raise
     except OSError as error:
@@ -110,14 +110,3 @@ def refuse_used(target: Path, *, force: bool) -> None:
         where=str(target),
         remedy="give another --out, or --force to replace files of the same names",
     )
-
-
-def _in_order(partial: Path) -> list[Path]:
-    files = [path for path in partial.rglob("*") if path.is_file()]
-    return sorted(files, key=lambda file: (file.name == _LAST, file))
-
-
-def _moved(file: Path, partial: Path, target: Path) -> Path:
-    place = target / file.relative_to(partial)
-    place.parent.mkdir(parents=True, exist_ok=True)
-    return file.replace(place)

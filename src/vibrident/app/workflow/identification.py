@@ -30,11 +30,7 @@ class Request:
     weights: bool = False  # whether the weights of a network are requested
 
     def check(self, calibrations: int = 1) -> None:
-        """Refuse options that exclude each other; nothing is read.
-
-        Raises:
-            InputError: settings do not fit the estimator, or an option is for several calibrations, or for one.
-        """
+        """Refuse options that exclude each other; nothing is read."""
         checked(self.estimator, self.settings, weights=self.weights)
         if calibrations == 1 and self.share:
             raise several("--share", f"--share {','.join(self.share)}")

@@ -13,28 +13,15 @@ if TYPE_CHECKING:
 
 # The demonstration: a sensor and its calibration as in the paper's section 4, at a low rate, for small files.
 SENSOR = "paper"
-RATE_HZ = 12800.0
-#: Of each record.
-SAMPLES = 4000
-#: Motion over the noise that the sensor measures too.
-SNR_DB = 20.0
-#: Of the response, relative to its rms.
-RESPONSE_NOISE = 0.01
-SEED = 1
+SAMPLES = 4000  # of each record
+SNR_DB = 20.0  # motion over the noise that the sensor measures too
+RESPONSE_NOISE = 0.01  # relative to the response's rms
 
 
 def write_demo(folder: Path) -> None:
     """Write the calibration of the demonstration and its truth."""
-    write(
-        folder,
-        SENSOR,
-        "sine",
-        sampling_rate_hz=RATE_HZ,
-        samples=SAMPLES,
-        excitation_snr_db=SNR_DB,
-        response_noise=RESPONSE_NOISE,
-        seed=SEED,
-    )
+    noise = {"excitation_snr_db": SNR_DB, "response_noise": RESPONSE_NOISE}
+    write(folder, SENSOR, "sine", sampling_rate_hz=12800.0, samples=SAMPLES, seed=1, **noise)
 
 
 def write(folder: Path, sensor: str, excitation: str, *, seed: int, **settings: Any) -> None:

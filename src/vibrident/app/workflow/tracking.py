@@ -36,11 +36,7 @@ class Files:
         self.columns = ["time_s", *pairs, "innovation", "excited"]
 
     def begin(self, *, resumable: bool) -> int:
-        """Open ``rows``, the file of them, anew or where it ended; returns the place in the source to go on at.
-
-        Raises:
-            InputError: the folder cannot be written, or holds a session of something else.
-        """
+        """Open ``rows``, the file of them, anew or where it ended; returns the place in the source to go on at."""
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
             position = self._resumed() if resumable and (self._folder / CHECKPOINT).exists() else 0

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from vibrident.app.cli import options
-from vibrident.app.cli.console import out, wrote
+from vibrident.app.cli.console import show, wrote
 from vibrident.app.cli.options import option
 from vibrident.app.workflow.folder import written_whole
 
@@ -20,7 +20,6 @@ def axes(
     motion in each [[records]] entry, or a [[reference]] for each axis of motion.
     """
     from vibrident.show.matrix import element_table, main_table
-    from vibrident.show.media.console import shown
     from vibrident.show.media.markdown import markdown_table
     from vibrident.use.triaxial import sensitivity_matrix
 
@@ -30,5 +29,5 @@ def axes(
         found.save(output.path / "matrix.json")
         text = "\n\n".join(markdown_table(table) for table in tables)
         (output.path / "matrix.md").write_text(f"# Sensitivity matrix\n\n{text}\n", encoding="utf-8")
-    out().print(shown(tables[0]))
+    show(tables[0])
     wrote(output.files)

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vibrident.app.cli import options
-from vibrident.app.cli.console import distinct, note, out, wrote
+from vibrident.app.cli.console import distinct, note, show, wrote
 from vibrident.app.cli.options import argument, flag, option
+from vibrident.app.cli.progress import Busy
 from vibrident.app.workflow.estimators import estimator, estimators_with, misfit
 from vibrident.app.workflow.folder import load_result, write_json, written_whole
 from vibrident.base.errors import InputError, ModelError, NotConverged
@@ -18,6 +18,7 @@ from vibrident.fit.registry import ESTIMATORS
 
 if TYPE_CHECKING:
     from vibrident.data.records import Calibration
+    from vibrident.fit.estimators import Estimator
     from vibrident.result import Result
 
 
@@ -33,6 +34,11 @@ class Method:
     def name(self) -> str:
         """What distinguishes it, in a line."""
         return " ".join(part for part in (self.estimator, self.discretisation, self.model) if part)
+
+    @property
+    def chosen(self) -> str | Estimator:
+        """The estimator, with its setting where there is one."""
+        return estimator(self.estimator, {"discretisation": self.discretisation})
 
 
 def compare(
@@ -65,9 +71,16 @@ def compare(
     for name in names or ():
         parse(name)  # checked before anything is identified
     with written_whole(folder) as output:
-        if files[0].suffix.lower() == ".toml":
-            if len(files) > 1:
-                raise _mixed(files)
+        calibrations = [file for file in files if file.suffix.lower() == ".toml"]
+        if calibrations and len(files) > 1:
+            raise InputError(
+                "These files cannot be compared with each other.",
+                expected="one calibration file (.toml), or results (.json)",
+                found=", ".join(str(file) for file in files),
+                where="command line",
+                remedy="compare one calibration file at a time, or the results of several",
+            )
+        if calibrations:
             from vibrident.data.io import read_guarded
             from vibrident.fit.estimators import ranked
 
@@ -81,16 +94,14 @@ def compare(
             for option_name, value in {"--estimators": named, "--models": names, "--discretisations": steps}.items():
                 if value:
                     raise misfit(option_name, "a calibration file (.toml)", "results, which exist already")
-            results, scores = _loaded(files), {}
+            results, scores = {name: load_result(file) for name, file in zip(distinct(files), files, strict=True)}, {}
         write_json(output.path / "comparison.json", document(results, known, scores))
     from vibrident.show import methods
-    from vibrident.show.media.console import shown
     from vibrident.show.views import Sentence
 
-    console = out()
-    console.print(shown(*methods.compared(list(results.values()), list(results), known)))
+    show(*methods.compared(list(results.values()), list(results), known))
     if len({result.model for result in results.values()}) > 1:
-        console.print(shown(*methods.models(results, scores), Sentence("")))
+        show(*methods.models(results, scores), Sentence(""))
     wrote(output.files)
 
 
@@ -106,16 +117,19 @@ def _methods(estimators: list, models: tuple | list, steps: tuple | list) -> lis
 
 def _identified(calibration: Calibration, methods: list[Method], *, must: bool) -> dict[str, Result]:
     """Results by name. Methods that do not suit the data are left out, except those named: ``must`` for estimators."""
+    from vibrident.fit.identification import identify
+
     results: dict[str, Result] = {}
     failures: dict[str | None, ModelError | NotConverged] = {}
-    for method, outcome in _outcomes(calibration, methods):
-        if not isinstance(outcome, (ModelError, NotConverged)):
-            results[method.name] = outcome
-        elif must or method.discretisation:
-            raise outcome
-        else:
-            failures.setdefault(method.model, outcome)
-            problem = outcome.problem if isinstance(outcome, ModelError) else str(outcome)
+    for method in methods:
+        try:
+            with Busy(f"Identifying by {method.name}") as progress:
+                results[method.name] = identify(calibration, method.model, method.chosen, progress=progress)
+        except (ModelError, NotConverged) as failure:
+            if must or method.discretisation:
+                raise
+            failures.setdefault(method.model, failure)
+            problem = failure.problem if isinstance(failure, ModelError) else str(failure)
             note(f"Left out: {method.name}. {problem}")
     for model, failure in failures.items():
         if not any(method.model == model and method.name in results for method in methods):
@@ -126,7 +140,6 @@ def _identified(calibration: Calibration, methods: list[Method], *, must: bool) 
 def _cross_validated(
     calibration: Calibration, methods: list[Method], results: dict[str, Result]
 ) -> dict[str, dict[str, Any]]:
-    from vibrident.app.cli.progress import Busy
     from vibrident.use.validation import cross_validate
 
     scores = {}
@@ -134,42 +147,7 @@ def _cross_validated(
         if method.name not in results:
             continue
         with Busy(f"Cross-validating {method.name}") as progress:
-            chosen = estimator(method.estimator, {"discretisation": method.discretisation})
-            score = cross_validate(calibration, results[method.name], chosen, progress=progress)
+            score = cross_validate(calibration, results[method.name], method.chosen, progress=progress)
         if score is not None:
             scores[method.name] = asdict(score)
     return scores
-
-
-def _outcomes(
-    calibration: Calibration, methods: list[Method]
-) -> Iterator[tuple[Method, Result | ModelError | NotConverged]]:
-    from vibrident.app.cli.progress import Busy
-
-    for method in methods:
-        with Busy(f"Identifying by {method.name}") as progress:
-            from vibrident.fit.identification import identify
-
-            settings = {"discretisation": method.discretisation}
-            try:
-                chosen = estimator(method.estimator, settings)
-                outcome = identify(calibration, method.model, chosen, progress=progress)
-            except (ModelError, NotConverged) as error:
-                outcome = error
-        yield method, outcome
-
-
-def _loaded(files: list[Path]) -> dict[str, Result]:
-    if any(file.suffix.lower() == ".toml" for file in files):
-        raise _mixed(files)
-    return {name: load_result(file) for name, file in zip(distinct(files), files, strict=True)}
-
-
-def _mixed(files: list[Path]) -> InputError:
-    return InputError(
-        "These files cannot be compared with each other.",
-        expected="one calibration file (.toml), or results (.json)",
-        found=", ".join(str(file) for file in files),
-        where="command line",
-        remedy="compare one calibration file at a time, or the results of several",
-    )

@@ -6,11 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from vibrident.app.cli import options
-from vibrident.app.cli.console import out, warn, write_samples, wrote
+from vibrident.app.cli.console import show_rows, warn, write_samples, wrote
 from vibrident.app.cli.options import argument, flag, option
+from vibrident.app.cli.progress import Busy
 from vibrident.app.workflow.folder import load_result, write_json, written_whole
-
-_CHOSEN = "chosen from noise, motion, sensor and sampling rate"
 
 
 def correct(
@@ -19,7 +18,9 @@ def correct(
     folder: Path = option(
         "--out", "DIR", "Folder for the CSV files, correction.json and the picture.", Path("vibrident-correction")
     ),
-    band: str | None = option("--band", "LOW:HIGH", "Hz: the band to restore.", default=_CHOSEN),
+    band: str | None = option(
+        "--band", "LOW:HIGH", "Hz: the band to restore.", default="chosen from noise, motion, sensor and sampling rate"
+    ),
     noise: float | None = option(
         "--noise", "RMS", "White noise of the response, in its unit.", default="estimated from each record"
     ),
@@ -50,31 +51,29 @@ def correct(
 
     known = load_result(result)
     data = read_guarded(calibration)
-    with written_whole(folder) as output:
-        from vibrident.app.cli.progress import Busy
+    with written_whole(folder) as output, Busy("Correcting"):
+        from vibrident.use.correction import correct as run
+        from vibrident.use.correction import correction_document
 
-        with Busy("Correcting"):
-            from vibrident.use.correction import correct as run
-            from vibrident.use.correction import correction_document
+        if track:
+            from vibrident.use.tracking.adaptive import correct_tracked
 
-            if track:
-                from vibrident.use.tracking.adaptive import correct_tracked
+            corrections = correct_tracked(known, data, band_hz=limits, noise=noise)
+        else:
+            corrections = run(known, data, band_hz=limits, noise=noise)
+        files = record_files([c.record.name for c in corrections.corrections])
+        for file, correction in zip(files, corrections.corrections, strict=True):
+            a, u = correction.acceleration, correction.standard_uncertainty
+            write_samples(output.path / file, correction.record, acceleration=a, standard_uncertainty=u)
+        document = correction_document(corrections, files)
+        write_json(output.path / "correction.json", document)
+        if not no_plots:
+            from vibrident.show import plots
 
-                corrections = correct_tracked(known, data, band_hz=limits, noise=noise)
-            else:
-                corrections = run(known, data, band_hz=limits, noise=noise)
-            files = record_files([c.record.name for c in corrections.corrections])
-            for file, correction in zip(files, corrections.corrections, strict=True):
-                a, u = correction.acceleration, correction.standard_uncertainty
-                write_samples(output.path / file, correction.record, acceleration=a, standard_uncertainty=u)
-            document = correction_document(corrections, files)
-            write_json(output.path / "correction.json", document)
-            if not no_plots:
-                from vibrident.show import plots
-
-                plots.save(plots.correction(corrections, dict(known.sensor)), output.path / "correction.png")
+            plots.save(plots.correction(corrections, dict(known.sensor)), output.path / "correction.png")
     warn(corrections.findings)
-    _show(document, folder, corrections.motion, drawn=not no_plots)
+    _show(document, corrections.motion)
+    wrote([folder / "correction.json", folder / "*.csv", *([] if no_plots else [folder / "correction.png"])])
 
 
 def _own_table(known: Any, path: Path, folder: Path, limits: Any, noise: float | None, asked: tuple[Any, ...]) -> None:
@@ -91,7 +90,6 @@ def _own_table(known: Any, path: Path, folder: Path, limits: Any, noise: float |
             where="command line",
             remedy="give --column with the name or the number of the column",
         )
-    from vibrident.app.cli.progress import Busy
     from vibrident.use.correction import correct as run
 
     with written_whole(folder) as output:
@@ -105,38 +103,31 @@ def _own_table(known: Any, path: Path, folder: Path, limits: Any, noise: float |
     wrote(output.files)
 
 
-def _show(document: dict[str, Any], folder: Path, motion: str, *, drawn: bool) -> None:
+def _show(document: dict[str, Any], motion: str) -> None:
     from vibrident.base.amounts import pretty
-    from vibrident.show import terminal
 
     unit = pretty(document["unit"])
     rows = []
     for row in document["records"]:
-        peak, band, reference = row["peak"], row["band"], row["reference"]
+        band, reference = row["band"], row["reference"]
+        peak, interval, share = (None, None, None) if row["peak"] is None else _peak(row["peak"])
         rows.append(
             {
                 "record": row["name"],
                 "band / Hz": f"{band['low_hz']:.4g} to {band['high_hz']:.4g}",
-                f"peak / {unit}": None if peak is None else peak["value"],
-                "95 % interval": None if peak is None else _interval(peak),
-                "u / peak": None if peak is None else _share(peak),
+                f"peak / {unit}": peak,
+                "95 % interval": interval,
+                "u / peak": share,
                 f"rmse / {unit}": None if reference is None else reference["rmse"],
             }
         )
-    console = out()
-    console.print(terminal.inspection_table(rows, f"Restored {motion}"))
-    wrote([folder / "correction.json", folder / "*.csv", *([folder / "correction.png"] if drawn else [])])
+    show_rows(rows, f"Restored {motion}")
 
 
-def _interval(peak: dict[str, Any]) -> str:
-    """Both ends to the second digit of u."""
-    from vibrident.show.numbers import pair
+def _peak(peak: dict[str, Any]) -> tuple[float, str, str]:
+    """Its value, both ends of its interval to the second digit of u, and u over the value."""
+    from vibrident.show.numbers import NONE, pair, uncertainty
 
-    return " … ".join(pair(end, peak["standard_uncertainty"])[0] for end in peak["interval_95"])
-
-
-def _share(peak: dict[str, Any]) -> str:
-    from vibrident.show.numbers import NONE, uncertainty
-
-    value = peak["value"]
-    return f"{uncertainty(100 * abs(peak['standard_uncertainty'] / value))} %" if value else NONE
+    value, u = peak["value"], peak["standard_uncertainty"]
+    interval = " … ".join(pair(end, u)[0] for end in peak["interval_95"])
+    return value, interval, f"{uncertainty(100 * abs(u / value))} %" if value else NONE

@@ -7,8 +7,9 @@ import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from vibrident.app.cli.console import out
+from vibrident.app.cli.console import out, say, show
 from vibrident.app.cli.options import option
+from vibrident.app.cli.progress import Busy
 from vibrident.app.workflow.folder import written_whole
 from vibrident.app.workflow.simulated import RESPONSE_NOISE, SAMPLES, SENSOR, SNR_DB, write_demo
 from vibrident.base.escaping import terminal as printable
@@ -16,10 +17,6 @@ from vibrident.base.escaping import terminal as printable
 if TYPE_CHECKING:
     from vibrident.app.cli.drawing import Painter
     from vibrident.result import Result
-    from vibrident.show.media.console import Shown
-
-#: Points of the curve that are compared.
-SHOWN_HZ = (10.0, 160.0, 630.0, 1000.0)
 
 
 def demo(folder: Path = option("--out", "DIR", "Folder for everything; other files in it stay.", Path("demo"))) -> None:
@@ -27,21 +24,17 @@ def demo(folder: Path = option("--out", "DIR", "Folder for everything; other fil
     with written_whole(folder) as output:
         _steps(output.path, folder)
     file, truth = (shlex.quote(str(folder / name)) for name in ("calibration.toml", "truth.json"))
-    out().print(
-        f"\nNext: vibrident inspect {file}\n      vibrident compare {file} --truth {truth}\n      vibrident --help",
-        soft_wrap=True,
-    )
+    say(f"\nNext: vibrident inspect {file}\n      vibrident compare {file} --truth {truth}\n      vibrident --help")
 
 
 def _steps(place: Path, folder: Path) -> None:
     from vibrident.app.cli.drawing import painter
-    from vibrident.app.cli.progress import Busy
     from vibrident.data import io
     from vibrident.show import terminal
 
-    console, file = out(), shlex.quote(str(folder / "calibration.toml"))
+    file = shlex.quote(str(folder / "calibration.toml"))
     with painter() as artist:
-        _say(
+        _chapter(
             "1  A calibration",
             f"The accelerometer of the paper's Table 2 on a shaker: 21 sines from 10 Hz to 1 kHz, {SAMPLES} samples "
             f"each. The sensor feels noise {SNR_DB:g} dB below the motion; its output carries "
@@ -50,7 +43,7 @@ def _steps(place: Path, folder: Path) -> None:
         )
         with Busy("Simulating"):
             write_demo(place)
-        _say(
+        _chapter(
             "2  The identification",
             f"The same as: vibrident identify {file}",
             "Look at: u, the standard uncertainty of each value, and the verdict on the fit.",
@@ -62,8 +55,8 @@ def _steps(place: Path, folder: Path) -> None:
         # The final path, not the temporary one.
         provenance = {**result.provenance, "calibration_file": str(folder / "calibration.toml")}
         result = dataclasses.replace(result, provenance=provenance)
-        console.print(terminal.summary(result))
-        _say(
+        out().print(terminal.summary(result))
+        _chapter(
             "3  The paper's network beside it, and the truth",
             f"The same as: vibrident identify {file} --estimator ipnn --weights",
             "A simulation knows the truth. About two values in three lie within 1 u of it, 95 in 100 within 2 u. The "
@@ -72,11 +65,11 @@ def _steps(place: Path, folder: Path) -> None:
         with Busy("Training the network") as progress:
             network = identify(io.read(place / "calibration.toml"), estimator="ipnn", progress=progress)
         network = dataclasses.replace(network, provenance=provenance)
-        console.print(_beside([result, network]))
+        _show_beside([result, network])
         _finish(place, folder, result, network, artist)
 
 
-def _beside(results: list[Result]) -> Shown:
+def _show_beside(results: list[Result]) -> None:
     """Parameters, curve and weights of the estimators and the truth."""
     import numpy as np
 
@@ -84,16 +77,15 @@ def _beside(results: list[Result]) -> Shown:
     from vibrident.physics.models import parse
     from vibrident.physics.simulation import SENSORS
     from vibrident.show import methods
-    from vibrident.show.media.console import shown
 
     sensor = SENSORS[SENSOR]
-    response = parse(sensor.model).frequency_response(sensor.parameters, np.array(SHOWN_HZ))
-    true = dict(zip(SHOWN_HZ, np.abs(response).tolist(), strict=True))
-    return shown(methods.network_beside(results, true_values(sensor), true))
+    shown_hz = (10.0, 160.0, 630.0, 1000.0)
+    response = parse(sensor.model).frequency_response(sensor.parameters, np.array(shown_hz))
+    true = dict(zip(shown_hz, np.abs(response).tolist(), strict=True))
+    show(methods.network_beside(results, true_values(sensor), true))
 
 
 def _finish(place: Path, folder: Path, result: Result, network: Result, artist: Painter) -> None:
-    from vibrident.app.cli.progress import Busy
     from vibrident.show import plots
     from vibrident.show.comparison import beside
     from vibrident.show.report import render
@@ -120,13 +112,12 @@ def _finish(place: Path, folder: Path, result: Result, network: Result, artist: 
         "network.png": "its curve beside that of step 2",
     }
     width = max(map(len, said))
-    _say("4  What is written", *(f"{folder}/{name:<{width}}  {words}" for name, words in said.items()))
+    _chapter("4  What is written", *(f"{folder}/{name:<{width}}  {words}" for name, words in said.items()))
 
 
-def _say(title: str, *lines: str) -> None:
+def _chapter(title: str, *lines: str) -> None:
     from rich.padding import Padding
 
-    console = out()
-    console.print(f"\n{title}", style="bold")
+    say(f"\n{title}", style="bold")
     for line in lines:
-        console.print(Padding(printable(line), (0, 0, 0, 3), expand=False))
+        out().print(Padding(printable(line), (0, 0, 0, 3), expand=False))

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import typer
 
-from vibrident.app.cli.console import err, out
+from vibrident.app.cli.console import BAD_INPUT, err, out, say
+from vibrident.app.cli.progress import Busy
 from vibrident.base.escaping import terminal as printable
-
-UNFIT = 2
 
 
 def doctor() -> None:
@@ -16,7 +15,6 @@ def doctor() -> None:
     from rich.table import Table
     from rich.text import Text
 
-    from vibrident.app.cli.progress import Busy
     from vibrident.app.doctor import examine
 
     with Busy("Examining"):
@@ -31,8 +29,7 @@ def doctor() -> None:
             text.append(f"\n→ {printable(check.remedy)}", "yellow" if check.sound else "bold")
         table.add_row(verdict, Text(check.subject), text)
     out().print(table)
-    failed = [check.subject for check in checks if not check.sound]
-    if failed:
+    if failed := [check.subject for check in checks if not check.sound]:
         err().print(f"Not fit for use: {', '.join(failed)}.", style="bold red")
-        raise typer.Exit(UNFIT)
-    out().print("Fit for use.")
+        raise typer.Exit(BAD_INPUT)
+    say("Fit for use.")

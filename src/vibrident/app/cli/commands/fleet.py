@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import logging
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
 
-from vibrident.app.cli.console import note, out
+from vibrident.app.cli.console import DOUBTFUL, note, out, say
 from vibrident.app.cli.options import argument, between, choice, flag, option
+from vibrident.app.cli.progress import Busy
 from vibrident.app.workflow.estimators import AUTO, estimator_names
 from vibrident.base.errors import InputError
 
@@ -20,9 +22,7 @@ if TYPE_CHECKING:
     from vibrident.lab.fleet.coordinator import RunProgress
     from vibrident.result import Result
 
-DOUBTFUL = 3
-#: Seconds between progress lines if stderr is not a terminal.
-_LINE_S = 30.0
+_LINE_S = 30.0  # seconds between progress lines if stderr is not a terminal
 
 
 def fleet(
@@ -69,14 +69,8 @@ def fleet(
 
     if model is not None:
         parse(model)  # a wrong name is refused once, not in every row
-    orders = Orders(
-        str(folder),
-        model,
-        estimator,
-        time_limit_s,
-        None if memory_limit_mb is None else int(memory_limit_mb * 1e6),
-        results,
-    )
+    memory_bytes = None if memory_limit_mb is None else int(memory_limit_mb * 1e6)
+    orders = Orders(str(folder), model, estimator, time_limit_s, memory_bytes, results)
     asked = Asked(patterns, orders, Specification() if limits is None else read_limits(limits), fresh=not resume)
     if store is not None:
         _require_store(store, results=results)
@@ -91,15 +85,24 @@ def fleet(
 
 
 def _run(asked: Any, workers: int | None, scheduler: str | None, *, quiet: bool) -> Outcome:
-    from vibrident.app.cli.progress import Busy
     from vibrident.lab.fleet import run
     from vibrident.lab.fleet.parts import load_arrow
 
     load_arrow()
     chosen = _scheduler(workers, scheduler)
-    with Busy("Identifying") as progress:
-        told = _Told(progress, quiet=quiet)
-        return run(asked, chosen, told)
+    with Busy("Identifying") as bar:
+        said = time.monotonic()
+
+        def tell(progress: RunProgress) -> None:
+            """Move the bar, or say it in a line now and then where there is none."""
+            nonlocal said
+            text = _progress_text(progress)
+            bar.tell(f"Identifying: {text}", progress.done, progress.total)
+            if not quiet and not bar.shown and time.monotonic() - said >= _LINE_S:
+                said = time.monotonic()
+                note(text)
+
+        return run(asked, chosen, tell)
 
 
 def _require_store(store: str, *, results: bool) -> None:
@@ -122,7 +125,6 @@ def _require_store(store: str, *, results: bool) -> None:
 
 def _add(store: str, outcome: Outcome, *, quiet: bool) -> None:
     """Add each result with a serial number; existing ones stay unchanged."""
-    from vibrident.app.cli.progress import Busy
     from vibrident.app.workflow.folder import load_result
     from vibrident.lab import history
     from vibrident.show.views import count
@@ -141,7 +143,7 @@ def _add(store: str, outcome: Outcome, *, quiet: bool) -> None:
     with Busy("Adding to the history"):
         new = history.add(store, named())
     if not quiet:
-        out().print(f"Added to the history: {count(new, 'new result')}.", soft_wrap=True)
+        say(f"Added to the history: {count(new, 'new result')}.")
     if nameless:
         said = "result states no serial number and was" if nameless == 1 else "results state no serial number and were"
         note(f"{nameless} {said} not added.")
@@ -165,36 +167,16 @@ def _scheduler(workers: int | None, scheduler: str | None) -> Scheduler:
     return Dask(scheduler)
 
 
-class _Told:
-    """Progress as a bar, or as occasional lines if stderr is not a terminal."""
-
-    def __init__(self, bar: Any, *, quiet: bool) -> None:
-        import time
-
-        self._bar, self._quiet, self._clock = bar, quiet, time.monotonic
-        self._said = self._clock()
-
-    def __call__(self, progress: RunProgress) -> None:
-        text = _progress_text(progress)
-        self._bar.tell(f"Identifying: {text}", progress.done, progress.total)
-        if not self._quiet and not self._bar.shown and self._clock() - self._said >= _LINE_S:
-            self._said = self._clock()
-            note(text)
-
-
 def _progress_text(progress: RunProgress) -> str:
     words = f"{progress.done} of {progress.total}"
     if not progress.workers:
         return f"{words}, waiting for workers"
     if progress.rate > 0:
         words += f", {progress.rate:.3g} a second"
-    return words if progress.left_s is None else f"{words}, {_duration(progress.left_s)} left"
-
-
-def _duration(seconds: float) -> str:
-    if seconds < 90:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
+    if (left := progress.left_s) is None:
+        return words
+    near = f"{left:.0f} s" if left < 90 else f"{left / 60:.0f} min" if left < 5400 else f"{left / 3600:.1f} h"
+    return f"{words}, {near} left"
 
 
 def _show(outcome: Outcome) -> None:

@@ -11,11 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from vibrident.app.cli.console import note, out, wrote
+from vibrident.app.cli.console import note, say, show, wrote
 from vibrident.app.cli.options import RESULT_FILES, argument, between, choice, not_read, one_of, option
 from vibrident.app.workflow.folder import load_result, write_json, written_whole
 from vibrident.base.errors import InputError
-from vibrident.base.escaping import terminal as printable
 
 if TYPE_CHECKING:
     from vibrident.lab.history.document import Question
@@ -26,8 +25,6 @@ if TYPE_CHECKING:
 
 history = typer.Typer(no_args_is_help=True, help="Keep every calibration of every sensor; drift, agreement, due dates.")
 
-FORMS = ("text", "json")
-KINDS = ("repaired", "recalled", "superseded")
 PICTURES = (".png", ".svg", ".pdf")
 
 _STORE = option(
@@ -41,7 +38,7 @@ _CALIBRATION = argument("ID", "Number of the calibration.")
 _TYPE = option("--type", "TYPE", "Of sensors with one serial number.")
 _MAKER = option("--manufacturer", "NAME", "Of sensors with one serial number.")
 _AXIS = option("--axis", "AXIS", "Of sensors with several.")
-_FORM = choice("--format", FORMS, "Tables, or one JSON document.", "text")
+_FORM = choice("--format", ("text", "json"), "Tables, or one JSON document.", "text")
 _BY = option("--by", "NAME", "Author of the entry.", default="the account")
 _NOTE = option("--note", "TEXT", "Why.", "")
 _QUANTITY = option(
@@ -78,7 +75,7 @@ def add(
     with _opened(store) as opened:
         added = list(add_all(opened, map(load_result, results), serial_number=serial, date=day))
         for path, (new, number) in zip(results, added, strict=True):
-            out().print(printable(f"{path}: calibration {number}{'' if new else ', already stored'}"), soft_wrap=True)
+            say(f"{path}: calibration {number}{'' if new else ', already stored'}")
         new_ones = sum(new for new, _ in added)
         note(f"{new_ones} of {count(len(added), 'result')} new in {opened.shown}")
 
@@ -96,7 +93,7 @@ def list_sensors(store: str | None = _STORE, type_name: str | None = _TYPE, form
 
 
 @history.command("show")
-def show(
+def show_sensor(
     serial: str = _SERIAL,
     store: str | None = _STORE,
     type_name: str | None = _TYPE,
@@ -157,15 +154,13 @@ def due(
 
     asked = _question(quantity, frequency, given, limits, interval)
     with _opened(store) as opened:
-        if serial is None:
-            rows = all_due(opened, asked, type_name)
-        else:
+        if serial is not None:
             found = query.find(opened, serial, type_name, axis, maker)
             document = of_sensor(opened, found, asked)
             rows = all_due(opened, asked, type_name, found.id)
-    if serial is not None:
-        _print(form, rows, lambda: [tables.due(document) or tables.all_due(rows)])
-        return
+            _print(form, rows, lambda: [tables.due(document) or tables.all_due(rows)])
+            return
+        rows = all_due(opened, asked, type_name)
     within = f"tolerance ±{100 * given.relative:g} %" if given is not None else "tolerances by type"
     title = f"{count(len(rows), 'sensor')}, the soonest first; {within}"
     _print(form, rows, lambda: [replace(tables.all_due(rows), title=title)])
@@ -180,15 +175,15 @@ def approve(
 
     with _opened(store) as opened:
         superseded = entry.approve(opened, number, by=by, note=note_text)
-    out().print(f"Calibration {number} is approved.")
+    say(f"Calibration {number} is approved.")
     for other in superseded:
-        out().print(f"Calibration {other}, of the same data, is superseded.")
+        say(f"Calibration {other}, of the same data, is superseded.")
 
 
 @history.command("event")
 def event(
     serial: str = _SERIAL,
-    kind: str = choice("--kind", KINDS, "What happened.", ..., default=False),
+    kind: str = choice("--kind", ("repaired", "recalled", "superseded"), "What happened.", ..., default=False),
     date: str | None = option("--date", "DATE", "When.", default="today"),
     calibration: int | None = option("--calibration", "ID", "Of this calibration, not of the sensor."),
     note_text: str = _NOTE,
@@ -206,7 +201,7 @@ def event(
         found = query.find(opened, serial, type_name, axis, maker)
         entry.add_event(opened, found, kind, date=day, calibration_id=calibration, by=by, note=note_text)
     subject = found.name if calibration is None else f"Calibration {calibration} of {found.name}"
-    out().print(printable(f"{subject}: {kind}, {day or datetime.date.today()}"), soft_wrap=True)
+    say(f"{subject}: {kind}, {day or datetime.date.today()}")
 
 
 @history.command("result")
@@ -229,13 +224,12 @@ def result(
 def export(target: Path = argument("FILE.parquet|FILE.csv", "File to write."), store: str | None = _STORE) -> None:
     """Write one row a calibration, with every parameter and its standard uncertainty."""
     from vibrident.lab.history import query
-    from vibrident.lab.history.query import write as write_table
 
     one_of("FILE", target.suffix.lower(), (".parquet", ".csv"))
     with _opened(store) as opened:
         rows = list(query.rows(opened))
     with written_whole(target.parent) as output:
-        write_table(rows, output.path / target.name)
+        query.write(rows, output.path / target.name)
     wrote(output.files)
 
 
@@ -245,7 +239,7 @@ def upgrade(store: str | None = _STORE) -> None:
     with _opened(store) as opened:
         before, after = opened.upgrade()
         what = "is new" if before is None else "was up to date" if before == after else f"was at schema {before}"
-        out().print(printable(f"{opened.shown} {what}; schema {after}"), soft_wrap=True)
+        say(f"{opened.shown} {what}; schema {after}")
 
 
 def _date(text: str | None, option: str) -> datetime.date | None:
@@ -330,14 +324,12 @@ def _opened(url: str | None) -> Store:
 
 def _print(form: str, content: Any, blocks: Callable[[], Iterable[Block | None]]) -> None:
     """The content as one JSON document, or the blocks made of it."""
-    from vibrident.show.media.console import shown
-
     if form == "json":
         from vibrident.result.document import json_text
 
         typer.echo(json_text(content), nl=False)
     else:
-        out().print(shown(*blocks()))
+        show(*blocks())
 
 
 def _write(document: Mapping[str, Any], target: Path) -> None:

@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
-import contextlib
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import typer
 
 from vibrident.app.cli import options
-from vibrident.app.cli.console import note, out, warn
+from vibrident.app.cli.console import DOUBTFUL, note, out, say, show, warn
 from vibrident.app.cli.options import argument, choice, flag, option
+from vibrident.app.cli.progress import Busy
 from vibrident.app.workflow.estimators import AUTO, estimator_names
 from vibrident.app.workflow.folder import written_whole
 from vibrident.app.workflow.identification import Request, run
 
-WARNED = 3
 _DETAILS = "Settings of an estimator"
+_detail = partial(option, panel=_DETAILS)
+_MODEL = (
+    "Sensor model, in place of the file's, of {models}; add-ons with +. For several files one for all, or one each, "
+    "joined by commas."
+)
 _DISCRETISATION = choice(
     "--discretisation",
     options.DISCRETISATIONS,
@@ -25,29 +30,11 @@ _DISCRETISATION = choice(
     default="bandlimited",
     panel=_DETAILS,
 )
-_OPTIMISER = choice(
-    "--optimiser",
-    options.OPTIMISERS,
-    "Network: Levenberg-Marquardt, or Adam as in the paper.",
-    default="lm",
-    panel=_DETAILS,
-)
-_WEIGHTING = choice(
-    "--weighting",
-    options.WEIGHTINGS,
-    "Least squares on the response: by uncertainty, or plain as in the paper.",
-    panel=_DETAILS,
-)
 
 
 def identify(
     calibrations: list[Path] = argument("CAL.toml...", "Calibration file; several of one sensor are fitted together."),
-    model: str | None = option(
-        "--model",
-        "NAME",
-        "Sensor model, in place of the file's, of {models}; add-ons with +. For several files "
-        "one for all, or one each, joined by commas.",
-    ),
+    model: str | None = option("--model", "NAME", _MODEL),
     estimator_name: str = choice(
         "--estimator", estimator_names, f"How to fit; {AUTO} chooses by the data and says why.", AUTO, "{estimators}"
     ),
@@ -72,14 +59,21 @@ def identify(
     weights: bool = flag("--weights", help="Print the network's weights, the paper's Table 1."),
     quiet: bool = flag("--quiet", "-q", help="Print nothing but errors and warnings."),
     discretisation: str | None = _DISCRETISATION,
-    optimiser: str | None = _OPTIMISER,
-    steps: int | None = option(
-        "--steps", "N", "Network with adam: training steps.", default="1500", panel=_DETAILS, min=1
+    optimiser: str | None = choice(
+        "--optimiser",
+        ("lm", "adam"),
+        "Network: Levenberg-Marquardt, or Adam as in the paper.",
+        default="lm",
+        panel=_DETAILS,
     ),
-    learning_rate: float | None = option(
-        "--learning-rate", "X", "Network with adam: step size.", default="0.001", panel=_DETAILS
+    steps: int | None = _detail("--steps", "N", "Network with adam: training steps.", default="1500", min=1),
+    learning_rate: float | None = _detail("--learning-rate", "X", "Network with adam: step size.", default="0.001"),
+    weighting: str | None = choice(
+        "--weighting",
+        ("plain", "weighted"),
+        "Least squares on the response: by uncertainty, or plain as in the paper.",
+        panel=_DETAILS,
     ),
-    weighting: str | None = _WEIGHTING,
     residual: bool = flag(
         "--residual",
         help="Network: learn the residual by a small network beside the physics; kept only where it "
@@ -113,7 +107,7 @@ def identify(
     codes = dict.fromkeys(code for result in results for code in result.warning_codes)
     if strict and codes:
         note(f"Strict: the result carries a warning ({', '.join(codes)}).")
-        raise typer.Exit(WARNED)
+        raise typer.Exit(DOUBTFUL)
 
 
 def _identified(request: Request, files: list[Path], place: Path, plots: bool) -> list[Any]:
@@ -122,17 +116,13 @@ def _identified(request: Request, files: list[Path], place: Path, plots: bool) -
     calibrations = [read_guarded(file) for file in files]
     # From here on it takes seconds; a bad file has been refused before the slow imports.
     from vibrident.app.cli.drawing import painter
-    from vibrident.app.cli.progress import Busy
 
-    places = _places(files, place)
-    with contextlib.ExitStack() as open_:
-        artists = [open_.enter_context(painter(wanted=plots))]
+    with painter(wanted=plots) as artist:
         with Busy("Identifying") as progress:
             results = run(request, calibrations, progress)
-        for number, (result, folder) in enumerate(zip(results, places, strict=True)):
+        for result, folder in zip(results, _places(files, place), strict=True):
             saved = result.save(folder / "result.json")
             if plots:
-                artist = artists[0] if number == 0 else open_.enter_context(painter())
                 with Busy("Drawing"):
                     artist.draw(result, saved)
     return results
@@ -154,10 +144,9 @@ def _show(results: list[Any], files: list[Path], *, quiet: bool, weights: bool) 
 
     if len(results) > 1 and not quiet:
         from vibrident.show import methods
-        from vibrident.show.media.console import shown
         from vibrident.show.views import Sentence
 
-        out().print(shown(*methods.joint(results[0]), Sentence("")))
+        show(*methods.joint(results[0]), Sentence(""))
     from vibrident.fit.screening.copies import said_of_copies
 
     for result in results:
@@ -169,13 +158,13 @@ def _show(results: list[Any], files: list[Path], *, quiet: bool, weights: bool) 
         else:
             if len(results) > 1:
                 joint = result.settings["joint"]
-                out().print(joint["calibrations"][joint["position"]]["file"], soft_wrap=True)
+                say(joint["calibrations"][joint["position"]]["file"])
             out().print(terminal.summary(result, written), crop=False)  # paths are not cropped
             if residual := result.settings.get("residual_network"):
-                out().print(_residual_line(residual), soft_wrap=True)
+                say(_residual_line(residual))
             if sampled := result.settings.get("posterior"):
                 out().print(terminal.posterior_table(result), crop=False)
-                out().print(_posterior_line(sampled), soft_wrap=True)
+                say(_posterior_line(sampled))
         if weights and result.weights:
             out().print(terminal.weights_table(result))
         elif weights:

@@ -7,13 +7,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vibrident.app.cli import options
-from vibrident.app.cli.console import note, out, wrote
+from vibrident.app.cli.console import note, out, say, show_rows, wrote
 from vibrident.app.cli.options import option
 from vibrident.app.workflow.folder import written_whole
 from vibrident.base.escaping import terminal as printable
 
 if TYPE_CHECKING:
-    from vibrident.data.records import Calibration, Record
+    from vibrident.data.interferometer.summary import OpticalSummary
+    from vibrident.data.records import Calibration
     from vibrident.fit.screening import Finding
 
 
@@ -64,23 +65,22 @@ def _show(calibration: Calibration, findings: list[Finding], files: list[Path]) 
     from rich.text import Text
 
     from vibrident.data import io
-    from vibrident.show import terminal, words
+    from vibrident.show import words
 
     console = out()
     for label, text in _understood(calibration).items():
         console.print(Text.assemble((f"{label + ':':<11}", "bold"), printable(text)), soft_wrap=True)
     console.print()
-    rows = _telling(io.describe(calibration))
-    console.print(terminal.inspection_table(rows, "Tabulated response" if calibration.table else "Records"))
-    if light := [_light_row(record) for record in calibration.records if record.optical is not None]:
-        console.print(terminal.inspection_table(light, "Interferometer"))
+    show_rows(_telling(io.describe(calibration)), "Tabulated response" if calibration.table else "Records")
+    if light := [_light_row(record.name, record.optical) for record in calibration.records if record.optical]:
+        show_rows(light, "Interferometer")
     for code in dict.fromkeys(finding.code for finding in findings):
         console.print(Text.assemble(("Finding: ", "bold yellow"), (words.explain(code).title, "bold"), f" ({code})"))
         for finding in findings:
             if finding.code == code:
                 console.print(Padding(Text(printable(finding.message)), (0, 0, 0, 2), expand=False))
     if not findings and calibration.records:
-        console.print("No findings: no clipped samples, no channel without signal, no sign of aliasing.")
+        say("No findings: no clipped samples, no channel without signal, no sign of aliasing.")
     wrote(files)
 
 
@@ -99,13 +99,10 @@ def _understood(calibration: Calibration) -> dict[str, str]:
     }
 
 
-def _light_row(record: Record) -> dict[str, Any]:
+def _light_row(name: str, optical: OpticalSummary) -> dict[str, Any]:
     """Quality of an interferometer's signals."""
-    optical = record.optical
-    assert optical is not None
-    first, second = optical.ellipse.amplitudes
     row: dict[str, Any] = {
-        "record": record.name,
+        "record": name,
         "fringes": optical.fringes,
         "half fringes counted": optical.counted or None,
         "by phase": optical.by_phase or None,
@@ -117,6 +114,7 @@ def _light_row(record: Record) -> dict[str, Any]:
     }
     if optical.carrier_hz is not None:
         return {**row, "carrier / Hz": optical.carrier_hz}
+    first, second = optical.ellipse.amplitudes
     offsets = [float(centre) / size for centre, size in zip(optical.ellipse.centre, (first, second), strict=True)]
     row |= {"offsets": ", ".join(f"{offset:.4f}" for offset in offsets), "ratio": second / first}
     row |= {"quadrature / rad": optical.ellipse.quadrature_error_rad, "ellipse": optical.origin}
@@ -131,9 +129,6 @@ def _telling(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     telling = [{key: value for key, value in row.items() if key not in silent} for row in rows]
     if len(telling) > 2:
         return telling
-    columns = ("value",) if len(telling) == 1 else ("first", "second")
+    columns = dict(zip(("value",) if len(telling) == 1 else ("first", "second"), telling, strict=True))
     properties = dict.fromkeys(key for row in telling for key in row)
-    cells = [[row.get(key) for row in telling] for key in properties]
-    return [
-        {"property": key, **dict(zip(columns, row, strict=True))} for key, row in zip(properties, cells, strict=True)
-    ]
+    return [{"property": key, **{name: row.get(key) for name, row in columns.items()}} for key in properties]

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vibrident.app.cli import options
-from vibrident.app.cli.console import note, out, wrote
+from vibrident.app.cli.console import note, say, show, wrote
 from vibrident.app.cli.options import choice, flag, option
+from vibrident.app.cli.progress import Busy
 from vibrident.app.workflow.folder import load_result, write_json, written_whole
 from vibrident.base.errors import InputError
 
@@ -18,7 +20,7 @@ if TYPE_CHECKING:
 
 # Panels of the help.
 _SENSOR = "Sensor"
-_POINTS = "Points"
+_points = partial(option, panel="Points")
 _CHOICE = "Choice of frequencies"
 #: Options for one parameter each; --parameter NAME=VALUE sets any.
 _NAMED = ("natural_frequency", "damping_ratio", "sensitivity", "generator_constant")
@@ -29,13 +31,6 @@ _QUANTITY = choice(
     metavar="NAME",
     panel=_SENSOR,
     default="acceleration",
-)
-_FREQUENCIES = option(
-    "--frequencies",
-    "LOW:HIGH|A,B",
-    "Hz: one-third octaves in a range, or a list.",
-    panel=_POINTS,
-    default="those of the result",
 )
 _CRITERION = choice(
     "--criterion",
@@ -57,31 +52,21 @@ def plan(
     constant: float | None = option("--generator-constant", "G", "Pickup: V/(m/s).", panel=_SENSOR),
     parameter: list[str] | None = option("--parameter", "NAME=VALUE", "Any other; may be repeated.", panel=_SENSOR),
     quantity: str | None = _QUANTITY,
-    frequencies: str | None = _FREQUENCIES,
-    amplitude: float | None = option("--amplitude", "A", "Peak acceleration, m/s².", panel=_POINTS, default="9.80665"),
-    rate: float | None = option("--rate", "HZ", "Sampling rate.", panel=_POINTS),
-    samples: int | None = option("--samples", "N", "Samples of every record.", panel=_POINTS),
-    response_noise: float = option(
-        "--response-noise", "REL", "White, relative to the response's rms.", 0.0, panel=_POINTS
+    frequencies: str | None = _points(
+        "--frequencies", "LOW:HIGH|A,B", "Hz: one-third octaves in a range, or a list.", default="those of the result"
     ),
-    response_noise_rms: float = option(
-        "--response-noise-rms", "RMS", "White, in the response's unit.", 0.0, panel=_POINTS
-    ),
-    reference_noise: float = option(
-        "--reference-noise", "REL", "White, relative to the reference's rms.", 0.0, panel=_POINTS
-    ),
-    reference_noise_rms: float = option(
-        "--reference-noise-rms", "RMS", "White, in the reference's unit.", 0.0, panel=_POINTS
-    ),
-    magnitude_uncertainty: float | None = option(
-        "--magnitude-uncertainty", "REL", "Of a table's magnitudes, k = 1.", panel=_POINTS
-    ),
-    phase_uncertainty: float | None = option(
-        "--phase-uncertainty", "DEG", "Of a table's phases, k = 1.", panel=_POINTS
-    ),
-    longer: float = option("--times-as-long", "X", "With --from alone: records X times as long.", 1.0, panel=_POINTS),
-    reference_uncertainty: float | None = option(
-        "--reference-uncertainty", "REL", "Systematic, of the reference, k = 1.", default="the result's", panel=_POINTS
+    amplitude: float | None = _points("--amplitude", "A", "Peak acceleration, m/s².", default="9.80665"),
+    rate: float | None = _points("--rate", "HZ", "Sampling rate."),
+    samples: int | None = _points("--samples", "N", "Samples of every record."),
+    response_noise: float = _points("--response-noise", "REL", "White, relative to the response's rms.", 0.0),
+    response_noise_rms: float = _points("--response-noise-rms", "RMS", "White, in the response's unit.", 0.0),
+    reference_noise: float = _points("--reference-noise", "REL", "White, relative to the reference's rms.", 0.0),
+    reference_noise_rms: float = _points("--reference-noise-rms", "RMS", "White, in the reference's unit.", 0.0),
+    magnitude_u: float | None = _points("--magnitude-uncertainty", "REL", "Of a table's magnitudes, k = 1."),
+    phase_u: float | None = _points("--phase-uncertainty", "DEG", "Of a table's phases, k = 1."),
+    longer: float = _points("--times-as-long", "X", "With --from alone: records X times as long.", 1.0),
+    reference_uncertainty: float | None = _points(
+        "--reference-uncertainty", "REL", "Systematic, of the reference, k = 1.", default="the result's"
     ),
     best: int | None = option("--best", "N", "Choose N of the frequencies.", panel=_CHOICE, default="all"),
     criterion: str = _CRITERION,
@@ -96,8 +81,8 @@ def plan(
         "recording": _recording(
             rate, samples, response_noise, response_noise_rms, reference_noise, reference_noise_rms
         ),
-        "magnitude_uncertainty": magnitude_uncertainty,
-        "phase_uncertainty_rad": None if phase_uncertainty is None else math.radians(phase_uncertainty),
+        "magnitude_uncertainty": magnitude_u,
+        "phase_uncertainty_rad": None if phase_u is None else math.radians(phase_u),
         "times_as_long": longer,
         "quantity": quantity,
         "reference_uncertainty": reference_uncertainty,
@@ -106,9 +91,7 @@ def plan(
         "repeats": repeats,
         **({} if amplitude is None else {"amplitude": amplitude}),
     }
-    sensor = _sensor(model, source, values)
-    from vibrident.app.cli.progress import Busy
-
+    sensor = _planned_for(model, source, values)
     with Busy("Planning"):
         from vibrident.use.planning import plan as run
 
@@ -118,7 +101,7 @@ def plan(
         _write(planned, folder)
 
 
-def _sensor(model: str | None, source: Path | None, values: dict[str, float]) -> str | Result:
+def _planned_for(model: str | None, source: Path | None, values: dict[str, float]) -> str | Result:
     if (source is None) == (model is None) or (source is not None and values):
         raise InputError(
             "No sensor, or more than one, is given to plan for.",
@@ -160,18 +143,15 @@ def _recording(rate: float | None, samples: int | None, *noise: float) -> Record
 
 def _show(planned: Plan) -> None:
     from vibrident.show import methods
-    from vibrident.show.media.console import shown
 
-    console = out()
-    console.print(shown(methods.planned(planned)))
+    show(methods.planned(planned))
     pairs = zip(planned.frequency_hz, planned.uses, strict=True)
     listed = ", ".join(f"{f:.5g}" + (f" (×{n})" if n > 1 else "") for f, n in pairs)
-    console.print(f"Frequencies in Hz: {listed}", soft_wrap=True)
+    say(f"Frequencies in Hz: {listed}")
     if planned.efficiency is not None:
-        console.print(
+        say(
             f"{planned.criterion}-optimal choice of {sum(planned.uses)} out of {planned.candidates_hz.size}; "
-            f"efficiency {100 * planned.efficiency:.0f} % of the best possible in the same measuring time.",
-            soft_wrap=True,
+            f"efficiency {100 * planned.efficiency:.0f} % of the best possible in the same measuring time."
         )
     for warning in planned.warnings:
         note(f"Warning: {warning}")

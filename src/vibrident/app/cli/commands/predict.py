@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 from vibrident.app.cli import options
-from vibrident.app.cli.console import out, warn, write_samples, wrote
+from vibrident.app.cli.console import say, show_rows, warn, write_samples, wrote
 from vibrident.app.cli.options import option
+from vibrident.app.cli.progress import Busy
 from vibrident.app.workflow.folder import load_result, write_json, written_whole
-
-if TYPE_CHECKING:
-    from vibrident.use.prediction import Predictions
 
 
 def predict(
@@ -32,8 +29,6 @@ def predict(
     known = load_result(result)
     data = read_guarded(calibration)
     with written_whole(folder) as output:
-        from vibrident.app.cli.progress import Busy
-
         with Busy("Predicting"):
             from vibrident.use.prediction import predict as run
             from vibrident.use.prediction import prediction_document
@@ -46,12 +41,6 @@ def predict(
         document = {"model": known.model, **prediction_document(predictions, files, data.response_unit)}
         write_json(output.path / "prediction.json", document)
     warn(predictions.findings)
-    _show(document, predictions, folder)
-
-
-def _show(document: dict[str, Any], predictions: Predictions, folder: Path) -> None:
-    from vibrident.show import terminal
-
     unit = document["unit"]
     rows = [
         {
@@ -63,8 +52,7 @@ def _show(document: dict[str, Any], predictions: Predictions, folder: Path) -> N
         }
         for row in document["records"]
     ]
-    console = out()
-    console.print(terminal.inspection_table(rows, "Predicted response"))
+    show_rows(rows, "Predicted response")
     if predictions.rmse is not None:
-        console.print(f"rmse of all records: {predictions.rmse:.5g} {unit}", soft_wrap=True)
+        say(f"rmse of all records: {predictions.rmse:.5g} {unit}")
     wrote([folder / "prediction.json", folder / "*.csv"])

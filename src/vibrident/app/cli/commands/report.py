@@ -16,9 +16,6 @@ if TYPE_CHECKING:
     from vibrident.result import Result
     from vibrident.show.views import Section
 
-#: Default folder of the comparison of several results.
-_COMPARISON = Path("vibrident-comparison")
-
 
 def report(
     results: list[Path] = options.RESULT_FILES,
@@ -43,11 +40,11 @@ def report(
     from vibrident.show.issue import issued
 
     given = [issued(load_result(path), certificate or []) for path in results]
-    loaded = [(path, result) for path, (result, _) in zip(results, given, strict=True)]
-    more = _histories(loaded, store, chosen)
-    names = distinct([path for path, _ in loaded])
-    everything, alone = [result for _, result in loaded], len(loaded) == 1
-    jobs: dict[Path, list[Job]] = {}  # by folder
+    everything, alone = [result for result, _ in given], len(given) == 1
+    more = _histories(results, everything, store, chosen)
+    names = distinct(results)
+    # By folder: the results of one report, its place in the folder, and its further sections.
+    jobs: dict[Path, list[tuple[list[Result], str, Sequence[Section]]]] = {}
     if target is not None and ending in options.FORMATS and not target.is_dir():
         if ending != chosen:
             raise InputError(
@@ -59,11 +56,11 @@ def report(
             )
         jobs[target.parent] = [(everything, target.name, more[0] if alone else ())]
     else:
-        for (path, result), name, sections in zip(loaded, names, more, strict=True):
+        for path, result, name, sections in zip(results, everything, names, more, strict=True):
             place = "" if target is None or alone else name
             jobs.setdefault(target or path.parent, []).append(([result], place, sections))
         if not alone:
-            jobs.setdefault(target or _COMPARISON, []).append((everything, "", ()))
+            jobs.setdefault(target or Path("vibrident-comparison"), []).append((everything, "", ()))
     from vibrident.show.report import write
 
     written: list[Path] = []
@@ -75,17 +72,10 @@ def report(
     wrote([file for file in written if file.suffix == f".{chosen}"])
 
 
-Loaded = Sequence[tuple[Path, "Result"]]
-#: Further sections of each report.
-More = Sequence[Sequence["Section"]]
-#: Results of one report, its place in the folder, and its further sections.
-Job = tuple[list["Result"], str, Sequence["Section"]]
-
-
-def _histories(loaded: Loaded, store: str | None, form: str) -> More:
-    """What a store holds of each sensor, as sections; empty without a store."""
+def _histories(paths: list[Path], results: list[Result], store: str | None, form: str) -> Sequence[Sequence[Section]]:
+    """What a store holds of the sensor of each result, as sections; empty without a store."""
     if store is None:
-        return [()] * len(loaded)
+        return [()] * len(results)
     if form == "pdf":
         raise InputError(
             "A certificate states one calibration, and no history.",
@@ -99,8 +89,8 @@ def _histories(loaded: Loaded, store: str | None, form: str) -> More:
     from vibrident.lab.history.store import Store
 
     with Store(store) as opened:
-        lives = [of_result(opened, result) for _, result in loaded]
-    for (path, _), life in zip(loaded, lives, strict=True):
+        lives = [of_result(opened, result) for result in results]
+    for path, life in zip(paths, lives, strict=True):
         if life is None:
             note(f"{path}: the history holds no calibration of this sensor")
     return [() if life is None else page.sections(life) for life in lives]

@@ -7,15 +7,12 @@ import os
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from vibrident.app.cli.console import note, out
+from vibrident.app.cli.console import note, say
 from vibrident.app.cli.options import flag, option
+from vibrident.app.cli.progress import Busy
 from vibrident.app.workflow.folder import written_whole
-
-if TYPE_CHECKING:
-    from vibrident.app.cli.progress import Busy
-    from vibrident.paper.settings import Settings
+from vibrident.base.errors import InputError
 
 
 def reproduce(
@@ -29,7 +26,14 @@ def reproduce(
 
     Measured records are included if VIBRIDENT_DATA names their folder. Same seed, same numbers.
     """
-    settings = _settings(quick=quick, full_range=full_range, seed=seed)
+    from vibrident.base.process import processors
+    from vibrident.paper.settings import Settings
+    from vibrident.paper.settings import quick as trial
+
+    named = os.environ.get("VIBRIDENT_DATA")
+    data = Path(named) if named else None
+    whole = Settings(seed=seed, full_range=full_range, data=data, jobs=min(2, processors()))
+    settings = trial(seed, data, full_range=full_range) if quick else whole
     if into is not None:
         _read(into)  # fails now, not after twenty minutes
     with written_whole(folder) as output:
@@ -42,29 +46,15 @@ def reproduce(
         text = None if into is None else page.filled(_read(into), tables, str(into))
     if into is not None and text is not None:
         into.write_text(text, encoding="utf-8")
-    console = out()
     for table in tables:
         if table.name in ("claims", "own"):
-            console.print(f"\n{table.title}", style="bold")
+            say(f"\n{table.title}", style="bold")
             for claim, found, verdict, _ in table.rows:
-                console.print(f"  {verdict:3}  {claim}: {found}", soft_wrap=True)
-    console.print(f"\nWritten in {done.seconds / 60:.1f} min: {folder / 'paper.html'}, paper.md, paper.json, pictures")
-
-
-def _settings(*, quick: bool, full_range: bool, seed: int) -> Settings:
-    from vibrident.base.process import processors
-    from vibrident.paper import settings
-
-    named = os.environ.get("VIBRIDENT_DATA")
-    data = Path(named) if named else None
-    if quick:
-        return settings.quick(seed, data, full_range=full_range)
-    return settings.Settings(seed=seed, full_range=full_range, data=data, jobs=min(2, processors()))
+                say(f"  {verdict:3}  {claim}: {found}")
+    say(f"\nWritten in {done.seconds / 60:.1f} min: {folder / 'paper.html'}, paper.md, paper.json, pictures")
 
 
 def _read(document: Path) -> str:
-    from vibrident.base.errors import InputError
-
     try:
         return document.read_text(encoding="utf-8")
     except OSError as error:
@@ -80,8 +70,6 @@ def _read(document: Path) -> str:
 @contextlib.contextmanager
 def _stage(what: str) -> Iterator[Busy]:
     """A progress bar while it lasts, and a line on stderr when it is done."""
-    from vibrident.app.cli.progress import Busy
-
     begin = time.perf_counter()
     with Busy(what) as progress:
         yield progress

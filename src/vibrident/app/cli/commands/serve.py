@@ -9,7 +9,7 @@ import typer
 
 from vibrident.app.cli.console import note, out
 from vibrident.app.cli.options import between, flag, option
-from vibrident.app.workflow.choices import LOOPBACK
+from vibrident.app.workflow.accounts import LOOPBACK
 from vibrident.base.errors import InputError
 from vibrident.base.extras import require
 

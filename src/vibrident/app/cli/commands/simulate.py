@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vibrident.app.cli import options
-from vibrident.app.cli.console import out, wrote
+from vibrident.app.cli.console import say, wrote
 from vibrident.app.cli.options import choice, flag, not_read, option
+from vibrident.app.cli.progress import Busy
 from vibrident.app.workflow.folder import refuse_used, written_whole
 from vibrident.app.workflow.simulated import write
 from vibrident.base.errors import unknown
@@ -16,7 +18,7 @@ from vibrident.base.errors import unknown
 if TYPE_CHECKING:
     from vibrident.physics.simulation.optics import Optics
 
-INTERFEROMETERS = ("quadrature", "heterodyne")
+
 #: What may stand in --optics: key, what it takes, what it is.
 KEYS = {
     "rate": ("HZ", "of the optical signals; without it a multiple of the response's that the motion needs"),
@@ -48,7 +50,7 @@ _FIELDS = {
 }
 
 # Panels of the help.
-_NOISE = "Noise"
+_noise = partial(option, panel="Noise")
 _LIGHT = "Raw light"
 
 
@@ -71,26 +73,27 @@ def simulate(
         "--quantity", options.QUANTITIES, f"Of the reference: {', '.join(options.QUANTITIES)}.", "acceleration", "NAME"
     ),
     start: str = choice(
-        "--start", options.STARTS, "State at the first sample: rest as in the paper, steady as in a laboratory.", "rest"
+        "--start",
+        ("rest", "steady"),
+        "State at the first sample: rest as in the paper, steady as in a laboratory.",
+        "rest",
     ),
     method: str = choice(
-        "--method", options.METHODS, "How the response is computed: exact, or the paper's Runge-Kutta.", "exact"
+        "--method", ("exact", "rk4"), "How the response is computed: exact, or the paper's Runge-Kutta.", "exact"
     ),
-    excitation_snr: float | None = option(
-        "--excitation-snr", "DB", "Excitation over noise motion of the base.", panel=_NOISE
-    ),
-    reference_noise: float = option("--reference-noise", "REL", "White, relative to the rms.", 0.0, panel=_NOISE),
-    response_noise: float = option("--response-noise", "REL", "White, relative to the rms.", 0.0, panel=_NOISE),
+    excitation_snr: float | None = _noise("--excitation-snr", "DB", "Excitation over noise motion of the base."),
+    reference_noise: float = _noise("--reference-noise", "REL", "White, relative to the rms.", 0.0),
+    response_noise: float = _noise("--response-noise", "REL", "White, relative to the rms.", 0.0),
     interferometer: str | None = choice(
         "--interferometer",
-        INTERFEROMETERS,
+        ("quadrature", "heterodyne"),
         "Write an interferometer's raw signals in place of the reference.",
         panel=_LIGHT,
     ),
     optics: str | None = option(
         "--optics", "KEY=VALUE,…", f"Its faults: {', '.join(KEYS)}.", default=False, panel=_LIGHT
     ),
-    seed: int = option("--seed", "N", "Of everything random.", 0, panel=_NOISE, min=0),
+    seed: int = _noise("--seed", "N", "Of everything random.", 0, min=0),
     force: bool = flag("--force", help="Write into a folder that is not empty."),
 ) -> None:
     """Simulate a calibration: records, calibration.toml for identify, and truth.json."""
@@ -107,17 +110,16 @@ def simulate(
         "response_noise": response_noise,
         "seed": seed,
     }
-    from vibrident.app.cli.progress import Busy
-    from vibrident.show.views import count
-
     with written_whole(folder) as output, Busy("Simulating"):
         if interferometer is None:
             write(output.path, sensor, excitation, **settings)
         else:
             _write_light(output.path, sensor, excitation, interferometer, optics, settings)
+    from vibrident.show.views import count
+
     records = [file for file in output.files if file.suffix in (".csv", ".h5") and "_optical" not in file.name]
     others = [file for file in output.files if file.suffix not in (".csv", ".h5")]
-    out().print(f"Simulated: sensor {sensor}, {excitation}, {count(len(records), 'record')}, seed {seed}.")
+    say(f"Simulated: sensor {sensor}, {excitation}, {count(len(records), 'record')}, seed {seed}.")
     wrote([*others, folder / ("*.csv" if interferometer is None else "*.h5")])
 
 
@@ -131,17 +133,13 @@ def _write_light(
 
     chosen, seed = sensor_named(sensor), settings["seed"]
     light = _optics(kind, optics, settings["sampling_rate_hz"] or chosen.sampling_rate_hz, seed)
-    settings.pop("quantity")
+    del settings["quantity"]
     calibration = write_optical_calibration(folder, chosen, excitation, light, **settings)
     write_truth(folder / "truth.json", chosen, calibration, seed, interferometer=asdict(light))
 
 
 def _optics(kind: str, text: str | None, rate_hz: float, seed: int) -> Optics:
-    """The interferometer of --interferometer and --optics, KEY=VALUE joined by commas; ``rate_hz`` of the response.
-
-    Raises:
-        InputError: a key is unknown, or a value is not a number.
-    """
+    """The interferometer of --interferometer and --optics, KEY=VALUE joined by commas; ``rate_hz`` of the response."""
     from vibrident.data.interferometer.setting import Interferometer
     from vibrident.physics.simulation.optics import CARRIER, Optics, drawn
 
@@ -168,13 +166,9 @@ def _given(text: str | None) -> dict[str, Any]:
         key, _, value = (piece.strip() for piece in part.partition("="))
         if key not in KEYS:
             raise unknown(f"{key!r} is not a key of --optics.", key, KEYS, "--optics")
-        given[key] = True if key == "ellipse" and value == "random" else _number(key, value)
+        try:
+            given[key] = (key, value) == ("ellipse", "random") or float(value)
+        except ValueError:
+            expected = f"{key}={KEYS[key][0]}, {KEYS[key][1]}"
+            raise not_read(f"--optics {key}", value, expected, "write a number with a point, without a unit") from None
     return given
-
-
-def _number(key: str, value: str) -> float:
-    try:
-        return float(value)
-    except ValueError:
-        expected = f"{key}={KEYS[key][0]}, {KEYS[key][1]}"
-        raise not_read(f"--optics {key}", value, expected, "write a number with a point, without a unit") from None

@@ -3,31 +3,27 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vibrident.app.cli import options
-from vibrident.app.cli.console import note, out, wrote
+from vibrident.app.cli.console import note, out, say, show_rows, wrote
 from vibrident.app.cli.options import between, flag, option
 from vibrident.app.workflow.folder import load_result
 from vibrident.base.errors import InputError
 
 if TYPE_CHECKING:
     from vibrident.app.workflow.tracking import Files
+    from vibrident.data.records import Record
     from vibrident.data.sources.source import Chunk
     from vibrident.result import Result
     from vibrident.use.tracking.session import Session
     from vibrident.use.tracking.state import Estimate
 
-#: The source where none is given.
-RECORDS = "calibration-records"
-#: Rows of a session of records, where --every does not say.
-ROWS = 100
-#: Time between rows of a stream, s, where --every does not say.
-EVERY_S = 1.0
-#: Random walk of a parameter in a year, relative, where no history tells it: a choice.
-WALK = 0.01
+RECORDS = "calibration-records"  # the source where none is given
+EVERY_S = 1.0  # time between rows of a stream, s, where --every does not say
+WALK = 0.01  # random walk of a parameter in a year, relative, where no history tells it: a choice
 
 
 def track(
@@ -66,11 +62,11 @@ def track(
 
     described = read_calibration_file(calibration)
     kind = SOURCES[name]
-    rate_hz, length_s = described.sampling.rate_hz, None
+    rates = [described.sampling.rate_hz, *(entry.rate_hz for entry in described.records)]
+    rate_hz, length_s = next(filter(None, rates), None), 0.0
     if name == RECORDS:
-        rate_hz, length_s = _of_records(calibration, known)
-    if rate_hz is None:
-        rate_hz = next((entry.rate_hz for entry in described.records if entry.rate_hz), None)
+        records = _records(calibration, known)
+        rate_hz, length_s = records[0].sampling_rate_hz, sum(record.duration_s for record in records)
     if rate_hz is None:
         raise InputError(
             "The sampling rate is not given.",
@@ -80,7 +76,7 @@ def track(
             remedy="add rate_hz = … (samples per second)",
         )
     settings = Settings(rate, _walks(store, known), described.reference.standard_uncertainty)
-    seconds = every or (max(settings.block / rate_hz, min(EVERY_S, length_s / ROWS)) if length_s else EVERY_S)
+    seconds = every or (max(settings.block / rate_hz, min(EVERY_S, length_s / 100)) if length_s else EVERY_S)
     session = Session.of(known, rate_hz, described.reference.quantity, seconds, settings)
     key = {"result": known.to_json(), "file": calibration.read_text(encoding="utf-8"), "source": [name, address]}
     files = Files(folder, session, {**key, "settings": vars(settings), "every": seconds})
@@ -117,8 +113,9 @@ def _walks(store: str | None, known: Result) -> float | tuple[float, ...]:
 def _chosen(*, follow: bool, stdin: str | None, source: str | None) -> tuple[str, str]:
     """Name and address of the source."""
     name, _, address = (source or "").partition("=")
-    asked = (("follow", "" if follow else None), ("stdin", stdin), (name, address if source else None))
-    given = [(name, address) for name, address in asked if address is not None]
+    given = [("follow", "")] if follow else []
+    given += [("stdin", stdin)] if stdin is not None else []
+    given += [(name, address)] if source else []
     if len(given) > 1:
         raise InputError(
             "More than one source is given.",
@@ -130,13 +127,13 @@ def _chosen(*, follow: bool, stdin: str | None, source: str | None) -> tuple[str
     return given[0] if given else (RECORDS, "")
 
 
-def _of_records(calibration: Path, known: Result) -> tuple[float | None, float]:
-    """Sampling rate and length of the records, which must be in the unit of the result."""
+def _records(calibration: Path, known: Result) -> Sequence[Record]:
+    """The records, which must be in the unit of the result."""
     from vibrident.data.io import read_guarded
 
     data = read_guarded(calibration)
     data.require_response(known.response_unit, "A table has no samples to track a sensor by.")
-    return data.records[0].sampling_rate_hz, sum(record.duration_s for record in data.records)
+    return data.records
 
 
 def _run(chunks: Iterator[Chunk], session: Session, files: Files, show: Any, *, resumable: bool) -> None:
@@ -168,44 +165,42 @@ def _live(session: Session) -> Iterator[Any]:
         return
     from rich.live import Live
 
+    from vibrident.show.terminal import inspection_table
+
     with Live(console=console, transient=True, refresh_per_second=4) as live:
 
         def show(row: Estimate) -> None:
-            excited = {name: name in row.excited for name in row.values}
-            live.update(_table(f"Tracked, {row.time_s:.6g} s", row.values, row.uncertainty, session.units, excited))
+            rows = _rows(row.values, row.uncertainty, session.units)
+            rows = [{**each, "excited": each["parameter"] in row.excited} for each in rows]
+            live.update(inspection_table(rows, f"Tracked, {row.time_s:.6g} s"))
 
         yield show
 
 
-def _table(title: str, values: Any, u: Any, units: Any, excited: Any = None) -> Any:
-    """Parameters by name, with what is said of them."""
-    from vibrident.show import terminal
+def _rows(values: Any, u: Any, units: Any) -> list[dict[str, Any]]:
+    """Parameters by name, to the second digit of u."""
     from vibrident.show.numbers import pair
 
-    rows = []
-    for name, value in values.items():
-        number, rounded = pair(value, u[name])
-        more = {"excited": excited[name]} if excited else {}
-        rows.append({"parameter": name, "value": number, "u": rounded, "unit": units[name], **more})
-    return terminal.inspection_table(rows, title)
+    numbers = {name: pair(value, u[name]) for name, value in values.items()}
+    return [
+        {"parameter": name, "value": value, "u": rounded, "unit": units[name]}
+        for name, (value, rounded) in numbers.items()
+    ]
 
 
 def _say(document: dict[str, Any]) -> None:
-    from vibrident.show import terminal
-
-    console, shown = out(), ("time_s", "parameter", "from", "to", "what")
     value, u, units = (
         {name: each[key] for name, each in document["parameters"].items()}
         for key in ("value", "standard_uncertainty", "unit")
     )
-    console.print(_table(f"Tracked sensor, {document['time_s']:.12g} s", value, u, units))
+    show_rows(_rows(value, u, units), f"Tracked sensor, {document['time_s']:.12g} s")
+    shown = ("time_s", "parameter", "from", "to", "what")
     if alarms := [{key: alarm[key] for key in shown} for alarm in document["alarms"]]:
-        console.print(terminal.inspection_table(alarms, "Alarms"))
+        show_rows(alarms, "Alarms")
     if changing := document["changing"]:
-        said = f"something changed at {changing['time_s']:.12g} s; too little motion followed to tell what"
-        console.print(said, soft_wrap=True)
+        say(f"something changed at {changing['time_s']:.12g} s; too little motion followed to tell what")
     elif not alarms:
-        console.print("no alarm", soft_wrap=True)
+        say("no alarm")
 
 
 def _drawn(folder: Path, document: dict[str, Any], sensor: dict[str, object]) -> Path:
