@@ -16,13 +16,11 @@ from vibrident.fit.decay import decays_alone, with_free_decays
 from vibrident.fit.descent.optimise import Progress, silent
 from vibrident.fit.estimators import AUTO, Estimate, Estimator, choose
 from vibrident.fit.judge import (
-    Attempt,
     Fitted,
     Told,
     Uncertainty,
     beside_departures,
     document,
-    linearised,
     own_rows,
     with_phase_scatter,
     with_remedy,
@@ -135,17 +133,15 @@ def fit(
 
         decays.require_plain(estimator)
         evidence, chosen, reason = decays.gathered(calibration, sensor_model), decays.FreeDecays(), decays.METHOD
-        found = Attempt.at(evidence, chosen, progress)
+        found = Fitted.of(evidence, chosen, progress)
         found = replace(found, told=(Told(warnings=tuple(decays.said(found.estimate))),))
     else:
         evidence = with_free_decays(Evidence.gather(calibration, sensor_model))
         chosen, reason = _estimator(evidence, estimator, uncertainty)
-        found = Attempt.at(evidence, chosen, progress)
+        found = Fitted.of(evidence, chosen, progress)
         for step in (without_dead_records, with_phase_scatter, beside_departures, with_remedy):
             found = step(found)
-    data = found.evidence, found.estimate, found.judgement
-    how = chosen, reason, found.told, found.phase_by_scatter, found.examined
-    return Fitted(*data, linearised(*data), *how)
+    return replace(found, reason=reason)
 
 
 def _data_scale(estimate: Estimate, data: BudgetRow) -> float:

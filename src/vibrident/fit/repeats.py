@@ -17,7 +17,7 @@ import numpy as np
 
 from vibrident.base.errors import InputError
 from vibrident.data.records import Calibration, FloatArray
-from vibrident.fit.judge import Fitted, document, own_rows
+from vibrident.fit.judge import Fitted, covered, document, own_rows
 from vibrident.fit.uncertainty import correlation, curve, parameter_table
 from vibrident.fit.uncertainty.budget import DATA, BudgetRow, as_settings, effective_degrees_of_freedom
 from vibrident.fit.uncertainty.floor import with_floor
@@ -80,7 +80,7 @@ def identify_runs(runs: dict[tuple[str, str], Calibration], fit: Callable[[Calib
     covers = [f"{len(fits)} runs", *([f"{len(set(mountings))} mountings"] if len(set(mountings)) > 1 else [])]
     settings = {
         **base.settings,
-        "uncertainty_covers": "; ".join([*covers, *(f"{row.source} ({row.kind})" for row in rows if row.kind != DATA)]),
+        "uncertainty_covers": "; ".join([*covers, *covered(rows)]),
         "coverage_factor": coverage_factor(freedom),
         "effective_degrees_of_freedom": freedom,
         "uncertainty_budget": as_settings(rows, names, coordinates.slopes(mean)),

@@ -24,8 +24,7 @@ from vibrident.fit.descent.optimise import Objective, Progress, Trace, levenberg
 from vibrident.fit.information import inverse_normal
 from vibrident.fit.joint.moments import MomentConditions, Score
 from vibrident.fit.joint.sharing import Joint, Place, places
-from vibrident.fit.judge import Fitted, linearised
-from vibrident.fit.judge.effects import all_effects
+from vibrident.fit.judge import Fitted
 from vibrident.fit.problem import Local
 from vibrident.fit.uncertainty.budget import shift_of_effect
 
@@ -128,7 +127,7 @@ def descend(together: Together, covariance: Callable[[Fitted], FloatArray], prog
         for i in lost:
             values = fitted[i].estimate.coordinates.values(together.at(theta)[i])
             with contextlib.suppress(NotConverged):  # then the first fit stays
-                fitted[i] = fitted[i].again(values, progress)
+                fitted[i] = fitted[i].anew(fitted[i].evidence, values)
         together = replace(together, fitted=tuple(fitted))
         theta, near, trace = _found(together, progress)
         lost = _elsewhere(together, near, theta)
@@ -191,9 +190,9 @@ def _effects(fitted: Sequence[Fitted], there: Sequence[FloatArray]) -> tuple[Eff
     """
     found: dict[SystematicEffect, dict[int, FloatArray]] = {}
     for index, (one, z) in enumerate(zip(fitted, there, strict=True)):
-        linear = linearised(one.evidence, replace(one.estimate, z=z), one.judgement)
-        for effect in all_effects(one.evidence, one.judgement):
-            found.setdefault(effect, {})[index] = shift_of_effect(effect, linear)
+        there_fitted = replace(one, estimate=replace(one.estimate, z=z))
+        for effect in one.effects:
+            found.setdefault(effect, {})[index] = shift_of_effect(effect, there_fitted.linear)
     return tuple(Effect(effect, shifts) for effect, shifts in found.items())
 
 

@@ -7,21 +7,18 @@ one does not; ``doubts`` gives the warnings that need a fitted model; ``document
 
 from __future__ import annotations
 
-from vibrident.fit.judge.attempts import Attempt, Fitted
-from vibrident.fit.judge.document import Uncertainty, document, own_rows
-from vibrident.fit.judge.examined import Told
-from vibrident.fit.judge.points import linearised
+from vibrident.fit.judge.attempts import Fitted, Told
+from vibrident.fit.judge.document import Uncertainty, covered, document, own_rows
 from vibrident.fit.judge.refits import beside_departures, with_phase_scatter, without_dead_records
 from vibrident.fit.judge.remedy import with_remedy
 
 __all__ = [
-    "Attempt",
     "Fitted",
     "Told",
     "Uncertainty",
     "beside_departures",
+    "covered",
     "document",
-    "linearised",
     "own_rows",
     "with_phase_scatter",
     "with_remedy",

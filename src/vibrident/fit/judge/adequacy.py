@@ -10,7 +10,7 @@ import numpy as np
 
 from vibrident.base.amounts import plain
 from vibrident.base.errors import InputError
-from vibrident.data.records import FloatArray, Quantity, SystematicEffect
+from vibrident.data.records import FloatArray, SystematicEffect
 from vibrident.fit.decay import decay_deviations
 from vibrident.fit.estimators import Estimate
 from vibrident.fit.estimators.residual_tones import network_problem, residual_tones
@@ -28,13 +28,10 @@ from vibrident.fit.uncertainty.adequacy import (
     looks_random,
     tone_points,
 )
-from vibrident.fit.uncertainty.budget import deviation_uncertainty, patterns
-from vibrident.fit.uncertainty.linearised import Linearised
-from vibrident.fit.uncertainty.parameters import NOTHING
 from vibrident.fit.uncertainty.steps import effects_of_steps
 from vibrident.physics.discretisation import Weights
 from vibrident.physics.discretisation.weights import weight_table
-from vibrident.result import Fit, MeasuredCurve, Signal
+from vibrident.result import Signal
 
 if TYPE_CHECKING:
     from vibrident.fit.decay.beside import DecayDeviation
@@ -258,109 +255,6 @@ def judge_table(evidence: Evidence, estimate: Estimate) -> Judgement:
     chance = 1.0 if chi2 is None else probability(chi2 * degrees, degrees)
     adequacy = Adequacy(table.frequency_hz, table.response, relative, names, chi2, degrees, adequate, turn, chance)
     return Judgement(adequacy, text, adequacy.birge, scatter=scatter)
-
-
-def measured_curve(
-    estimate: Estimate,
-    judgement: Judgement,
-    quantity: Quantity,
-    effects: Sequence[SystematicEffect],
-    linear: Linearised,
-) -> MeasuredCurve:
-    """The data's points with their deviation from the model, in order of frequency.
-
-    Args:
-        estimate: the fit.
-        judgement: the points and their noise.
-        quantity: of the reference.
-        effects: systematic ones, common to all points: they are in the uncertainty of each point, but in that of its
-            deviation only as far as the parameters cannot follow them.
-        linear: the fit at the points, linearised at the estimate.
-    """
-    values, adequacy = estimate.coordinates.values(estimate.z), judgement.adequacy
-    order = np.argsort(adequacy.frequency_hz, kind="stable")
-    frequency, measured = adequacy.frequency_hz[order], adequacy.measured[order]
-    model = estimate.coordinates.model.frequency_response(values, frequency, quantity)
-    noise = adequacy.relative_deviation[order]
-    turn = noise if adequacy.phase_deviation is None else adequacy.phase_deviation[order]
-    shape = patterns(effects, linear, adequacy.frequency_hz)
-    common = np.sqrt(np.sum(np.real(shape) ** 2, axis=1))[order], np.sqrt(np.sum(np.imag(shape) ** 2, axis=1))[order]
-    off = np.split(
-        deviation_uncertainty(linear, shape, judgement.scatter or 1.0), 1 if linear.is_phase.sum() == 0 else 2
-    )
-    ratio = model / measured
-    known = bool(np.any(np.imag(measured) != 0.0))
-    size = np.abs(measured)
-
-    unknown = np.full(frequency.size, np.nan)
-
-    def angle(radians: FloatArray) -> FloatArray:
-        return _stated(np.rad2deg(radians), turn) if known else unknown
-
-    return MeasuredCurve(
-        frequency_hz=frequency,
-        magnitude=size,
-        phase_deg=np.rad2deg(np.angle(measured)) if known else unknown,
-        magnitude_uncertainty=_stated(size * np.hypot(noise, common[0]), noise),
-        phase_deg_uncertainty=angle(np.hypot(turn, common[1])),
-        deviation_percent=100.0 * (np.abs(ratio) - 1.0),
-        deviation_phase_deg=np.rad2deg(np.angle(ratio)) if known else unknown,
-        record=tuple(adequacy.record[i] for i in order),
-        magnitude_noise=_stated(size * noise, noise),
-        phase_deg_noise=angle(turn),
-        deviation_uncertainty_percent=_stated(100.0 * off[0][order], noise),
-        deviation_phase_uncertainty_deg=angle(off[-1][order]),
-    )
-
-
-def _stated(uncertainty: FloatArray, noise: FloatArray) -> FloatArray:
-    """NaN where nothing tells it."""
-    return np.where(np.isfinite(uncertainty) & (noise < NOTHING), uncertainty, np.nan)
-
-
-def fit_of_signals(evidence: Evidence, judgement: Judgement) -> Fit:
-    """Metrics of measured minus predicted response over all records."""
-    sums = np.zeros(4)
-    for record, series in zip(evidence.records, judgement.predicted, strict=True):
-        used = record.mask & np.isfinite(series)
-        response = record.response[used]
-        residual = response - series[used]
-        sums += _sums(residual, response - response.mean() if used.any() else response)
-    return _metrics(sums, judgement.adequacy)
-
-
-def fit_of_table(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> Fit:
-    """Metrics of measured minus model response over a table's points."""
-    measured = judgement.adequacy.measured
-    values = estimate.coordinates.values(estimate.z)
-    frequency = judgement.adequacy.frequency_hz
-    model = estimate.coordinates.model.frequency_response(values, frequency, evidence.quantity)
-    problem = evidence.first_look
-    assert problem is not None
-    residual = measured - model if problem.has_phase else np.abs(measured) - np.abs(model)
-    return _metrics(_sums(np.abs(residual), np.abs(measured - measured.mean())), judgement.adequacy)
-
-
-def _sums(residual: FloatArray, response: FloatArray) -> FloatArray:
-    """Number of points, Σ |residual|, and the squares of residual and response about its mean."""
-    return np.array([residual.size, np.sum(np.abs(residual)), residual @ residual, response @ response])
-
-
-def _metrics(sums: FloatArray, adequacy: Adequacy) -> Fit:
-    mae, mse, variance = (sums[1:] / (sums[0] or float("nan"))).tolist()
-    rmse = float(np.sqrt(mse))
-    ratio = rmse / np.sqrt(variance) if variance > 0 else float("nan")
-    return Fit(
-        rmse=rmse,
-        mae=mae,
-        mse=mse,
-        r2=float(1.0 - ratio**2),
-        rpd=float(1.0 / ratio) if ratio > 0 else float("inf"),
-        nrmse=float(ratio),
-        chi2_reduced=adequacy.chi2_reduced,
-        degrees_of_freedom=adequacy.degrees_of_freedom,
-        adequate=adequacy.adequate,
-    )
 
 
 def _excerpts(evidence: Evidence, predicted: tuple[FloatArray, ...]) -> tuple[Signal, ...]:

@@ -4,24 +4,33 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from vibrident.base.amounts import amount, plain
-from vibrident.data.records import FloatArray, ResponseTable, SystematicEffect
+from vibrident.data.records import FloatArray, SystematicEffect
 from vibrident.fit.estimators import Estimate
-from vibrident.fit.judge.adequacy import Judgement, measured_curve
-from vibrident.fit.judge.points import linearised
+from vibrident.fit.judge.adequacy import Judgement
 from vibrident.fit.problem import Evidence
 from vibrident.fit.response.verdict import REJECTION, as_chi2, chance_of, probability, shrunk
-from vibrident.fit.uncertainty.budget import DATA, BudgetRow, Explained, Weighted, effects_of, explain, patterns
-from vibrident.result import MeasuredCurve
+from vibrident.fit.uncertainty.budget import Explained, Weighted, effects_of, explain, patterns
+from vibrident.fit.uncertainty.linearised import Linearised
 
 
 def all_effects(evidence: Evidence, judgement: Judgement) -> list[SystematicEffect]:
     """Systematic effects as stated, and those that were found in the data."""
     return [*effects_of(evidence.calibration), *judgement.found]
+
+
+def linearised(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> Linearised:
+    """The fit at all excited frequencies, linearised at the estimate; without rows for free decays."""
+    coordinates, z, points = estimate.coordinates, estimate.z, judgement.adequacy
+    if evidence.calibration.table is not None and evidence.first_look is not None:
+        return Linearised.of_table(coordinates, z, evidence.first_look)
+    if estimate.findings.decays is not None:
+        return Linearised.of_nothing(coordinates, z, evidence.quantity)
+    at = points.frequency_hz, points.measured, points.relative_deviation
+    return Linearised.of_points(coordinates, z, evidence.quantity, *at)
 
 
 def allowing_for_effects(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> Judgement:
@@ -134,33 +143,3 @@ def _deviations(evidence: Evidence, estimate: Estimate, judgement: Judgement) ->
 def _freedom(judgement: Judgement) -> FloatArray:
     """Degrees of freedom behind the noise of each point, shape (n,)."""
     return np.concatenate([part.freedom for part in judgement.points])
-
-
-def measured(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> MeasuredCurve:
-    """The points of a fit, with the stated effects in their uncertainties."""
-    effects, linear = all_effects(evidence, judgement), linearised(evidence, estimate, judgement)
-    return measured_curve(estimate, judgement, evidence.quantity, effects, linear)
-
-
-def covered(rows: Sequence[BudgetRow]) -> list[str]:
-    """The systematic effects among the rows, in words."""
-    return list(dict.fromkeys(f"{row.source} ({row.kind})" for row in rows if row.kind != DATA))
-
-
-def what_is_covered(rows: Sequence[BudgetRow], table: ResponseTable | None) -> list[str]:
-    """Which of ``noise``, ``gain`` and ``phase`` the uncertainties hold: scatter, and what was stated of the chain.
-
-    The uncertainty that a table states of its points is all that its laboratory says of them, the chain's with it.
-    """
-    kinds = {row.kind for row in rows}
-    if table is not None and table.magnitude_uncertainty is not None:
-        kinds |= {"gain"} if table.phase_uncertainty_rad is None else {"gain", "phase"}
-    parts = {"noise": {DATA}, "gain": {"gain"}, "phase": {"phase", "timing"}}
-    return [name for name, of in parts.items() if kinds & of]
-
-
-def seen(judgement: Judgement) -> dict[str, Any]:
-    """How much of each stated effect the deviations show, in its standard uncertainties; a model that explains all."""
-    amounts = [{"source": e.source, "kind": e.kind, "amount_in_u": size} for e, size in judgement.effects]
-    found: dict[str, Any] = {"systematic_effects_seen": amounts} if amounts else {}
-    return {**found, "explained_by": judgement.explained_by} if judgement.explained_by else found

@@ -9,8 +9,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from vibrident.fit.judge.attempts import Attempt
-from vibrident.fit.judge.examined import Examined
+from vibrident.fit.judge.attempts import Fitted
+from vibrident.fit.judge.examined import departures_of, told_as_nuisances, with_nuisances
 from vibrident.fit.problem import Evidence
 from vibrident.fit.problem.frequency_domain import response_residual
 from vibrident.fit.response.explained import part_left
@@ -28,12 +28,12 @@ PHASE_BY_SCATTER = "the phase's uncertainty, which the table does not state, by 
 ROUNDS = 3
 
 
-def without_dead_records(first: Attempt) -> Attempt:
+def without_dead_records(first: Fitted) -> Fitted:
     """The fit without records that seem dead, where the model explains the others so much better."""
     others = first.evidence.without_dead_records()
     if others is None:
         return first
-    better = first.afresh(others)
+    better = Fitted.of(others, first.estimator, first.progress)
     chi2 = [attempt.judgement.adequacy.chi2_reduced or np.inf for attempt in (better, first)]
     # A dead record of little noise may draw the whole fit to itself, and leave the others as noise.
     records, predicted = first.evidence.records, first.judgement.predicted
@@ -43,7 +43,7 @@ def without_dead_records(first: Attempt) -> Attempt:
     return better if spoilt else first
 
 
-def with_phase_scatter(first: Attempt) -> Attempt:
+def with_phase_scatter(first: Fitted) -> Fitted:
     """The fit of a table that states the magnitude's uncertainty alone: that of the phase is seen in its deviations.
 
     It is taken in proportion to the magnitude's. Where the deviations follow a pattern, the model does not explain the
@@ -71,16 +71,16 @@ def with_phase_scatter(first: Attempt) -> Attempt:
     return first
 
 
-def beside_departures(first: Attempt) -> Attempt:
+def beside_departures(first: Fitted) -> Fitted:
     """The fit with those departures that can be so as nuisance parameters (drift, hum), from where it stands."""
     now = first
     for _ in range(ROUNDS):
-        found = Examined.of(now.evidence, now.estimate, now.judgement)
-        now, records = replace(now, examined=found), found.beside(now.judgement)
+        now = replace(now, departures=departures_of(now))
+        records = with_nuisances(now)
         if all(kept is record for kept, record in zip(records, now.evidence.records, strict=True)):
             break
         other = now.anew(now.evidence.with_records(records))
         if not other.adequate and not now.adequate:  # a misfit has tones and drifts, too
             break
-        now = replace(other, told=(*now.told, found.told_as_nuisance(now.judgement)))
+        now = replace(other, told=(*now.told, told_as_nuisances(now)))
     return now

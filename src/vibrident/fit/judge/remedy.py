@@ -6,11 +6,9 @@ import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from vibrident.base.amounts import plain
 from vibrident.base.errors import VibridentError
-from vibrident.fit.judge.attempts import Attempt
+from vibrident.fit.judge.attempts import Fitted
 from vibrident.fit.problem import Coordinates, Evidence, FrequencyProblem
 from vibrident.fit.response.explained import MOST_LEFT, part_left
 from vibrident.fit.start.start import Start, extended, find_start
@@ -24,7 +22,7 @@ LEAST_FREE = 4
 WELL, ALIKE, MOST_TRIED = 1.5, 30.0, 2
 
 
-def with_remedy(found: Attempt) -> Attempt:
+def with_remedy(found: Fitted) -> Fitted:
     """The attempt, its judgement with the model that explains what the present one does not, if there is one.
 
     Models are tried at the excited frequencies, from the values of the present one, the likely ones then by one fit
@@ -47,7 +45,7 @@ def with_remedy(found: Attempt) -> Attempt:
     return found
 
 
-def _may_be_the_model(found: Attempt) -> bool:
+def _may_be_the_model(found: Fitted) -> bool:
     """Whether the model may be at fault: not its discretisation, nor what no linear model explains."""
     findings, few = found.estimate.findings, found.judgement.adequacy.degrees_of_freedom < LEAST_FREE
     network = findings.network
@@ -59,13 +57,12 @@ def _may_be_the_model(found: Attempt) -> bool:
     return found.evidence.model.is_linear and plain_fit and not few
 
 
-def _tried(found: Attempt) -> Iterator[tuple[SensorModel, dict[str, float]]]:
+def _tried(found: Fitted) -> Iterator[tuple[SensorModel, dict[str, float]]]:
     """The models worth a fit of the records, with their values at the points: those of fewest parameters come first."""
     problem = _problem(found)
     if problem is None:
         return
-    values = found.estimate.coordinates.values(found.estimate.z)
-    own = (found.judgement.adequacy.chi2_reduced or 0.0, found.evidence.model, values)
+    own = (found.judgement.adequacy.chi2_reduced or 0.0, found.evidence.model, found.values)
     for level in _others(found.evidence):
         likely = itertools.chain.from_iterable(_likely(problem, alike, *own) for alike in level)
         first = next(likely, None)
@@ -75,14 +72,10 @@ def _tried(found: Attempt) -> Iterator[tuple[SensorModel, dict[str, float]]]:
             return
 
 
-def _problem(found: Attempt) -> FrequencyProblem | None:
+def _problem(found: Fitted) -> FrequencyProblem | None:
     """The response at the excited frequencies: of a table, or beside the fit."""
-    points, first = found.judgement.adequacy, found.evidence.first_look
-    if first is None or first.polar:
-        return first
-    size = np.abs(points.measured)
-    data = (points.frequency_hz, np.ones(len(size), complex), points.measured, points.relative_deviation * size)
-    return replace(first, data=data)
+    first = found.evidence.first_look
+    return first if first is None or first.polar else replace(first, data=found.judgement.adequacy.as_data)
 
 
 def _likely(

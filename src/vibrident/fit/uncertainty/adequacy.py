@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -50,6 +50,12 @@ class Adequacy:
     chance: float = 1.0
     # χ² of the free decays among the records
     decays: float = 0.0
+
+    @property
+    def as_data(self) -> tuple[Any, ...]:
+        """The points as the data of a :class:`FrequencyProblem`, with a reference of one."""
+        size = np.abs(self.measured)
+        return self.frequency_hz, np.ones(len(size), complex), self.measured, self.relative_deviation * size
 
     @property
     def birge(self) -> float:

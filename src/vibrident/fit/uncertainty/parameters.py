@@ -30,6 +30,11 @@ MARGIN = 1e-3  # a parameter is at the end of its range if its relative distance
 COVERAGE = 0.95
 
 
+def deviations(covariance: FloatArray) -> FloatArray:
+    """Standard deviations of a covariance, shape (p,), none of them the root of a negative number."""
+    return np.sqrt(np.maximum(np.diag(covariance), 0.0))
+
+
 def weakly_determined(
     coordinates: Coordinates, z: FloatArray, covariance: FloatArray
 ) -> tuple[dict[str, str], list[ResultWarning]]:
@@ -38,7 +43,7 @@ def weakly_determined(
     A parameter at a bound is reported as such.
     """
     model = coordinates.model
-    deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    deviation = deviations(covariance)
     safe = np.where(deviation > 0, deviation, 1.0)
     correlation = covariance / np.outer(safe, safe)
     weak: dict[str, str] = {}
@@ -84,7 +89,7 @@ def at_end(coordinates: Coordinates, z: FloatArray) -> set[str]:
 
 def unstated(coordinates: Coordinates, z: FloatArray, covariance: FloatArray) -> set[str]:
     """Names of parameters of which no standard uncertainty can be stated."""
-    deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    deviation = deviations(covariance)
     known = deviation <= NOTHING * sizes_of(coordinates.model, z)
     return at_end(coordinates, z) | {
         spec.name for spec, is_known in zip(coordinates.model.parameters, known, strict=True) if not is_known
@@ -171,7 +176,7 @@ def parameter_table(
     """
     model = coordinates.model
     k = coverage_factor(degrees_of_freedom)
-    deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    deviation = deviations(covariance)
     change = coordinates.slopes(z)
     unknown = unstated(coordinates, z, covariance)
     table = {}
@@ -235,7 +240,7 @@ def _value_and_slope(coordinates: Coordinates, z: FloatArray, quantity: Derived)
 
 def correlation(model: SensorModel, covariance: FloatArray) -> Correlation:
     """Correlation matrix of the estimated parameters; one on the diagonal, also where a variance is zero."""
-    deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    deviation = deviations(covariance)
     safe = np.where(deviation > 0, deviation, 1.0)
     matrix = np.clip(covariance / np.outer(safe, safe), -1.0, 1.0)
     np.fill_diagonal(matrix, 1.0)
