@@ -18,13 +18,12 @@ from vibrident.fit.problem import Evidence, network_of
 from vibrident.fit.problem.frequency_domain import response_residual
 from vibrident.fit.response import MeasuredResponse
 from vibrident.fit.response.explained import unexplained
-from vibrident.fit.response.verdict import probability
+from vibrident.fit.response.verdict import REJECTION, probability
 from vibrident.fit.uncertainty.adequacy import (
     Adequacy,
     Points,
     assess,
     band_points,
-    judge_residuals,
     looks_random,
     tone_points,
 )
@@ -36,8 +35,6 @@ from vibrident.result import Signal
 if TYPE_CHECKING:
     from vibrident.fit.decay.beside import DecayDeviation
 
-#: Samples of all excerpts together, and of one.
-MOST_SAMPLES, MOST_IN_ONE = 12_000, 600
 #: Scatter of a table's points, in units of their weights, where nothing tells it: so large that they say nothing.
 UNKNOWN = 1e8
 
@@ -85,23 +82,17 @@ def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
     def response(frequency: FloatArray) -> Any:
         return model.frequency_response(values, np.asarray(frequency), quantity)
 
-    points: list[Points] = []
-    tones = None
+    points, tones = list[Points](), None
     if evidence.tones is not None:
         tones = estimate.tones or _tones(evidence, estimate, values)
-        names = [r.name for r in evidence.records]
-        deviation = tones.error_deviation(response)
-        points.append(tone_points(tones, response(tones.frequency_hz), deviation, names))
+        points.append(tone_points(tones, response, [record.name for record in evidence.records]))
     predicted, weights = _predict(evidence, estimate)
     others = [i for i, r in enumerate(evidence.records) if r.excitation != "sine" and r.reference is not None]
     noise, hum = estimate.findings.noise, estimate.findings.hum_hz
-    points += band_points(
-        [evidence.records[i] for i in others],
-        [predicted[i] for i in others],
-        response,
-        () if noise is None or not noise.reference.size else noise.reference[others].tolist(),
-        [hum[i] for i in others] if any(hum) else (),
-    )
+    for i in others:
+        unfelt = 0.0 if noise is None or not noise.reference.size else float(noise.reference[i])
+        found = band_points(evidence.records[i], predicted[i], response, unfelt, hum[i] if any(hum) else ())
+        points += [] if found is None else [found]
     decays = decay_deviations(evidence.records, model, values)
     adequacy = assess(points, len(estimate.z), decays)
     birge = _birge(estimate, evidence, points, adequacy, decays)
@@ -113,9 +104,17 @@ def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
             f"The model does not explain the data: it leaves {100.0 * rest.left:.2g} % of the response's power, of "
             f"which only {100.0 * rest.incoherent:.2g} % has nothing in common with the reference."
         )
-    signals = _excerpts(evidence, predicted)
-    found = tuple(effects_of_steps(evidence.records, predicted, response, adequacy)) if model.is_linear else ()
-    return Judgement(adequacy, text, birge, predicted, None, signals, weights, tones, tuple(points), found)
+    return Judgement(
+        adequacy,
+        text,
+        birge,
+        predicted,
+        signals=_excerpts(evidence, predicted),
+        weights=weights,
+        tones=tones,
+        points=tuple(points),
+        found=tuple(effects_of_steps(evidence.records, predicted, response, adequacy)) if model.is_linear else (),
+    )
 
 
 def _tones(evidence: Evidence, estimate: Estimate, values: dict[str, float]) -> MeasuredResponse:
@@ -231,14 +230,16 @@ def judge_table(evidence: Evidence, estimate: Estimate) -> Judgement:
     assert problem is not None
     args = (estimate.coordinates, problem.polar, problem.has_phase, evidence.quantity, problem.data)
     residual = np.asarray(response_residual(estimate.z, *args))
-    chi2, degrees, adequate = judge_residuals(residual, len(estimate.z))
-    scatter = None
+    squares, degrees = float(np.sum(residual**2)), len(residual) - len(estimate.z)
+    chi2 = squares / degrees if degrees > 0 else None
+    chance, scatter = probability(squares, degrees), None
+    adequate = degrees > 0 and chance >= REJECTION
     if table.magnitude_uncertainty is None:
-        scatter = float(np.sqrt(np.sum(residual**2) / degrees)) if degrees > 0 else UNKNOWN
+        scatter = UNKNOWN if chi2 is None else float(np.sqrt(chi2))
         order = np.argsort(table.frequency_hz, kind="stable")
         n = table.points
         parts = [residual[:n][order]] + ([residual[n:][order]] if problem.has_phase else [])
-        chi2, adequate = None, degrees > 0 and all(looks_random(part) for part in parts)
+        chi2, chance, adequate = None, 1.0, degrees > 0 and all(looks_random(part) for part in parts)
         text = "The deviations from the model follow a pattern along frequency: the model does not explain the table."
     else:
         text = (
@@ -252,18 +253,15 @@ def judge_table(evidence: Evidence, estimate: Estimate) -> Judgement:
     names = (table.provenance.file or "table",) * table.points
     relative = problem.relative_deviation if scatter is None else problem.relative_deviation * scatter
     turn = np.asarray(problem.data[4]) * (scatter or 1.0)
-    chance = 1.0 if chi2 is None else probability(chi2 * degrees, degrees)
     adequacy = Adequacy(table.frequency_hz, table.response, relative, names, chi2, degrees, adequate, turn, chance)
     return Judgement(adequacy, text, adequacy.birge, scatter=scatter)
 
 
 def _excerpts(evidence: Evidence, predicted: tuple[FloatArray, ...]) -> tuple[Signal, ...]:
-    """A piece of every record from where its response is largest, a few periods long."""
-    signals = []
-    most = int(np.clip(MOST_SAMPLES // max(len(predicted), 1), 24, MOST_IN_ONE))
-    owners = (
-        {} if evidence.tones is None else dict(zip(evidence.tones.record, evidence.tones.frequency_hz, strict=True))
-    )
+    """A piece of every record from where its response is largest, a few periods long: 12,000 samples together."""
+    signals, tones = [], evidence.tones
+    most = int(np.clip(12_000 // max(len(predicted), 1), 24, 600))
+    owners = {} if tones is None else dict(zip(tones.record, tones.frequency_hz, strict=True))
     for index, (record, series) in enumerate(zip(evidence.records, predicted, strict=True)):
         used = np.flatnonzero(record.mask & np.isfinite(series))
         if used.size < 2:
