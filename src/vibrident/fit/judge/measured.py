@@ -25,7 +25,8 @@ def measured_curve(fitted: Fitted) -> MeasuredCurve:
     turn = noise if points.phase_deviation is None else points.phase_deviation[order]
     shape = patterns(fitted.effects, linear, points.frequency_hz)
     gain, phase = (np.sqrt(np.sum(part**2, axis=1))[order] for part in (np.real(shape), np.imag(shape)))
-    off = deviation_uncertainty(linear, shape, fitted.judgement.scatter or 1.0).reshape(-1, len(order))[:, order]
+    off = deviation_uncertainty(linear, shape, fitted.judgement.scatter or 1.0)
+    off = [part[order] for part in np.split(off, 2 if linear.is_phase.any() else 1)]
     ratio, size = _model_at(fitted, frequency) / measured, np.abs(measured)
 
     def stated(uncertainty: FloatArray, noise: FloatArray) -> FloatArray:

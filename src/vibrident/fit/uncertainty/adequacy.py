@@ -27,9 +27,6 @@ from vibrident.fit.response.verdict import REJECTION, as_chi2, chance_of, shrunk
 if TYPE_CHECKING:
     from vibrident.fit.decay.beside import DecayDeviation
 
-RANDOM_ENOUGH = 4.0  # most lag-one correlation, in standard deviations, of a table without uncertainties
-PATTERN = 1e-5  # probability that random residuals are taken to follow a polynomial
-
 
 @dataclass(frozen=True, eq=False)
 class Adequacy:
@@ -160,7 +157,11 @@ def assess(parts: Sequence[Points], parameters: int, decays: Sequence[DecayDevia
 
 
 def looks_random(residual: FloatArray) -> bool:
-    """Whether residuals in order of frequency scatter without pattern, where no uncertainty was stated."""
+    """Whether residuals in order of frequency scatter without pattern, where no uncertainty was stated.
+
+    Random ones are taken to follow a polynomial with a probability of 1e-5; their lag-one correlation exceeds four
+    standard deviations with one of 3e-5.
+    """
     n = len(residual)
     power = float(np.sum(residual**2))
     if n < 8 or power == 0.0:
@@ -171,5 +172,5 @@ def looks_random(residual: FloatArray) -> bool:
     basis, _ = np.linalg.qr(np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, n), terms - 1))
     smooth = float(np.sum((basis.T @ residual) ** 2))
     rest = max(power - smooth, np.finfo(float).eps * power)
-    pattern = f_tail(terms, n - terms, smooth / terms / (rest / (n - terms))) < PATTERN
-    return lagged * np.sqrt(n) < RANDOM_ENOUGH and not pattern
+    pattern = f_tail(terms, n - terms, smooth / terms / (rest / (n - terms))) < 1e-5
+    return lagged * np.sqrt(n) < 4.0 and not pattern
