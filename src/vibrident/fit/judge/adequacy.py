@@ -35,9 +35,6 @@ from vibrident.result import Signal
 if TYPE_CHECKING:
     from vibrident.fit.decay.beside import DecayDeviation
 
-#: Scatter of a table's points, in units of their weights, where nothing tells it: so large that they say nothing.
-UNKNOWN = 1e8
-
 
 @dataclass(frozen=True, eq=False)
 class Judgement:
@@ -235,7 +232,7 @@ def judge_table(evidence: Evidence, estimate: Estimate) -> Judgement:
     chance, scatter = probability(squares, degrees), None
     adequate = degrees > 0 and chance >= REJECTION
     if table.magnitude_uncertainty is None:
-        scatter = UNKNOWN if chi2 is None else float(np.sqrt(chi2))
+        scatter = 1e8 if chi2 is None else float(np.sqrt(chi2))  # where nothing tells it: the points say nothing
         order = np.argsort(table.frequency_hz, kind="stable")
         n = table.points
         parts = [residual[:n][order]] + ([residual[n:][order]] if problem.has_phase else [])

@@ -28,15 +28,10 @@ from vibrident.result import ResultWarning
 BETTER, WELL = 10.0, 4.0
 #: … and if chance would make a wrong reading fit as well with a probability below this.
 CHANCE = 1e-4
-#: Readings are not tested if phases are uncertain by more than this (rad), if a level exceeds this (dB), or if levels
-#: differ by less than this (dB): any small numbers look like the levels of a flat response.
-MOST_PHASE, MOST_DECIBELS, LEAST_DECIBELS = 0.5, 400.0, 3.0
 ANGULAR = (
     "The frequencies are 2π times those of the one-third-octave series: are they in rad/s? "
     "The column wants Hz, and the natural frequency is in the unit of the column."
 )
-#: Part of a standard uncertainty above which undetermined noise of the reference is reported.
-DOUBTED_BIAS = 0.8
 
 
 def second_thoughts(fitted: Fitted, covariance: FloatArray) -> list[ResultWarning]:
@@ -74,7 +69,7 @@ def _others(fitted: Fitted, covariance: FloatArray) -> list[ResultWarning]:
 
 def _reference_noise(estimate: Estimate) -> list[ResultWarning]:
     noise = estimate.findings.noise
-    if noise is None or not np.any(noise.doubt > DOUBTED_BIAS):
+    if noise is None or not np.any(noise.doubt > 0.8):
         return []
     worst = int(np.argmax(noise.doubt))
     name = estimate.coordinates.model.parameter_names[worst]
@@ -153,18 +148,15 @@ def _readings_of_table(problem: FrequencyProblem, table: ResponseTable) -> Itera
         ):
             # Values without a stated uncertainty keep their weight.
             other_u = phase_u if table.phase_uncertainty_rad is None else factor * phase_u
-            if np.median(other_u) < MOST_PHASE:  # any phase fits within an uncertainty of a turn
+            if np.median(other_u) < 0.5:  # any phase fits within an uncertainty of a turn
                 yield text, replace(problem, data=(frequency, magnitude, factor * phase, magnitude_u, other_u))
         text = "The phases fit far better with the other sign: here a lag is negative"
         yield text, replace(problem, data=(frequency, magnitude, -phase, magnitude_u, phase_u))
-    relative_u = magnitude_u / magnitude
+    root, relative_u = np.sqrt(magnitude), magnitude_u / magnitude
     text = "The magnitudes fit far better as their square root: are they of power?"
-    yield (
-        text,
-        replace(problem, data=(frequency, np.sqrt(magnitude), phase, 0.5 * relative_u * np.sqrt(magnitude), phase_u)),
-    )
-    if np.max(magnitude) < MOST_DECIBELS and np.ptp(magnitude) > LEAST_DECIBELS:
+    yield text, replace(problem, data=(frequency, root, phase, 0.5 * relative_u * root, phase_u))
+    if np.max(magnitude) < 400.0 and np.ptp(magnitude) > 3.0:  # any small numbers look like levels of a flat response
         ratio = 10.0 ** (magnitude / 20.0)
         text = "The magnitudes fit far better as decibels: the column wants the ratio itself, not its level"
-        relative = magnitude_u / magnitude if table.magnitude_uncertainty is None else magnitude_u * np.log(10.0) / 20.0
-        yield text, replace(problem, data=(frequency, ratio, phase, ratio * relative, phase_u))
+        relative_u = relative_u if table.magnitude_uncertainty is None else magnitude_u * np.log(10.0) / 20.0
+        yield text, replace(problem, data=(frequency, ratio, phase, ratio * relative_u, phase_u))

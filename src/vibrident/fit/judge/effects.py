@@ -34,13 +34,7 @@ def linearised(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> 
 
 
 def allowing_for_effects(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> Judgement:
-    """The same judgement, with the systematic effects that were stated in the covariance of the deviations.
-
-    Args:
-        evidence: the data.
-        estimate: the fit.
-        judgement: what noise alone says of it.
-    """
+    """The judgement by noise alone, with the systematic effects in the covariance of the deviations."""
     effects, adequacy = all_effects(evidence, judgement), judgement.adequacy
     if not effects or not len(adequacy.frequency_hz) or adequacy.degrees_of_freedom <= 0:
         return judgement
@@ -53,25 +47,15 @@ def allowing_for_effects(evidence: Evidence, estimate: Estimate, judgement: Judg
     found = explain(weighted, effects, shape, linear, covariance)
     if found is None:
         return judgement
-    return _judged(judgement, effects, found, weighted(estimate.z, np.zeros(len(shape))))
-
-
-def _judged(
-    judgement: Judgement, effects: Sequence[SystematicEffect], found: Explained, deviations: FloatArray
-) -> Judgement:
-    adequacy, degrees = judgement.adequacy, judgement.adequacy.degrees_of_freedom
-    shown = tuple(zip(effects, found.amounts.tolist(), strict=True))
-    allowed = replace(judgement, effects=shown)
-    believed = found.probability >= REJECTION
+    allowed = replace(judgement, effects=tuple(zip(effects, found.amounts.tolist(), strict=True)))
     if adequacy.chi2_reduced is None:  # no uncertainty was stated: the scatter of the points is all there is
         return allowed
+    deviations, degrees = weighted(estimate.z, np.zeros(len(shape))), adequacy.degrees_of_freedom
     before = adequacy.chi2_reduced * degrees
     chi2 = max(before - (float(deviations @ deviations) - found.chi2), 0.0)
-    explained = _chance(judgement, found, chi2) >= REJECTION and believed
-    blamed = adequacy.chance < REJECTION
-    adequate = explained if adequacy.adequate or blamed else False
-    text = judgement.lack_of_fit
-    if blamed or adequacy.adequate:
+    text, adequate, believed = judgement.lack_of_fit, False, found.probability >= REJECTION
+    if adequacy.adequate or adequacy.chance < REJECTION:
+        adequate = believed and _chance(judgement, found, chi2) >= REJECTION
         text = _misfit(judgement, chi2 / degrees) if believed else _beyond(effects, found)
     return replace(
         allowed,

@@ -16,20 +16,12 @@ from vibrident.fit.problem.frequency_domain import response_residual
 from vibrident.fit.response.explained import part_left
 from vibrident.fit.uncertainty.adequacy import looks_random
 
-#: Records that seem dead are left out where the model explains the others so many times better.
-MUCH_BETTER = 4.0
-#: Rounds in which the scatter of a table's phase settles, at most.
-PHASE_ROUNDS = 20
-#: It is settled when it changes by less than this part.
-PHASE_SETTLED = 0.01
 #: What a table's record and the result say of it.
 PHASE_BY_SCATTER = "the phase's uncertainty, which the table does not state, by its scatter"
-#: Rounds of fit and examination.
-ROUNDS = 3
 
 
 def without_dead_records(first: Fitted) -> Fitted:
-    """The fit without records that seem dead, where the model explains the others so much better."""
+    """The fit without records that seem dead, where the model explains the others four times better."""
     others = first.evidence.without_dead_records()
     if others is None:
         return first
@@ -39,8 +31,7 @@ def without_dead_records(first: Fitted) -> Fitted:
     records, predicted = first.evidence.records, first.judgement.predicted
     kept = [index for index, record in enumerate(records) if any(record is other for other in others.records)]
     left = [part_left(others.records, p) for p in (better.judgement.predicted, [predicted[i] for i in kept])]
-    spoilt = chi2[0] < chi2[1] / MUCH_BETTER or left[0] < left[1] / MUCH_BETTER
-    return better if spoilt else first
+    return better if chi2[0] < chi2[1] / 4.0 or left[0] < left[1] / 4.0 else first
 
 
 def with_phase_scatter(first: Fitted) -> Fitted:
@@ -58,11 +49,11 @@ def with_phase_scatter(first: Fitted) -> Fitted:
     free, order = table.points - 0.5 * len(first.estimate.z), np.argsort(table.frequency_hz, kind="stable")
     provenance = replace(table.provenance, history=(*table.provenance.history, PHASE_BY_SCATTER))
     known = 1.0
-    for _ in range(PHASE_ROUNDS if free > 1.0 else 0):
+    for _ in range(20 if free > 1.0 else 0):
         args = (now.estimate.coordinates, problem.polar, problem.has_phase, first.evidence.quantity, problem.data)
         turn = np.asarray(response_residual(now.estimate.z, *args))[table.points :][order]
         scatter = float(np.sqrt(np.sum(turn**2) / free))
-        if abs(scatter - known) < PHASE_SETTLED * known or scatter == 0.0:
+        if abs(scatter - known) < 0.01 * known or scatter == 0.0:
             return now if looks_random(turn) else first
         known, stated = scatter, scatter * problem.relative_deviation
         told = replace(table, phase_uncertainty_rad=stated, provenance=provenance)
@@ -74,7 +65,7 @@ def with_phase_scatter(first: Fitted) -> Fitted:
 def beside_departures(first: Fitted) -> Fitted:
     """The fit with those departures that can be so as nuisance parameters (drift, hum), from where it stands."""
     now = first
-    for _ in range(ROUNDS):
+    for _ in range(3):
         now = replace(now, departures=departures_of(now))
         records = with_nuisances(now)
         if all(kept is record for kept, record in zip(records, now.evidence.records, strict=True)):

@@ -14,12 +14,10 @@ from vibrident.fit.response.explained import MOST_LEFT, part_left
 from vibrident.fit.start.start import Start, extended, find_start
 from vibrident.physics.models import ADD_ONS, CORES, SensorModel, installed
 
-#: Another model is tried if its χ²/ν at the points is so many times smaller …
-BETTER = 10.0
-#: … with this many degrees of freedom left to judge it by.
+#: Degrees of freedom that must be left to judge a model by.
 LEAST_FREE = 4
-#: At the points alone, models count that leave this or less in χ²/ν, or so many times the least; so many are fitted.
-WELL, ALIKE, MOST_TRIED = 1.5, 30.0, 2
+#: χ²/ν at the points alone that is little.
+LITTLE = 1.5
 
 
 def with_remedy(found: Fitted) -> Fitted:
@@ -32,7 +30,7 @@ def with_remedy(found: Fitted) -> Fitted:
     declared = judgement.adequacy.chi2_reduced or 0.0
     if found.adequate or declared <= 0.0 or not _may_be_the_model(found):
         return found
-    for other, values in itertools.islice(_tried(found), MOST_TRIED):
+    for other, values in itertools.islice(_tried(found), 2):
         try:
             better = found.once(replace(evidence, model=other, start=values))
         except VibridentError:
@@ -59,9 +57,11 @@ def _may_be_the_model(found: Fitted) -> bool:
 
 def _tried(found: Fitted) -> Iterator[tuple[SensorModel, dict[str, float]]]:
     """The models worth a fit of the records, with their values at the points: those of fewest parameters come first."""
-    problem = _problem(found)
+    problem = found.evidence.first_look
     if problem is None:
         return
+    if not problem.polar:  # beside the fit
+        problem = replace(problem, data=found.judgement.adequacy.as_data)
     own = (found.judgement.adequacy.chi2_reduced or 0.0, found.evidence.model, found.values)
     for level in _others(found.evidence):
         likely = itertools.chain.from_iterable(_likely(problem, alike, *own) for alike in level)
@@ -72,25 +72,19 @@ def _tried(found: Fitted) -> Iterator[tuple[SensorModel, dict[str, float]]]:
             return
 
 
-def _problem(found: Fitted) -> FrequencyProblem | None:
-    """The response at the excited frequencies: of a table, or beside the fit."""
-    first = found.evidence.first_look
-    return first if first is None or first.polar else replace(first, data=found.judgement.adequacy.as_data)
-
-
 def _likely(
     problem: FrequencyProblem, others: Sequence[SensorModel], own: float, model: SensorModel, values: dict[str, float]
 ) -> Iterator[tuple[SensorModel, dict[str, float]]]:
-    """Those models that leave least of the response."""
-    found, worth = [], min(max(own / BETTER, WELL), 0.5 * own)
+    """Models that leave a tenth of χ²/ν or less, or little; and no more than 30 times what the best one leaves."""
+    found, worth = [], min(max(own / 10.0, LITTLE), 0.5 * own)
     for other in others:
         free = problem.equations - len(other.parameter_names)
         start = _start(problem, other, model, values, worth * free) if free >= LEAST_FREE else None
         if start is not None and _inside(problem, other, start.values):
             found.append((other, start.costs[-1] / free, start.values))
-    least = min([own / BETTER, *(cost * ALIKE for _, cost, _ in found)])
+    least = min([own / 10.0, *(30.0 * cost for _, cost, _ in found)])
     for other, cost, there in found:
-        if cost < min(max(least, WELL), worth):
+        if cost < min(max(least, LITTLE), worth):
             yield other, there
 
 
@@ -129,9 +123,4 @@ def _others(evidence: Evidence) -> Iterator[list[list[SensorModel]]]:
     for names in (one, two):
         models = (installed("+".join(parts)) for parts in names)
         linear = [model for model in models if model is not None and model.is_linear]
-        linear.sort(key=_parameters)
-        yield [list(alike) for _, alike in itertools.groupby(linear, _parameters)]
-
-
-def _parameters(model: SensorModel) -> int:
-    return len(model.parameter_names)
+        yield [[m for m in linear if len(m.parameters) == n] for n in sorted({len(m.parameters) for m in linear})]
