@@ -15,19 +15,10 @@ from vibrident.data.records import Calibration
 from vibrident.fit.decay import decays_alone, with_free_decays
 from vibrident.fit.descent.optimise import Progress, silent
 from vibrident.fit.estimators import AUTO, Estimate, Estimator, choose
-from vibrident.fit.judge import (
-    Attempt,
-    Fitted,
-    Told,
-    Uncertainty,
-    beside_departures,
-    document,
-    linearised,
-    own_rows,
-    with_phase_scatter,
-    with_remedy,
-    without_dead_records,
-)
+from vibrident.fit.judge.attempts import Fitted, Told
+from vibrident.fit.judge.document import Uncertainty, document, own_rows
+from vibrident.fit.judge.refits import beside_departures, with_phase_scatter, without_dead_records
+from vibrident.fit.judge.remedy import with_remedy
 from vibrident.fit.problem import Evidence
 from vibrident.fit.registry import ESTIMATORS
 from vibrident.fit.repeats import identify_runs, runs_of
@@ -105,7 +96,7 @@ def identify(
         )
     begin = time.perf_counter()
     if posterior is not None:
-        from vibrident.fit.uncertainty.posterior import sampler
+        from vibrident.fit.uncertainty.posterior import sample_posterior, sampler
 
         sampler()  # before the fit that it would come after
     fitted = fit(calibration, model, estimator, uncertainty=uncertainty, progress=progress)
@@ -113,8 +104,6 @@ def identify(
     result = document(fitted, rows)
     settings = {**result.settings, "time_s": time.perf_counter() - begin}
     if posterior is not None:
-        from vibrident.fit.uncertainty.posterior import sample_posterior
-
         scale = _data_scale(fitted.estimate, rows[0])
         settings["posterior"] = sample_posterior(fitted.evidence, fitted.estimate, scale, posterior)
     return replace(result, settings=settings)
@@ -135,17 +124,15 @@ def fit(
 
         decays.require_plain(estimator)
         evidence, chosen, reason = decays.gathered(calibration, sensor_model), decays.FreeDecays(), decays.METHOD
-        found = Attempt.at(evidence, chosen, progress)
+        found = Fitted.of(evidence, chosen, progress)
         found = replace(found, told=(Told(warnings=tuple(decays.said(found.estimate))),))
     else:
         evidence = with_free_decays(Evidence.gather(calibration, sensor_model))
         chosen, reason = _estimator(evidence, estimator, uncertainty)
-        found = Attempt.at(evidence, chosen, progress)
+        found = Fitted.of(evidence, chosen, progress)
         for step in (without_dead_records, with_phase_scatter, beside_departures, with_remedy):
             found = step(found)
-    data = found.evidence, found.estimate, found.judgement
-    how = chosen, reason, found.told, found.phase_by_scatter, found.examined
-    return Fitted(*data, linearised(*data), *how)
+    return replace(found, reason=reason)
 
 
 def _data_scale(estimate: Estimate, data: BudgetRow) -> float:

@@ -7,7 +7,6 @@ import numpy as np
 from vibrident.data.records import FloatArray
 
 SMALLEST = 1e-12  # scaled eigenvalues below this are rounding: the direction is not determined at all
-SHOWN = 0.5  # part of what an inverse takes for a direction's information that must be there
 NONE = 1e-70  # information that counts as none: small enough to say so, large enough not to overflow
 
 
@@ -32,10 +31,11 @@ def sandwich_covariance(root: FloatArray, middle: FloatArray, information: Float
     """L Lᵀ M L Lᵀ for L Lᵀ, the inverse of the information, and M, the covariance of the gradient; shape (p, p).
 
     A direction whose information is lost in rounding has a gradient lost in rounding too, which says nothing: its
-    variance is that of L Lᵀ. No variance is negative.
+    variance is that of L Lᵀ. So it is where less than half of the information that L Lᵀ stands for is there. No
+    variance is negative.
     """
     middle = root.T @ middle @ root
-    lost = np.diag(root.T @ information @ root) < SHOWN
+    lost = np.diag(root.T @ information @ root) < 0.5
     middle[lost], middle[:, lost] = 0.0, 0.0
     values, vectors = np.linalg.eigh(middle + np.diag(lost.astype(float)))
     half = root @ (vectors * np.sqrt(np.maximum(values, 0.0)))

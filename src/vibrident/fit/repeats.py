@@ -17,7 +17,8 @@ import numpy as np
 
 from vibrident.base.errors import InputError
 from vibrident.data.records import Calibration, FloatArray
-from vibrident.fit.judge import Fitted, document, own_rows
+from vibrident.fit.judge.attempts import Fitted
+from vibrident.fit.judge.document import covered, document, own_rows
 from vibrident.fit.uncertainty import correlation, curve, parameter_table
 from vibrident.fit.uncertainty.budget import DATA, BudgetRow, as_settings, effective_degrees_of_freedom
 from vibrident.fit.uncertainty.floor import with_floor
@@ -25,8 +26,6 @@ from vibrident.fit.uncertainty.parameters import coverage_factor, unit_fields
 from vibrident.result import MeasuredCurve, Result
 
 REPEATABILITY, REMOUNTING = "repeatability", "remounting"
-_SAME = 1e-3  # relative distance within which points of two runs are at one frequency
-_ZERO = 1e-300
 
 
 def runs_of(calibration: Calibration) -> dict[tuple[str, str], Calibration]:
@@ -80,7 +79,7 @@ def identify_runs(runs: dict[tuple[str, str], Calibration], fit: Callable[[Calib
     covers = [f"{len(fits)} runs", *([f"{len(set(mountings))} mountings"] if len(set(mountings)) > 1 else [])]
     settings = {
         **base.settings,
-        "uncertainty_covers": "; ".join([*covers, *(f"{row.source} ({row.kind})" for row in rows if row.kind != DATA)]),
+        "uncertainty_covers": "; ".join([*covers, *covered(rows)]),
         "coverage_factor": coverage_factor(freedom),
         "effective_degrees_of_freedom": freedom,
         "uncertainty_budget": as_settings(rows, names, coordinates.slopes(mean)),
@@ -93,13 +92,14 @@ def identify_runs(runs: dict[tuple[str, str], Calibration], fit: Callable[[Calib
             ],
         },
     }
+    response = base.response
+    if base.has_gain:
+        response = curve(coordinates, mean, total, calibration.quantity, response.frequency_hz)
     made = replace(
         base,
         parameters=parameter_table(coordinates, mean, total, freedom, unit_fields(calibration), doubtful),
         correlation=correlation(first.evidence.model, total),
-        response=curve(coordinates, mean, total, calibration.quantity, base.response.frequency_hz)
-        if base.has_gain
-        else base.response,
+        response=response,
         warnings=tuple(dict.fromkeys(warning for one in results for warning in one.warnings)),
         findings=tuple(finding for one in results for finding in one.findings),
         fit=replace(base.fit, adequate=all(one.fit.adequate for one in results)),
@@ -124,28 +124,30 @@ def _with_scatter(settings: dict[str, Any], measured: MeasuredCurve, name: str) 
 
 def _components(places: FloatArray, mountings: Sequence[str]) -> tuple[FloatArray, list[BudgetRow]]:
     """Mean of the runs, shape (p,), and the type A rows of the budget; ``places``: of each run, shape (runs, p)."""
-    groups = [places[[one == name for one in mountings]] for name in dict.fromkeys(mountings)]
-    if len(groups) == 1:
-        mean = places.mean(axis=0)
-        return mean, [_row(REPEATABILITY, np.cov(places.T) / len(places), len(places) - 1)]
+    groups = _groups(places, mountings)
     means = np.array([group.mean(axis=0) for group in groups])
     whole = np.atleast_2d(np.cov(means.T)) / len(groups)
-    within = sum(np.atleast_2d((group - group.mean(axis=0)).T @ (group - group.mean(axis=0))) for group in groups)
     left = len(places) - len(groups)
     if left == 0:
-        return means.mean(axis=0), [_row(REMOUNTING, whole, len(groups) - 1)]
+        source = REMOUNTING if len(set(mountings)) > 1 else REPEATABILITY
+        return means.mean(axis=0), [_row(source, whole, len(groups) - 1)]
+    within = sum(np.atleast_2d((group - group.mean(axis=0)).T @ (group - group.mean(axis=0))) for group in groups)
     own = within / left * float(np.mean([1.0 / len(group) for group in groups])) / len(groups)
-    share = np.clip(np.diag(own) / np.maximum(np.diag(whole), _ZERO), 0.0, 1.0)  # of the variance of the mean
-    scales = np.sqrt(share), np.sqrt(1.0 - share)
-    rows = [_row(REPEATABILITY, whole * np.outer(scales[0], scales[0]), left)]
-    rows.append(_row(REMOUNTING, whole * np.outer(scales[1], scales[1]), len(groups) - 1))
-    rest = whole - rows[0].covariance - rows[1].covariance  # of the correlations, none on the diagonal
-    rows[1] = replace(rows[1], covariance=rows[1].covariance + rest)
+    share = np.clip(np.diag(own) / np.maximum(np.diag(whole), 1e-300), 0.0, 1.0)  # of the variance of the mean
+    repeated, remounted = (whole * np.outer(part, part) for part in (np.sqrt(share), np.sqrt(1.0 - share)))
+    rest = whole - repeated - remounted  # of the correlations, none on the diagonal
+    rows = [_row(REPEATABILITY, repeated, left), _row(REMOUNTING, remounted + rest, len(groups) - 1)]
     return means.mean(axis=0), rows
 
 
+def _groups(values: FloatArray, mountings: Sequence[str]) -> list[FloatArray]:
+    """The rows of each mounting; where there is but one, each row by itself; ``values``: shape (runs, …)."""
+    names = list(dict.fromkeys(mountings))
+    return [values[[one == name for one in mountings]] for name in names] if len(names) > 1 else list(values[:, None])
+
+
 def _row(source: str, covariance: FloatArray, freedom: int) -> BudgetRow:
-    return BudgetRow(source, DATA, None, "", float(freedom), np.atleast_2d(covariance))
+    return BudgetRow(source, DATA, None, "", float(freedom), covariance)
 
 
 def _joined(rows: Sequence[BudgetRow]) -> list[BudgetRow]:
@@ -159,24 +161,20 @@ def _measured(results: Sequence[Result], mean: Result, mountings: Sequence[str])
     """The points as means over the runs, their noise as the scatter of these; all points where they do not match."""
     curves = [one.measured for one in results]
     f = curves[0].frequency_hz
-    alike = all(len(c.frequency_hz) == len(f) and np.all(abs(c.frequency_hz / f - 1) <= _SAME) for c in curves)
+    alike = all(len(c.frequency_hz) == len(f) and np.all(abs(c.frequency_hz / f - 1) <= 1e-3) for c in curves)
     if not alike or not len(f):
         return curves[0]
     magnitudes, phases = (np.array([getattr(c, name) for c in curves]) for name in ("magnitude", "phase_deg"))
     phases = phases[0] + (phases - phases[0] + 180.0) % 360.0 - 180.0
     size, size_noise = _mean_over(magnitudes, mountings)
     turn, turn_noise = _mean_over(phases, mountings)
-    common = [
-        np.sqrt(np.maximum(np.nan_to_num(u) ** 2 - np.nan_to_num(noise) ** 2, 0.0))
-        for u, noise in (
-            (curves[0].magnitude_uncertainty, curves[0].magnitude_noise),
-            (curves[0].phase_deg_uncertainty, curves[0].phase_deg_noise),
-        )
-    ]
+    first = curves[0]
+    parts = (first.magnitude_uncertainty, first.magnitude_noise), (first.phase_deg_uncertainty, first.phase_deg_noise)
+    common = [np.sqrt(np.maximum(np.nan_to_num(u) ** 2 - np.nan_to_num(noise) ** 2, 0.0)) for u, noise in parts]
     model = mean.to_sensor().frequency_response(f, mean.quantity)  # type: ignore[arg-type]
     shift = (np.rad2deg(np.angle(model)) - turn + 180.0) % 360.0 - 180.0
     return replace(
-        curves[0],
+        first,
         magnitude=size,
         phase_deg=turn,
         magnitude_noise=size_noise,
@@ -192,7 +190,5 @@ def _measured(results: Sequence[Result], mean: Result, mountings: Sequence[str])
 
 def _mean_over(values: FloatArray, mountings: Sequence[str]) -> tuple[FloatArray, FloatArray]:
     """Mean of the means of the mountings and its standard uncertainty; ``values``: shape (runs, points)."""
-    names = list(dict.fromkeys(mountings))
-    rows = [[one == name for one in mountings] for name in names] if len(names) > 1 else np.eye(len(values), dtype=bool)
-    means = np.array([values[row].mean(axis=0) for row in rows])
+    means = np.array([group.mean(axis=0) for group in _groups(values, mountings)])
     return means.mean(axis=0), means.std(axis=0, ddof=1) / np.sqrt(len(means))

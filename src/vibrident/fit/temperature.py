@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from vibrident.base.tails import chi2_tail, student_quantile
+from vibrident.base.tails import chi2_tail
 from vibrident.data.records import Calibration
 from vibrident.fit.repeats import stated_by_some
+from vibrident.fit.uncertainty.parameters import coverage_factor
 from vibrident.result import Result
 
 USUAL_C = 23.0  # reference temperature where the certificate states none (ISO 16063-11, 4.1)
-_COVERAGE = 0.975
 
 
 def temperatures_of(calibration: Calibration) -> dict[float, Calibration]:
@@ -83,8 +83,7 @@ def _line(results: Mapping[float, Result], name: str, reference: float) -> dict[
     gradient = np.array([-slope / at**2, 1.0 / at])
     own = float(np.sqrt(gradient @ covariance @ gradient))
     freedom = min(_freedom(one) for one in results.values())
-    k = student_quantile(min(freedom * len(known), 1e9), _COVERAGE)
-    coefficient = float(slope / at)
+    k, coefficient = coverage_factor(freedom * len(known)), float(slope / at)
     return {
         "value_at_reference": float(at),
         "unit": next(p.unit for _, p, _ in found if p is not None),
@@ -104,13 +103,17 @@ def _scatter(result: Result, name: str) -> float | None:
         return None
     frequencies = (other for other, p in result.parameters.items() if not p.derived and p.unit == "Hz")
     source = next(frequencies, name) if parameter.derived else name
-    rows = [row for row in result.settings.get("uncertainty_budget") or () if row.get("type") == "A"]
-    own = math.sqrt(sum(float(row["contributions"].get(source) or 0.0) ** 2 for row in rows))
+    own = math.sqrt(sum(float(row["contributions"].get(source) or 0.0) ** 2 for row in _type_a(result)))
     whole = result.parameters[source].standard_uncertainty
     return parameter.standard_uncertainty * own / whole if whole else None
 
 
 def _freedom(result: Result) -> float:
     """Degrees of freedom of the type A part."""
-    rows = [row for row in result.settings.get("uncertainty_budget") or () if row.get("type") == "A"]
-    return min((float(row["degrees_of_freedom"]) for row in rows if row.get("degrees_of_freedom")), default=math.inf)
+    stated = [float(row["degrees_of_freedom"]) for row in _type_a(result) if row.get("degrees_of_freedom")]
+    return min(stated, default=math.inf)
+
+
+def _type_a(result: Result) -> list[dict[str, Any]]:
+    """Rows of the budget."""
+    return [row for row in result.settings.get("uncertainty_budget") or () if row.get("type") == "A"]

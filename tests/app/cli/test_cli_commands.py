@@ -46,7 +46,7 @@ def shown(folder):
 
 def test_the_names_in_the_help_are_those_of_the_library():
     from vibrident.data.records import EXCITATIONS, QUANTITIES
-    from vibrident.fit.judge import Uncertainty
+    from vibrident.fit.judge.document import Uncertainty
     from vibrident.physics.discretisation import METHODS
     from vibrident.physics.simulation import SENSORS
 

@@ -58,7 +58,7 @@ def chosen(monkeypatch, first, second):
 
     monkeypatch.setattr(attempts, "_once", once)
     evidence = Evidence(None, parse("accelerometer"), (), None, None, ())  # type: ignore[arg-type]
-    found = attempts.Attempt.at(evidence, None, silent)  # type: ignore[arg-type]
+    found = attempts.Fitted.of(evidence, None, silent)  # type: ignore[arg-type]
     return next(one for one in (first, second) if one[0] is found.estimate)
 
 
@@ -84,7 +84,7 @@ def test_what_is_fitted_again_begins_elsewhere(monkeypatch, times, again):
     monkeypatch.setattr(attempts, "_weighed_start", lambda *_: other)
     monkeypatch.setattr(attempts, "_searched_again", lambda best: None)
     estimator = Rejected(others=())
-    attempts.Attempt.at(evidence, estimator, silent)  # type: ignore[arg-type]
+    attempts.Fitted.of(evidence, estimator, silent)  # type: ignore[arg-type]
     assert estimator.starts == ([None, other] if again else [None])
 
 
@@ -117,5 +117,5 @@ def test_a_fit_that_leaves_most_of_the_response_is_no_better_for_the_few_bands_i
     estimate, judgement = fitted(SECOND, "spectrum", 0.6)
     other = estimate, replace(judgement, predicted=tuple((1.0 - left**0.5) * r.response for r in made.records))
     monkeypatch.setattr(attempts, "judged", lambda *_: other[1])
-    best = attempts.Attempt(evidence, *fitted(FIRST, "white", 9.0, adequate=False), Rejected(), silent)  # type: ignore[arg-type]
+    best = attempts.Fitted(evidence, *fitted(FIRST, "white", 9.0, adequate=False), Rejected(), silent)  # type: ignore[arg-type]
     assert (attempts._tried(SECOND, best) is best) == (left > 0.5)

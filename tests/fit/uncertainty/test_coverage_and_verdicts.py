@@ -94,8 +94,8 @@ def test_points_of_a_record_that_is_used_in_part_are_those_of_that_part() -> Non
     whole = Record(reference=motion, response=motion + noise, valid=valid, **more)
     part = Record(reference=motion[first:], response=(motion + noise)[first:], **more)
     one = np.ones_like
-    (seen,) = band_points([whole], [np.where(valid, motion, np.nan)], one)
-    (alone,) = band_points([part], [motion[first:]], one)
+    seen = band_points(whole, np.where(valid, motion, np.nan), one)
+    alone = band_points(part, motion[first:], one)
     for each in ("frequency_hz", "squares", "freedom"):
         np.testing.assert_array_equal(getattr(seen, each), getattr(alone, each))
 
@@ -107,9 +107,11 @@ def test_a_straight_drift_is_no_deviation() -> None:
     drift = np.linspace(0.0, 0.05, n)
     more = {"name": "r", "sampling_rate_hz": 1000.0, "excitation": "shock", "reference": motion}
     one = np.ones_like
-    ((still,), (drifting,)) = (
-        band_points([Record(response=motion + noise + slow, **more)], [motion], one) for slow in (0.0 * drift, drift)
+    still, drifting = (
+        band_points(Record(response=motion + noise + slow, **more), motion, one) for slow in (0.0 * drift, drift)
     )
+    assert still is not None
+    assert drifting is not None
     np.testing.assert_allclose(drifting.squares, still.squares, rtol=1e-6)
 
 

@@ -24,14 +24,11 @@ from vibrident.fit.descent.optimise import Objective, Progress, Trace, levenberg
 from vibrident.fit.information import inverse_normal
 from vibrident.fit.joint.moments import MomentConditions, Score
 from vibrident.fit.joint.sharing import Joint, Place, places
-from vibrident.fit.judge import Fitted, linearised
-from vibrident.fit.judge.effects import all_effects
+from vibrident.fit.judge.attempts import Fitted
 from vibrident.fit.problem import Local
 from vibrident.fit.uncertainty.budget import shift_of_effect
 
 ROUNDS = 4  # most rounds of the sum of costs, and of the moments, with refreshed weights
-SAME = 1.0  # a separate fit is the joint one where it is no better or worse than by one standard uncertainty …
-LEAST_PROMISED = 0.5  # … or where a step from this promises at least so much of what it gains
 TOLERANCE = 1e-6  # decrease of a cost that is not worth a step: 10⁻³ standard uncertainties
 
 Parts = Sequence[Callable[[FloatArray], Local]]
@@ -128,7 +125,7 @@ def descend(together: Together, covariance: Callable[[Fitted], FloatArray], prog
         for i in lost:
             values = fitted[i].estimate.coordinates.values(together.at(theta)[i])
             with contextlib.suppress(NotConverged):  # then the first fit stays
-                fitted[i] = fitted[i].again(values, progress)
+                fitted[i] = fitted[i].anew(fitted[i].evidence, values)
         together = replace(together, fitted=tuple(fitted))
         theta, near, trace = _found(together, progress)
         lost = _elsewhere(together, near, theta)
@@ -191,8 +188,8 @@ def _effects(fitted: Sequence[Fitted], there: Sequence[FloatArray]) -> tuple[Eff
     """
     found: dict[SystematicEffect, dict[int, FloatArray]] = {}
     for index, (one, z) in enumerate(zip(fitted, there, strict=True)):
-        linear = linearised(one.evidence, replace(one.estimate, z=z), one.judgement)
-        for effect in all_effects(one.evidence, one.judgement):
+        linear = replace(one, estimate=replace(one.estimate, z=z)).linear
+        for effect in one.effects:
             found.setdefault(effect, {})[index] = shift_of_effect(effect, linear)
     return tuple(Effect(effect, shifts) for effect, shifts in found.items())
 
@@ -255,7 +252,8 @@ def _elsewhere(together: Together, near: Sequence[Score], theta: FloatArray) -> 
     for i, (one, score, z) in enumerate(zip(together.fitted, near, together.at(theta), strict=True)):
         here, own = (score.local(at) for at in (z, one.estimate.z))
         gains = here.cost - own.cost + _promised(own)
-        if not abs(gains) <= SAME**2 and not _promised(here) >= LEAST_PROMISED * gains > 0.0:
+        # Within one standard uncertainty, or a step promises at least half of what is gained.
+        if not abs(gains) <= 1.0 and not _promised(here) >= 0.5 * gains > 0.0:
             found.add(i)
     return found
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,8 @@ from vibrident.fit.identification import fit
 from vibrident.fit.information import inverse_normal
 from vibrident.fit.joint.descent import Descent, Together, descend
 from vibrident.fit.joint.sharing import Consistency, compare, joined
-from vibrident.fit.judge import Fitted, Uncertainty, document, own_rows
+from vibrident.fit.judge.attempts import Fitted
+from vibrident.fit.judge.document import Uncertainty, document, own_rows
 from vibrident.fit.uncertainty.budget import DATA, BudgetRow, row_of_effect
 from vibrident.fit.uncertainty.parameters import parameter_table, parameter_units, unit_fields
 from vibrident.physics.naming import in_words
@@ -107,7 +108,11 @@ def _models(model: str | Sequence[str | None] | None, count: int) -> list[str | 
 def _documents(descent: Descent, uncertainty: Uncertainty, labels: Sequence[str]) -> list[Result]:
     fitted, places, balance = descent.together.fitted, descent.together.places, descent.balance
     alone = [own_rows(one, uncertainty) for one in fitted]
-    data = [rows[0] if i in descent.alone else _left(descent, i) for i, rows in enumerate(alone)]
+    data = [rows[0] for rows in alone]
+    for i, one in enumerate(fitted):
+        if i not in descent.alone:
+            covariance = inverse_normal(balance.information[i])
+            data[i] = BudgetRow(RESIDUAL, DATA, None, "", one.estimate.degrees_of_freedom, covariance)
     consistency = _consistency(descent, data)
     told = [] if consistency is None or consistency.whole.consistent else [_disagreement(consistency, labels, descent)]
     shares = [
@@ -154,12 +159,6 @@ def _estimate(descent: Descent, index: int) -> Estimate:
         equations=sum(one.estimate.equations for one in fitted),
         **more,
     )
-
-
-def _left(descent: Descent, index: int) -> BudgetRow:
-    """The data row of a calibration whose own fit is not used."""
-    covariance = inverse_normal(descent.balance.information[index])
-    return BudgetRow(RESIDUAL, DATA, None, "", descent.together.fitted[index].estimate.degrees_of_freedom, covariance)
 
 
 def _consistency(descent: Descent, data: Sequence[BudgetRow]) -> Consistency | None:
@@ -233,13 +232,8 @@ def _about(
             for i, (label, r) in enumerate(zip(labels, results, strict=True))
         ],
         "shared": shared,
-        "consistency": None if whole is None else {
-            "chi2": whole.chi2,
-            "degrees_of_freedom": whole.degrees_of_freedom,
-            "probability": whole.probability,
-            "consistent": whole.consistent,
-        },
-    }  # fmt: skip
+        "consistency": None if whole is None else {**asdict(whole), "consistent": whole.consistent},
+    }
 
 
 def _alone(one: Fitted, rows: Sequence[BudgetRow]) -> dict[str, Parameter]:

@@ -22,7 +22,7 @@ from vibrident.data.records import FloatArray
 from vibrident.fit.descent.sandwich import hac_covariance
 from vibrident.fit.estimators.kinds.ml import solved_problem
 from vibrident.fit.information import SMALLEST, inverse_normal
-from vibrident.fit.judge import Fitted
+from vibrident.fit.judge.attempts import Fitted
 from vibrident.fit.problem import Coordinates, Local
 
 

@@ -2,28 +2,6 @@
 
 ``attempts`` fits and judges, once more from elsewhere where nothing is explained; ``refits`` do so with other data;
 ``adequacy`` is the verdict, with the stated systematic ``effects``; ``remedy`` names the model that explains what this
-one does not; ``doubts`` gives the warnings that need a fitted model; ``document`` makes the result.
+one does not; ``examined`` says what departs from the fit; ``doubts`` gives the warnings that need a fitted model;
+``measured`` sets the data beside it; ``document`` makes the result.
 """
-
-from __future__ import annotations
-
-from vibrident.fit.judge.attempts import Attempt, Fitted
-from vibrident.fit.judge.document import Uncertainty, document, own_rows
-from vibrident.fit.judge.examined import Told
-from vibrident.fit.judge.points import linearised
-from vibrident.fit.judge.refits import beside_departures, with_phase_scatter, without_dead_records
-from vibrident.fit.judge.remedy import with_remedy
-
-__all__ = [
-    "Attempt",
-    "Fitted",
-    "Told",
-    "Uncertainty",
-    "beside_departures",
-    "document",
-    "linearised",
-    "own_rows",
-    "with_phase_scatter",
-    "with_remedy",
-    "without_dead_records",
-]

@@ -10,38 +10,29 @@ import numpy as np
 
 from vibrident.base.amounts import plain
 from vibrident.base.errors import InputError
-from vibrident.data.records import FloatArray, Quantity, SystematicEffect
+from vibrident.data.records import FloatArray, SystematicEffect
 from vibrident.fit.decay import decay_deviations
 from vibrident.fit.estimators import Estimate
 from vibrident.fit.estimators.residual_tones import network_problem, residual_tones
 from vibrident.fit.problem import Evidence, network_of
 from vibrident.fit.response import MeasuredResponse
 from vibrident.fit.response.explained import unexplained
-from vibrident.fit.response.verdict import probability
+from vibrident.fit.response.verdict import REJECTION, probability
 from vibrident.fit.uncertainty.adequacy import (
     Adequacy,
     Points,
     assess,
     band_points,
-    judge_residuals,
     looks_random,
     tone_points,
 )
-from vibrident.fit.uncertainty.budget import deviation_uncertainty, patterns
-from vibrident.fit.uncertainty.linearised import Linearised
-from vibrident.fit.uncertainty.parameters import NOTHING
 from vibrident.fit.uncertainty.steps import effects_of_steps
 from vibrident.physics.discretisation import Weights
 from vibrident.physics.discretisation.weights import weight_table
-from vibrident.result import Fit, MeasuredCurve, Signal
+from vibrident.result import Signal
 
 if TYPE_CHECKING:
     from vibrident.fit.decay.beside import DecayDeviation
-
-#: Samples of all excerpts together, and of one.
-MOST_SAMPLES, MOST_IN_ONE = 12_000, 600
-#: Scatter of a table's points, in units of their weights, where nothing tells it: so large that they say nothing.
-UNKNOWN = 1e8
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,23 +78,17 @@ def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
     def response(frequency: FloatArray) -> Any:
         return model.frequency_response(values, np.asarray(frequency), quantity)
 
-    points: list[Points] = []
-    tones = None
+    points, tones = list[Points](), None
     if evidence.tones is not None:
         tones = estimate.tones or _tones(evidence, estimate, values)
-        names = [r.name for r in evidence.records]
-        deviation = tones.error_deviation(response)
-        points.append(tone_points(tones, response(tones.frequency_hz), deviation, names))
+        points.append(tone_points(tones, response, [record.name for record in evidence.records]))
     predicted, weights = _predict(evidence, estimate)
     others = [i for i, r in enumerate(evidence.records) if r.excitation != "sine" and r.reference is not None]
     noise, hum = estimate.findings.noise, estimate.findings.hum_hz
-    points += band_points(
-        [evidence.records[i] for i in others],
-        [predicted[i] for i in others],
-        response,
-        () if noise is None or not noise.reference.size else noise.reference[others].tolist(),
-        [hum[i] for i in others] if any(hum) else (),
-    )
+    for i in others:
+        unfelt = 0.0 if noise is None or not noise.reference.size else float(noise.reference[i])
+        found = band_points(evidence.records[i], predicted[i], response, unfelt, hum[i] if any(hum) else ())
+        points += [] if found is None else [found]
     decays = decay_deviations(evidence.records, model, values)
     adequacy = assess(points, len(estimate.z), decays)
     birge = _birge(estimate, evidence, points, adequacy, decays)
@@ -115,9 +100,17 @@ def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
             f"The model does not explain the data: it leaves {100.0 * rest.left:.2g} % of the response's power, of "
             f"which only {100.0 * rest.incoherent:.2g} % has nothing in common with the reference."
         )
-    signals = _excerpts(evidence, predicted)
-    found = tuple(effects_of_steps(evidence.records, predicted, response, adequacy)) if model.is_linear else ()
-    return Judgement(adequacy, text, birge, predicted, None, signals, weights, tones, tuple(points), found)
+    return Judgement(
+        adequacy,
+        text,
+        birge,
+        predicted,
+        signals=_excerpts(evidence, predicted),
+        weights=weights,
+        tones=tones,
+        points=tuple(points),
+        found=tuple(effects_of_steps(evidence.records, predicted, response, adequacy)) if model.is_linear else (),
+    )
 
 
 def _tones(evidence: Evidence, estimate: Estimate, values: dict[str, float]) -> MeasuredResponse:
@@ -232,14 +225,16 @@ def judge_table(evidence: Evidence, estimate: Estimate) -> Judgement:
     assert table is not None
     assert problem is not None
     residual = np.asarray(problem.residual(estimate.z, estimate.coordinates))
-    chi2, degrees, adequate = judge_residuals(residual, len(estimate.z))
-    scatter = None
+    squares, degrees = float(np.sum(residual**2)), len(residual) - len(estimate.z)
+    chi2 = squares / degrees if degrees > 0 else None
+    chance, scatter = probability(squares, degrees), None
+    adequate = degrees > 0 and chance >= REJECTION
     if table.magnitude_uncertainty is None:
-        scatter = float(np.sqrt(np.sum(residual**2) / degrees)) if degrees > 0 else UNKNOWN
+        scatter = 1e8 if chi2 is None else float(np.sqrt(chi2))  # where nothing tells it: the points say nothing
         order = np.argsort(table.frequency_hz, kind="stable")
         n = table.points
         parts = [residual[:n][order]] + ([residual[n:][order]] if problem.has_phase else [])
-        chi2, adequate = None, degrees > 0 and all(looks_random(part) for part in parts)
+        chi2, chance, adequate = None, 1.0, degrees > 0 and all(looks_random(part) for part in parts)
         text = "The deviations from the model follow a pattern along frequency: the model does not explain the table."
     else:
         text = (
@@ -253,121 +248,15 @@ def judge_table(evidence: Evidence, estimate: Estimate) -> Judgement:
     names = (table.provenance.file or "table",) * table.points
     relative = problem.relative_deviation if scatter is None else problem.relative_deviation * scatter
     turn = np.asarray(problem.data[4]) * (scatter or 1.0)
-    chance = 1.0 if chi2 is None else probability(chi2 * degrees, degrees)
     adequacy = Adequacy(table.frequency_hz, table.response, relative, names, chi2, degrees, adequate, turn, chance)
     return Judgement(adequacy, text, adequacy.birge, scatter=scatter)
 
 
-def measured_curve(
-    estimate: Estimate,
-    judgement: Judgement,
-    quantity: Quantity,
-    effects: Sequence[SystematicEffect],
-    linear: Linearised,
-) -> MeasuredCurve:
-    """The data's points with their deviation from the model, in order of frequency.
-
-    Args:
-        estimate: the fit.
-        judgement: the points and their noise.
-        quantity: of the reference.
-        effects: systematic ones, common to all points: they are in the uncertainty of each point, but in that of its
-            deviation only as far as the parameters cannot follow them.
-        linear: the fit at the points, linearised at the estimate.
-    """
-    values, adequacy = estimate.coordinates.values(estimate.z), judgement.adequacy
-    order = np.argsort(adequacy.frequency_hz, kind="stable")
-    frequency, measured = adequacy.frequency_hz[order], adequacy.measured[order]
-    model = estimate.coordinates.model.frequency_response(values, frequency, quantity)
-    noise = adequacy.relative_deviation[order]
-    turn = noise if adequacy.phase_deviation is None else adequacy.phase_deviation[order]
-    shape = patterns(effects, linear, adequacy.frequency_hz)
-    common = np.sqrt(np.sum(np.real(shape) ** 2, axis=1))[order], np.sqrt(np.sum(np.imag(shape) ** 2, axis=1))[order]
-    off = np.split(
-        deviation_uncertainty(linear, shape, judgement.scatter or 1.0), 1 if linear.is_phase.sum() == 0 else 2
-    )
-    ratio = model / measured
-    known = bool(np.any(np.imag(measured) != 0.0))
-    size = np.abs(measured)
-
-    unknown = np.full(frequency.size, np.nan)
-
-    def angle(radians: FloatArray) -> FloatArray:
-        return _stated(np.rad2deg(radians), turn) if known else unknown
-
-    return MeasuredCurve(
-        frequency_hz=frequency,
-        magnitude=size,
-        phase_deg=np.rad2deg(np.angle(measured)) if known else unknown,
-        magnitude_uncertainty=_stated(size * np.hypot(noise, common[0]), noise),
-        phase_deg_uncertainty=angle(np.hypot(turn, common[1])),
-        deviation_percent=100.0 * (np.abs(ratio) - 1.0),
-        deviation_phase_deg=np.rad2deg(np.angle(ratio)) if known else unknown,
-        record=tuple(adequacy.record[i] for i in order),
-        magnitude_noise=_stated(size * noise, noise),
-        phase_deg_noise=angle(turn),
-        deviation_uncertainty_percent=_stated(100.0 * off[0][order], noise),
-        deviation_phase_uncertainty_deg=angle(off[-1][order]),
-    )
-
-
-def _stated(uncertainty: FloatArray, noise: FloatArray) -> FloatArray:
-    """NaN where nothing tells it."""
-    return np.where(np.isfinite(uncertainty) & (noise < NOTHING), uncertainty, np.nan)
-
-
-def fit_of_signals(evidence: Evidence, judgement: Judgement) -> Fit:
-    """Metrics of measured minus predicted response over all records."""
-    sums = np.zeros(4)
-    for record, series in zip(evidence.records, judgement.predicted, strict=True):
-        used = record.mask & np.isfinite(series)
-        response = record.response[used]
-        residual = response - series[used]
-        sums += _sums(residual, response - response.mean() if used.any() else response)
-    return _metrics(sums, judgement.adequacy)
-
-
-def fit_of_table(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> Fit:
-    """Metrics of measured minus model response over a table's points."""
-    measured = judgement.adequacy.measured
-    values = estimate.coordinates.values(estimate.z)
-    frequency = judgement.adequacy.frequency_hz
-    model = estimate.coordinates.model.frequency_response(values, frequency, evidence.quantity)
-    problem = evidence.first_look
-    assert problem is not None
-    residual = measured - model if problem.has_phase else np.abs(measured) - np.abs(model)
-    return _metrics(_sums(np.abs(residual), np.abs(measured - measured.mean())), judgement.adequacy)
-
-
-def _sums(residual: FloatArray, response: FloatArray) -> FloatArray:
-    """Number of points, Σ |residual|, and the squares of residual and response about its mean."""
-    return np.array([residual.size, np.sum(np.abs(residual)), residual @ residual, response @ response])
-
-
-def _metrics(sums: FloatArray, adequacy: Adequacy) -> Fit:
-    mae, mse, variance = (sums[1:] / (sums[0] or float("nan"))).tolist()
-    rmse = float(np.sqrt(mse))
-    ratio = rmse / np.sqrt(variance) if variance > 0 else float("nan")
-    return Fit(
-        rmse=rmse,
-        mae=mae,
-        mse=mse,
-        r2=float(1.0 - ratio**2),
-        rpd=float(1.0 / ratio) if ratio > 0 else float("inf"),
-        nrmse=float(ratio),
-        chi2_reduced=adequacy.chi2_reduced,
-        degrees_of_freedom=adequacy.degrees_of_freedom,
-        adequate=adequacy.adequate,
-    )
-
-
 def _excerpts(evidence: Evidence, predicted: tuple[FloatArray, ...]) -> tuple[Signal, ...]:
-    """A piece of every record from where its response is largest, a few periods long."""
-    signals = []
-    most = int(np.clip(MOST_SAMPLES // max(len(predicted), 1), 24, MOST_IN_ONE))
-    owners = (
-        {} if evidence.tones is None else dict(zip(evidence.tones.record, evidence.tones.frequency_hz, strict=True))
-    )
+    """A piece of every record from where its response is largest, a few periods long: 12,000 samples together."""
+    signals, tones = [], evidence.tones
+    most = int(np.clip(12_000 // max(len(predicted), 1), 24, 600))
+    owners = {} if tones is None else dict(zip(tones.record, tones.frequency_hz, strict=True))
     for index, (record, series) in enumerate(zip(evidence.records, predicted, strict=True)):
         used = np.flatnonzero(record.mask & np.isfinite(series))
         if used.size < 2:

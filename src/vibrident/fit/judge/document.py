@@ -7,121 +7,84 @@ import datetime
 import functools
 import platform
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any, Literal
 
 import numpy as np
 
 from vibrident.base.version import __version__
-from vibrident.data.records import Calibration, FloatArray
+from vibrident.data.records import Calibration, FloatArray, ResponseTable
 from vibrident.data.records.basis import distinct
 from vibrident.fit.estimators import Estimate
-from vibrident.fit.judge.adequacy import Judgement, fit_of_signals, fit_of_table
 from vibrident.fit.judge.attempts import Fitted
 from vibrident.fit.judge.doubts import second_thoughts
-from vibrident.fit.judge.effects import all_effects, covered, measured, seen, what_is_covered
-from vibrident.fit.judge.examined import Examined
+from vibrident.fit.judge.examined import told
+from vibrident.fit.judge.measured import fit_of_signals, fit_of_table, measured_curve
 from vibrident.fit.judge.refits import PHASE_BY_SCATTER
 from vibrident.fit.problem import Evidence
 from vibrident.fit.uncertainty import correlation, curve, parameter_table, weakly_determined
-from vibrident.fit.uncertainty.budget import DATA, BudgetRow, as_settings, effective_degrees_of_freedom, rows_of_effects
+from vibrident.fit.uncertainty.budget import (
+    DATA,
+    BudgetRow,
+    as_settings,
+    effective_degrees_of_freedom,
+    point_budget,
+    rows_of_effects,
+)
 from vibrident.fit.uncertainty.curve import frequencies, with_resonances
 from vibrident.fit.uncertainty.floor import with_floor
 from vibrident.fit.uncertainty.parameters import coverage_factor, unit_fields
-from vibrident.fit.uncertainty.point_budget import point_budget
-from vibrident.physics.models import SensorModel
 from vibrident.physics.naming import in_words
-from vibrident.result import Curve, Finding, MeasuredCurve, Result, ResultWarning, Training
+from vibrident.result import Curve, MeasuredCurve, Parameter, Result, ResultWarning, Training
 
 Uncertainty = Literal["auto", "noise", "inflated"]
-#: Shown iterations of the optimiser in a result.
-MOST_TRACE = 400
 
 
 def own_rows(fitted: Fitted, uncertainty: Uncertainty) -> list[BudgetRow]:
     """The budget of a calibration by itself: its data, then each systematic effect."""
     covariance, freedom, scope = _scaled(fitted, uncertainty)
-    rows = rows_of_effects(all_effects(fitted.evidence, fitted.judgement), fitted.linear)
-    return [BudgetRow(scope, DATA, None, "", freedom, covariance), *rows]
+    return [BudgetRow(scope, DATA, None, "", freedom, covariance), *rows_of_effects(fitted.effects, fitted.linear)]
 
 
 def document(fitted: Fitted, rows: Sequence[BudgetRow], more: Sequence[ResultWarning] = ()) -> Result:
     """The result of a calibration whose uncertainty consists of these rows; ``more`` warnings follow its own."""
-    stated = _stated(fitted, rows)
-    warnings = [warning for told in fitted.told for warning in told.warnings]
-    findings = [finding for told in fitted.told for finding in told.findings]
-    stated = replace(stated, warnings=[*warnings, *stated.warnings, *more], findings=[*findings, *stated.findings])
-    result = _result(fitted.evidence, fitted.estimate, fitted.judgement, stated)
-    effects = all_effects(fitted.evidence, fitted.judgement)
-    points = point_budget(result.measured, effects, fitted.linear)
-    settings = {**result.settings, "estimator_choice": fitted.reason, **({"point_budget": points} if points else {})}
-    return with_floor(replace(result, settings=settings), fitted.evidence.calibration.capabilities)
-
-
-@dataclass(frozen=True, eq=False)
-class _Stated:
-    """The statements about an estimate: its covariance with the sources of it, and the warnings."""
-
-    covariance: FloatArray
-    degrees_of_freedom: float
-    scope: str
-    rows: list[BudgetRow]
-    weak: dict[str, str]
-    warnings: list[ResultWarning]
-    findings: list[Finding]
-
-
-def _stated(fitted: Fitted, rows: Sequence[BudgetRow]) -> _Stated:
     evidence, estimate, judgement = fitted.evidence, fitted.estimate, fitted.judgement
+    calibration, model, coordinates = evidence.calibration, evidence.model, estimate.coordinates
     data = [row for row in rows if row.kind == DATA]
-    covariance = np.sum([row.covariance for row in data], axis=0)
-    total = np.sum([row.covariance for row in rows], axis=0)
-    weak, warnings = weakly_determined(estimate.coordinates, estimate.z, covariance)
-    warnings += second_thoughts(evidence, estimate, judgement, covariance)
-    examined = fitted.examined or Examined.of(evidence, estimate, judgement)
-    told = examined.told(judgement, total)
-    warnings += told.warnings
-    warnings += _learned(estimate)
+    by_data, total = (np.sum([row.covariance for row in some], axis=0) for some in (data, rows))
     freedom = float(np.min(effective_degrees_of_freedom(rows)))
     scope = "; ".join(dict.fromkeys(row.source for row in data))
-    return _Stated(total, freedom, scope, list(rows), weak, warnings, list(told.findings))
-
-
-def _result(evidence: Evidence, estimate: Estimate, judgement: Judgement, stated: _Stated) -> Result:
-    calibration, model = evidence.calibration, evidence.model
-    coordinates, z, freedom = estimate.coordinates, estimate.z, stated.degrees_of_freedom
-    names = model.parameter_names
-    table = parameter_table(coordinates, z, stated.covariance, freedom, unit_fields(calibration), stated.weak)
-    reference_hz = calibration.certificate.get("reference_frequency_hz")
-    found = Curve.none(), MeasuredCurve.none()
-    if model.has_gain:
-        band = frequencies(evidence.band_hz, judgement.adequacy.frequency_hz.tolist(), reference_hz)
-        band = with_resonances(band, model.rational(coordinates.values(z)))
-        response = curve(coordinates, z, stated.covariance, calibration.quantity, band)
-        found = response, measured(evidence, estimate, judgement)
-    return Result(
+    weak, doubts = weakly_determined(coordinates, estimate.z, by_data)
+    departures = told(fitted, total)
+    doubts += [*second_thoughts(fitted, by_data), *departures.warnings, *_learned(estimate)]
+    every = (*fitted.told, departures)
+    table = parameter_table(coordinates, estimate.z, total, freedom, unit_fields(calibration), weak)
+    warnings = _warnings(fitted, table, [w for one in fitted.told for w in one.warnings] + doubts + list(more), scope)
+    response, measured = _curves(fitted, total)
+    points = point_budget(measured, fitted.effects, fitted.linear)
+    result = Result(
         model=model.name,
         estimator=estimate.estimator,
         settings={
             **estimate.settings,
-            **estimate.findings.as_settings(names),
-            "uncertainty_covers": "; ".join([stated.scope, *covered(stated.rows)]),
-            **seen(judgement),
-            **_optics(calibration),
+            **estimate.findings.as_settings(model.parameter_names),
+            "uncertainty_covers": "; ".join([scope, *covered(rows)]),
+            **_seen(fitted),
             "coverage_factor": coverage_factor(freedom),
             "effective_degrees_of_freedom": freedom,
             "reference_standard_uncertainty": calibration.reference_standard_uncertainty,
-            "uncertainty_budget": as_settings(stated.rows, names, coordinates.slopes(z)),
-            "start": dict(zip(names, np.asarray(coordinates.start).tolist(), strict=True)),
+            "uncertainty_budget": as_settings(rows, model.parameter_names, coordinates.slopes(estimate.z)),
+            "start": dict(zip(model.parameter_names, np.asarray(coordinates.start).tolist(), strict=True)),
+            "estimator_choice": fitted.reason,
+            **({"point_budget": points} if points else {}),
         },
         provenance=_provenance(calibration, evidence),
         parameters=table,
-        correlation=correlation(model, stated.covariance),
-        fit=fit_of_table(evidence, estimate, judgement) if calibration.table else fit_of_signals(evidence, judgement),
-        response=found[0],
-        measured=found[1],
-        warnings=_warnings(evidence, model, table, judgement, stated.warnings, stated.scope),
+        correlation=correlation(model, total),
+        fit=(fit_of_table if calibration.table else fit_of_signals)(fitted),
+        response=response,
+        measured=measured,
+        warnings=warnings,
         sensor=dict(calibration.sensor),
         reference={"quantity": calibration.quantity, "unit": calibration.reference_unit} if model.has_gain else {},
         response_unit=calibration.response_unit,
@@ -129,9 +92,48 @@ def _result(evidence: Evidence, estimate: Estimate, judgement: Judgement, stated
         training=_training(estimate),
         weights=judgement.weights,
         certificate=dict(calibration.certificate),
-        findings=tuple(stated.findings),
-        uncertainty={"covers": what_is_covered(stated.rows, calibration.table)},
+        findings=tuple(finding for one in every for finding in one.findings),
+        uncertainty={"covers": _kinds_covered(rows, calibration.table)},
     )
+    return with_floor(result, calibration.capabilities)
+
+
+def covered(rows: Sequence[BudgetRow]) -> list[str]:
+    """The systematic effects among the rows, in words."""
+    return list(dict.fromkeys(f"{row.source} ({row.kind})" for row in rows if row.kind != DATA))
+
+
+def _kinds_covered(rows: Sequence[BudgetRow], table: ResponseTable | None) -> list[str]:
+    """Which of ``noise``, ``gain`` and ``phase`` the uncertainties hold: scatter, and what was stated of the chain.
+
+    The uncertainty that a table states of its points is all that its laboratory says of them, the chain's with it.
+    """
+    kinds = {row.kind for row in rows}
+    if table is not None and table.magnitude_uncertainty is not None:
+        kinds |= {"gain"} if table.phase_uncertainty_rad is None else {"gain", "phase"}
+    parts = {"noise": {DATA}, "gain": {"gain"}, "phase": {"phase", "timing"}}
+    return [name for name, of in parts.items() if kinds & of]
+
+
+def _curves(fitted: Fitted, covariance: FloatArray) -> tuple[Curve, MeasuredCurve]:
+    """The sensitivity over the band, and the points; empty for free decays, which have no gain."""
+    evidence, estimate, calibration = fitted.evidence, fitted.estimate, fitted.evidence.calibration
+    if not evidence.model.has_gain:
+        return Curve.none(), MeasuredCurve.none()
+    reference_hz = calibration.certificate.get("reference_frequency_hz")
+    band = frequencies(evidence.band_hz, fitted.judgement.adequacy.frequency_hz.tolist(), reference_hz)
+    band = with_resonances(band, evidence.model.rational(fitted.values))
+    return curve(estimate.coordinates, estimate.z, covariance, calibration.quantity, band), measured_curve(fitted)
+
+
+def _seen(fitted: Fitted) -> dict[str, Any]:
+    """How much of each effect the data show, in its u; a model that explains all; the quality of optical signals."""
+    judgement = fitted.judgement
+    amounts = [{"source": e.source, "kind": e.kind, "amount_in_u": size} for e, size in judgement.effects]
+    records = fitted.evidence.calibration.records
+    optical = {record.name: record.optical.as_settings() for record in records if record.optical is not None}
+    found = {"systematic_effects_seen": amounts, "explained_by": judgement.explained_by, "interferometer": optical}
+    return {name: value for name, value in found.items() if value}
 
 
 def _scaled(fitted: Fitted, choice: Uncertainty) -> tuple[np.ndarray, float, str]:
@@ -158,21 +160,17 @@ def _scaled(fitted: Fitted, choice: Uncertainty) -> tuple[np.ndarray, float, str
 
 
 def _warnings(
-    evidence: Evidence,
-    model: SensorModel,
-    table: dict[str, Any],
-    judgement: Judgement,
-    doubtful: list[ResultWarning],
-    scope: str,
+    fitted: Fitted, table: dict[str, Parameter], doubts: list[ResultWarning], scope: str
 ) -> tuple[ResultWarning, ...]:
+    """Of the data, of the lack of fit (one for all that is said of it), of what is doubted, and of the sign."""
+    evidence, adequacy, model = fitted.evidence, fitted.judgement.adequacy, fitted.evidence.model
     warnings = [ResultWarning(finding.code, finding.message) for finding in evidence.findings]
-    adequacy = judgement.adequacy
     if not adequacy.adequate:
-        covered = f" The parameters' uncertainties cover {scope}."
-        more = "".join(f" {w.message}" for w in doubtful if w.code == "lack_of_fit")
-        warnings.append(ResultWarning("lack_of_fit", judgement.lack_of_fit + covered + more))
-        doubtful = [w for w in doubtful if w.code != "lack_of_fit"]
-    warnings += doubtful
+        more = "".join(f" {w.message}" for w in doubts if w.code == "lack_of_fit")
+        text = f"{fitted.judgement.lack_of_fit} The parameters' uncertainties cover {scope}.{more}"
+        warnings.append(ResultWarning("lack_of_fit", text))
+        doubts = [w for w in doubts if w.code != "lack_of_fit"]
+    warnings += doubts
     # fewer equations than parameters tell no sign
     if model.has_gain and table[model.gain_name].value < 0 and adequacy.degrees_of_freedom > 0:
         optical = any(record.optical is not None for record in evidence.records)
@@ -184,12 +182,6 @@ def _warnings(
         text = f"The {in_words(model.gain_name)} is negative: the response moves against the reference (or {other})."
         warnings.append(ResultWarning("polarity", text))
     return tuple(warnings)
-
-
-def _optics(calibration: Calibration) -> dict[str, Any]:
-    """Quality of an interferometer's signals, by record."""
-    found = {r.name: r.optical.as_settings() for r in calibration.records if r.optical is not None}
-    return {"interferometer": found} if found else {}
 
 
 def _learned(estimate: Estimate) -> list[ResultWarning]:
@@ -208,7 +200,7 @@ def _training(estimate: Estimate) -> Training:
     """The way from the grid to the optimum: start values from the response, then the estimator's own iterations."""
     trace, begin = estimate.trace, estimate.begin
     names = estimate.coordinates.model.parameter_names
-    keep = distinct(np.linspace(0, len(trace.costs) - 1, min(len(trace.costs), MOST_TRACE)).astype(int))
+    keep = distinct(np.linspace(0, len(trace.costs) - 1, min(len(trace.costs), 400)).astype(int))
     before = () if begin is None or trace.optimiser == "adam" else _shown(begin.costs, begin.equations, begin.path)
     path = [estimate.coordinates.values(trace.coordinates[i]) for i in keep]
     own = _shown([trace.costs[i] for i in keep], estimate.equations, path)

@@ -14,12 +14,12 @@ from vibrident.base.tails import f_tail
 from vibrident.data.records import FloatArray, Quantity, ResponseTable
 from vibrident.data.records.basis import distinct
 from vibrident.fit.estimators import Estimate
-from vibrident.fit.judge.adequacy import Judgement
+from vibrident.fit.judge.attempts import Fitted
 from vibrident.fit.problem import Evidence, FrequencyProblem
 from vibrident.fit.start.search import TargetFRF
 from vibrident.fit.start.start import Start, find_start, sought_response
 from vibrident.fit.uncertainty.alternatives import Solution, other_solutions
-from vibrident.fit.uncertainty.parameters import parameter_units
+from vibrident.fit.uncertainty.parameters import deviations, parameter_units
 from vibrident.physics.models import SensorModel
 from vibrident.physics.naming import in_words
 from vibrident.result import ResultWarning
@@ -28,42 +28,30 @@ from vibrident.result import ResultWarning
 BETTER, WELL = 10.0, 4.0
 #: … and if chance would make a wrong reading fit as well with a probability below this.
 CHANCE = 1e-4
-#: Readings are not tested if phases are uncertain by more than this (rad), if a level exceeds this (dB), or if levels
-#: differ by less than this (dB): any small numbers look like the levels of a flat response.
-MOST_PHASE, MOST_DECIBELS, LEAST_DECIBELS = 0.5, 400.0, 3.0
-#: So many frequencies are of a series by no chance, each within this part, as they may be rounded.
-FEWEST_NOMINAL, ROUNDED = 5, 2e-3
-#: Part of a standard uncertainty above which undetermined noise of the reference is reported.
-DOUBTED_BIAS = 0.8
+ANGULAR = (
+    "The frequencies are 2π times those of the one-third-octave series: are they in rad/s? "
+    "The column wants Hz, and the natural frequency is in the unit of the column."
+)
 
 
-def second_thoughts(
-    evidence: Evidence, estimate: Estimate, judgement: Judgement, covariance: FloatArray
-) -> list[ResultWarning]:
-    """Warnings ``reference_noise``, ``units_suspect``, and ``weakly_determined`` where another solution fits as well.
+def second_thoughts(fitted: Fitted, covariance: FloatArray) -> list[ResultWarning]:
+    """Warnings ``reference_noise``, ``weakly_determined`` where another solution fits as well, and ``units_suspect``.
 
-    Args:
-        evidence: the data.
-        estimate: the fit.
-        judgement: what the estimate says of the data.
-        covariance: of the coordinates, by the data alone, shape (p, p).
+    ``covariance``: of the coordinates, by the data alone, shape (p, p).
     """
-    warnings = list[ResultWarning]()
+    warnings = [*_reference_noise(fitted.estimate), *_others(fitted, covariance)]
+    if _in_angular_frequencies(fitted.evidence.calibration.table):
+        return [*warnings, ResultWarning("units_suspect", ANGULAR)]
     # Without stated uncertainties a table that is misread is one that scatters.
-    doubted = not judgement.adequacy.adequate or judgement.scatter is not None
-    angular = _angular_frequencies(evidence)
-    misread = [] if angular is None else [ResultWarning("units_suspect", angular)]
-    if doubted and not misread and judgement.adequacy.degrees_of_freedom > 0:
-        misread = _misread(evidence, estimate, judgement.remedied)
-    warnings += _reference_noise(estimate)
-    warnings += _others(evidence, estimate, judgement, covariance)
-    return warnings + misread
+    doubted = not fitted.adequate or fitted.judgement.scatter is not None
+    if doubted and fitted.judgement.adequacy.degrees_of_freedom > 0:
+        warnings += _misread(fitted.evidence, fitted.estimate, fitted.judgement.remedied)
+    return warnings
 
 
-def _others(
-    evidence: Evidence, estimate: Estimate, judgement: Judgement, covariance: FloatArray
-) -> list[ResultWarning]:
+def _others(fitted: Fitted, covariance: FloatArray) -> list[ResultWarning]:
     """Other solutions that fit as well."""
+    evidence, estimate, judgement = fitted.evidence, fitted.estimate, fitted.judgement
     coordinates, z, points = estimate.coordinates, estimate.z, judgement.adequacy
     if not coordinates.model.is_linear or not points.adequate or not len(points.frequency_hz):
         return []
@@ -73,15 +61,15 @@ def _others(
     else:
         deviation = points.relative_deviation
         sought = TargetFRF(points.frequency_hz, points.measured, deviation, deviation, has_phase=True, polar=False)
-    spread = np.abs(coordinates.slopes(z)) * np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    found = Solution(coordinates.values(z), dict(zip(coordinates.model.parameter_names, spread.tolist(), strict=True)))
+    spread = np.abs(coordinates.slopes(z)) * deviations(covariance)
+    found = Solution(fitted.values, dict(zip(coordinates.model.parameter_names, spread.tolist(), strict=True)))
     units = parameter_units(evidence.model, evidence.calibration)
     return list(other_solutions(coordinates.model, evidence.quantity, sought, found, estimate.begin, units))
 
 
 def _reference_noise(estimate: Estimate) -> list[ResultWarning]:
     noise = estimate.findings.noise
-    if noise is None or not np.any(noise.doubt > DOUBTED_BIAS):
+    if noise is None or not np.any(noise.doubt > 0.8):
         return []
     worst = int(np.argmax(noise.doubt))
     name = estimate.coordinates.model.parameter_names[worst]
@@ -120,18 +108,10 @@ def _cost(
     return start.costs[-1] / max(freedom, 1), freedom
 
 
-def _angular_frequencies(evidence: Evidence) -> str | None:
-    """Frequencies that are 2π times those of the one-third-octave series are angular ones."""
-    table = evidence.calibration.table
-    if table is None:
-        return None
-    frequencies = distinct(table.frequency_hz)
-    if len(frequencies) < FEWEST_NOMINAL or _nominal(frequencies) or not _nominal(frequencies / (2.0 * np.pi)):
-        return None
-    return (
-        "The frequencies are 2π times those of the one-third-octave series: are they in rad/s? "
-        "The column wants Hz, and the natural frequency is in the unit of the column."
-    )
+def _in_angular_frequencies(table: ResponseTable | None) -> bool:
+    """Whether the frequencies are 2π times those of the one-third-octave series; five of them are so by no chance."""
+    frequencies = np.zeros(0) if table is None else distinct(table.frequency_hz)
+    return len(frequencies) >= 5 and not _nominal(frequencies) and _nominal(frequencies / (2.0 * np.pi))
 
 
 def _nominal(frequency_hz: FloatArray) -> bool:
@@ -139,7 +119,7 @@ def _nominal(frequency_hz: FloatArray) -> bool:
     steps = np.round(10.0 * np.log10(frequency_hz)).astype(int)
     exact, printed = 10.0 ** (steps / 10.0), np.array([nominal_value(int(n)) for n in steps])
     off = np.minimum(np.abs(exact / frequency_hz - 1.0), np.abs(printed / frequency_hz - 1.0))
-    return bool(np.all(off < ROUNDED))
+    return bool(np.all(off < 2e-3))
 
 
 def _readings(problem: FrequencyProblem, table: ResponseTable | None) -> Iterator[tuple[str, FrequencyProblem]]:
@@ -168,18 +148,15 @@ def _readings_of_table(problem: FrequencyProblem, table: ResponseTable) -> Itera
         ):
             # Values without a stated uncertainty keep their weight.
             other_u = phase_u if table.phase_uncertainty_rad is None else factor * phase_u
-            if np.median(other_u) < MOST_PHASE:  # any phase fits within an uncertainty of a turn
+            if np.median(other_u) < 0.5:  # any phase fits within an uncertainty of a turn
                 yield text, replace(problem, data=(frequency, magnitude, factor * phase, magnitude_u, other_u))
         text = "The phases fit far better with the other sign: here a lag is negative"
         yield text, replace(problem, data=(frequency, magnitude, -phase, magnitude_u, phase_u))
-    relative_u = magnitude_u / magnitude
+    root, relative_u = np.sqrt(magnitude), magnitude_u / magnitude
     text = "The magnitudes fit far better as their square root: are they of power?"
-    yield (
-        text,
-        replace(problem, data=(frequency, np.sqrt(magnitude), phase, 0.5 * relative_u * np.sqrt(magnitude), phase_u)),
-    )
-    if np.max(magnitude) < MOST_DECIBELS and np.ptp(magnitude) > LEAST_DECIBELS:
+    yield text, replace(problem, data=(frequency, root, phase, 0.5 * relative_u * root, phase_u))
+    if np.max(magnitude) < 400.0 and np.ptp(magnitude) > 3.0:  # any small numbers look like levels of a flat response
         ratio = 10.0 ** (magnitude / 20.0)
         text = "The magnitudes fit far better as decibels: the column wants the ratio itself, not its level"
-        relative = magnitude_u / magnitude if table.magnitude_uncertainty is None else magnitude_u * np.log(10.0) / 20.0
-        yield text, replace(problem, data=(frequency, ratio, phase, ratio * relative, phase_u))
+        relative_u = relative_u if table.magnitude_uncertainty is None else magnitude_u * np.log(10.0) / 20.0
+        yield text, replace(problem, data=(frequency, ratio, phase, ratio * relative_u, phase_u))

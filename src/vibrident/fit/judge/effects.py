@@ -4,19 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from vibrident.base.amounts import amount, plain
-from vibrident.data.records import FloatArray, ResponseTable, SystematicEffect
+from vibrident.data.records import FloatArray, SystematicEffect
 from vibrident.fit.estimators import Estimate
-from vibrident.fit.judge.adequacy import Judgement, measured_curve
-from vibrident.fit.judge.points import linearised
+from vibrident.fit.judge.adequacy import Judgement
 from vibrident.fit.problem import Evidence
 from vibrident.fit.response.verdict import REJECTION, as_chi2, chance_of, probability, shrunk
-from vibrident.fit.uncertainty.budget import DATA, BudgetRow, Explained, Weighted, effects_of, explain, patterns
-from vibrident.result import MeasuredCurve
+from vibrident.fit.uncertainty.budget import Explained, Weighted, effects_of, explain, patterns
+from vibrident.fit.uncertainty.linearised import Linearised
 
 
 def all_effects(evidence: Evidence, judgement: Judgement) -> list[SystematicEffect]:
@@ -24,14 +22,19 @@ def all_effects(evidence: Evidence, judgement: Judgement) -> list[SystematicEffe
     return [*effects_of(evidence.calibration), *judgement.found]
 
 
-def allowing_for_effects(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> Judgement:
-    """The same judgement, with the systematic effects that were stated in the covariance of the deviations.
+def linearised(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> Linearised:
+    """The fit at all excited frequencies, linearised at the estimate; without rows for free decays."""
+    coordinates, z, points = estimate.coordinates, estimate.z, judgement.adequacy
+    if evidence.calibration.table is not None and evidence.first_look is not None:
+        return Linearised.of_table(coordinates, z, evidence.first_look)
+    if estimate.findings.decays is not None:
+        return Linearised.of_nothing(coordinates, z, evidence.quantity)
+    at = points.frequency_hz, points.measured, points.relative_deviation
+    return Linearised.of_points(coordinates, z, evidence.quantity, *at)
 
-    Args:
-        evidence: the data.
-        estimate: the fit.
-        judgement: what noise alone says of it.
-    """
+
+def allowing_for_effects(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> Judgement:
+    """The judgement by noise alone, with the systematic effects in the covariance of the deviations."""
     effects, adequacy = all_effects(evidence, judgement), judgement.adequacy
     if not effects or not len(adequacy.frequency_hz) or adequacy.degrees_of_freedom <= 0:
         return judgement
@@ -44,25 +47,15 @@ def allowing_for_effects(evidence: Evidence, estimate: Estimate, judgement: Judg
     found = explain(weighted, effects, shape, linear, covariance)
     if found is None:
         return judgement
-    return _judged(judgement, effects, found, weighted(estimate.z, np.zeros(len(shape))))
-
-
-def _judged(
-    judgement: Judgement, effects: Sequence[SystematicEffect], found: Explained, deviations: FloatArray
-) -> Judgement:
-    adequacy, degrees = judgement.adequacy, judgement.adequacy.degrees_of_freedom
-    shown = tuple(zip(effects, found.amounts.tolist(), strict=True))
-    allowed = replace(judgement, effects=shown)
-    believed = found.probability >= REJECTION
+    allowed = replace(judgement, effects=tuple(zip(effects, found.amounts.tolist(), strict=True)))
     if adequacy.chi2_reduced is None:  # no uncertainty was stated: the scatter of the points is all there is
         return allowed
+    deviations, degrees = weighted(estimate.z, np.zeros(len(shape))), adequacy.degrees_of_freedom
     before = adequacy.chi2_reduced * degrees
     chi2 = max(before - (float(deviations @ deviations) - found.chi2), 0.0)
-    explained = _chance(judgement, found, chi2) >= REJECTION and believed
-    blamed = adequacy.chance < REJECTION
-    adequate = explained if adequacy.adequate or blamed else False
-    text = judgement.lack_of_fit
-    if blamed or adequacy.adequate:
+    text, adequate, believed = judgement.lack_of_fit, False, found.probability >= REJECTION
+    if adequacy.adequate or adequacy.chance < REJECTION:
+        adequate = believed and _chance(judgement, found, chi2) >= REJECTION
         text = _misfit(judgement, chi2 / degrees) if believed else _beyond(effects, found)
     return replace(
         allowed,
@@ -134,33 +127,3 @@ def _deviations(evidence: Evidence, estimate: Estimate, judgement: Judgement) ->
 def _freedom(judgement: Judgement) -> FloatArray:
     """Degrees of freedom behind the noise of each point, shape (n,)."""
     return np.concatenate([part.freedom for part in judgement.points])
-
-
-def measured(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> MeasuredCurve:
-    """The points of a fit, with the stated effects in their uncertainties."""
-    effects, linear = all_effects(evidence, judgement), linearised(evidence, estimate, judgement)
-    return measured_curve(estimate, judgement, evidence.quantity, effects, linear)
-
-
-def covered(rows: Sequence[BudgetRow]) -> list[str]:
-    """The systematic effects among the rows, in words."""
-    return list(dict.fromkeys(f"{row.source} ({row.kind})" for row in rows if row.kind != DATA))
-
-
-def what_is_covered(rows: Sequence[BudgetRow], table: ResponseTable | None) -> list[str]:
-    """Which of ``noise``, ``gain`` and ``phase`` the uncertainties hold: scatter, and what was stated of the chain.
-
-    The uncertainty that a table states of its points is all that its laboratory says of them, the chain's with it.
-    """
-    kinds = {row.kind for row in rows}
-    if table is not None and table.magnitude_uncertainty is not None:
-        kinds |= {"gain"} if table.phase_uncertainty_rad is None else {"gain", "phase"}
-    parts = {"noise": {DATA}, "gain": {"gain"}, "phase": {"phase", "timing"}}
-    return [name for name, of in parts.items() if kinds & of]
-
-
-def seen(judgement: Judgement) -> dict[str, Any]:
-    """How much of each stated effect the deviations show, in its standard uncertainties; a model that explains all."""
-    amounts = [{"source": e.source, "kind": e.kind, "amount_in_u": size} for e, size in judgement.effects]
-    found: dict[str, Any] = {"systematic_effects_seen": amounts} if amounts else {}
-    return {**found, "explained_by": judgement.explained_by} if judgement.explained_by else found

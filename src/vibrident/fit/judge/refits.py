@@ -9,40 +9,31 @@ from dataclasses import replace
 
 import numpy as np
 
-from vibrident.fit.judge.attempts import Attempt
-from vibrident.fit.judge.examined import Examined
+from vibrident.fit.judge.attempts import Fitted
+from vibrident.fit.judge.examined import departures_of, told_as_nuisances, with_nuisances
 from vibrident.fit.problem import Evidence
 from vibrident.fit.response.explained import part_left
 from vibrident.fit.uncertainty.adequacy import looks_random
 
-#: Records that seem dead are left out where the model explains the others so many times better.
-MUCH_BETTER = 4.0
-#: Rounds in which the scatter of a table's phase settles, at most.
-PHASE_ROUNDS = 20
-#: It is settled when it changes by less than this part.
-PHASE_SETTLED = 0.01
 #: What a table's record and the result say of it.
 PHASE_BY_SCATTER = "the phase's uncertainty, which the table does not state, by its scatter"
-#: Rounds of fit and examination.
-ROUNDS = 3
 
 
-def without_dead_records(first: Attempt) -> Attempt:
-    """The fit without records that seem dead, where the model explains the others so much better."""
+def without_dead_records(first: Fitted) -> Fitted:
+    """The fit without records that seem dead, where the model explains the others four times better."""
     others = first.evidence.without_dead_records()
     if others is None:
         return first
-    better = first.afresh(others)
+    better = Fitted.of(others, first.estimator, first.progress)
     chi2 = [attempt.judgement.adequacy.chi2_reduced or np.inf for attempt in (better, first)]
     # A dead record of little noise may draw the whole fit to itself, and leave the others as noise.
     records, predicted = first.evidence.records, first.judgement.predicted
     kept = [index for index, record in enumerate(records) if any(record is other for other in others.records)]
     left = [part_left(others.records, p) for p in (better.judgement.predicted, [predicted[i] for i in kept])]
-    spoilt = chi2[0] < chi2[1] / MUCH_BETTER or left[0] < left[1] / MUCH_BETTER
-    return better if spoilt else first
+    return better if chi2[0] < chi2[1] / 4.0 or left[0] < left[1] / 4.0 else first
 
 
-def with_phase_scatter(first: Attempt) -> Attempt:
+def with_phase_scatter(first: Fitted) -> Fitted:
     """The fit of a table that states the magnitude's uncertainty alone: that of the phase is seen in its deviations.
 
     It is taken in proportion to the magnitude's. Where the deviations follow a pattern, the model does not explain the
@@ -57,10 +48,10 @@ def with_phase_scatter(first: Attempt) -> Attempt:
     free, order = table.points - 0.5 * len(first.estimate.z), np.argsort(table.frequency_hz, kind="stable")
     provenance = replace(table.provenance, history=(*table.provenance.history, PHASE_BY_SCATTER))
     known = 1.0
-    for _ in range(PHASE_ROUNDS if free > 1.0 else 0):
+    for _ in range(20 if free > 1.0 else 0):
         turn = np.asarray(problem.residual(now.estimate.z, now.estimate.coordinates))[table.points :][order]
         scatter = float(np.sqrt(np.sum(turn**2) / free))
-        if abs(scatter - known) < PHASE_SETTLED * known or scatter == 0.0:
+        if abs(scatter - known) < 0.01 * known or scatter == 0.0:
             return now if looks_random(turn) else first
         known, stated = scatter, scatter * problem.relative_deviation
         told = replace(table, phase_uncertainty_rad=stated, provenance=provenance)
@@ -69,12 +60,12 @@ def with_phase_scatter(first: Attempt) -> Attempt:
     return first
 
 
-def beside_departures(first: Attempt) -> Attempt:
+def beside_departures(first: Fitted) -> Fitted:
     """The fit with those departures that can be so as nuisance parameters (drift, hum), from where it stands."""
     now = first
-    for _ in range(ROUNDS):
-        found = Examined.of(now.evidence, now.estimate, now.judgement)
-        now, records = replace(now, examined=found), found.beside(now.judgement)
+    for _ in range(3):
+        now = replace(now, departures=departures_of(now))
+        records = with_nuisances(now)
         if all(kept is record for kept, record in zip(records, now.evidence.records, strict=True)):
             break
         other = now.anew(now.evidence.with_records(records))
@@ -82,5 +73,5 @@ def beside_departures(first: Attempt) -> Attempt:
             break
         if now.in_noise_found and not other.in_noise_found:
             break
-        now = replace(other, told=(*now.told, found.told_as_nuisance(now.judgement)))
+        now = replace(other, told=(*now.told, told_as_nuisances(now)))
     return now

@@ -6,25 +6,21 @@ import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from vibrident.base.amounts import plain
 from vibrident.base.errors import VibridentError
-from vibrident.fit.judge.attempts import Attempt
+from vibrident.fit.judge.attempts import Fitted
 from vibrident.fit.problem import Coordinates, Evidence, FrequencyProblem
 from vibrident.fit.response.explained import MOST_LEFT, part_left
 from vibrident.fit.start.start import Start, extended, find_start
 from vibrident.physics.models import ADD_ONS, CORES, SensorModel, installed
 
-#: Another model is tried if its χ²/ν at the points is so many times smaller …
-BETTER = 10.0
-#: … with this many degrees of freedom left to judge it by.
+#: Degrees of freedom that must be left to judge a model by.
 LEAST_FREE = 4
-#: At the points alone, models count that leave this or less in χ²/ν, or so many times the least; so many are fitted.
-WELL, ALIKE, MOST_TRIED = 1.5, 30.0, 2
+#: χ²/ν at the points alone that is little.
+LITTLE = 1.5
 
 
-def with_remedy(found: Attempt) -> Attempt:
+def with_remedy(found: Fitted) -> Fitted:
     """The attempt, its judgement with the model that explains what the present one does not, if there is one.
 
     Models are tried at the excited frequencies, from the values of the present one, the likely ones then by one fit
@@ -34,7 +30,7 @@ def with_remedy(found: Attempt) -> Attempt:
     declared = judgement.adequacy.chi2_reduced or 0.0
     if found.adequate or declared <= 0.0 or not _may_be_the_model(found):
         return found
-    for other, values in itertools.islice(_tried(found), MOST_TRIED):
+    for other, values in itertools.islice(_tried(found), 2):
         try:
             better = found.once(replace(evidence, model=other, start=values))
         except VibridentError:
@@ -47,7 +43,7 @@ def with_remedy(found: Attempt) -> Attempt:
     return found
 
 
-def _may_be_the_model(found: Attempt) -> bool:
+def _may_be_the_model(found: Fitted) -> bool:
     """Whether the model may be at fault: not its discretisation, nor what no linear model explains."""
     findings, few = found.estimate.findings, found.judgement.adequacy.degrees_of_freedom < LEAST_FREE
     network = findings.network
@@ -59,13 +55,14 @@ def _may_be_the_model(found: Attempt) -> bool:
     return found.evidence.model.is_linear and plain_fit and not few
 
 
-def _tried(found: Attempt) -> Iterator[tuple[SensorModel, dict[str, float]]]:
+def _tried(found: Fitted) -> Iterator[tuple[SensorModel, dict[str, float]]]:
     """The models worth a fit of the records, with their values at the points: those of fewest parameters come first."""
-    problem = _problem(found)
+    problem = found.evidence.first_look
     if problem is None:
         return
-    values = found.estimate.coordinates.values(found.estimate.z)
-    own = (found.judgement.adequacy.chi2_reduced or 0.0, found.evidence.model, values)
+    if not problem.polar:  # beside the fit
+        problem = replace(problem, data=found.judgement.adequacy.as_data)
+    own = (found.judgement.adequacy.chi2_reduced or 0.0, found.evidence.model, found.values)
     for level in _others(found.evidence):
         likely = itertools.chain.from_iterable(_likely(problem, alike, *own) for alike in level)
         first = next(likely, None)
@@ -75,29 +72,19 @@ def _tried(found: Attempt) -> Iterator[tuple[SensorModel, dict[str, float]]]:
             return
 
 
-def _problem(found: Attempt) -> FrequencyProblem | None:
-    """The response at the excited frequencies: of a table, or beside the fit."""
-    points, first = found.judgement.adequacy, found.evidence.first_look
-    if first is None or first.polar:
-        return first
-    size = np.abs(points.measured)
-    data = (points.frequency_hz, np.ones(len(size), complex), points.measured, points.relative_deviation * size)
-    return replace(first, data=data)
-
-
 def _likely(
     problem: FrequencyProblem, others: Sequence[SensorModel], own: float, model: SensorModel, values: dict[str, float]
 ) -> Iterator[tuple[SensorModel, dict[str, float]]]:
-    """Those models that leave least of the response."""
-    found, worth = [], min(max(own / BETTER, WELL), 0.5 * own)
+    """Models that leave a tenth of χ²/ν or less, or little; and no more than 30 times what the best one leaves."""
+    found, worth = [], min(max(own / 10.0, LITTLE), 0.5 * own)
     for other in others:
         free = problem.equations - len(other.parameter_names)
         start = _start(problem, other, model, values, worth * free) if free >= LEAST_FREE else None
         if start is not None and _inside(problem, other, start.values):
             found.append((other, start.costs[-1] / free, start.values))
-    least = min([own / BETTER, *(cost * ALIKE for _, cost, _ in found)])
+    least = min([own / 10.0, *(30.0 * cost for _, cost, _ in found)])
     for other, cost, there in found:
-        if cost < min(max(least, WELL), worth):
+        if cost < min(max(least, LITTLE), worth):
             yield other, there
 
 
@@ -136,9 +123,4 @@ def _others(evidence: Evidence) -> Iterator[list[list[SensorModel]]]:
     for names in (one, two):
         models = (installed("+".join(parts)) for parts in names)
         linear = [model for model in models if model is not None and model.is_linear]
-        linear.sort(key=_parameters)
-        yield [list(alike) for _, alike in itertools.groupby(linear, _parameters)]
-
-
-def _parameters(model: SensorModel) -> int:
-    return len(model.parameter_names)
+        yield [[m for m in linear if len(m.parameters) == n] for n in sorted({len(m.parameters) for m in linear})]

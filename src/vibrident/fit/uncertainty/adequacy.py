@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,15 +22,10 @@ from vibrident.fit.response.remainder import coherent_remainder
 from vibrident.fit.response.response import ComplexArray, MeasuredResponse
 from vibrident.fit.response.rounding import rounding_variance
 from vibrident.fit.response.transform import line_frequencies, reference_colour
-from vibrident.fit.response.verdict import REJECTION, as_chi2, chance_of, rejected, shrunk
+from vibrident.fit.response.verdict import REJECTION, as_chi2, chance_of, shrunk
 
 if TYPE_CHECKING:
     from vibrident.fit.decay.beside import DecayDeviation
-
-RANDOM_ENOUGH = 4.0  # most lag-one correlation, in standard deviations, of a table without uncertainties
-SMOOTH_TERMS = 6  # terms of the polynomial that such residuals must not follow
-PATTERN = 1e-5  # probability that random residuals are taken to follow it
-WHOLE = 0.9  # lines next to each other of a record that is used to this part have a correlation of sinc 0.9 = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,12 +39,15 @@ class Adequacy:
     chi2_reduced: float | None  # None where nothing is known of the points' uncertainty
     degrees_of_freedom: int  # 2 n − p (n − p for magnitudes)
     adequate: bool  # the verdict
-    # standard deviation of the measured phase, rad, shape (n,); None: the relative deviation
-    phase_deviation: FloatArray | None = None
-    # that a right model deviates as much
-    chance: float = 1.0
-    # χ² of the free decays among the records
-    decays: float = 0.0
+    phase_deviation: FloatArray | None = None  # of the measured phase, rad, shape (n,); None: the relative deviation
+    chance: float = 1.0  # that a right model deviates as much
+    decays: float = 0.0  # χ² of the free decays among the records
+
+    @property
+    def as_data(self) -> tuple[Any, ...]:
+        """The points as the data of a :class:`FrequencyProblem`, with a reference of one."""
+        size = np.abs(self.measured)
+        return self.frequency_hz, np.ones(len(size), complex), self.measured, self.relative_deviation * size
 
     @property
     def birge(self) -> float:
@@ -70,49 +68,45 @@ class Points:
 
 
 def tone_points(
-    tones: MeasuredResponse, model_response: ComplexArray, deviation: FloatArray, names: Sequence[str]
+    tones: MeasuredResponse, response: Callable[[FloatArray], ComplexArray], names: Sequence[str]
 ) -> Points:
-    """Points of sine records; ``deviation`` is that of the real part of Y − H X."""
-    error = np.abs(tones.response - model_response * tones.reference) ** 2 / deviation**2
+    """Points of sine records with these names; ``response``: the model's complex sensitivity over frequency."""
+    deviation = tones.error_deviation(response)
+    error = np.abs(tones.response - response(tones.frequency_hz) * tones.reference) ** 2 / deviation**2
     relative = deviation / np.maximum(np.abs(tones.response), np.finfo(float).tiny)
     owners = tuple(names[int(i)] for i in tones.record)
     return Points(tones.frequency_hz, tones.ratio, relative, owners, error, tones.degrees_of_freedom)
 
 
 def band_points(
-    records: Sequence[Record],
-    predicted: Sequence[FloatArray],
+    whole: Record,
+    prediction: FloatArray,
     response: Callable[[FloatArray], ComplexArray],
-    reference_noise: Sequence[float] = (),
-    hum_hz: Sequence[Sequence[float]] = (),
-) -> list[Points]:
-    """Points of records that are not sines: what of the residual is coherent with the prediction, band by band.
+    reference_noise: float = 0.0,
+    hum_hz: Sequence[float] = (),
+) -> Points | None:
+    """Points of a record that is no sine: what of the residual is coherent with the prediction, band by band.
 
-    ``predicted``: predicted response of each, NaN where it is not defined; ``response``: function from frequencies to
-    the model's complex sensitivity; ``reference_noise``: standard deviation of the noise of each record's reference
-    channel itself; ``hum_hz``: tones of each record's response that do not come from the motion.
+    ``prediction``: predicted response, NaN where it is not defined; ``response``: the model's complex sensitivity over
+    frequency; ``reference_noise``: standard deviation of the noise of the reference channel itself; ``hum_hz``: tones
+    of the response that do not come from the motion. None where no band holds enough of the response.
     """
-    points = []
-    for index, (whole, prediction) in enumerate(zip(records, predicted, strict=True)):
-        record, series = _where_used(whole, prediction)
+    record, series = _where_used(whole, prediction)
 
-        def gain_squares(record: Record = record) -> FloatArray:
-            return np.abs(response(line_frequencies(record.samples, record.sampling_rate_hz))) ** 2
+    def gain_squares() -> FloatArray:
+        return np.abs(response(line_frequencies(record.samples, record.sampling_rate_hz))) ** 2
 
-        unfelt = reference_noise[index] if len(reference_noise) else 0.0
-        colour = reference_colour(record, record.samples)
-        through = unfelt**2 * colour * gain_squares() if unfelt > 0.0 else None
-        hum = hum_hz[index] if len(hum_hz) else ()
-        found = coherent_remainder(record, series, through, hum, rounding_variance(record, gain_squares))
-        if found is None:
-            continue
-        frequency, remainder, deviation, freedom = found
-        model = response(frequency)
-        squares = np.abs(remainder) ** 2 / deviation**2
-        relative = deviation / np.abs(1.0 + remainder)
-        names = (record.name,) * len(frequency)
-        points.append(Points(frequency, model * (1.0 + remainder), relative, names, squares, freedom))
-    return points
+    through = None
+    if reference_noise > 0.0:
+        through = reference_noise**2 * reference_colour(record, record.samples) * gain_squares()
+    found = coherent_remainder(record, series, through, hum_hz, rounding_variance(record, gain_squares))
+    if found is None:
+        return None
+    frequency, remainder, deviation, freedom = found
+    squares = np.abs(remainder) ** 2 / deviation**2
+    relative = deviation / np.abs(1.0 + remainder)
+    names = (record.name,) * len(frequency)
+    return Points(frequency, response(frequency) * (1.0 + remainder), relative, names, squares, freedom)
 
 
 def _where_used(record: Record, predicted: FloatArray) -> tuple[Record, FloatArray]:
@@ -123,7 +117,7 @@ def _where_used(record: Record, predicted: FloatArray) -> tuple[Record, FloatArr
     assert record.reference is not None
     whole = span_of(record.mask & np.isfinite(predicted))
     samples = whole.stop - whole.start
-    if not 0 < samples <= WHOLE * record.samples:
+    if not 0 < samples <= 0.9 * record.samples:  # then lines next to each other have a correlation of sinc 0.9 = 0.1
         return record, predicted
     span = slice(whole.start, whole.start + fast_below(samples, MOST_CUT))
     kept = replace(
@@ -162,26 +156,21 @@ def assess(parts: Sequence[Points], parameters: int, decays: Sequence[DecayDevia
     )
 
 
-def judge_residuals(residual: FloatArray, parameters: int) -> tuple[float | None, int, bool]:
-    """χ²/dof, degrees of freedom and verdict of residuals in units of their stated uncertainty."""
-    degrees = len(residual) - parameters
-    if degrees <= 0:
-        return None, degrees, False
-    chi2 = float(np.sum(residual**2))
-    return chi2 / degrees, degrees, not rejected(chi2, degrees)
-
-
 def looks_random(residual: FloatArray) -> bool:
-    """Whether residuals in order of frequency scatter without pattern, where no uncertainty was stated."""
+    """Whether residuals in order of frequency scatter without pattern, where no uncertainty was stated.
+
+    Random ones are taken to follow a polynomial with a probability of 1e-5; their lag-one correlation exceeds four
+    standard deviations with one of 3e-5.
+    """
     n = len(residual)
     power = float(np.sum(residual**2))
     if n < 8 or power == 0.0:
         return True
     lagged = float(np.sum(residual[1:] * residual[:-1])) / power
     # With few points that correlation has little power; an F test with a short polynomial has more.
-    terms = min(SMOOTH_TERMS, n // 4)
+    terms = min(6, n // 4)
     basis, _ = np.linalg.qr(np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, n), terms - 1))
     smooth = float(np.sum((basis.T @ residual) ** 2))
     rest = max(power - smooth, np.finfo(float).eps * power)
-    pattern = f_tail(terms, n - terms, smooth / terms / (rest / (n - terms))) < PATTERN
-    return lagged * np.sqrt(n) < RANDOM_ENOUGH and not pattern
+    pattern = f_tail(terms, n - terms, smooth / terms / (rest / (n - terms))) < 1e-5
+    return lagged * np.sqrt(n) < 4.0 and not pattern

@@ -11,7 +11,7 @@ likelihood; Venzon & Moolgavkar 1988): what fits as well is a solution, too.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +19,7 @@ import numpy as np
 from vibrident.base.amounts import amount
 from vibrident.data.records import Quantity
 from vibrident.fit.information import inverse_normal
-from vibrident.fit.start.search import LogCoordinates, TargetFRF, descend, differences, information_at
+from vibrident.fit.start.search import LogCoordinates, Residual, TargetFRF, descend, differences, information_at
 from vibrident.fit.start.start import Start
 from vibrident.fit.uncertainty.parameters import WEAK
 from vibrident.physics.models import SensorModel
@@ -27,12 +27,8 @@ from vibrident.physics.models.labels import canonical, labels_of, relabellings
 from vibrident.physics.naming import in_words
 from vibrident.result import ResultWarning
 
-ALIKE = 9.0  # another optimum is as good where its χ² is larger by less: the true one in 1 of 370 cases …
-FAR = 5.0  # … and it is another one where a parameter differs by so many of its standard uncertainties …
-DIFFERENT = 0.01  # … and by this part of its value
-FAR_HELD = 6.0  # a parameter is held so many of its standard uncertainties away
-STEPS = 30  # steps on the way down
-MOST = 4  # other optima that are tried
+ALIKE = 9.0  # another optimum is as good where its χ² is larger by less: the true one in 1 of 370 cases
+STEPS = 30  # on the way down
 
 
 @dataclass(frozen=True)
@@ -60,47 +56,45 @@ def other_solutions(
     same = [{name: float(value) for name, value in change(values).items()} for change in relabellings(model, values)]
     labels = labels_of(model)
     if same and labels is not None and labels.undecided(values, uncertainty):
-        yield _same_response(labels.question, same, units)
-    along = [one for one in _along_the_valley(model, quantity, sought, solution) if one[0] < ALIKE]
+        others = "; or ".join(_listed(other, units) for other in same)
+        text = f"The response does not tell {labels.question}. The same response: {others}."
+        yield ResultWarning("weakly_determined", text)
+    chart = LogCoordinates(
+        model, quantity, sought.frequency_hz, 1.0 / (2.0 * np.pi * float(np.max(sought.frequency_hz)))
+    )
+    along = [one for one in _along_the_valley(chart, differences(sought), solution) if one[0] < ALIKE]
     # Of what is hardly determined one other solution says enough.
-    found = [*_met(model, quantity, sought, solution, begin), *(along if model.shares else along[:1])]
+    found = [*_met(chart, differences(sought), solution, begin), *(along if model.shares else along[:1])]
     named: list[Mapping[str, float]] = [values]
     for more, other in found:
         mine = canonical(model, other)
-        delays = [spec.name for spec in model.parameters if spec.kind == "time"]
-        if more < ALIKE and all(_differ(mine, one, uncertainty, sought, delays) for one in named):
+        if more < ALIKE and all(_differ(mine, one, uncertainty, chart) for one in named):
             named.append(mine)
             yield _as_good(mine, solution, more, units)
 
 
-def _chart(model: SensorModel, quantity: Quantity, sought: TargetFRF) -> LogCoordinates:
-    unit = 1.0 / (2.0 * np.pi * float(np.max(sought.frequency_hz)))
-    return LogCoordinates(model, quantity, sought.frequency_hz, unit)
-
-
 def _met(
-    model: SensorModel, quantity: Quantity, sought: TargetFRF, solution: Solution, begin: Start | None
+    chart: LogCoordinates, goal: Residual, solution: Solution, begin: Start | None
 ) -> Iterator[tuple[float, dict[str, float]]]:
     """The optima that the search for start values met, and by how much their χ² is larger than the estimate's."""
     if begin is None or not begin.others:
         return
-    chart = _chart(model, quantity, sought)
-    placed = [chart.place(dict(at)) for at in (solution.values, *(at for at, _ in begin.others[:MOST]))]
+    placed = [chart.place(dict(at)) for at in (solution.values, *(at for at, _ in begin.others))]
     u, sign = np.array([p for p, _ in placed]), np.array([s for _, s in placed])
-    front = descend(chart, u, sign, differences(sought), STEPS)
+    front = descend(chart, u, sign, goal, STEPS)
     if np.isfinite(front.cost[0]):
         for row in range(1, len(u)):
             yield float(front.cost[row] - front.cost[0]), chart.named(front.u, front.sign, row)
 
 
 def _along_the_valley(
-    model: SensorModel, quantity: Quantity, sought: TargetFRF, solution: Solution
+    chart: LogCoordinates, goal: Residual, solution: Solution
 ) -> Iterator[tuple[float, dict[str, float]]]:
-    """As :func:`_met`, the furthest first: optima with one parameter held beyond its uncertainty.
+    """As :func:`_met`, the furthest first: optima with one parameter held six of its u away.
 
     Of two modes those that are not weak parameters; of any other model those that are.
     """
-    chart, goal = _chart(model, quantity, sought), differences(sought)
+    model = chart.model
     u, sign = chart.place(dict(solution.values))
     above, _ = chart.place({name: value + solution.uncertainty[name] for name, value in solution.values.items()})
     if not model.shares and np.all(np.abs(above - u) < WEAK):
@@ -115,11 +109,11 @@ def _along_the_valley(
     spread = np.sqrt(np.diag(covariance))
     stated = np.maximum(np.abs(above - u), spread)
     tried = np.flatnonzero((stated < WEAK) == bool(model.shares))
-    turns = [(k, side) for k in tried.tolist() for side in (-1.0, 1.0)]
+    turns = [(k, side) for k in tried.tolist() for side in (-6.0, 6.0)]
     if not turns:
         return
     # The others begin where they would follow along a straight line.
-    moved = np.array([FAR_HELD * side * stated[k] / spread[k] ** 2 * covariance[k] for k, side in turns])
+    moved = np.array([side * stated[k] / spread[k] ** 2 * covariance[k] for k, side in turns])
     held = np.zeros(moved.shape, dtype=bool)
     held[np.arange(len(turns)), [k for k, _ in turns]] = True
     front = descend(chart, here.u + moved, np.full(len(turns), here.sign[0]), goal, STEPS, held)
@@ -128,26 +122,21 @@ def _along_the_valley(
 
 
 def _differ(
-    one: Mapping[str, float],
-    other: Mapping[str, float],
-    uncertainty: Mapping[str, float],
-    sought: TargetFRF,
-    delays: Sequence[str],
+    one: Mapping[str, float], other: Mapping[str, float], uncertainty: Mapping[str, float], chart: LogCoordinates
 ) -> bool:
-    """Whether these are two solutions; delays a period of the highest frequency apart are one, written twice."""
+    """Whether a parameter differs by five u and a hundredth of its value.
+
+    Delays a period of the highest frequency apart are one solution, written twice.
+    """
+    delays = [spec.name for spec in chart.model.parameters if spec.kind == "time"]
     later = sum(one[name] - other[name] for name in delays)
-    if abs(later) * float(np.max(sought.frequency_hz)) > 0.4:
+    if abs(later) * float(np.max(chart.frequency_hz)) > 0.4:
         return False
     return any(
-        abs(value - other[name]) > max(FAR * uncertainty[name], DIFFERENT * abs(other[name]))
+        abs(value - other[name]) > max(5.0 * uncertainty[name], 0.01 * abs(other[name]))
         for name, value in one.items()
         if name not in delays
     )
-
-
-def _same_response(question: str, same: Sequence[Mapping[str, float]], units: Mapping[str, str]) -> ResultWarning:
-    others = "; or ".join(_listed(other, units) for other in same)
-    return ResultWarning("weakly_determined", f"The response does not tell {question}. The same response: {others}.")
 
 
 def _as_good(other: Mapping[str, float], solution: Solution, more: float, units: Mapping[str, str]) -> ResultWarning:

@@ -27,7 +27,7 @@ S = DᵀD of the part of the patterns that no parameter follows, the covariance 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -38,13 +38,11 @@ from vibrident.data.records import Calibration, FloatArray, Quantity, Systematic
 from vibrident.fit.problem import Coordinates
 from vibrident.fit.response.verdict import probability
 from vibrident.fit.uncertainty.linearised import Linearised, log_slopes
-from vibrident.fit.uncertainty.parameters import reference_direction
+from vibrident.fit.uncertainty.parameters import deviations, reference_direction
+from vibrident.result import MeasuredCurve
 
-STEP = 1e-5  # relative step of the central difference in frequency
 DATA = "data"  # kind of a row of type A
 Weighted = Callable[[FloatArray, np.ndarray], FloatArray]  # of z and a change of log H at each point
-SEEN = 1e-3  # an effect is in the data if they reduce the prior variance of a_k by at least this part
-MOST_MOVED = 5.0  # largest shift of the estimate in its standard deviations: beyond is another optimum, no effect
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,14 +62,13 @@ def rows_of_effects(effects: Sequence[SystematicEffect], linear: Linearised) -> 
     rows: list[BudgetRow] = []
     for effect in effects:
         shift = shift_of_effect(effect, linear)
-        rows.append(row_of_effect(effect, np.outer(shift, shift)))
-        if (
-            len(rows) > 1 and effect.pattern and (rows[-2].source, rows[-2].kind) == (effect.source, effect.kind)
-        ):  # parts of one source
-            last, before = rows.pop(), rows.pop()
+        row = row_of_effect(effect, np.outer(shift, shift))
+        if rows and effect.pattern and (rows[-1].source, rows[-1].kind) == (effect.source, effect.kind):
+            before = rows.pop()  # parts of one source
             sizes = before.standard_uncertainty or 0.0, effect.standard_uncertainty
             u = float(np.hypot(*sizes) if effect.kind == "rounding" else max(sizes))  # of the bands of a source
-            rows.append(replace(last, standard_uncertainty=u, covariance=before.covariance + last.covariance))
+            row = replace(row, standard_uncertainty=u, covariance=before.covariance + row.covariance)
+        rows.append(row)
     return rows
 
 
@@ -91,8 +88,7 @@ def shift_of_effect(effect: SystematicEffect, linear: Linearised) -> FloatArray:
         return np.array([u if effect.kind == "clock" and spec.kind == "log" else 0.0 for spec in specs])
     change = pattern(effect, linear, linear.frequency_hz)
     part = np.where(linear.is_phase, np.imag(change), np.real(change))
-    shift, _ = replace(linear, rest=part * linear.weight).solve()
-    return u * shift
+    return u * linear.shift(part * linear.weight)
 
 
 def pattern(effect: SystematicEffect, linear: Linearised | Place | None, frequency: FloatArray) -> NDArray[Any]:
@@ -110,9 +106,10 @@ def pattern(effect: SystematicEffect, linear: Linearised | Place | None, frequen
         return (frequency / float(effect.frequency_hz or 1.0)) ** 2 + 0j
     assert linear is not None
     sensor = linear.coordinates, linear.z, linear.quantity
-    ahead, _ = log_slopes(*sensor, frequency * (1.0 + STEP))
-    behind, _ = log_slopes(*sensor, frequency * (1.0 - STEP))
-    return -np.log(ahead / behind) / (2.0 * STEP)
+    step = 1e-5  # relative, of the central difference
+    ahead, _ = log_slopes(*sensor, frequency * (1.0 + step))
+    behind, _ = log_slopes(*sensor, frequency * (1.0 - step))
+    return -np.log(ahead / behind) / (2.0 * step)
 
 
 def effective_degrees_of_freedom(rows: Sequence[BudgetRow]) -> FloatArray:
@@ -136,24 +133,18 @@ def as_settings(rows: Sequence[BudgetRow], names: Sequence[str], slopes: FloatAr
 
     ``rows``: the budget; ``slopes``: ∂parameter/∂z, shape (p,).
     """
-    table = []
-    for row in rows:
-        parts: Mapping[str, float] = dict(
-            zip(names, (np.sqrt(np.maximum(np.diag(row.covariance), 0.0)) * np.abs(slopes)).tolist(), strict=True)
-        )
-        finite = np.isfinite(row.degrees_of_freedom)
-        table.append(
-            {
-                "source": row.source,
-                "type": "A" if row.kind == DATA else "B",
-                "kind": row.kind,
-                "standard_uncertainty": row.standard_uncertainty,
-                "unit": row.unit,
-                "degrees_of_freedom": float(row.degrees_of_freedom) if finite else None,
-                "contributions": parts,
-            }
-        )
-    return table
+    return [
+        {
+            "source": row.source,
+            "type": "A" if row.kind == DATA else "B",
+            "kind": row.kind,
+            "standard_uncertainty": row.standard_uncertainty,
+            "unit": row.unit,
+            "degrees_of_freedom": row.degrees_of_freedom if np.isfinite(row.degrees_of_freedom) else None,
+            "contributions": dict(zip(names, (deviations(row.covariance) * np.abs(slopes)).tolist(), strict=True)),
+        }
+        for row in rows
+    ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,7 +196,8 @@ def explain(
     shift, amounts = found.x[:p], found.x[p:]
     moved = np.stack([shift_of_effect(e, linear) for e in effects], axis=1)
     moved = moved * np.maximum(np.abs(amounts), 1.0)
-    allowed = MOST_MOVED * np.sqrt(np.maximum(np.diag(covariance), 0.0) + np.sum(moved**2, axis=1)) + 1e-9
+    # Beyond five standard deviations is another optimum.
+    allowed = 5.0 * np.sqrt(np.maximum(np.diag(covariance), 0.0) + np.sum(moved**2, axis=1)) + 1e-9
     if not np.all(np.isfinite(found.x)) or np.any(np.abs(shift) > allowed):
         return None
     jacobian = found.jac[: -shape.shape[1]]
@@ -217,13 +209,18 @@ def explain(
 
 def _chance(amounts: FloatArray, slopes: FloatArray, effects: FloatArray) -> float:
     """Probability of a_k at least as large where the stated uncertainties are right."""
-    left, size, _ = np.linalg.svd(slopes, full_matrices=False)
-    basis = left[:, size > 1e-9 * max(float(size.max(initial=0.0)), 1e-300)]
+    basis = _basis(slopes)
     free = effects - basis @ (basis.T @ effects)
     values, vectors = np.linalg.eigh(free.T @ free)
-    seen = values > SEEN
+    seen = values > 1e-3  # the part by which the data reduce the prior variance of a_k
     chi2 = float(np.sum((vectors.T @ amounts)[seen] ** 2 * (1.0 + values[seen]) / values[seen]))
     return probability(chi2, int(seen.sum()))
+
+
+def _basis(matrix: FloatArray) -> FloatArray:
+    """Orthonormal basis of the columns of a matrix."""
+    left, size, _ = np.linalg.svd(matrix, full_matrices=False)
+    return left[:, size > 1e-9 * max(float(size.max(initial=0.0)), 1e-300)]
 
 
 def deviation_uncertainty(linear: Linearised, shape: np.ndarray, scatter: float = 1.0) -> FloatArray:
@@ -241,9 +238,36 @@ def deviation_uncertainty(linear: Linearised, shape: np.ndarray, scatter: float 
     repeats = len(linear.frequency_hz) // max(len(shape), 1)
     rows = np.tile(shape, (repeats, 1))
     part = np.where(linear.is_phase[:, None], np.imag(rows), np.real(rows)) * linear.weight[:, None]
-    left, size, _ = np.linalg.svd(linear.matrix, full_matrices=False)
-    basis = left[:, size > 1e-9 * max(float(size.max(initial=0.0)), 1e-300)]
+    basis = _basis(linear.matrix)
     noise = 1.0 - np.sum(basis**2, axis=1)
     effect = np.sum((part - basis @ (basis.T @ part)) ** 2, axis=1)
     variance = np.where(noise > 1e-6, scatter**2 * noise + effect, np.nan)
     return np.sqrt(variance) / linear.weight
+
+
+def point_budget(
+    measured: MeasuredCurve, effects: Sequence[SystematicEffect], linear: Linearised
+) -> dict[str, Any] | None:
+    """Standard uncertainties by source at each point, evenly spread over 200 of more; None without effects.
+
+    Returns:
+        ``frequency_hz`` and, by source, ``magnitude`` (in the unit of the magnitude) and ``phase_deg`` of ``sources``,
+        whose root sum of squares is the uncertainty of the point before any floor.
+    """
+    if not effects or not len(measured.frequency_hz):
+        return None
+    total = len(measured.frequency_hz)
+    chosen = np.unique(np.linspace(0, total - 1, min(total, 200)).astype(int))
+    f, size = measured.frequency_hz[chosen], np.abs(measured.magnitude[chosen])
+    shape = patterns(effects, linear, f)
+    noise = {
+        "magnitude": measured.magnitude_noise[chosen].tolist(),
+        "phase_deg": measured.phase_deg_noise[chosen].tolist(),
+    }
+    sources = [{"source": "noise", "type": "A", **noise}]
+    for name in dict.fromkeys(effect.source for effect in effects):
+        own = shape[:, [effect.source == name for effect in effects]]
+        gain, turn = (np.sqrt(np.sum(part**2, axis=1)) for part in (np.real(own), np.imag(own)))
+        both = {"magnitude": (size * gain).tolist(), "phase_deg": np.rad2deg(turn).tolist()}
+        sources.append({"source": name, "type": "B", **both})
+    return {"frequency_hz": f.tolist(), "sources": sources}

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -16,7 +16,6 @@ from vibrident.physics.naming import is_gain
 from vibrident.result import Curve, Parameter, Result
 
 SOURCE = "capability of the laboratory (CMC)"
-_K = 2.0  # coverage factor of a capability
 _Curve = TypeVar("_Curve", bound=Curve)
 
 
@@ -28,28 +27,22 @@ def with_floor(result: Result, capabilities: Sequence[Capability]) -> Result:
     """
     if not capabilities or not result.has_gain:
         return result
-    curves = [_raised(curve, capabilities) for curve in (result.response, result.measured)]
     least = floor(capabilities, "magnitude", result.measured.frequency_hz)
     relative = float(np.min(least)) if least.size else 0.0
-    parameters, settings = dict(result.parameters), dict(result.settings)
     stated = [
         {"quantity": one.quantity, "U": one.expanded_uncertainty, "from_hz": one.from_hz, "to_hz": one.to_hz}
         for one in capabilities
     ]
-    settings["cmc"] = stated
+    parameters, settings = dict(result.parameters), {**result.settings, "cmc": stated}
     for name, one in result.parameters.items():
-        if (
-            is_gain(name)
-            and one.standard_uncertainty is not None
-            and one.standard_uncertainty < relative * abs(one.value)
-        ):
-            u = relative * abs(one.value)
-            parameters[name] = _widened(one, u)
-            settings["uncertainty_budget"] = [
-                *_rows(settings),
-                _row(name, float(np.sqrt(u**2 - one.standard_uncertainty**2))),
-            ]
-    return replace(result, response=curves[0], measured=curves[1], parameters=parameters, settings=settings)
+        own, u = one.standard_uncertainty, relative * abs(one.value)
+        if is_gain(name) and own is not None and own < u:
+            parameters[name] = _widened(one, own, u)
+            row = {"source": SOURCE, "type": "B", "kind": "cmc", "standard_uncertainty": None, "unit": ""}
+            row |= {"degrees_of_freedom": None, "contributions": {name: float(np.sqrt(u**2 - own**2))}}
+            settings["uncertainty_budget"] = [*(settings.get("uncertainty_budget") or ()), row]
+    raised = {"response": _raised(result.response, capabilities), "measured": _raised(result.measured, capabilities)}
+    return replace(result, **raised, parameters=parameters, settings=settings)
 
 
 def floor(capabilities: Sequence[Capability], quantity: str, frequency_hz: FloatArray) -> FloatArray:
@@ -58,7 +51,7 @@ def floor(capabilities: Sequence[Capability], quantity: str, frequency_hz: Float
     for one in capabilities:
         inside = (frequency_hz >= one.from_hz * (1 - 1e-9)) & (frequency_hz <= one.to_hz * (1 + 1e-9))
         if one.quantity == quantity:
-            least = np.where(inside, np.maximum(least, one.expanded_uncertainty / _K), least)
+            least = np.where(inside, np.maximum(least, one.expanded_uncertainty / 2.0), least)
     return least
 
 
@@ -74,22 +67,10 @@ def _raised(curve: _Curve, capabilities: Sequence[Capability]) -> _Curve:
     )
 
 
-def _widened(one: Parameter, u: float) -> Parameter:
-    """The parameter with a larger u, and its interval in proportion."""
-    share = u / one.standard_uncertainty if one.standard_uncertainty else 1.0
-    low, high = one.interval_95
-    if one.standard_uncertainty:
-        ends = (None if end is None else one.value + share * (end - one.value) for end in (low, high))
-        low, high = ends
+def _widened(one: Parameter, own: float, u: float) -> Parameter:
+    """The parameter with a larger u than its own, and its interval in proportion."""
+    if own:
+        low, high = (None if end is None else one.value + u / own * (end - one.value) for end in one.interval_95)
     else:
-        low, high = one.value - _K * u, one.value + _K * u
+        low, high = one.value - 2.0 * u, one.value + 2.0 * u
     return replace(one, standard_uncertainty=u, interval_95=(low, high))
-
-
-def _rows(settings: dict[str, Any]) -> list[Any]:
-    return list(settings.get("uncertainty_budget") or ())
-
-
-def _row(name: str, u: float) -> dict[str, Any]:
-    own = {"source": SOURCE, "type": "B", "kind": "cmc", "standard_uncertainty": None, "unit": ""}
-    return {**own, "degrees_of_freedom": None, "contributions": {name: u}}

@@ -1,7 +1,6 @@
-"""The fit at the excited frequencies, linearised around an estimate: the estimate from a part of the data.
+"""The fit at the excited frequencies, linearised around an estimate: where it would move without fitting again.
 
-With H the model and M the measured response, log(M/H) ≈ J dz + noise, J = ∂ log H/∂z. Solving for dz with all points,
-or some, shows where an estimate would move without fitting again.
+With H the model and M the measured response, log(M/H) ≈ J dz + noise, J = ∂ log H/∂z.
 """
 
 from __future__ import annotations
@@ -70,23 +69,23 @@ class Linearised:
         frequency, magnitude, phase, magnitude_u, phase_u = (np.asarray(part) for part in problem.data)
         response, slopes = log_slopes(coordinates, z, problem.quantity, frequency)
         size = np.abs(response)
-        weight = [size / magnitude_u]
-        matrix = [slopes.real * weight[0][:, None]]
-        rest = [(magnitude - size) / magnitude_u]
-        if problem.has_phase:
-            weight.append(1.0 / phase_u)
-            matrix.append(slopes.imag / phase_u[:, None])
-            rest.append(np.angle(np.exp(1j * phase) / (response / size)) / phase_u)
-        count = len(matrix)
-        kind = np.repeat([False, True][:count], len(frequency))
-        rows = np.concatenate(matrix), np.concatenate(rest), kind, np.concatenate(weight)
-        return cls(coordinates, z, problem.quantity, np.tile(frequency, count), *rows)
+        turn = np.angle(np.exp(1j * phase) / (response / size))
+        radial = size / magnitude_u
+        rows = slice(None if problem.has_phase else len(frequency))
+        return cls(
+            coordinates,
+            z,
+            problem.quantity,
+            np.tile(frequency, 2)[rows],
+            np.concatenate([slopes.real * radial[:, None], slopes.imag / phase_u[:, None]])[rows],
+            np.concatenate([(magnitude - size) / magnitude_u, turn / phase_u])[rows],
+            np.repeat([False, True], len(frequency))[rows],
+            np.concatenate([radial, 1.0 / phase_u])[rows],
+        )
 
-    def solve(self, keep: BoolArray | None = None) -> tuple[FloatArray, FloatArray]:
-        """Least-squares shift dz of the rows, shape (p,), and its covariance, shape (p, p)."""
-        matrix, rest = (self.matrix, self.rest) if keep is None else (self.matrix[keep], self.rest[keep])
-        covariance = inverse_normal(matrix.T @ matrix)
-        return covariance @ (matrix.T @ rest), covariance
+    def shift(self, rest: FloatArray) -> FloatArray:
+        """Least-squares shift dz, shape (p,), of rows that have this beyond the model, shape (m,)."""
+        return inverse_normal(self.matrix.T @ self.matrix) @ (self.matrix.T @ rest)
 
 
 def log_slopes(

@@ -15,19 +15,20 @@ import numpy as np
 from vibrident.base.tails import student_quantile
 from vibrident.data.records import Calibration, FloatArray
 from vibrident.fit.problem import Coordinates
-from vibrident.fit.problem.coordinates import BAND_MARGIN, MARGIN_BELOW
+from vibrident.fit.problem.coordinates import searched
 from vibrident.physics.models import Derived, SensorModel
 from vibrident.physics.models.slopes import STEP, response_and_slopes
 from vibrident.physics.naming import in_words
 from vibrident.result import Correlation, Parameter, ResultWarning
 
-WEAK = 0.1  # relative standard uncertainty (delay: rad at the highest frequency) of a weak parameter …
-TRADE = 5.0  # … or factor by which fixing one other parameter shrinks it, where it is above a tenth of WEAK
+WEAK = 0.1  # relative standard uncertainty (delay: rad at the highest frequency) of a weak parameter
 NOTHING = 1e3  # beyond this relative standard uncertainty (delay: rad) nothing is known
-NEARER = 10.0  # a frequency at the end of its range is compared with one so many times nearer to the band
-TRADED_POINTS = 50  # frequencies of the band at which one parameter is traded for others
-MARGIN = 1e-3  # a parameter is at the end of its range if its relative distance from it is less than this
 COVERAGE = 0.95
+
+
+def deviations(covariance: FloatArray) -> FloatArray:
+    """Standard deviations of a covariance, shape (p,), none of them the root of a negative number."""
+    return np.sqrt(np.maximum(np.diag(covariance), 0.0))
 
 
 def weakly_determined(
@@ -37,58 +38,48 @@ def weakly_determined(
 
     A parameter at a bound is reported as such.
     """
-    model = coordinates.model
-    deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    safe = np.where(deviation > 0, deviation, 1.0)
-    correlation = covariance / np.outer(safe, safe)
+    model, correlations = coordinates.model, _correlations(covariance)
+    deviation, sizes, ended = deviations(covariance), sizes_of(model, z), at_end(coordinates, z)
     weak: dict[str, str] = {}
     warnings = []
-    values, sizes = coordinates.values(z), sizes_of(model, z)
     for index, spec in enumerate(model.parameters):
         # The logarithm's deviation is relative; a delay's is in radians at the highest frequency.
         size = deviation[index] / sizes[index]
-        others = np.abs(np.delete(correlation[index], index))
-        strongest = float(others.max()) if others.size else 0.0
-        trade = 1.0 / np.sqrt(max(1.0 - strongest**2, 1e-12))
+        others = np.abs(np.delete(correlations[index], index))
+        strongest = float(np.max(others, initial=0.0))
+        # Fixing that other parameter would shrink it by five.
+        trades = 1.0 / np.sqrt(max(1.0 - strongest**2, 1e-12)) > 5.0 and size > 0.1 * WEAK
         if size > NOTHING:
             weak[spec.name] = ""
             text = f"The data do not determine the {in_words(spec.name)}: no standard uncertainty can be stated."
             warnings.append(ResultWarning("weakly_determined", text))
-        elif size > WEAK or (trade > TRADE and size > 0.1 * WEAK):
-            names = [s.name for s in model.parameters if s.name != spec.name]
-            partner = names[int(np.argmax(others))] if others.size else ""
-            weak[spec.name] = partner
-            relative = "rad at the highest frequency" if spec.kind == "time" else "of its value"
-            traded = (
-                f"; it trades against the {in_words(partner)} (correlation {strongest:.3f})" if strongest > 0.9 else ""
+        elif size > WEAK or trades:
+            names = [name for name in model.parameter_names if name != spec.name]
+            weak[spec.name] = partner = names[int(np.argmax(others))] if names else ""
+            text = (
+                f"{size:.2g} rad at the highest frequency"
+                if spec.kind == "time"
+                else f"{100 * size:.2g} % of its value"
             )
-            amount = f"{size:.2g} rad" if spec.kind == "time" else f"{100 * size:.2g} %"
-            relative = relative.removeprefix("rad ")
-            warnings.append(
-                ResultWarning(
-                    "weakly_determined",
-                    f"The data hardly determine the {in_words(spec.name)}: standard uncertainty {amount} {relative}"
-                    f"{traded}.",
-                )
-            )
-    warnings += _at_bounds(coordinates, values, deviation)
-    return weak | dict.fromkeys(at_end(coordinates, z), ""), warnings
+            if strongest > 0.9:
+                text += f"; it trades against the {in_words(partner)} (correlation {strongest:.3f})"
+            text = f"The data hardly determine the {in_words(spec.name)}: standard uncertainty {text}."
+            warnings.append(ResultWarning("weakly_determined", text))
+    warnings += _at_bounds(coordinates, coordinates.values(z), deviation, ended)
+    return weak | dict.fromkeys(ended, ""), warnings
 
 
 def at_end(coordinates: Coordinates, z: FloatArray) -> set[str]:
     """Names of parameters at the end of the range searched: its value and u are then not determined by the data."""
     low, high = coordinates.edges
-    within = (z > low + MARGIN) & (z < high - MARGIN)
-    return {spec.name for spec, inside in zip(coordinates.model.parameters, within, strict=True) if not inside}
+    within = (z > low + 1e-3) & (z < high - 1e-3)
+    return {name for name, inside in zip(coordinates.model.parameter_names, within, strict=True) if not inside}
 
 
 def unstated(coordinates: Coordinates, z: FloatArray, covariance: FloatArray) -> set[str]:
     """Names of parameters of which no standard uncertainty can be stated."""
-    deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    known = deviation <= NOTHING * sizes_of(coordinates.model, z)
-    return at_end(coordinates, z) | {
-        spec.name for spec, is_known in zip(coordinates.model.parameters, known, strict=True) if not is_known
-    }
+    open_ended = ~(deviations(covariance) <= NOTHING * sizes_of(coordinates.model, z))
+    return at_end(coordinates, z).union(np.array(coordinates.model.parameter_names)[open_ended].tolist())
 
 
 def sizes_of(model: SensorModel, z: FloatArray, least: float = 1e-300, *, ratios: bool = False) -> FloatArray:
@@ -101,26 +92,28 @@ def sizes_of(model: SensorModel, z: FloatArray, least: float = 1e-300, *, ratios
     return np.array([max(float(own[kind][k]), least) if kind in own else 1.0 for k, kind in enumerate(kinds)])
 
 
-def _at_bounds(coordinates: Coordinates, values: dict[str, float], deviation: FloatArray) -> list[ResultWarning]:
+def _at_bounds(
+    coordinates: Coordinates, values: dict[str, float], deviation: FloatArray, ended: set[str]
+) -> list[ResultWarning]:
     warnings = []
-    low, high = coordinates.band_hz[0] / MARGIN_BELOW, coordinates.band_hz[1] * BAND_MARGIN
+    low, high = searched(coordinates.band_hz)["log"]
     for index, spec in enumerate(coordinates.model.parameters):
-        value = values[spec.name]
-        if spec.kind == "log" and not low * (1.0 + MARGIN) < value < high / (1.0 + MARGIN):
+        if spec.kind == "log" and spec.name in ended:
             text = f"The {in_words(spec.name)} lies at the end of the range searched, {low:.3g} to {high:.3g} Hz."
             traded = _traded(coordinates, values, deviation, index)
             text += f" What is stated of the {traded} holds for this frequency only." if traded else ""
             warnings.append(ResultWarning("at_bound", text))
-        if spec.kind == "positive" and deviation[index] < NOTHING and value < 1e-6 + 0.01 * deviation[index]:
+        u = deviation[index]
+        if spec.kind == "positive" and u < NOTHING and values[spec.name] < 1e-6 + 0.01 * u:
             warnings.append(ResultWarning("at_bound", f"The {in_words(spec.name)} lies at its bound, zero."))
     return warnings
 
 
 def _traded(coordinates: Coordinates, values: dict[str, float], deviation: FloatArray, index: int) -> str:
-    """The other parameters, in words, that a frequency nearer to the band would move by more than their u."""
+    """The other parameters, in words, that a frequency ten times nearer to the band would move by more than their u."""
     model, (low, high) = coordinates.model, np.asarray(coordinates.band_hz, dtype=float)
-    name, points = model.parameter_names[index], np.geomspace(low, high, TRADED_POINTS)
-    nearer = values[name] / NEARER if values[name] > high else values[name] * NEARER
+    name, points = model.parameter_names[index], np.geomspace(low, high, 50)
+    nearer = values[name] / 10.0 if values[name] > high else values[name] * 10.0
     response, slopes = response_and_slopes(model, values, points)
     moved, _ = response_and_slopes(model, {**values, name: nearer}, points)
     change = np.log(moved / response)
@@ -136,8 +129,7 @@ def _traded(coordinates: Coordinates, values: dict[str, float], deviation: Float
 
 def coverage_factor(degrees_of_freedom: float) -> float:
     """K of a 95 % interval: Student's t at these degrees of freedom, 1.96 for infinitely many (GUM G.3)."""
-    finite = min(degrees_of_freedom, 1e9)
-    return student_quantile(finite, 0.5 + COVERAGE / 2)
+    return student_quantile(min(degrees_of_freedom, 1e9), 0.5 + COVERAGE / 2)
 
 
 def with_reference(covariance: FloatArray, z: FloatArray, model: SensorModel, relative: float) -> FloatArray:
@@ -169,25 +161,21 @@ def parameter_table(
     ``z``: the optimum, shape (p,); ``covariance``: of z, shape (p, p); ``degrees_of_freedom``: of the noise estimate;
     ``units``: fields of the units' templates; ``doubtful``: names of parameters that are not identifiable.
     """
-    model = coordinates.model
-    k = coverage_factor(degrees_of_freedom)
-    deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    change = coordinates.slopes(z)
-    unknown = unstated(coordinates, z, covariance)
+    model, values, unknown = coordinates.model, coordinates.values(z), unstated(coordinates, z, covariance)
+    deviation, slopes, k = deviations(covariance), np.abs(coordinates.slopes(z)), coverage_factor(degrees_of_freedom)
     table = {}
     for index, spec in enumerate(model.parameters):
         low, high = _interval(coordinates, z, index, k * deviation[index])
-        slope = abs(change[index])
         known = spec.name not in unknown
         table[spec.name] = Parameter(
-            value=coordinates.values(z)[spec.name],
+            value=values[spec.name],
             unit=_unit(spec.unit, units),
-            standard_uncertainty=float(slope * deviation[index]) if known else None,
-            interval_95=(float(low), float(high)) if known else (None, None),
+            standard_uncertainty=float(slopes[index] * deviation[index]) if known else None,
+            interval_95=(low, high) if known else (None, None),
             identifiable=known and spec.name not in doubtful,
         )
     doubted = {*doubtful, *unknown}
-    for quantity in model.derived(coordinates.values(z)):
+    for quantity in model.derived(values):
         value, slope = _value_and_slope(coordinates, z, quantity)
         u = float(np.sqrt(max(slope @ covariance @ slope, 0.0)))
         relative = u / abs(value) if value else 0.0
@@ -234,12 +222,17 @@ def _value_and_slope(coordinates: Coordinates, z: FloatArray, quantity: Derived)
 
 
 def correlation(model: SensorModel, covariance: FloatArray) -> Correlation:
-    """Correlation matrix of the estimated parameters; one on the diagonal, also where a variance is zero."""
-    deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    """Correlation matrix of the estimated parameters."""
+    return Correlation(model.parameter_names, tuple(tuple(row) for row in _correlations(covariance).tolist()))
+
+
+def _correlations(covariance: FloatArray) -> FloatArray:
+    """Correlation matrix, shape (p, p); one on the diagonal, also where a variance is zero."""
+    deviation = deviations(covariance)
     safe = np.where(deviation > 0, deviation, 1.0)
     matrix = np.clip(covariance / np.outer(safe, safe), -1.0, 1.0)
     np.fill_diagonal(matrix, 1.0)
-    return Correlation(model.parameter_names, tuple(tuple(float(v) for v in row) for row in matrix))
+    return matrix
 
 
 def parameter_units(model: SensorModel, calibration: Calibration) -> dict[str, str]:

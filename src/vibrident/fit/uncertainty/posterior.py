@@ -21,17 +21,12 @@ import numpy as np
 from vibrident.base import extras
 from vibrident.base.backend import jax, jnp
 from vibrident.base.errors import InputError
-from vibrident.data.records import FloatArray
+from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.estimators import Estimate
 from vibrident.fit.estimators.kinds.ml import solved_problem
 from vibrident.fit.problem import Coordinates, Evidence, FrequencyProblem
+from vibrident.fit.uncertainty.parameters import COVERAGE
 
-WIDEST = 3.0  # largest standard deviation that scales the coordinates; an open direction has no finite one
-AGREE = 1.02  # chains agree where the largest R̂ is below this (Vehtari et al. 2021) …
-MOST_DIVERGING = 0.01  # … and a smaller part of the steps than this diverges
-COVERAGE = 0.95  # probability of a credible interval
-NEAR = 0.05  # draws are near an end of the range searched within this part of it
-ENDED = 0.01  # the range, and not the data, ends a distribution of which more than this part is near an end
 PRIOR = (
     "flat in the logarithm of frequencies and of a boxcar's length, within the range that a fit searches; flat in gain "
     "and delay; half-Cauchy of scale 1 for damping ratios; Cauchy of scale 1 for the share of a second mode"
@@ -127,7 +122,7 @@ def sample_posterior(evidence: Evidence, estimate: Estimate, scale: float, sampl
         "prior": PRIOR,
         "covers": "the data's noise or stated uncertainties; systematic contributions are in the parameters alone",
         "diverging": diverging,
-        "converged": worst < AGREE and diverging < MOST_DIVERGING,
+        "converged": worst < 1.02 and diverging < 0.01,  # Vehtari et al. 2021
         "ends_by_prior": free.ended(drawn, coordinates.model.parameter_names),
         "parameters": table,
     }
@@ -154,10 +149,15 @@ class _Unbounded:
         frequency, damping = (names.index(name) for name in pair)
         return cls(low, high, damping, frequency, float(z[frequency]))
 
+    @property
+    def range(self) -> tuple[BoolArray, FloatArray, FloatArray]:
+        """Which coordinates have ends, and these; zero and one for the others."""
+        closed = np.isfinite(self.low)
+        return closed, np.where(closed, self.low, 0.0), np.where(closed, self.high, 1.0)
+
     def bounded(self, v: Any) -> Any:
         """Optimiser's z of v, shape (p,)."""
-        closed = np.isfinite(self.low)
-        low, high = np.where(closed, self.low, 0.0), np.where(closed, self.high, 1.0)
+        closed, low, high = self.range
         z = jnp.where(closed, low + (high - low) * jax.nn.sigmoid(v), v)
         if self.damping >= 0:
             z = z.at[self.damping].set(jnp.arcsinh(v[self.damping] * jnp.exp(z[self.frequency] - self.at)))
@@ -165,19 +165,18 @@ class _Unbounded:
 
     def ended(self, z: FloatArray, names: Sequence[str]) -> list[str]:
         """Parameters of which the range searched, and not the data, ends the distribution."""
-        closed = np.isfinite(self.low)
-        low, high = np.where(closed, self.low, 0.0), np.where(closed, self.high, 1.0)
-        margin = NEAR * (high - low)
+        closed, low, high = self.range
+        margin = 0.05 * (high - low)
         part = np.mean(closed & ((z < low + margin) | (z > high - margin)), axis=(0, 1))
-        return [name for name, share in zip(names, part, strict=True) if share > ENDED]
+        return [name for name, share in zip(names, part, strict=True) if share > 0.01]
 
     def log_volume(self, v: Any) -> Any:
         """Logarithm of |∂z/∂v|, which keeps a density of z one of v."""
         return jnp.linalg.slogdet(jax.jacfwd(self.bounded)(v))[1]
 
     def round(self, z: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The v of z, and L with L Lᵀ the covariance of v, no direction wider than ``WIDEST``."""
-        closed = np.isfinite(self.low)
+        """The v of z, and L with L Lᵀ the covariance of v; no direction is wider than three."""
+        closed = self.range[0]
         share = (z[closed] - self.low[closed]) / (self.high[closed] - self.low[closed])
         share = np.clip(share, 1e-3, 1.0 - 1e-3)
         v = np.array(z, dtype=float)
@@ -187,7 +186,7 @@ class _Unbounded:
         back = np.linalg.inv(np.asarray(jax.jacfwd(self.bounded)(jnp.asarray(v))))
         moved = back @ covariance @ back.T
         values, vectors = np.linalg.eigh(0.5 * (moved + moved.T))
-        return v, vectors * np.clip(np.sqrt(np.maximum(values, 0.0)), 1e-12, WIDEST)
+        return v, vectors * np.clip(np.sqrt(np.maximum(values, 0.0)), 1e-12, 3.0)
 
 
 def _freedom(estimate: Estimate) -> FloatArray | None:
@@ -201,7 +200,6 @@ def _log_density(
     coordinates: Coordinates, problem: FrequencyProblem, freedom: FloatArray | None, scale: float
 ) -> Callable[[Any], Any]:
     """Log posterior density of the coordinates z, up to a constant."""
-
     def likelihood(z: Any) -> Any:
         residual = problem.residual(z, coordinates) / scale
         if freedom is None:

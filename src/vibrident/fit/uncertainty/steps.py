@@ -32,17 +32,6 @@ from vibrident.fit.response.rounding import (
 from vibrident.fit.response.transform import MEDIAN_OF_POWER, hann, line_frequencies, median
 from vibrident.fit.uncertainty.adequacy import Adequacy
 
-LEAST = 0.3  # an effect counts from so many standard deviations of all points together
-STANDS_OUT = 30.0  # a line holds motion if its power exceeds that of rounding errors by this factor
-FADED = 16  # the record is faded at either end over one part in so many
-BEHIND = 3  # the band of the motion ends so many lines behind the last line that holds motion
-SINE_BAND = 1.5  # the band of a sine ends at so many times its frequency
-HIGHEST = 0.45  # noise is estimated up to this part of the sampling rate
-FEWEST_BEYOND = 10  # fewest lines beyond the band from which noise is estimated
-SAME_LINE = 0.1  # sines are one motion if their frequencies differ by less than this part of a spectral line …
-SAME_SIZE = 0.5  # … and their sizes by less than this part of a step
-QUIET = 0.1  # quantile of the power of these lines; the stronger lines may hold leakage of the motion
-
 SOURCE = "steps of the converters"
 
 
@@ -57,18 +46,14 @@ def effects_of_steps(
     ``predicted``: response of each by the model, NaN where it is not defined; ``response``: function from frequencies
     to the model's complex sensitivity; ``points``: where the fit is judged.
     """
-    rows = []
     owner = {record.name: index for index, record in enumerate(records)}
     at = np.array([owner.get(name, -1) for name in points.record])
     motion = _motions(records, at, points.frequency_hz)
+    patterns = np.zeros((2 * TRIALS, len(at)), dtype=complex)
     for index, (record, series) in enumerate(zip(records, predicted, strict=True)):
         places = np.flatnonzero(at == index)
         if record.reference is not None and places.size and not _alone_in_step(record, motion, places, points):
-            found = _errors(record, series, response, points.frequency_hz[places])
-            rows.append((places, found))
-    patterns = np.zeros((2 * TRIALS, len(at)), dtype=complex)
-    for places, found in rows:
-        patterns[:, places] = found / np.sqrt(TRIALS)
+            patterns[:, places] = _errors(record, series, response, points.frequency_hz[places]) / np.sqrt(TRIALS)
     return [
         effect
         for each in distinct(motion[motion >= 0])
@@ -96,26 +81,24 @@ def _motions(records: Sequence[Record], at: np.ndarray, frequency_hz: FloatArray
         line = record.sampling_rate_hz / record.samples
         step = converter_step(record.response, record.mask)
         frequency, size = float(frequency_hz[place]), float(np.std(record.response[record.mask])) * np.sqrt(2.0)
-        same = (
-            index
-            for index, (other, its_size) in enumerate(known)
-            if abs(other - frequency) < SAME_LINE * line and abs(its_size - size) <= SAME_SIZE * step
-        )
-        found = next(same, None)
-        if found is None:
-            found = len(known)
+        alike = [abs(hz - frequency) < 0.1 * line and abs(its_size - size) <= 0.5 * step for hz, its_size in known]
+        if not any(alike):
+            alike.append(True)
             known.append((frequency, size))
-        motion[place] = found + 1
+        motion[place] = alike.index(True) + 1
     return motion
 
 
 def _as_effects(patterns: ComplexArray, points: Adequacy) -> list[SystematicEffect]:
-    """The same covariance by as few effects as do; patterns of shape (K, points)."""
+    """The same covariance by as few effects as do, each of 0.3 standard deviations of all points together or more.
+
+    ``patterns``: of shape (K, points).
+    """
     weighted = patterns / points.relative_deviation
     if not np.any(weighted) or not np.all(np.isfinite(weighted)):
         return []
     left, size, _ = np.linalg.svd(np.concatenate([weighted.real, weighted.imag], axis=1), full_matrices=False)
-    shapes = left[:, size > LEAST].T @ patterns
+    shapes = left[:, size > 0.3].T @ patterns
     frequency, which = np.unique(points.frequency_hz, return_inverse=True)
     weight = points.relative_deviation**-2.0
     total = np.bincount(which, weight)
@@ -195,22 +178,26 @@ def rounding_in_residual(
 
 
 def _within_band(record: Record, step: float, frequency_hz: FloatArray) -> FloatArray | None:
-    """The reference limited to its band, shape (samples,); None if the noise above the band exceeds the steps."""
+    """The reference limited to its band, shape (samples,); None if the noise above the band exceeds the steps.
+
+    The band ends three lines behind the last one that holds motion; noise is looked for up to 0.45 of the rate.
+    """
     assert record.reference is not None
     used, samples, rate = record.reference_mask, record.samples, record.sampling_rate_hz
     mean = float(np.mean(record.reference[used]))
     motion = np.where(used, record.reference - mean, 0.0)
     lines = np.asarray(fft.rfft(motion), dtype=complex)
-    width = samples // FADED
+    width = samples // 16  # faded at either end
     rise = np.sin(0.5 * np.pi * (np.arange(width) + 0.5) / max(width, 1)) ** 2
     window = np.concatenate([rise, np.ones(samples - 2 * width), rise[::-1]])
-    last = int(SINE_BAND * float(np.max(frequency_hz)) * samples / rate)
+    last = int(1.5 * float(np.max(frequency_hz)) * samples / rate)  # the band of a sine
     if record.excitation != "sine":
         power = np.abs(np.asarray(fft.rfft(window * motion))) ** 2
-        loud = np.flatnonzero(power > STANDS_OUT * step**2 / 12.0 * float(window @ window))
-        last = int(loud[-1]) + BEHIND if loud.size else 0
-    beyond = np.abs(lines[last : int(HIGHEST * samples)]) ** 2 / samples
-    if beyond.size < FEWEST_BEYOND or np.quantile(beyond, QUIET) > -np.log(1.0 - QUIET) * (DITHERED * step) ** 2:
+        loud = np.flatnonzero(power > 30.0 * step**2 / 12.0 * float(window @ window))  # by motion, not by rounding
+        last = int(loud[-1]) + 3 if loud.size else 0
+    beyond = np.abs(lines[last : int(0.45 * samples)]) ** 2 / samples
+    # Of noise, one line in ten has this part of its mean power or less; the stronger ones may hold leakage.
+    if beyond.size < 10 or np.quantile(beyond, 0.1) > -np.log(1.0 - 0.1) * (DITHERED * step) ** 2:
         return None
     lines[last:] = 0.0
     return np.asarray(fft.irfft(lines, samples)) + mean
