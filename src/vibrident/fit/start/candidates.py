@@ -41,8 +41,7 @@ def likely(combined: FloatArray, cores: int, sought: TargetFRF, chart: LogCoordi
         return combined
     few = sought.few(MOST_SCORED_POINTS)
     goal, weight = np.log(np.abs(few.response)), 1.0 / np.maximum(few.deviation, LEAST_DEVIATION) ** 2
-    at = LogCoordinates(chart.model, chart.quantity, few.frequency_hz, chart.time_unit_s)
-    off = goal - np.log(np.abs(at.response(combined, np.ones(len(combined)))))
+    off = goal - np.log(np.abs(chart.at(few).response(combined, np.ones(len(combined)))))
     mean = off @ weight / np.sum(weight)
     score = (off - mean[:, None]) ** 2 @ weight
     gain = [spec.kind for spec in chart.model.parameters].index("gain")
