@@ -11,63 +11,33 @@ scale.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.data.records.basis import runs_of_true
-from vibrident.fit.response.rounding import SAME, grid_step, smallest_step
+from vibrident.fit.response.rounding import SAME, STEPS_APART, grid_step, smallest_step
+from vibrident.fit.screening.gaps import CHANCE, REST
 
 #: The first bin holds this many times the second …
 FULLER = 4.0
 #: … and the second at most this many times the mean of the four below it; a parabola's has 1.6 times, a flatter top
 #: more.
 LEVEL = 1.4
-#: Fewest samples in the first bin where they are exactly equal.
-FEWEST_EQUAL = 8
-#: Fewest where they carry noise.
-FEWEST_NEAR = 40
-#: Where the values below the first occur once each, so often may equal ones be chance.
-CHANCE = 1e-5
-#: Values below the first that are compared with it.
-BELOW = 8
-#: Bins below the first that are compared with it.
+#: Fewest samples in the first bin where they carry noise.
+FEWEST = 16
+#: Bins, or values, below the first that are compared with it.
 BINS = 5
 #: Widths of bins: the range over these powers of two.
 WIDTHS = range(4, 13)
-#: A rail is visited so often …
+#: A rail under noise is visited so often …
 VISITS = 3
-#: … unless its samples are exactly equal for longer than this.
-LONG = 8
-#: … and this part of its visits does not follow the one before it at one distance.
+#: … and this part of the visits to any does not follow the one before it at one distance.
 EVENLY = 0.9
-#: A level that holds this part of the record in one piece is rest …
-REST = 0.12
-#: … and one that holds this part of it in all.
-MOSTLY = 0.45
-#: A signal whose two levels together hold more than this is square.
-SQUARE = 0.9
-#: Visits of so few samples are doubted in a signal that its neighbours tell well.
-SHORT = 6.0
-#: Neighbours on either side that tell a sample.
-NEIGHBOURS = 3
-#: They tell it well to this part of the signal's standard deviation.
-PREDICTED = 0.1
-#: A rail's samples are told so many times worse than the others.
-STRANGE = 1.6
-#: Visits looked at.
-MOST_VISITS = 15
-#: The samples beside a visit lead past it by so many spreads of its samples …
-PASSES = 1.0
-#: … and by this part of the signal's range: less is the flat step of a coarse generator.
+#: Visits of so few samples are doubted in a signal that its neighbours tell well: so many on either side …
+SHORT, NEIGHBOURS = 6.0, 3
+#: … to this part of its standard deviation; those of a rail are told so many times worse than the others.
+PREDICTED, STRANGE = 0.1, 1.6
+#: Beside a rail the samples lead past it by this part of the range: less is the flat step of a coarse generator.
 LEAST_CUT = 2.5e-3
-#: The smallest difference of values that occur is at most so many steps.
-MOST_PARTS = 24
-#: Values at the top by which the steps there are told.
-SOME = 32
-#: Samples from the top among which the first values are looked for.
-HEAD = 256
-#: Samples left out beside a clipped one.
-GUARD = 1
 
 
 def clipped(values: FloatArray, valid: BoolArray, full_scale: float | None = None) -> tuple[BoolArray, list[float]]:
@@ -86,13 +56,11 @@ def clipped(values: FloatArray, valid: BoolArray, full_scale: float | None = Non
     ordered = np.sort(values[valid])
     tops = (1.0, ordered[::-1]), (-1.0, -ordered)
     rails = [(side, rail) for side, top in tops if (rail := _rail(side * values, valid, top)) is not None]
-    found = np.zeros(values.shape, dtype=bool)
-    for side, rail in rails:
-        found |= valid & (side * values >= rail)
-    if np.sum(found) > SQUARE * np.sum(valid):
+    at = [valid & (side * values >= rail) for side, rail in rails]
+    found = np.logical_or.reduce([np.zeros(values.shape, dtype=bool), *at])
+    if np.sum(found) > 0.9 * np.sum(valid):  # a square wave
         return np.zeros(values.shape, dtype=bool), []
-    levels = [float(np.median(values[valid & (side * values >= rail)])) for side, rail in rails]
-    return _guarded(found), levels
+    return _guarded(found), [float(np.median(values[one])) for one in at]
 
 
 def _beyond(values: FloatArray, full_scale: float, step: float) -> BoolArray:
@@ -111,7 +79,7 @@ def _rail(values: FloatArray, valid: BoolArray, top: FloatArray) -> float | None
     if found is not None:
         return found
     below = -top
-    step = grid_step(below, MOST_PARTS)
+    step = grid_step(below, STEPS_APART)
     width = span * 0.5 ** np.array(WIDTHS)
     if step > 0.0:
         width = step * np.ceil(width / step)  # whole steps
@@ -120,15 +88,12 @@ def _rail(values: FloatArray, valid: BoolArray, top: FloatArray) -> float | None
     for limit, wide, places in zip(limits.tolist(), width.tolist(), ends, strict=True):
         counts = places.astype(float)
         counts[1:] -= places[:-1]
-        if not _piled(counts, FEWEST_NEAR) or counts[0] <= FULLER * _fullest_below(top, limit, wide):
+        if counts[0] < FEWEST or not _piled(counts) or counts[0] <= FULLER * _fullest_below(top, limit, wide):
             continue
         inside = valid & (values > limit)
-        if (
-            _visits(inside) >= VISITS
-            and not _in_step(inside)
-            and not _at_rest(inside, valid)
-            and _confirmed(values, inside, valid)
-        ):
+        if _runs(inside).size < VISITS or _in_step(inside) or _at_rest(inside):
+            continue
+        if _confirmed(values, inside, valid):
             return limit
     return None
 
@@ -141,34 +106,25 @@ def _fullest_below(top: FloatArray, limit: float, width: float) -> float:
 
 def _of_equal_values(values: FloatArray, valid: BoolArray, top: FloatArray, same: float) -> float | None:
     """The upper rail where its samples are exactly equal."""
-    # The values from the top: where each begins in the sorted list, until enough are seen.
-    begins = _begins(top[:HEAD], same)
-    begins = begins if begins.size == BELOW + 2 else _begins(top, same)
-    counts = np.diff(np.append(begins, top.size) if begins.size < BELOW + 2 else begins).astype(float)
-    if counts.size <= BELOW:
+    # Where each value begins in the sorted list, from the top.
+    begins = np.concatenate([[0], 1 + np.flatnonzero(top[:-1] - top[1:] > same)])[: BINS + 2]
+    counts = np.diff(begins if begins.size == BINS + 2 else np.append(begins, top.size)).astype(float)
+    if counts.size <= BINS:
         return None  # with a few levels the motion between them is not known
     most, limit = float(np.max(counts[1:])), float(top[0]) - same
     if counts[0] == most == 1.0:
         return None
     inside = valid & (values >= limit)
-    if _in_step(inside):
+    if _in_step(inside) or _at_rest(inside):
         return None
     if most == 1.0:
-        strange = _ties_by_chance(top, counts[0]) < CHANCE
-        return limit if strange and not _at_rest(inside, valid) else None
+        return limit if _ties_by_chance(top, counts[0]) < CHANCE else None
     gaps = -np.diff(top[begins[: counts.size]])
     if gaps[0] > 1.5 * np.min(gaps) and counts[0] < 2.0 * FULLER * most:
         return None  # synchronous samples, which leave values out
-    if counts[0] <= FULLER * most or not _piled(counts, FEWEST_EQUAL):
-        return None
-    if (_visits(inside) < VISITS and _longest(inside) < LONG) or _at_rest(inside, valid):
+    if counts[0] <= FULLER * most or not _piled(counts):
         return None
     return limit if _confirmed(values, inside, valid) else None
-
-
-def _begins(top: FloatArray, same: float) -> NDArray[np.int_]:
-    """Where each of the first values begins, which fall."""
-    return np.concatenate([[0], 1 + np.flatnonzero(top[:-1] - top[1:] > same)])[: BELOW + 2]
 
 
 def _ties_by_chance(top: FloatArray, count: float) -> float:
@@ -176,31 +132,23 @@ def _ties_by_chance(top: FloatArray, count: float) -> float:
 
     Numbers of few digits have finer steps farther down.
     """
-    below = int(count) + BELOW - 1
+    below = int(count) + BINS - 1
     if below >= top.size:
         return 1.0
     distance = float(top[0] - top[below])
-    return min(1.0, BELOW * grid_step(-top[: below + SOME], MOST_PARTS) / distance) ** (count - 1.0)
+    return min(1.0, BINS * grid_step(-top[: below + 32], STEPS_APART) / distance) ** (count - 1.0)
 
 
-def _piled(counts: FloatArray, fewest: int) -> bool:
-    """Whether the first of some bins from the top is a rail's."""
-    below = float(counts[2:6].sum()) / counts[2:6].size
-    doubt = 3.0 * np.sqrt(max(float(counts[1]), 1.0)) if counts[0] < 30.0 * fewest else 0.0
-    return bool(counts[0] >= fewest and counts[0] > FULLER * counts[1] + doubt and counts[1] <= LEVEL * below + 2.0)
+def _piled(counts: FloatArray) -> bool:
+    """Whether the first of some bins from the top is a rail's, beyond three standard deviations of its count."""
+    doubt = 3.0 * np.sqrt(max(float(counts[1]), 1.0))
+    level = LEVEL * float(np.mean(counts[2 : BINS + 1])) + 2.0
+    return bool(counts[0] > FULLER * counts[1] + doubt and counts[1] <= level)
 
 
 def _runs(flags: BoolArray) -> FloatArray:
     begins, ends = runs_of_true(flags)
     return (ends - begins).astype(float)
-
-
-def _visits(inside: BoolArray) -> int:
-    return _runs(inside).size
-
-
-def _longest(inside: BoolArray) -> float:
-    return float(np.max(_runs(inside), initial=0.0))
 
 
 def _in_step(inside: BoolArray) -> bool:
@@ -215,19 +163,10 @@ def _in_step(inside: BoolArray) -> bool:
     return float(np.mean(apart == np.median(apart))) > EVENLY
 
 
-def _at_rest(inside: BoolArray, valid: BoolArray) -> bool:
-    """Whether the level is where the signal rests."""
-    share = float(np.sum(inside)) / float(np.sum(valid))
-    if share > MOSTLY:
-        return True
-    # Noise may leave the level for a few samples.
-    width = 9
-    dense = np.convolve(inside, np.ones(width), mode="same") > 0.6 * width
-    longest = _longest(dense)
-    runs = np.sort(_runs(dense))
-    usual = float(np.median(runs)) if runs.size else 0.0
-    begins = bool(dense[width] or dense[-width - 1])
-    return longest > REST * inside.size and (begins or runs.size < 4 or longest > 2.0 * usual)
+def _at_rest(inside: BoolArray) -> bool:
+    """Whether the level is where the signal rests; noise may leave it for a few samples."""
+    dense = np.convolve(inside, np.ones(9), mode="same") > 5.4
+    return float(np.max(_runs(dense), initial=0.0)) > REST * inside.size
 
 
 def _confirmed(values: FloatArray, inside: BoolArray, valid: BoolArray) -> bool:
@@ -265,7 +204,7 @@ def _leads_past(values: FloatArray, inside: BoolArray) -> bool:
     begins, ends = runs_of_true(inside)
     visits = sorted(zip(begins.tolist(), ends.tolist(), strict=True), key=lambda run: run[0] - run[1])
     past, span = [], float(np.ptp(values))
-    for first, end in visits[:MOST_VISITS]:
+    for first, end in visits[:15]:
         length, stretch = end - first, max(3, (end - first) // 2)
         if first < stretch or end + stretch > values.size:
             continue
@@ -276,13 +215,13 @@ def _leads_past(values: FloatArray, inside: BoolArray) -> bool:
         misfit = float(np.sqrt(np.mean((sides - basis @ amounts) ** 2)))
         # Thrown to the level from far below it is no way for a free signal either.
         beyond = abs(float(amounts[0] - np.median(values[first:end])))
-        past.append(beyond > max(PASSES * float(np.ptp(values[first:end])), misfit, LEAST_CUT * span))
+        past.append(beyond > max(float(np.ptp(values[first:end])), misfit, LEAST_CUT * span))
     return not past or sum(past) > 0.5 * len(past)
 
 
 def _guarded(found: BoolArray) -> BoolArray:
+    """With the samples beside them."""
     wide = found.copy()
-    for shift in range(1, GUARD + 1):
-        wide[shift:] |= found[:-shift]
-        wide[:-shift] |= found[shift:]
+    wide[1:] |= found[:-1]
+    wide[:-1] |= found[1:]
     return wide

@@ -16,18 +16,10 @@ from vibrident.fit.response.transform import median
 REACH = 8
 #: Rows of a fit, at most.
 MOST_ROWS = 4_000
-#: Parts of these whose triangles are made first.
-PARTS = 8
 #: Scaled normal equations with eigenvalues above this are solved to six digits.
 WELL_POSED = 1e-10
-#: Squares left by a fit, as a part of the whole, that are told from products without losing digits that count.
-SMALL = 1e-8
 #: Median of the size of normal errors, in standard deviations.
 MEDIAN = 0.6745
-#: This part of normal errors …
-QUANTILE = 0.98
-#: … is within so many standard deviations.
-DEVIATES = 2.326
 
 
 @dataclass(frozen=True)
@@ -37,7 +29,7 @@ class Interpolation:
     Attributes:
         shape: error around a wild sample of size one, shape (2 reach + 1,).
         constant: what it adds.
-        deviation: of its errors, where it tells the samples well.
+        deviation: of its errors.
     """
 
     shape: FloatArray
@@ -86,12 +78,7 @@ class Rows:
     @functools.cached_property
     def triangle(self) -> FloatArray:
         """R of the QR decomposition of all samples, shape (2 reach + 2, 2 reach + 2); read backwards it is none."""
-        # By parts that stay in the processor's cache, and once more of their triangles.
-        samples = np.ascontiguousarray(self.columns.T)
-        whole = len(samples) // PARTS * PARTS
-        parts = samples[:whole].reshape(PARTS, whole // PARTS, -1)
-        joined = [*np.linalg.qr(parts, mode="r"), samples[whole:]]
-        return np.asarray(np.linalg.qr(np.concatenate(joined), mode="r"))[:, self._order]
+        return np.asarray(np.linalg.qr(self.columns.T, mode="r"))[:, self._order]
 
     @property
     def _order(self) -> slice | NDArray[np.int_]:
@@ -113,22 +100,9 @@ class Rows:
 
     def errors(self, sums: FloatArray, wanted: int, amounts: FloatArray) -> FloatArray:
         """What these amounts leave of the samples ``wanted``, shape (rows,)."""
-        return _left(sums, wanted, amounts)[self._order] @ self.columns
-
-    def deviation(self, sums: FloatArray, wanted: int, amounts: FloatArray) -> float:
-        """Standard deviation of these errors."""
-        left = _left(sums, wanted, amounts)
-        squares, count = float(left @ self.gram @ left), self.gram[-1, -1]
-        if squares > SMALL * self.gram[wanted, wanted]:  # else they are lost in rounding
-            return float(np.sqrt(max(squares / count - float(left @ self.gram[-1] / count) ** 2, 0.0)))
-        return float(np.std(self.errors(sums, wanted, amounts)))
-
-
-def _left(sums: FloatArray, wanted: int, amounts: FloatArray) -> FloatArray:
-    """How each sample counts in what these amounts of the sums leave of the samples ``wanted``."""
-    left = -(amounts @ sums)
-    left[wanted] += 1.0
-    return left
+        left = -(amounts @ sums)
+        left[wanted] += 1.0
+        return left[self._order] @ self.columns
 
 
 #: Order of the rows of a series that is read from its end.
@@ -138,12 +112,8 @@ _BACKWARDS = np.append(np.arange(2 * REACH, -1, -1), 2 * REACH + 1)
 def interpolation(rows: Rows) -> Interpolation:
     """Fitted to these samples."""
     amounts = rows.fitted(_BESIDE, REACH)
-    errors = rows.errors(_BESIDE, REACH, amounts)
-    size = np.abs(errors)
-    place = int(QUANTILE * (size.size - 1))
-    usual = max(float(np.std(errors)), float(np.partition(size, place)[place]) / DEVIATES)
     shape = np.concatenate([-amounts[REACH - 1 :: -1], [1.0], -amounts[:REACH]])
-    return Interpolation(shape, float(amounts[REACH]), usual)
+    return Interpolation(shape, float(amounts[REACH]), float(np.std(rows.errors(_BESIDE, REACH, amounts))))
 
 
 def _pairs() -> FloatArray:

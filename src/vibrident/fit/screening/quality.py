@@ -29,8 +29,6 @@ REACH = 40
 LEAST_WHOLE = 0.05
 #: … and so many samples are.
 FEWEST_WHOLE = 128
-#: Wild samples of both channels that are so many samples apart, or fewer, are one event.
-TOGETHER = 2
 #: Stationary motions; others may end within the record.
 STEADY = ("sine", "multisine", "random")
 #: A tone is significant above this many standard deviations of its amplitude.
@@ -206,7 +204,7 @@ def _wild(channels: Mapping[str, Channel]) -> dict[str, BoolArray]:
     found = {label: channel.wild for label, channel in channels.items()}
     for label, other in zip(found, [*channels.values()][::-1], strict=True):
         if len(found) > 1 and found[label].any():
-            found[label] = found[label] & ~moves(other, found[label], TOGETHER)
+            found[label] = found[label] & ~moves(other, found[label])
     return {label: bad for label, bad in found.items() if bad.any()}
 
 
