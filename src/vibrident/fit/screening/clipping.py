@@ -14,7 +14,7 @@ import numpy as np
 
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.data.records.basis import runs_of_true
-from vibrident.fit.response.rounding import SAME, STEPS_APART, grid_step, smallest_step
+from vibrident.fit.response.rounding import SAME, grid_step, smallest_step
 from vibrident.fit.screening.gaps import CHANCE, REST
 
 #: The first bin holds this many times the second …
@@ -28,6 +28,8 @@ FEWEST = 16
 BINS = 5
 #: Widths of bins: the range over these powers of two.
 WIDTHS = range(4, 13)
+#: The smallest difference of values that occur is at most so many steps.
+MOST_PARTS = 24
 #: A rail under noise is visited so often …
 VISITS = 3
 #: … and this part of the visits to any does not follow the one before it at one distance.
@@ -79,7 +81,7 @@ def _rail(values: FloatArray, valid: BoolArray, top: FloatArray) -> float | None
     if found is not None:
         return found
     below = -top
-    step = grid_step(below, STEPS_APART)
+    step = grid_step(below, MOST_PARTS)
     width = span * 0.5 ** np.array(WIDTHS)
     if step > 0.0:
         width = step * np.ceil(width / step)  # whole steps
@@ -136,7 +138,7 @@ def _ties_by_chance(top: FloatArray, count: float) -> float:
     if below >= top.size:
         return 1.0
     distance = float(top[0] - top[below])
-    return min(1.0, BINS * grid_step(-top[: below + 32], STEPS_APART) / distance) ** (count - 1.0)
+    return min(1.0, BINS * grid_step(-top[: below + 32], MOST_PARTS) / distance) ** (count - 1.0)
 
 
 def _piled(counts: FloatArray) -> bool:
