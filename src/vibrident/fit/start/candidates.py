@@ -21,10 +21,8 @@ from vibrident.physics.models.base import DERIVATIVES
 FREQUENCIES_PER_DECADE, DECADES_OUTSIDE = 24, 1.5
 #: Most points by which the grid is compared.
 MOST_SCORED_POINTS = 80
-#: Cores that are taken from the grid.
-CORES = 6
-#: Combinations of cores with add-ons that go down some steps.
-FIRST = 64
+#: Cores that are taken from the grid, and combinations of them with add-ons that go down some steps.
+CORES, FIRST = 6, 64
 #: Least relative deviation of a point: neither the grid nor the first steps of the search are finer.
 LEAST_DEVIATION = 0.01
 

@@ -35,24 +35,14 @@ from vibrident.physics.models import SensorModel
 MOST_POINTS, MOST_FINAL_POINTS = 200, 800
 #: Combinations of cores with add-ons that go on after some steps, and those that are brought to an end.
 SECOND, LAST = 12, 6
-#: Combinations of the grid that go down the phases without the magnitudes' way.
-BESIDE = 32
-#: Candidates whose delays two modes are fitted with by linear algebra.
-BY_ALGEBRA = 3
 #: Steps of the first stage, of all combinations; of the stages between; and of the last.
 FEW_STEPS, STEPS, LAST_STEPS = 6, 25, 40
 #: Candidates on their way that differ by less in every coordinate are one.
 APART = 0.15
 #: Optima that differ by less in every coordinate are one.
 SAME = 1e-3
-#: A delay is looked for over so many periods of the highest frequency either way.
-PERIODS = 400
-#: Delays tried in each period.
-PER_PERIOD = 8
-#: Delays of each candidate that go on, the best ones.
-DELAYS = 3
-#: Of alignments of the phases that differ by less than this part for each doubling, the shorter delay is likelier.
-LIKELIER = 2e-3
+#: A delay is looked for over so many periods of the highest frequency either way, at so many places in each.
+PERIODS, PER_PERIOD = 400, 8
 #: Optima whose costs differ by less fit alike: then the shorter delay is taken.
 ALIKE = 9.0
 
@@ -177,7 +167,7 @@ def _optima(
     fine = descend(near, coarse.u[rows], sign[rows], magnitudes(some, LEAST_DEVIATION), STEPS)
     _require_use(fine, most * some.frequency_hz.size)
     # Where magnitudes say little, or a zero may lie on either side, they lead astray: the first ones go on beside.
-    kept = np.concatenate([fine.u[fine.best(LAST, APART)], u[:BESIDE]])
+    kept = np.concatenate([fine.u[fine.best(LAST, APART)], u[:32]])
     return _aligned(kept, chart, some, final, problem.longest_delay_s, most)
 
 
@@ -253,7 +243,7 @@ def _with_two_modes(
         return u, sign
     found = [
         chart.place(v)
-        for row in range(min(BY_ALGEBRA, len(u)))
+        for row in range(min(3, len(u)))
         for v in two_modes(sought, chart.model, chart.quantity, chart.named(u, sign, row))
     ]
     places, signs = [p for p, _ in found], [s for _, s in found]
@@ -278,7 +268,8 @@ def _with_sign_and_delay(
     turns = np.tile(np.exp(2j * np.pi / PER_PERIOD * sought.frequency_hz / highest), (len(periods), 1))
     turns[0] = np.exp(2j * np.pi * periods[0] * sought.frequency_hz / highest)
     sums = np.real(np.cumprod(turns, axis=0) @ turn.T)  # (delays, C)
-    preferred = np.abs(sums) * (1.0 - LIKELIER * np.log2(1.0 + np.abs(periods)))[:, None]
+    # Of alignments that differ by less than 0.2 % for each doubling, the shorter delay is likelier.
+    preferred = np.abs(sums) * (1.0 - 2e-3 * np.log2(1.0 + np.abs(periods)))[:, None]
     places, signs = [], []
     for row in range(len(u)):
         for delay in _peaks(preferred[:, row]):
@@ -290,9 +281,9 @@ def _with_sign_and_delay(
 
 
 def _peaks(values: FloatArray) -> list[int]:
-    """The highest of the local maxima."""
+    """The three highest of the local maxima."""
     inner = (values[1:-1] >= values[:-2]) & (values[1:-1] > values[2:])
     peaks = np.flatnonzero(inner) + 1
     if not peaks.size:
         return [int(np.argmax(values))]
-    return peaks[np.argsort(-values[peaks], kind="stable")[:DELAYS]].tolist()
+    return peaks[np.argsort(-values[peaks], kind="stable")[:3]].tolist()
