@@ -46,21 +46,18 @@ class Interpolation:
         return np.maximum(median(windows[places]) / MEDIAN, self.deviation)
 
 
+#: Order of the rows of a series that is read from its end.
+_BACKWARDS = np.append(np.arange(2 * REACH, -1, -1), 2 * REACH + 1)
+
+
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Samples in a row, REACH on either side of those that are predicted, and ones; and their products.
+    """Samples in a row, REACH on either side of those that are predicted, and ones: ``columns``.
 
-    Every prediction is of sums of these, so that one matrix of products serves all.
-
-    Attributes:
-        columns: shape (2 reach + 2, rows), the last are ones.
-        gram: of these, shape (2 reach + 2, 2 reach + 2), in the order in which they are read.
-        backwards: the series is read from its end.
+    Their shape is (2 reach + 2, rows). Every prediction is of sums of these, so that one matrix of products serves all.
     """
 
     columns: FloatArray
-    gram: FloatArray
-    backwards: bool = False
 
     @classmethod
     def of(cls, series: FloatArray, clean: BoolArray) -> Rows:
@@ -69,20 +66,16 @@ class Rows:
         around = np.ones((2 * REACH + 2, len(series[rows])))
         for shift, column in enumerate(around[:-1]):  # each in a row: windows side by side take four times as long
             column[:] = series[shift:][rows]
-        return cls(around, around @ around.T)
+        return cls(around)
 
     def reversed(self) -> Rows:
         """Of the series read from its end."""
-        return Rows(self.columns, self.gram[_BACKWARDS[:, None], _BACKWARDS], backwards=True)
+        return Rows(self.columns[_BACKWARDS])
 
     @functools.cached_property
-    def triangle(self) -> FloatArray:
-        """R of the QR decomposition of all samples, shape (2 reach + 2, 2 reach + 2); read backwards it is none."""
-        return np.asarray(np.linalg.qr(self.columns.T, mode="r"))[:, self._order]
-
-    @property
-    def _order(self) -> slice | NDArray[np.int_]:
-        return _BACKWARDS if self.backwards else slice(None)
+    def gram(self) -> FloatArray:
+        """Products of the columns, shape (2 reach + 2, 2 reach + 2)."""
+        return self.columns @ self.columns.T
 
     def fitted(self, sums: FloatArray, wanted: int) -> FloatArray:
         """Amounts of some sums, shape (n, 2 reach + 2), whose sum is closest to the samples ``wanted``.
@@ -94,19 +87,14 @@ class Rows:
         scaled = gram / np.outer(size, size)
         if np.linalg.eigvalsh(scaled)[0] > WELL_POSED:
             return np.asarray(np.linalg.solve(scaled, moments / size) / size, dtype=float)
-        return np.asarray(
-            np.linalg.lstsq(self.triangle @ sums.T, self.triangle[:, wanted], rcond=1e-12)[0], dtype=float
-        )
+        triangle = np.asarray(np.linalg.qr(self.columns.T, mode="r"))
+        return np.asarray(np.linalg.lstsq(triangle @ sums.T, triangle[:, wanted], rcond=1e-12)[0], dtype=float)
 
     def errors(self, sums: FloatArray, wanted: int, amounts: FloatArray) -> FloatArray:
         """What these amounts leave of the samples ``wanted``, shape (rows,)."""
         left = -(amounts @ sums)
         left[wanted] += 1.0
-        return left[self._order] @ self.columns
-
-
-#: Order of the rows of a series that is read from its end.
-_BACKWARDS = np.append(np.arange(2 * REACH, -1, -1), 2 * REACH + 1)
+        return left @ self.columns
 
 
 def interpolation(rows: Rows) -> Interpolation:
