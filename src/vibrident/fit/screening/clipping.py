@@ -15,31 +15,48 @@ import numpy as np
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.data.records.basis import runs_of_true
 from vibrident.fit.response.rounding import SAME, grid_step, smallest_step
-from vibrident.fit.screening.gaps import CHANCE, REST
 
 #: The first bin holds this many times the second …
 FULLER = 4.0
 #: … and the second at most this many times the mean of the four below it; a parabola's has 1.6 times, a flatter top
 #: more.
 LEVEL = 1.4
-#: Fewest samples in the first bin where they carry noise.
-FEWEST = 16
-#: Bins, or values, below the first that are compared with it.
+#: Fewest samples in the first bin where they are exactly equal.
+FEWEST_EQUAL = 8
+#: Fewest where they carry noise.
+FEWEST_NEAR = 40
+#: Where the values below the first occur once each, so often may equal ones be chance.
+CHANCE = 1e-5
+#: Values below the first that are compared with it.
+BELOW = 8
+#: Bins below the first that are compared with it.
 BINS = 5
 #: Widths of bins: the range over these powers of two.
 WIDTHS = range(4, 13)
+#: A rail is visited so often …
+VISITS = 3
+#: … unless its samples are exactly equal for longer than this.
+LONG = 8
+#: … and this part of its visits does not follow the one before it at one distance.
+EVENLY = 0.9
+#: A level that holds this part of the record in one piece is rest …
+REST = 0.12
+#: … and one that holds this part of it in all.
+MOSTLY = 0.45
+#: A signal whose two levels together hold more than this is square.
+SQUARE = 0.9
+#: Visits of so few samples are doubted in a signal that its neighbours tell well.
+SHORT = 6.0
+#: Neighbours on either side that tell a sample.
+NEIGHBOURS = 3
+#: They tell it well to this part of the signal's standard deviation.
+PREDICTED = 0.1
+#: A rail's samples are told so many times worse than the others.
+STRANGE = 1.6
+#: The samples beside a visit lead past it by this part of the range: less is the flat step of a coarse generator.
+LEAST_CUT = 2.5e-3
 #: The smallest difference of values that occur is at most so many steps.
 MOST_PARTS = 24
-#: A rail under noise is visited so often …
-VISITS = 3
-#: … and this part of the visits to any does not follow the one before it at one distance.
-EVENLY = 0.9
-#: Visits of so few samples are doubted in a signal that its neighbours tell well: so many on either side …
-SHORT, NEIGHBOURS = 6.0, 3
-#: … to this part of its standard deviation; those of a rail are told so many times worse than the others.
-PREDICTED, STRANGE = 0.1, 1.6
-#: Beside a rail the samples lead past it by this part of the range: less is the flat step of a coarse generator.
-LEAST_CUT = 2.5e-3
 
 
 def clipped(values: FloatArray, valid: BoolArray, full_scale: float | None = None) -> tuple[BoolArray, list[float]]:
@@ -58,11 +75,13 @@ def clipped(values: FloatArray, valid: BoolArray, full_scale: float | None = Non
     ordered = np.sort(values[valid])
     tops = (1.0, ordered[::-1]), (-1.0, -ordered)
     rails = [(side, rail) for side, top in tops if (rail := _rail(side * values, valid, top)) is not None]
-    at = [valid & (side * values >= rail) for side, rail in rails]
-    found = np.logical_or.reduce([np.zeros(values.shape, dtype=bool), *at])
-    if np.sum(found) > 0.9 * np.sum(valid):  # a square wave
+    found = np.zeros(values.shape, dtype=bool)
+    for side, rail in rails:
+        found |= valid & (side * values >= rail)
+    if np.sum(found) > SQUARE * np.sum(valid):
         return np.zeros(values.shape, dtype=bool), []
-    return _guarded(found), [float(np.median(values[one])) for one in at]
+    levels = [float(np.median(values[valid & (side * values >= rail)])) for side, rail in rails]
+    return _guarded(found), levels
 
 
 def _beyond(values: FloatArray, full_scale: float, step: float) -> BoolArray:
@@ -90,10 +109,10 @@ def _rail(values: FloatArray, valid: BoolArray, top: FloatArray) -> float | None
     for limit, wide, places in zip(limits.tolist(), width.tolist(), ends, strict=True):
         counts = places.astype(float)
         counts[1:] -= places[:-1]
-        if counts[0] < FEWEST or not _piled(counts) or counts[0] <= FULLER * _fullest_below(top, limit, wide):
+        if not _piled(counts, FEWEST_NEAR) or counts[0] <= FULLER * _fullest_below(top, limit, wide):
             continue
         inside = valid & (values > limit)
-        if _runs(inside).size < VISITS or _in_step(inside) or _at_rest(inside):
+        if _runs(inside).size < VISITS or _in_step(inside) or _at_rest(inside, valid):
             continue
         if _confirmed(values, inside, valid):
             return limit
@@ -109,22 +128,25 @@ def _fullest_below(top: FloatArray, limit: float, width: float) -> float:
 def _of_equal_values(values: FloatArray, valid: BoolArray, top: FloatArray, same: float) -> float | None:
     """The upper rail where its samples are exactly equal."""
     # Where each value begins in the sorted list, from the top.
-    begins = np.concatenate([[0], 1 + np.flatnonzero(top[:-1] - top[1:] > same)])[: BINS + 2]
-    counts = np.diff(begins if begins.size == BINS + 2 else np.append(begins, top.size)).astype(float)
-    if counts.size <= BINS:
+    begins = np.concatenate([[0], 1 + np.flatnonzero(top[:-1] - top[1:] > same)])[: BELOW + 2]
+    counts = np.diff(begins if begins.size == BELOW + 2 else np.append(begins, top.size)).astype(float)
+    if counts.size <= BELOW:
         return None  # with a few levels the motion between them is not known
     most, limit = float(np.max(counts[1:])), float(top[0]) - same
     if counts[0] == most == 1.0:
         return None
     inside = valid & (values >= limit)
-    if _in_step(inside) or _at_rest(inside):
+    if _in_step(inside):
         return None
     if most == 1.0:
-        return limit if _ties_by_chance(top, counts[0]) < CHANCE else None
+        strange = _ties_by_chance(top, counts[0]) < CHANCE
+        return limit if strange and not _at_rest(inside, valid) else None
     gaps = -np.diff(top[begins[: counts.size]])
     if gaps[0] > 1.5 * np.min(gaps) and counts[0] < 2.0 * FULLER * most:
         return None  # synchronous samples, which leave values out
-    if counts[0] <= FULLER * most or not _piled(counts):
+    if counts[0] <= FULLER * most or not _piled(counts, FEWEST_EQUAL):
+        return None
+    if (_runs(inside).size < VISITS and np.max(_runs(inside)) < LONG) or _at_rest(inside, valid):
         return None
     return limit if _confirmed(values, inside, valid) else None
 
@@ -134,18 +156,18 @@ def _ties_by_chance(top: FloatArray, count: float) -> float:
 
     Numbers of few digits have finer steps farther down.
     """
-    below = int(count) + BINS - 1
+    below = int(count) + BELOW - 1
     if below >= top.size:
         return 1.0
     distance = float(top[0] - top[below])
-    return min(1.0, BINS * grid_step(-top[: below + 32], MOST_PARTS) / distance) ** (count - 1.0)
+    return min(1.0, BELOW * grid_step(-top[: below + 32], MOST_PARTS) / distance) ** (count - 1.0)
 
 
-def _piled(counts: FloatArray) -> bool:
-    """Whether the first of some bins from the top is a rail's, beyond three standard deviations of its count."""
-    doubt = 3.0 * np.sqrt(max(float(counts[1]), 1.0))
-    level = LEVEL * float(np.mean(counts[2 : BINS + 1])) + 2.0
-    return bool(counts[0] > FULLER * counts[1] + doubt and counts[1] <= level)
+def _piled(counts: FloatArray, fewest: int) -> bool:
+    """Whether the first of some bins from the top is a rail's."""
+    below = float(counts[2:6].sum()) / counts[2:6].size
+    doubt = 3.0 * np.sqrt(max(float(counts[1]), 1.0)) if counts[0] < 30.0 * fewest else 0.0
+    return bool(counts[0] >= fewest and counts[0] > FULLER * counts[1] + doubt and counts[1] <= LEVEL * below + 2.0)
 
 
 def _runs(flags: BoolArray) -> FloatArray:
@@ -165,10 +187,18 @@ def _in_step(inside: BoolArray) -> bool:
     return float(np.mean(apart == np.median(apart))) > EVENLY
 
 
-def _at_rest(inside: BoolArray) -> bool:
-    """Whether the level is where the signal rests; noise may leave it for a few samples."""
-    dense = np.convolve(inside, np.ones(9), mode="same") > 5.4
-    return float(np.max(_runs(dense), initial=0.0)) > REST * inside.size
+def _at_rest(inside: BoolArray, valid: BoolArray) -> bool:
+    """Whether the level is where the signal rests."""
+    share = float(np.sum(inside)) / float(np.sum(valid))
+    if share > MOSTLY:
+        return True
+    # Noise may leave the level for a few samples.
+    width = 9
+    dense = np.convolve(inside, np.ones(width), mode="same") > 0.6 * width
+    runs = _runs(dense)
+    longest, usual = float(np.max(runs, initial=0.0)), float(np.median(runs)) if runs.size else 0.0
+    begins = bool(dense[width] or dense[-width - 1])
+    return longest > REST * inside.size and (begins or runs.size < 4 or longest > 2.0 * usual)
 
 
 def _confirmed(values: FloatArray, inside: BoolArray, valid: BoolArray) -> bool:

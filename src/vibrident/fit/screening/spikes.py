@@ -75,25 +75,18 @@ class Channel:
         return max(STEPS * converter_step(self.series, self.valid), ROUNDING)
 
     @functools.cached_property
-    def _rows(self) -> Rows:
-        """Of all samples."""
-        return Rows.of(self.series, self.judged)
-
-    @functools.cached_property
-    def rough(self) -> Interpolation:
-        """The interpolation fitted to all samples."""
-        return interpolation(self._rows)
-
-    @functools.cached_property
-    def _rough_errors(self) -> FloatArray:
-        return self.rough.errors(self.series, self.judged)
+    def _rough(self) -> tuple[Rows, Interpolation, FloatArray]:
+        """All samples, the interpolation fitted to them, and its error at each."""
+        rows = Rows.of(self.series, self.judged)
+        fitted = interpolation(rows)
+        return rows, fitted, fitted.errors(self.series, self.judged)
 
     @functools.cached_property
     def alike(self) -> bool:
         """Whether the errors of the interpolation are those of noise or rounding, which spares a closer look."""
-        size = np.abs(self._rough_errors)
-        largest, half = float(np.max(size)), 0.5 * np.count_nonzero(self.judged)
-        return bool(np.count_nonzero(size > MEDIAN / NOISE * largest) > half)  # half of them are above the median
+        size = np.abs(self._rough[2])
+        above = np.count_nonzero(size > MEDIAN / NOISE * float(np.max(size)))  # half of them are above the median
+        return bool(above > 0.5 * np.count_nonzero(self.judged))
 
     @functools.cached_property
     def clean(self) -> BoolArray:
@@ -103,12 +96,12 @@ class Channel:
     @functools.cached_property
     def long(self) -> Interpolation:
         """The interpolation fitted to these."""
-        return self.rough if self.alike else interpolation(Rows.of(self.series, self.clean))
+        return self._rough[1] if self.alike else interpolation(Rows.of(self.series, self.clean))
 
     @functools.cached_property
     def errors(self) -> FloatArray:
         """Error of that interpolation at each sample, shape (samples,); zero where it is not judged."""
-        return self._rough_errors if self.alike else self.long.errors(self.series, self.judged)
+        return self._rough[2] if self.alike else self.long.errors(self.series, self.judged)
 
     @functools.cached_property
     def wild(self) -> BoolArray:
@@ -118,7 +111,7 @@ class Channel:
         series, valid, least = self.series, self.valid, self.least
         sizes = np.zeros(series.shape)
         if self.alike:
-            rows = self._rows
+            rows = self._rough[0]
         else:
             sizes += _in_the_middle(series, self.judged, self.long, least)
             rows = Rows.of(series - sizes, self.clean)
