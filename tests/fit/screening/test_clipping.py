@@ -16,7 +16,7 @@ from vibrident.data.records import Calibration, FloatArray, Record
 from vibrident.fit.screening import screen
 from vibrident.fit.screening.clipping import clipped
 from vibrident.fit.screening.gaps import lost
-from vibrident.fit.screening.spikes import Channel, breaks, wild
+from vibrident.fit.screening.spikes import Channel, breaks
 from vibrident.physics.simulation import SENSORS, simulate
 
 N = 4000
@@ -104,7 +104,11 @@ def test_free_signals_are_left_alone(motion: str, draws: int, rng: np.random.Gen
     found = 0
     for _ in range(draws):
         values = converted(FREE[motion](rng) + rng.choice([0.0, 3.0]), rng)
-        found += bool(clipped(values, ALL)[0].any()) + bool(lost(values, ALL).any()) + bool(wild(values, ALL).any())
+        found += (
+            bool(clipped(values, ALL)[0].any())
+            + bool(lost(values, ALL).any())
+            + bool(Channel.of(values, ALL).wild.any())
+        )
     assert found <= (1 if motion == "sine" else 0)
 
 
@@ -166,7 +170,7 @@ def test_rest_is_no_rail(rng: np.random.Generator) -> None:
             moved += noise * rng.standard_normal(N)
             assert not clipped(moved, ALL)[0].any()
             assert not lost(moved, ALL).any()
-            assert not wild(moved, ALL).any()
+            assert not Channel.of(moved, ALL).wild.any()
 
 
 @pytest.mark.parametrize("steps", [3, 7, 20])
@@ -177,7 +181,7 @@ def test_staircases_and_squares_are_left_alone(steps: int, rng: np.random.Genera
         valid = np.ones(values.size, dtype=bool)
         assert not clipped(values, valid)[0].any()
         assert not lost(values, valid).any()
-        assert not wild(values, valid).any()
+        assert not Channel.of(values, valid).wild.any()
 
 
 def test_full_scale_decides_where_it_is_given(rng: np.random.Generator) -> None:
@@ -226,7 +230,7 @@ def test_single_wild_samples_are_found(motion: str, size: float, share: float, r
         values = free.copy()
         places = rng.choice(N // 40, 4, replace=False) * 40 + 20
         values[places] += size * np.std(free) * rng.choice([-1.0, 1.0], 4)
-        bad = wild(values, ALL)
+        bad = Channel.of(values, ALL).wild
         assert bad.any() or size == 1.0
         assert not np.any(bad & (values == free))
         hit += int(bad[places].sum())
@@ -243,7 +247,7 @@ def test_corners_and_edges_of_a_motion_are_not_wild(draws: int, rng: np.random.G
         struck = np.exp(-since * rng.uniform(1e-3, 0.05)) * np.sin(rng.uniform(0.01, 2.0) * since)
         triangle = np.arcsin(np.sin(rng.uniform(0.01, 0.3) * T))
         for values in (push, struck, triangle):
-            assert not wild(values + noise, ALL).any()
+            assert not Channel.of(values + noise, ALL).wild.any()
 
 
 def test_what_both_channels_show_is_motion(rng: np.random.Generator) -> None:

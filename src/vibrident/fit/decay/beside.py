@@ -66,14 +66,11 @@ def _cut(record: Record, first: int) -> Record:
 def decay_deviations(
     records: Sequence[Record], model: SensorModel, values: Mapping[str, float]
 ) -> tuple[DecayDeviation, ...]:
-    """How far each decay is from a linear model.
-
-    ``records``: any; those that are no decays are passed over; ``values``: of its parameters.
-    """
+    """How far each decay is from a linear model with these parameters; records that are no decays are passed over."""
+    if not model.is_linear or model.core.oscillator is None:
+        return ()
     found = []
-    for record in records:
-        if record.excitation != "decay" or not model.is_linear or model.core.oscillator is None:
-            continue
+    for record in (r for r in records if r.excitation == "decay"):
         own = _own(record)
         stretch = own.stretches[0]
         more = _other_motion(model, values, stretch.time_s)

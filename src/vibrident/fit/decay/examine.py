@@ -22,14 +22,11 @@ from vibrident.fit.decay.noise import WHITE, Noise, autoregression, tones_of
 from vibrident.fit.decay.release import free_stretch, trimmed, without_first
 from vibrident.fit.descent.optimise import Progress, silent
 from vibrident.fit.response.verdict import REJECTION
-from vibrident.fit.screening.drift import significant_rise
+from vibrident.fit.screening.drift import SIGNIFICANT, significant_rise
 
 #: Stretches of time that are compared: at most this many, of at least so many samples.
 MOST_PARTS, FEWEST_SAMPLES = 12, 8
-GONE = 0.3  # the motion has gone where its envelope is below this part of the noise's standard deviation
-ROUNDS = 2  # rounds of noise and fit
-TAIL = 0.6  # if the motion lasts for less than this part of the record, tones are estimated from the remainder
-DRIFTS = 8.0  # a straight line is a nuisance parameter beyond so many standard deviations
+TAIL = 0.6  # if the motion lasts for less than this part of the record, its noise is that of the remainder
 STEPS_OF_MOTION = 6.0  # fewest steps of a coarse recorder in a motion; the rounding of a smaller one follows it
 SHARES = (0.1, 0.25, 0.5)  # parts of a decay where its beginning is compared with its end
 DIFFER = 1e-4  # beginning and end of a decay differ below this probability
@@ -77,9 +74,9 @@ class Decays:
         """Degrees of freedom behind the noise."""
         return float(len(self.fit.residual) - sum(part.spanned.shape[1] for part in self.fit.parts) - 2)
 
-    def about(self) -> list[dict[str, Any]]:
-        """What ``settings["decays"]`` holds, a record each."""
-        return [
+    def as_settings(self) -> dict[str, Any]:
+        """For a result, a record each."""
+        about = [
             {
                 "record": stretch.name,
                 "begins_s": stretch.first / stretch.rate_hz,
@@ -93,9 +90,7 @@ class Decays:
             for stretch, part in zip(self.fit.stretches, parts_of(self.fit), strict=True)
         ]
 
-    def as_settings(self) -> dict[str, Any]:
-        """For a result."""
-        return {"decays": self.about()}
+        return {"decays": about}
 
 
 def examine(records: Sequence[Record], progress: Progress = silent) -> Decays:
@@ -113,16 +108,16 @@ def examine(records: Sequence[Record], progress: Progress = silent) -> Decays:
     return Decays(found, tuple(changes))
 
 
-def verdict(parts: Sequence[Parts], parameters: int = 2) -> tuple[float, int, bool]:
+def verdict(parts: Sequence[Parts]) -> tuple[float, int, bool]:
     """χ² of decays, its degrees of freedom, and whether one linear oscillator explains them."""
-    chi2, degrees = sum(p.chi2 for p in parts), sum(p.degrees for p in parts) - parameters
+    chi2, degrees = sum(p.chi2 for p in parts), sum(p.degrees for p in parts) - 2
     chance = f_tail(degrees, sum(p.freedom for p in parts), chi2 / degrees) if degrees > 0 else 1.0
     return chi2, degrees, chance >= REJECTION
 
 
 def weighed(found: DecayFit) -> DecayFit:
     """One record's fit, with drift if it is significant, weighted by the residual noise of a flexible fit."""
-    for _ in range(ROUNDS):
+    for _ in range(2):
         found = found.again(_weighed(found))
         drifting = _drifting(found)
         found = trimmed(found if drifting is None else drifting)
@@ -131,18 +126,18 @@ def weighed(found: DecayFit) -> DecayFit:
 
 def _weighed(found: DecayFit) -> Stretch:
     """The stretch of a fit with the noise that its flexible residual shows."""
-    stretch, frequency, rest, alive = found.stretches[0], found.values[0], flexible_residual(found), live_s(found)
+    stretch, frequency, rest, alive = found.stretches[0], found.values[0], _flexible_residual(found), _live_s(found)
     known, after = stretch.noise.tones_hz, int(alive * stretch.rate_hz)
     if after < TAIL * rest.size:  # where the motion has gone, any line is a tone
         tones = tones_of(rest[after:], stretch.rate_hz, (0.0, 0.0), known)
     else:
         tones = tones_of(rest, stretch.rate_hz, (max(0.0, frequency - 3.0 / alive), frequency + 3.0 / alive), known)
-    rest = _without_tones(rest, replace(stretch, noise=Noise(WHITE.whitening, tones)))
+    rest = _without_tones(rest, replace(stretch, noise=replace(WHITE, tones_hz=tones)))
     quiet = rest[after:] if after < TAIL * rest.size else rest
     coarse = resolution(stretch.response[stretch.valid]) / np.sqrt(12.0)
     if np.std(quiet) < 1.5 * coarse:  # what a coarse recorder shows of a rest is a constant, not its noise
         shown = _while_larger(found, STEPS_OF_MOTION * np.sqrt(12.0) * coarse)
-        again = replace(shown, noise=Noise(WHITE.whitening, tones))
+        again = replace(shown, noise=replace(WHITE, tones_hz=tones))
         spread = float(np.sqrt(np.mean(rest[: shown.response.size][shown.valid] ** 2)))
         return replace(again, scale=max(coarse, spread))
     noise = Noise(autoregression(quiet), tones)
@@ -174,13 +169,13 @@ def _drifting(found: DecayFit) -> DecayFit | None:
     if stretch.drift:
         return None
     trial = found.again(replace(stretch, drift=True))
-    return trial if found.cost - trial.cost > DRIFTS**2 else None
+    return trial if found.cost - trial.cost > SIGNIFICANT**2 else None
 
 
-def live_s(found: DecayFit, index: int = 0) -> float:
-    """Time from a stretch's beginning until its motion is lost in the noise."""
+def _live_s(found: DecayFit, index: int = 0) -> float:
+    """Time from a stretch's beginning until its motion is below three tenths of the noise's standard deviation."""
     stretch, residual, motion = found.stretches[index], found.parts[index].residual, np.abs(found.free(index))
-    level = float(np.sqrt(np.mean(residual**2))) * stretch.scale * GONE
+    level = float(np.sqrt(np.mean(residual**2))) * stretch.scale * 0.3
     alive = np.flatnonzero(motion > max(level, 1e-6 * float(np.max(motion))))
     last = int(alive[-1]) if alive.size else stretch.response.size - 1
     return (last + 1) / stretch.rate_hz
@@ -188,7 +183,7 @@ def live_s(found: DecayFit, index: int = 0) -> float:
 
 def _edges(found: DecayFit, index: int = 0) -> list[tuple[int, int]]:
     """Parts of the motion: first sample and the one after the last."""
-    stretch, alive = found.stretches[index], live_s(found, index)
+    stretch, alive = found.stretches[index], _live_s(found, index)
     count = int(np.clip(2.0 * alive * found.values[0], 2, MOST_PARTS))
     samples = min(stretch.response.size, int(np.ceil(alive * stretch.rate_hz)))
     count = max(1, min(count, samples // FEWEST_SAMPLES))
@@ -203,14 +198,16 @@ def _pieces(found: DecayFit, index: int = 0) -> FloatArray:
     return np.hstack([np.pad(piece, (rows, (0, 0))) for rows, piece in spans])
 
 
-def flexible_residual(found: DecayFit) -> FloatArray:
+def _flexible_residual(found: DecayFit) -> FloatArray:
     """Residual of a decay with a separate amplitude and phase for every part of the motion, shape (samples,).
 
     It holds almost no misfit of the oscillator, so it shows the noise.
     """
     stretch = found.stretches[0]
-    at = replace(stretch, noise=Noise(WHITE.whitening, stretch.noise.tones_hz), scale=1.0, drift=True)
-    columns = np.concatenate([_pieces(found.of(at)), at.beside()], axis=1)
+    at = replace(stretch, noise=replace(WHITE, tones_hz=stretch.noise.tones_hz), scale=1.0, drift=True)
+    columns = np.concatenate(
+        [_pieces(replace(found, problem=replace(found.problem, stretches=(at,)))), at.beside()], axis=1
+    )
     linear = np.linalg.lstsq(columns[at.valid], at.response[at.valid], rcond=None)[0]
     return np.where(at.valid, at.response - columns @ linear, 0.0)
 
@@ -248,7 +245,7 @@ def change_of(found: DecayFit, together: float = 1.0) -> Change | None:
         together: probability of as much change with the amplitude in several decays, of which this is one.
     """
     stretch, at = found.stretches[0], found.parts[0]
-    alive = int(live_s(found) * stretch.rate_hz)
+    alive = int(_live_s(found) * stretch.rate_hz)
     beside = np.concatenate([free_motion(*found.values, stretch.time_s), stretch.beside()], axis=1)
     slopes = (motion_slopes(*found.values, stretch.time_s) @ at.linear[:2]).T
     tested = []

@@ -33,9 +33,6 @@ from vibrident.physics.models.base import OSCILLATOR as NAMES
 from vibrident.physics.models.base import Derived
 from vibrident.physics.models.cores.accelerometer import ACCELEROMETER
 
-STEP = 1e-5  # step of the central differences in (ln fn, δ): error and rounding are below 1e-9 of the motion
-MOST_GROWTH = 300.0  # exponent of a motion that grows, as a difference about no damping may have it
-LEAST_DAMPING = 1e-6  # a descent begins beside the reflection at no damping
 RANK = 1e-10  # singular values below this part of the largest belong to directions that the samples do not show
 
 
@@ -66,7 +63,7 @@ def free_motion(natural_frequency_hz: float, damping_ratio: float, time_s: Float
     angle = 2.0 * np.pi * natural_frequency_hz * np.asarray(time_s, dtype=float)
     square = damping_ratio**2 - 1.0
     if square < 0.0:
-        envelope = np.exp(np.minimum(-damping_ratio * angle, MOST_GROWTH))
+        envelope = np.exp(np.minimum(-damping_ratio * angle, 300.0))  # a difference about no damping may grow
         turned = np.sqrt(-square) * angle
         return np.stack([envelope * np.cos(turned), envelope * angle * np.sinc(turned / np.pi)], axis=1)
     slow = np.exp(-angle / (damping_ratio + np.sqrt(square)))  # δ − √(δ² − 1) loses its digits
@@ -77,14 +74,12 @@ def free_motion(natural_frequency_hz: float, damping_ratio: float, time_s: Float
 
 def motion_slopes(natural_frequency_hz: float, damping_ratio: float, time_s: FloatArray) -> FloatArray:
     """Derivatives of :func:`free_motion` by (ln fn, δ), shape (2, samples, 2), by central differences."""
-    up, down = np.exp(STEP), np.exp(-STEP)
-    by_frequency = free_motion(natural_frequency_hz * up, damping_ratio, time_s) - free_motion(
-        natural_frequency_hz * down, damping_ratio, time_s
-    )
-    by_damping = free_motion(natural_frequency_hz, damping_ratio + STEP, time_s) - free_motion(
-        natural_frequency_hz, damping_ratio - STEP, time_s
-    )
-    return np.stack([by_frequency, by_damping]) / (2.0 * STEP)
+
+    def at(log_frequency: float, damping: float) -> FloatArray:
+        return free_motion(natural_frequency_hz * np.exp(log_frequency), damping_ratio + damping, time_s)
+
+    step = 1e-5  # error and rounding are below 1e-9 of the motion
+    return np.stack([at(step, 0.0) - at(-step, 0.0), at(0.0, step) - at(0.0, -step)]) / (2.0 * step)
 
 
 @dataclass(frozen=True, eq=False)
@@ -251,10 +246,6 @@ class DecayFit:
         """Other stretches, fitted from here."""
         return fit(stretches, *self.values)
 
-    def of(self, stretch: Stretch) -> DecayFit:
-        """A stretch at these values, nothing fitted but what is linear."""
-        return DecayFit(replace(self.problem, stretches=(stretch,)), self.z)
-
 
 def fit(
     stretches: Sequence[Stretch],
@@ -262,8 +253,8 @@ def fit(
     damping_ratio: float,
     progress: Progress = silent,
 ) -> DecayFit:
-    """The optimum from a start."""
-    problem = DecayProblem.about(stretches, natural_frequency_hz, max(damping_ratio, LEAST_DAMPING))
+    """The optimum from a start, beside the reflection at no damping."""
+    problem = DecayProblem.about(stretches, natural_frequency_hz, max(damping_ratio, 1e-6))
     trace = levenberg_marquardt(problem.normal, problem.coordinates.first, None, progress=progress)
     return DecayFit(problem, trace.last, trace)
 

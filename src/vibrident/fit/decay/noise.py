@@ -15,10 +15,7 @@ from vibrident.base.fft_lengths import fast_length
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.noise.autoregression import yule_walker
 
-MOST_ORDER = 64  # highest order of the autoregression
-ORDER_SHARE = 20  # fewest samples for each order
 TONE_POWER = 20.0  # a tone is above this multiple of the levels around it; false alarms: e^-20 a line
-AROUND_LINES = 64  # lines over which a level is taken
 MOST_TONES = 8  # most tones of a record
 
 
@@ -76,14 +73,13 @@ def tone_columns(tones_hz: tuple[float, ...], time_s: FloatArray) -> FloatArray:
 
 def _tone(residual: FloatArray, rate_hz: float, skip_hz: tuple[float, float]) -> float | None:
     """Frequency of a significant line, refined between the lines; None if no line is significant."""
-    size = fast_length(2 * residual.size)
-    window = np.hanning(residual.size)
-    power = np.abs(np.asarray(fft.rfft(residual * window, size))) ** 2
+    size, width = fast_length(2 * residual.size), 64
+    power = np.abs(np.asarray(fft.rfft(residual * np.hanning(residual.size), size))) ** 2
     step = rate_hz / size
-    if power.size < 4 * AROUND_LINES:
+    if power.size < 4 * width:
         return None
-    coarse = power[: power.size // AROUND_LINES * AROUND_LINES].reshape(-1, AROUND_LINES)
-    middle = (np.arange(len(coarse)) + 0.5) * AROUND_LINES
+    coarse = power[: power.size // width * width].reshape(-1, width)
+    middle = (np.arange(len(coarse)) + 0.5) * width
     level = np.interp(np.arange(power.size), middle, np.median(coarse, axis=1) / np.log(2.0))
     ratio = power / np.maximum(level, np.finfo(float).tiny)
     frequency = np.arange(power.size) * step
@@ -116,7 +112,7 @@ def _refined(residual: FloatArray, tone_hz: float, rate_hz: float) -> float:
 def autoregression(residual: FloatArray) -> FloatArray:
     """Prediction-error filter by the Yule-Walker equations, with the order of least BIC."""
     count = residual.size
-    most = min(MOST_ORDER, count // ORDER_SHARE)
+    most = min(64, count // 20)  # twenty samples for each order
     size = fast_length(2 * count)
     lags = np.asarray(fft.irfft(np.abs(np.asarray(fft.rfft(residual, size))) ** 2, size))[: most + 1] / count
     if lags[0] <= 0.0 or most < 1:

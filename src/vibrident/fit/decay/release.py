@@ -19,18 +19,12 @@ from vibrident.fit.decay.motion import DecayFit, Stretch, fit, free_motion, shor
 SURELY_FREE = 0.7  # the last sample of at least this part of the largest deviation lies after the release
 #: Damping ratios tried at every frequency.
 DAMPING_GRID = (3e-4, 1e-3, 3e-3, 0.01, 0.03, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0, 1.5, 2.5, 4.0, 8.0)
-PEAKS = 5  # peaks of the spectrum that are tried
-FREQUENCIES = 40  # frequencies tried beside the peaks
 MOST_POINTS = 3000  # most samples of a trial
-TRIED = 3  # best trials that are fitted
 LARGER = 3.0  # a window is no free motion where its residual exceeds that of the windows after the release by so much
 FEWEST = 16  # fewest samples of a window
 ABRUPT = 0.08  # a release is abrupt: a residual below this part of the motion may be the sensor's own bend
-ONE_PIECE = 2.0  # significant ratio of the rms of a part of the residual to that of the remainder
-ALIEN = 0.01  # a few first samples are not of the motion below this probability: leaving them out costs little
-SOON = 2  # so many are a few
+ALIEN = 0.01  # one or two first samples are not of the motion below this probability: leaving them out costs little
 ALIEN_LATER = 5e-4  # the probability where more are left out
-TRIALS = 8  # numbers of first samples that are tried
 
 
 def free_stretch(record: Record) -> DecayFit:
@@ -72,7 +66,7 @@ def _as_good(sooner: DecayFit, later: DecayFit) -> bool:
         return False
     width = max(FEWEST, ahead // 8)
     pieces = (residual[k : k + width] for k in range(0, max(ahead, 1), width))
-    return max(map(_swing, pieces)) < ONE_PIECE * level
+    return max(map(_swing, pieces)) < 2.0 * level
 
 
 def started(stretch: Stretch, scale: float | None = None) -> DecayFit:
@@ -95,7 +89,7 @@ def started(stretch: Stretch, scale: float | None = None) -> DecayFit:
     for candidate in costs:
         if all(abs(np.log(candidate[1] / b[1])) > 0.1 or abs(np.log(candidate[2] / b[2])) > 1.5 for b in best):
             best.append(candidate)
-        if len(best) == TRIED:
+        if len(best) == 3:
             break
     left = np.sqrt(max(costs[0][0], np.finfo(float).eps) * total / time.size)
     weighed = replace(stretch, scale=scale or float(left))
@@ -111,14 +105,14 @@ def _points(samples: int) -> np.ndarray:
 
 
 def _frequencies(stretch: Stretch) -> FloatArray:
-    """Peaks of the spectrum, and a grid over all frequencies."""
+    """The highest peaks of the spectrum, and a grid over all frequencies."""
     values = stretch.response - stretch.response[-max(8, stretch.response.size // 10) :].mean()
     size = fast_length(4 * values.size)
     power = np.abs(np.asarray(fft.rfft(values, size)))
     tops = np.flatnonzero((power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:])) + 1
-    tops = tops[np.argsort(power[tops])[::-1][:PEAKS]]
+    tops = tops[np.argsort(power[tops])[::-1][:5]]
     low, high = 0.2 * stretch.rate_hz / values.size, 0.48 * stretch.rate_hz
-    return np.concatenate([tops * stretch.rate_hz / size, np.geomspace(low, high, FREQUENCIES)])
+    return np.concatenate([tops * stretch.rate_hz / size, np.geomspace(low, high, 40)])
 
 
 def _extended(whole: Stretch, found: DecayFit, safe: int) -> int:
@@ -172,10 +166,10 @@ def without_first(found: DecayFit) -> DecayFit:
 
 def _without_alien(found: DecayFit, most: int) -> DecayFit | None:
     """The fit without the fewest first samples that do not belong to it; None where all do."""
-    for count in np.unique(np.geomspace(1, most, TRIALS).astype(int)):
+    for count in np.unique(np.geomspace(1, most, 8).astype(int)):
         trial = found.again(shortened(found.stretches[0], int(count)))
         rows = len(found.residual) - len(trial.residual)
-        rare = ALIEN if count <= SOON else ALIEN_LATER
+        rare = ALIEN if count <= 2 else ALIEN_LATER
         if rows > 0 and chi2_tail(rows, max(found.cost - trial.cost, 0.0)) < rare:
             return trial
     return None

@@ -11,7 +11,6 @@ scale.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.data.records.basis import runs_of_true
@@ -54,20 +53,10 @@ NEIGHBOURS = 3
 PREDICTED = 0.1
 #: A rail's samples are told so many times worse than the others.
 STRANGE = 1.6
-#: Visits looked at.
-MOST_VISITS = 15
-#: The samples beside a visit lead past it by so many spreads of its samples …
-PASSES = 1.0
-#: … and by this part of the signal's range: less is the flat step of a coarse generator.
+#: The samples beside a visit lead past it by this part of the range: less is the flat step of a coarse generator.
 LEAST_CUT = 2.5e-3
 #: The smallest difference of values that occur is at most so many steps.
 MOST_PARTS = 24
-#: Values at the top by which the steps there are told.
-SOME = 32
-#: Samples from the top among which the first values are looked for.
-HEAD = 256
-#: Samples left out beside a clipped one.
-GUARD = 1
 
 
 def clipped(values: FloatArray, valid: BoolArray, full_scale: float | None = None) -> tuple[BoolArray, list[float]]:
@@ -123,12 +112,9 @@ def _rail(values: FloatArray, valid: BoolArray, top: FloatArray) -> float | None
         if not _piled(counts, FEWEST_NEAR) or counts[0] <= FULLER * _fullest_below(top, limit, wide):
             continue
         inside = valid & (values > limit)
-        if (
-            _visits(inside) >= VISITS
-            and not _in_step(inside)
-            and not _at_rest(inside, valid)
-            and _confirmed(values, inside, valid)
-        ):
+        if _runs(inside).size < VISITS or _in_step(inside) or _at_rest(inside, valid):
+            continue
+        if _confirmed(values, inside, valid):
             return limit
     return None
 
@@ -141,10 +127,9 @@ def _fullest_below(top: FloatArray, limit: float, width: float) -> float:
 
 def _of_equal_values(values: FloatArray, valid: BoolArray, top: FloatArray, same: float) -> float | None:
     """The upper rail where its samples are exactly equal."""
-    # The values from the top: where each begins in the sorted list, until enough are seen.
-    begins = _begins(top[:HEAD], same)
-    begins = begins if begins.size == BELOW + 2 else _begins(top, same)
-    counts = np.diff(np.append(begins, top.size) if begins.size < BELOW + 2 else begins).astype(float)
+    # Where each value begins in the sorted list, from the top.
+    begins = np.concatenate([[0], 1 + np.flatnonzero(top[:-1] - top[1:] > same)])[: BELOW + 2]
+    counts = np.diff(begins if begins.size == BELOW + 2 else np.append(begins, top.size)).astype(float)
     if counts.size <= BELOW:
         return None  # with a few levels the motion between them is not known
     most, limit = float(np.max(counts[1:])), float(top[0]) - same
@@ -161,14 +146,9 @@ def _of_equal_values(values: FloatArray, valid: BoolArray, top: FloatArray, same
         return None  # synchronous samples, which leave values out
     if counts[0] <= FULLER * most or not _piled(counts, FEWEST_EQUAL):
         return None
-    if (_visits(inside) < VISITS and _longest(inside) < LONG) or _at_rest(inside, valid):
+    if (_runs(inside).size < VISITS and np.max(_runs(inside)) < LONG) or _at_rest(inside, valid):
         return None
     return limit if _confirmed(values, inside, valid) else None
-
-
-def _begins(top: FloatArray, same: float) -> NDArray[np.int_]:
-    """Where each of the first values begins, which fall."""
-    return np.concatenate([[0], 1 + np.flatnonzero(top[:-1] - top[1:] > same)])[: BELOW + 2]
 
 
 def _ties_by_chance(top: FloatArray, count: float) -> float:
@@ -180,7 +160,7 @@ def _ties_by_chance(top: FloatArray, count: float) -> float:
     if below >= top.size:
         return 1.0
     distance = float(top[0] - top[below])
-    return min(1.0, BELOW * grid_step(-top[: below + SOME], MOST_PARTS) / distance) ** (count - 1.0)
+    return min(1.0, BELOW * grid_step(-top[: below + 32], MOST_PARTS) / distance) ** (count - 1.0)
 
 
 def _piled(counts: FloatArray, fewest: int) -> bool:
@@ -193,14 +173,6 @@ def _piled(counts: FloatArray, fewest: int) -> bool:
 def _runs(flags: BoolArray) -> FloatArray:
     begins, ends = runs_of_true(flags)
     return (ends - begins).astype(float)
-
-
-def _visits(inside: BoolArray) -> int:
-    return _runs(inside).size
-
-
-def _longest(inside: BoolArray) -> float:
-    return float(np.max(_runs(inside), initial=0.0))
 
 
 def _in_step(inside: BoolArray) -> bool:
@@ -223,9 +195,8 @@ def _at_rest(inside: BoolArray, valid: BoolArray) -> bool:
     # Noise may leave the level for a few samples.
     width = 9
     dense = np.convolve(inside, np.ones(width), mode="same") > 0.6 * width
-    longest = _longest(dense)
-    runs = np.sort(_runs(dense))
-    usual = float(np.median(runs)) if runs.size else 0.0
+    runs = _runs(dense)
+    longest, usual = float(np.max(runs, initial=0.0)), float(np.median(runs)) if runs.size else 0.0
     begins = bool(dense[width] or dense[-width - 1])
     return longest > REST * inside.size and (begins or runs.size < 4 or longest > 2.0 * usual)
 
@@ -265,7 +236,7 @@ def _leads_past(values: FloatArray, inside: BoolArray) -> bool:
     begins, ends = runs_of_true(inside)
     visits = sorted(zip(begins.tolist(), ends.tolist(), strict=True), key=lambda run: run[0] - run[1])
     past, span = [], float(np.ptp(values))
-    for first, end in visits[:MOST_VISITS]:
+    for first, end in visits[:15]:
         length, stretch = end - first, max(3, (end - first) // 2)
         if first < stretch or end + stretch > values.size:
             continue
@@ -276,13 +247,13 @@ def _leads_past(values: FloatArray, inside: BoolArray) -> bool:
         misfit = float(np.sqrt(np.mean((sides - basis @ amounts) ** 2)))
         # Thrown to the level from far below it is no way for a free signal either.
         beyond = abs(float(amounts[0] - np.median(values[first:end])))
-        past.append(beyond > max(PASSES * float(np.ptp(values[first:end])), misfit, LEAST_CUT * span))
+        past.append(beyond > max(float(np.ptp(values[first:end])), misfit, LEAST_CUT * span))
     return not past or sum(past) > 0.5 * len(past)
 
 
 def _guarded(found: BoolArray) -> BoolArray:
+    """With the samples beside them."""
     wide = found.copy()
-    for shift in range(1, GUARD + 1):
-        wide[shift:] |= found[:-shift]
-        wide[:-shift] |= found[shift:]
+    wide[1:] |= found[:-1]
+    wide[:-1] |= found[1:]
     return wide

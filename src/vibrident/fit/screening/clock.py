@@ -15,27 +15,22 @@ from vibrident.fit.screening.quality import FEWEST_PERIODS, Finding
 #: Tones in one ratio to what is stated, that far from one; a single record may have been given a rough frequency_hz.
 #: Nominal frequencies (ISO 266) are up to 0.9 % off the exact ones.
 LEAST_RATIO, LEAST_OF_ONE = 0.015, 0.05
-#: Ratios of several records are the same where they differ by less than this part of their distance from one.
-ALIKE = 0.1
 #: How well a tone is located, in lines of the record's spectrum.
-_LINES = 0.02
+LINES = 0.02
 #: A tone found without help is the record's tone where so little of the power is anything else.
-_MOST_OTHER = 0.3
-#: A tone of this part of the largest one's amplitude is the record's own, where it is said to be; harmonics are less.
-_HEARD = 0.05
-#: Records named in a message.
-_NAMED = 3
+MOST_OTHER = 0.3
 
 
 def judge_clocks(records: Sequence[Record]) -> tuple[tuple[Record, ...], tuple[Finding, ...]]:
     """Say where the sampling rate is contradicted; a start value that the tones contradict is no longer used."""
-    findings = [*_by_times(records)]
-    ratio = _common_ratio(records)
+    findings = _by_times(records)
+    stated = [r for r in records if r.excitation == "sine" and r.frequency_hz is not None and r.reference is not None]
+    ratio = _common_ratio(stated)
     if ratio is None:
         return tuple(records), tuple(findings)
     text = (
-        f"In {_named([r for r in records if r.excitation == 'sine' and r.frequency_hz is not None])} the tone lies at "
-        f"{ratio:.6g} times the stated frequency_hz: the sampling rate, or frequency_hz, is wrong by that factor."
+        f"In {_named(stated)} the tone lies at {ratio:.6g} times the stated frequency_hz: the sampling rate, or "
+        "frequency_hz, is wrong by that factor."
     )
     kept = tuple(dataclasses.replace(r, frequency_hz=None) if r.excitation == "sine" else r for r in records)
     return kept, (*findings, Finding("clock_suspect", text))
@@ -59,30 +54,30 @@ def _by_times(records: Sequence[Record]) -> list[Finding]:
 
 
 def _common_ratio(records: Sequence[Record]) -> float | None:
-    """The ratio of found to stated frequency that all sine records share; None if it is one or not shared."""
+    """The ratio of found to stated frequency that all these sine records share; None if it is one or not shared."""
     ratios, allowed = [], []
     for record in records:
-        if record.excitation == "sine" and record.frequency_hz is not None and record.reference is not None:
-            found = _tone(record)
-            if found is None:
-                return None
-            ratios.append(found / record.frequency_hz)
-            allowed.append(_LINES / (record.duration_s * record.frequency_hz))
+        assert record.frequency_hz is not None
+        found = _tone(record, record.frequency_hz)
+        if found is None:
+            return None
+        ratios.append(found / record.frequency_hz)
+        allowed.append(LINES / (record.duration_s * record.frequency_hz))
     if not ratios:
         return None
-    ratio, doubt = float(median(np.array(ratios))), float(max(allowed))
+    ratio, doubt = float(median(np.array(ratios))), max(allowed)
     off = abs(ratio - 1.0)
-    if off < max(LEAST_RATIO if len(set(_stated(records))) > 1 else LEAST_OF_ONE, 3 * doubt):
+    if off < max(LEAST_RATIO if len({r.frequency_hz for r in records}) > 1 else LEAST_OF_ONE, 3 * doubt):
         return None
-    return ratio if float(np.max(np.abs(np.array(ratios) - ratio))) <= ALIKE * off + doubt else None
+    # They are the same where they differ by less than a tenth of their distance from one.
+    return ratio if float(np.max(np.abs(np.array(ratios) - ratio))) <= 0.1 * off + doubt else None
 
 
-def _tone(record: Record) -> float | None:
+def _tone(record: Record, stated_hz: float) -> float | None:
     """Frequency of the tone that most of the reference's power belongs to, Hz.
 
     None where there is no such tone, or where it is another's (hum) and the record's own is heard where it should be.
     """
-    assert record.frequency_hz is not None
     mask, rate = record.mask, record.sampling_rate_hz
     motion = _without_trend(np.asarray(record.reference), mask)
     start = spectral_peak(motion, mask, rate, None)
@@ -90,11 +85,11 @@ def _tone(record: Record) -> float | None:
         return None
     found = tone_frequency(record, start) if start < rate / 2 else start
     amplitude, rest = _without_tone(motion, mask, rate, found)
-    if np.sum(rest**2) > _MOST_OTHER * np.sum(motion**2):
+    if np.sum(rest**2) > MOST_OTHER * np.sum(motion**2):
         return None
-    if abs(found / record.frequency_hz - 1.0) > LEAST_RATIO:
-        near = spectral_peak(rest, mask, rate, record.frequency_hz)
-        if _without_tone(rest, mask, rate, near)[0] > _HEARD * amplitude:
+    if abs(found / stated_hz - 1.0) > LEAST_RATIO:
+        near = spectral_peak(rest, mask, rate, stated_hz)
+        if _without_tone(rest, mask, rate, near)[0] > 0.05 * amplitude:  # harmonics are less
             return None
     return found
 
@@ -115,10 +110,7 @@ def _without_tone(motion: FloatArray, mask: BoolArray, rate_hz: float, frequency
     return float(np.hypot(*parts)), motion - parts @ waves
 
 
-def _stated(records: Sequence[Record]) -> list[float]:
-    return [r.frequency_hz for r in records if r.excitation == "sine" and r.frequency_hz is not None]
-
-
 def _named(records: Sequence[Record]) -> str:
-    names = ", ".join(record.name for record in records[:_NAMED])
-    return names + (f" and {len(records) - _NAMED} more" if len(records) > _NAMED else "")
+    """The first three by name."""
+    names = ", ".join(record.name for record in records[:3])
+    return names + (f" and {len(records) - 3} more" if len(records) > 3 else "")

@@ -11,11 +11,11 @@ import numpy as np
 
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.data.records.basis import distinct, runs_of_true
-from vibrident.fit.response.rounding import SAME, converter_step
+from vibrident.fit.response.rounding import SAME, converter_step, smallest_step
 
 #: Equal samples in a row that are looked at.
 FEWEST = 3
-#: How often chance may make a run, in a record.
+#: How often chance may make a finding, in a record.
 CHANCE = 1e-4
 #: Samples on either side that tell how the channel changes.
 AROUND = 30
@@ -23,10 +23,8 @@ AROUND = 30
 JUMP = 4.0
 #: … which this part of the changes exceed.
 OTHERS = 0.02
-#: A longer run than this part of the record is rest.
+#: A longer stay at one level than this part of the record is rest.
 REST = 0.25
-#: Samples left out beside a stretch.
-GUARD = 1
 
 
 def lost(values: FloatArray, valid: BoolArray) -> BoolArray:
@@ -48,19 +46,14 @@ def lost(values: FloatArray, valid: BoolArray) -> BoolArray:
     rest = _levels_of_rest(values, begins, ends)
     candidate = long & (lengths <= REST * values.size) & (begins > 0) & (ends < values.size - 1)
     candidate &= ~np.isin(values[begins], rest)
-    step = _step(values)
+    step = smallest_step(values)
     jumps = _leaves_by_jump(values, begins, ends)
     for index in np.flatnonzero(candidate):
         chance = _chance_of_equal(values, int(begins[index]), int(ends[index]), step)
         candidate[index] = jumps[index] or values.size * chance ** (lengths[index] - 1.0) < CHANCE
     for first, last in zip(begins[candidate], ends[candidate], strict=True):
-        found[max(first - GUARD + 1, 0) : last + GUARD] = True
+        found[first : last + 1] = True
     return found
-
-
-def _step(values: FloatArray) -> float:
-    """Smallest difference of values that occur."""
-    return float(np.min(np.diff(distinct(values)), initial=np.inf))
 
 
 def _chance_of_equal(values: FloatArray, first: int, last: int, step: float) -> float:

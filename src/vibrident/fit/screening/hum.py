@@ -31,8 +31,6 @@ AROUND = 40
 NEAREST = 4
 #: So many lines from a line of the motion it is another.
 APART = 0.4
-#: A sensor adds harmonics of a sine up to this order; they are no hum.
-HIGHEST_HARMONIC = 20
 #: Tones that differ by less than so many lines are one: within a resonance no record tells its place better.
 SAME = 2.0
 #: A tone is a harmonic's fundamental where it is nearer than so many times what it differs by among the records.
@@ -43,10 +41,6 @@ MOST_TONES = 6
 REMAINS = 0.01
 #: Fewest samples.
 SHORTEST = 256
-#: A nuisance tone of slowly changing size and phase stands for all tones within so many lines.
-STANDS_FOR = 0.5
-#: Rounds in which all frequencies are refined.
-ROUNDS = 3
 
 Tones = tuple[tuple[float, ...], ...]
 
@@ -82,9 +76,9 @@ def _apart(hz: float, tones: Sequence[float], least: float) -> bool:
 
 
 def lacking(wanted: Tones, known: Sequence[Sequence[float]], records: Sequence[Record]) -> bool:
-    """Whether a record lacks a tone of its hum among those known."""
+    """Whether a record lacks a tone of its hum among those known: a nuisance tone stands for all within half a line."""
     return any(
-        all(abs(hz - other) * record.duration_s > STANDS_FOR for other in own)
+        all(abs(hz - other) * record.duration_s > 0.5 for other in own)
         for tones, own, record in zip(wanted, known, records, strict=True)
         for hz in tones
     )
@@ -99,15 +93,9 @@ class _Tone:
     weight: float
 
 
-def _expected(record: Record, predicted: FloatArray) -> FloatArray:
-    """The prediction; of a sine that the model's network does not reach, its own sine."""
+def _seen(index: int, record: Record, predicted: FloatArray) -> list[_Tone]:
     if record.excitation == "sine" and not np.any(np.isfinite(predicted)):
-        return own_sine(record)
-    return predicted
-
-
-def _seen(index: int, record: Record, given: FloatArray) -> list[_Tone]:
-    predicted = _expected(record, given)
+        predicted = own_sine(record)  # the model's network does not reach it
     used = record.mask & np.isfinite(predicted)
     if record.reference is None or used.sum() < SHORTEST:
         return []
@@ -125,12 +113,11 @@ def _seen(index: int, record: Record, given: FloatArray) -> list[_Tone]:
 def _together(seen: Sequence[_Tone], records: Sequence[Record]) -> tuple[list[tuple[float, float]], list[_Tone]]:
     """Frequencies of tones that two records have, and how far these are from each other, Hz; and the other tones."""
     left, alone = sorted(seen, key=lambda tone: -tone.weight), list[_Tone]()
+    span = [record.duration_s for record in records]
     found: list[tuple[float, float]] = []
     while left:
-        first = left[0]
-        near = [
-            tone for tone in left if abs(tone.hz - first.hz) * min(_span(tone, records), _span(first, records)) < SAME
-        ]
+        hz, longest = left[0].hz, span[left[0].record]
+        near = [tone for tone in left if abs(tone.hz - hz) * min(span[tone.record], longest) < SAME]
         left = [tone for tone in left if tone not in near]
         if len({tone.record for tone in near}) > 1:
             found.append(_middle(near))
@@ -168,10 +155,6 @@ def _fundamentals(common: Sequence[float], single: Sequence[float], records: Seq
     return found
 
 
-def _span(tone: _Tone, records: Sequence[Record]) -> float:
-    return records[tone.record].duration_s
-
-
 def _power(signal: FloatArray) -> FloatArray:
     """Power of the lines under Hann's window, shape (samples // 2 + 1,)."""
     return power_of(np.asarray(fft.rfft(signal * hann(signal.size))))
@@ -200,7 +183,7 @@ def _tones(
         if near.any():
             return list(zip(places.tolist(), strengths, strict=True))
         places, strengths, sizes = np.append(places, place), [*strengths, _above(power, round(place))], [*sizes, size]
-        for _ in range(ROUNDS):
+        for _ in range(3):
             cosine, sine, late_cosine, late_sine = np.split(_amounts(places, used, residual, 4), 4)
             # a cos φ + b sin φ of a tone whose place is off by d lines changes with time as 2π d (b cos φ − a sin φ).
             squares = np.maximum(cosine**2 + sine**2, np.finfo(float).tiny)
@@ -241,8 +224,8 @@ def _strongest(peaks: Sequence[int], power: FloatArray, moving: FloatArray, *, h
 
 
 def _harmonic(place: float, own: float, half: int) -> bool:
-    """Whether a place is that of a harmonic of the motion's one line, mirrored at half the sampling rate."""
-    order = np.arange(2, HIGHEST_HARMONIC + 1) * own
+    """Whether a place is that of one of twenty harmonics of the motion's line, mirrored at half the sampling rate."""
+    order = np.arange(2, 21) * own
     folded = np.abs((order + half) % (2 * half) - half)
     return bool(np.any(np.abs(folded - place) < 1.0))
 

@@ -16,18 +16,10 @@ from vibrident.fit.response.transform import median
 REACH = 8
 #: Rows of a fit, at most.
 MOST_ROWS = 4_000
-#: Parts of these whose triangles are made first.
-PARTS = 8
 #: Scaled normal equations with eigenvalues above this are solved to six digits.
 WELL_POSED = 1e-10
-#: Squares left by a fit, as a part of the whole, that are told from products without losing digits that count.
-SMALL = 1e-8
 #: Median of the size of normal errors, in standard deviations.
 MEDIAN = 0.6745
-#: This part of normal errors …
-QUANTILE = 0.98
-#: … is within so many standard deviations.
-DEVIATES = 2.326
 
 
 @dataclass(frozen=True)
@@ -37,7 +29,7 @@ class Interpolation:
     Attributes:
         shape: error around a wild sample of size one, shape (2 reach + 1,).
         constant: what it adds.
-        deviation: of its errors, where it tells the samples well.
+        deviation: of its errors.
     """
 
     shape: FloatArray
@@ -54,21 +46,18 @@ class Interpolation:
         return np.maximum(median(windows[places]) / MEDIAN, self.deviation)
 
 
+#: Order of the rows of a series that is read from its end.
+_BACKWARDS = np.append(np.arange(2 * REACH, -1, -1), 2 * REACH + 1)
+
+
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Samples in a row, REACH on either side of those that are predicted, and ones; and their products.
+    """Samples in a row, REACH on either side of those that are predicted, and ones: ``columns``.
 
-    Every prediction is of sums of these, so that one matrix of products serves all.
-
-    Attributes:
-        columns: shape (2 reach + 2, rows), the last are ones.
-        gram: of these, shape (2 reach + 2, 2 reach + 2), in the order in which they are read.
-        backwards: the series is read from its end.
+    Their shape is (2 reach + 2, rows). Every prediction is of sums of these, so that one matrix of products serves all.
     """
 
     columns: FloatArray
-    gram: FloatArray
-    backwards: bool = False
 
     @classmethod
     def of(cls, series: FloatArray, clean: BoolArray) -> Rows:
@@ -77,25 +66,16 @@ class Rows:
         around = np.ones((2 * REACH + 2, len(series[rows])))
         for shift, column in enumerate(around[:-1]):  # each in a row: windows side by side take four times as long
             column[:] = series[shift:][rows]
-        return cls(around, around @ around.T)
+        return cls(around)
 
     def reversed(self) -> Rows:
         """Of the series read from its end."""
-        return Rows(self.columns, self.gram[_BACKWARDS[:, None], _BACKWARDS], backwards=True)
+        return Rows(self.columns[_BACKWARDS])
 
     @functools.cached_property
-    def triangle(self) -> FloatArray:
-        """R of the QR decomposition of all samples, shape (2 reach + 2, 2 reach + 2); read backwards it is none."""
-        # By parts that stay in the processor's cache, and once more of their triangles.
-        samples = np.ascontiguousarray(self.columns.T)
-        whole = len(samples) // PARTS * PARTS
-        parts = samples[:whole].reshape(PARTS, whole // PARTS, -1)
-        joined = [*np.linalg.qr(parts, mode="r"), samples[whole:]]
-        return np.asarray(np.linalg.qr(np.concatenate(joined), mode="r"))[:, self._order]
-
-    @property
-    def _order(self) -> slice | NDArray[np.int_]:
-        return _BACKWARDS if self.backwards else slice(None)
+    def gram(self) -> FloatArray:
+        """Products of the columns, shape (2 reach + 2, 2 reach + 2)."""
+        return self.columns @ self.columns.T
 
     def fitted(self, sums: FloatArray, wanted: int) -> FloatArray:
         """Amounts of some sums, shape (n, 2 reach + 2), whose sum is closest to the samples ``wanted``.
@@ -107,41 +87,25 @@ class Rows:
         scaled = gram / np.outer(size, size)
         if np.linalg.eigvalsh(scaled)[0] > WELL_POSED:
             return np.asarray(np.linalg.solve(scaled, moments / size) / size, dtype=float)
-        return np.asarray(
-            np.linalg.lstsq(self.triangle @ sums.T, self.triangle[:, wanted], rcond=1e-12)[0], dtype=float
-        )
+        samples = self.columns.T
+        whole = len(samples) // 8 * 8  # by parts that stay in the processor's cache, and once more of their triangles
+        parts = [*np.linalg.qr(samples[:whole].reshape(8, whole // 8, -1), mode="r"), samples[whole:]]
+        triangle = np.asarray(np.linalg.qr(np.concatenate(parts), mode="r"))
+        return np.asarray(np.linalg.lstsq(triangle @ sums.T, triangle[:, wanted], rcond=1e-12)[0], dtype=float)
 
     def errors(self, sums: FloatArray, wanted: int, amounts: FloatArray) -> FloatArray:
         """What these amounts leave of the samples ``wanted``, shape (rows,)."""
-        return _left(sums, wanted, amounts)[self._order] @ self.columns
-
-    def deviation(self, sums: FloatArray, wanted: int, amounts: FloatArray) -> float:
-        """Standard deviation of these errors."""
-        left = _left(sums, wanted, amounts)
-        squares, count = float(left @ self.gram @ left), self.gram[-1, -1]
-        if squares > SMALL * self.gram[wanted, wanted]:  # else they are lost in rounding
-            return float(np.sqrt(max(squares / count - float(left @ self.gram[-1] / count) ** 2, 0.0)))
-        return float(np.std(self.errors(sums, wanted, amounts)))
-
-
-def _left(sums: FloatArray, wanted: int, amounts: FloatArray) -> FloatArray:
-    """How each sample counts in what these amounts of the sums leave of the samples ``wanted``."""
-    left = -(amounts @ sums)
-    left[wanted] += 1.0
-    return left
-
-
-#: Order of the rows of a series that is read from its end.
-_BACKWARDS = np.append(np.arange(2 * REACH, -1, -1), 2 * REACH + 1)
+        left = -(amounts @ sums)
+        left[wanted] += 1.0
+        return left @ self.columns
 
 
 def interpolation(rows: Rows) -> Interpolation:
     """Fitted to these samples."""
     amounts = rows.fitted(_BESIDE, REACH)
     errors = rows.errors(_BESIDE, REACH, amounts)
-    size = np.abs(errors)
-    place = int(QUANTILE * (size.size - 1))
-    usual = max(float(np.std(errors)), float(np.partition(size, place)[place]) / DEVIATES)
+    place = int(0.98 * (errors.size - 1))  # so many normal errors are within 2.326 standard deviations
+    usual = max(float(np.std(errors)), float(np.partition(np.abs(errors), place)[place]) / 2.326)
     shape = np.concatenate([-amounts[REACH - 1 :: -1], [1.0], -amounts[:REACH]])
     return Interpolation(shape, float(amounts[REACH]), usual)
 

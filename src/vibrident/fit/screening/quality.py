@@ -29,8 +29,6 @@ REACH = 40
 LEAST_WHOLE = 0.05
 #: … and so many samples are.
 FEWEST_WHOLE = 128
-#: Wild samples of both channels that are so many samples apart, or fewer, are one event.
-TOGETHER = 2
 #: Stationary motions; others may end within the record.
 STEADY = ("sine", "multisine", "random")
 #: A tone is significant above this many standard deviations of its amplitude.
@@ -119,30 +117,28 @@ def _without_spoilt(record: Record, units: Mapping[str, str]) -> tuple[Record, l
         bad, rails = clipped(values, record.mask, full_scale)
         if bad.any():
             levels = " and ".join(amount(level, units.get(label, "1"), 6) for level in rails)
-            text = f"{record.name}: the {label} channel is clipped at {levels}; {_left_out(bad, record)}"
-            findings.append(Finding("clipped", text))
-            record = _without(record, label, bad, f"{label} clipped at {levels}")
+            said = f"the {label} channel is clipped at {levels}"
+            record, finding = _without(record, label, bad, "clipped", said, f"{label} clipped at {levels}")
+            findings.append(finding)
         bad = lost(values, record.mask)
         if bad.any():
             stretches = int(np.sum(np.diff(bad.astype(int)) > 0))
             first = float(np.argmax(bad)) / record.sampling_rate_hz
-            text = (
-                f"{record.name}: the {label} channel stands still {_how_often(stretches)}at {first:.4g} s, "
-                f"as where a recorder lost samples; {_left_out(bad, record)}"
-            )
-            findings.append(Finding("dead_channel", text))
-            record = _without(record, label, bad, f"{label} stands still")
+            often = _how_often(stretches)
+            said = f"the {label} channel stands still {often}at {first:.4g} s, as where a recorder lost samples"
+            record, finding = _without(record, label, bad, "dead_channel", said, f"{label} stands still")
+            findings.append(finding)
     record, copied = _without_copied(record)
     findings += copied
     channels = {label: Channel.of(values, record.mask) for label, values, _ in _channels(record)}
     for label, bad in _wild(channels).items():
         first, wild = float(np.argmax(bad)) / record.sampling_rate_hz, int(bad.sum())
-        text = (
-            f"{record.name}: the {label} channel has a single sample far off its neighbours "
-            f"{_how_often(wild)}at {first:.6g} s, as where a recorder or a contact fails; {_left_out(bad, record)}"
+        said = (
+            f"the {label} channel has a single sample far off its neighbours {_how_often(wild)}at {first:.6g} s, "
+            "as where a recorder or a contact fails"
         )
-        findings.append(Finding("dead_channel", text))
-        record = _without(record, label, bad, f"{label} wild in single samples")
+        record, finding = _without(record, label, bad, "dead_channel", said, f"{label} wild in single samples")
+        findings.append(finding)
     record, broken = _longest_part(record, channels)
     return record, findings + broken
 
@@ -167,14 +163,14 @@ def _without_copied(record: Record) -> tuple[Record, list[Finding]]:
             before = block.second >= record.samples - block.second - block.length
             bad[block.second :] |= before
             bad[: block.second] |= not before
-        text = (
-            f"{record.name}: {block.length} samples of {what} at {block.first / record.sampling_rate_hz:.6g} s return "
-            f"at {block.second / record.sampling_rate_hz:.6g} s, as where a recorder writes a buffer twice; "
-            f"{_left_out(bad, record)}"
+        first_s, second_s = (at / record.sampling_rate_hz for at in (block.first, block.second))
+        said = (
+            f"{block.length} samples of {what} at {first_s:.6g} s return at {second_s:.6g} s, "
+            "as where a recorder writes a buffer twice"
         )
-        findings.append(Finding("clock_suspect" if times else "dead_channel", text))
-        reason = f"{what} repeated"
-        record = record.without(bad, reason) if times else _without(record, label, bad, reason)
+        label, code = ("both", "clock_suspect") if times else (label, "dead_channel")
+        record, finding = _without(record, label, bad, code, said, f"{what} repeated")
+        findings.append(finding)
     return record, findings
 
 
@@ -194,11 +190,12 @@ def _longest_part(record: Record, channels: Mapping[str, Channel]) -> tuple[Reco
     # Which of the samples at a break is the last, or the first, is not known.
     outside[edges[longest] + 2 * (longest > 0) : edges[longest + 1] - 2 * (longest < places.size)] = False
     times = ", ".join(f"{place / record.sampling_rate_hz:.6g}" for place in places)
-    text = (
-        f"{record.name}: both channels break off at {times} s and go on elsewhere, as where a recorder lost time; "
-        f"only the longest unbroken part is used; {_left_out(outside, record)}"
+    said = (
+        f"both channels break off at {times} s and go on elsewhere, as where a recorder lost time; "
+        "only the longest unbroken part is used"
     )
-    return record.without(outside, "the longest part without lost time"), [Finding("clock_suspect", text)]
+    record, finding = _without(record, "both", outside, "clock_suspect", said, "the longest part without lost time")
+    return record, [finding]
 
 
 def _wild(channels: Mapping[str, Channel]) -> dict[str, BoolArray]:
@@ -206,16 +203,18 @@ def _wild(channels: Mapping[str, Channel]) -> dict[str, BoolArray]:
     found = {label: channel.wild for label, channel in channels.items()}
     for label, other in zip(found, [*channels.values()][::-1], strict=True):
         if len(found) > 1 and found[label].any():
-            found[label] = found[label] & ~moves(other, found[label], TOGETHER)
+            found[label] = found[label] & ~moves(other, found[label])
     return {label: bad for label, bad in found.items() if bad.any()}
 
 
-def _without(record: Record, label: str, bad: BoolArray, reason: str) -> Record:
-    return record.without(bad, reason) if label == "reference" else record.without_response(bad, reason)
-
-
-def _left_out(bad: BoolArray, record: Record) -> str:
-    return f"{int(np.sum(bad & record.mask))} of {record.samples} samples are left out of the fit."
+def _without(
+    record: Record, label: str, bad: BoolArray, code: WarningCode, said: str, reason: str
+) -> tuple[Record, Finding]:
+    """The record without some samples, of the response alone where no other channel is spoilt; and the finding."""
+    count = int(np.sum(bad & record.mask))
+    text = f"{record.name}: {said}; {count} of {record.samples} samples are left out of the fit."
+    kept = record.without_response(bad, reason) if label == "response" else record.without(bad, reason)
+    return kept, Finding(code, text)
 
 
 def _aliasing(record: Record) -> list[Finding]:
@@ -228,15 +227,13 @@ def _aliasing(record: Record) -> list[Finding]:
     power = np.abs(np.asarray(fft.rfft((values - values.mean()) * hann(record.samples)))) ** 2
     total = float(power.sum())
     above = float(power[int(0.9 * power.shape[0]) :].sum())
-    if total > 0 and above > ALIAS_POWER * total:
-        return [
-            Finding(
-                "aliasing",
-                f"{record.name}: {100 * above / total:.0f} % of the reference's power lies above 0.45 of the sampling "
-                "rate, where no anti-alias filter leaves any; content above half the rate would look the same.",
-            )
-        ]
-    return []
+    if above <= ALIAS_POWER * total:
+        return []
+    text = (
+        f"{record.name}: {100 * above / total:.0f} % of the reference's power lies above 0.45 of the sampling "
+        "rate, where no anti-alias filter leaves any; content above half the rate would look the same."
+    )
+    return [Finding("aliasing", text)]
 
 
 def short_records(records: Sequence[Record], frequencies_hz: FloatArray) -> list[Finding]:
@@ -245,9 +242,8 @@ def short_records(records: Sequence[Record], frequencies_hz: FloatArray) -> list
     for record, frequency in zip(records, frequencies_hz, strict=True):
         periods = frequency * record.mask.sum() / record.sampling_rate_hz
         if periods < FEWEST_PERIODS:
-            findings.append(
-                Finding("short_record", f"{record.name}: only {periods:.2g} periods of {frequency:.4g} Hz.")
-            )
+            text = f"{record.name}: only {periods:.2g} periods of {frequency:.4g} Hz."
+            findings.append(Finding("short_record", text))
     return findings
 
 
@@ -295,13 +291,11 @@ def nothing_in_common(records: Sequence[Record]) -> list[Finding]:
 
 def silent_channels(tones: MeasuredResponse) -> list[Finding]:
     """A channel in which no record shows its tone above the noise: the wrong column, or a dead channel."""
-    findings = []
-    for label, heard in zip(("reference", "response"), _heard(tones), strict=True):
-        if not heard.any():
-            findings.append(
-                Finding("dead_channel", f"The {label} channel shows the tone above its noise in none of the records.")
-            )
-    return findings
+    return [
+        Finding("dead_channel", f"The {label} channel shows the tone above its noise in none of the records.")
+        for label, heard in zip(("reference", "response"), _heard(tones), strict=True)
+        if not heard.any()
+    ]
 
 
 def silent_records(tones: MeasuredResponse) -> list[int]:

@@ -12,25 +12,17 @@ import numpy as np
 
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.data.records.basis import runs_of_true
+from vibrident.fit.screening.gaps import CHANCE
 
 #: Samples in a row that are looked for, and how many of them at least differ from the one before.
 WINDOW, CHANGING = 32, 12
-#: Chance that noise repeats itself so somewhere in a record.
-CHANCE = 1e-8
-#: Distances at which most windows return that are looked at.
-DISTANCES = 4
-#: A block is at most so many times as long as the way to its copy: longer, it is a periodic motion.
-LONGER = 1.25
-#: Elsewhere at most this part of the samples returns at that distance.
-ELSEWHERE = 0.2
 #: Samples on either side of a block that must be unlike those beside its copy …
 BESIDE = 8
 #: … by so many steps of the converter and this part of the block's standard deviation, as a median.
 STEPS, UNLIKE = 4.0, 0.01
-#: A window's key is the value of a polynomial at this number, any odd one, modulo 2^64 (Karp & Rabin 1987).
-_BASE = 0x9E3779B97F4A7C15
-#: Its powers by half the length of a window that two of that half are joined to.
-_POWERS = {half: np.uint64(pow(_BASE, half, 1 << 64)) for half in (1, 2, 4, 8, 16)}
+#: A window's key is the value of a polynomial at an odd number, modulo 2^64 (Karp & Rabin 1987): its powers by half the
+#: length of a window that two of that half are joined to.
+_POWERS = {half: np.uint64(pow(0x9E3779B97F4A7C15, half, 1 << 64)) for half in (1, 2, 4, 8, 16)}
 
 
 @dataclass(frozen=True)
@@ -52,12 +44,12 @@ def repeated_block(values: FloatArray, valid: BoolArray) -> Repeat | None:
     if values.size < 4 * WINDOW:
         return None
     change = np.diff(values, prepend=values[0])
-    found = [_longest(values, valid, change, distance) for distance in _distances(values, valid, change)]
-    return max((one for one in found if one is not None), key=lambda one: one.length, default=None)
+    distance = _distance(values, valid, change)
+    return None if distance is None else _longest(values, valid, change, distance)
 
 
-def _distances(values: FloatArray, valid: BoolArray, change: FloatArray) -> list[int]:
-    """Distances at which windows of samples return, the most frequent first."""
+def _distance(values: FloatArray, valid: BoolArray, change: FloatArray) -> int | None:
+    """The distance at which most windows of samples return; None where none does."""
     keys = np.ascontiguousarray(values + 0.0, dtype=float).view(np.uint64)
     keys = (keys ^ (keys >> np.uint64(32))) * _POWERS[1]  # coarse values differ in their upper bits only
     keys ^= keys >> np.uint64(29)
@@ -65,14 +57,14 @@ def _distances(values: FloatArray, valid: BoolArray, change: FloatArray) -> list
         keys = keys[:-half] * power + keys[half:]
     ordered = np.sort(keys)
     if not np.any(ordered[1:] == ordered[:-1]):
-        return []
+        return None
     sums = [np.cumsum(np.concatenate([[0], flags])) for flags in (~valid, change != 0.0)]
     unused, moving = (total[WINDOW:] - total[:-WINDOW] for total in sums)
     places = np.flatnonzero((unused == 0) & (moving >= CHANGING))
     order = places[np.argsort(keys[places], kind="stable")]
     same = keys[order[1:]] == keys[order[:-1]]
     distance, often = np.unique(np.diff(order)[same], return_counts=True)
-    return distance[np.argsort(-often, kind="stable")][:DISTANCES].tolist()
+    return int(distance[np.argmax(often)]) if often.size else None
 
 
 def _longest(values: FloatArray, valid: BoolArray, change: FloatArray, distance: int) -> Repeat | None:
@@ -83,12 +75,12 @@ def _longest(values: FloatArray, valid: BoolArray, change: FloatArray, distance:
         return None  # two windows had one key by chance
     longest = int(np.argmax(ends - begins))
     first, end = int(begins[longest]), int(ends[longest])
-    if end - first > LONGER * distance:
-        return None
+    if end - first > distance + BESIDE:
+        return None  # a periodic motion
     moving = change[distance:] != 0.0
     moving[first:end] = False
     elsewhere = float(np.mean(equal[moving])) if moving.any() else 1.0
-    if elsewhere > ELSEWHERE or not _by_chance(change, first, end, elsewhere) < CHANCE:
+    if not _by_chance(change, first, end, elsewhere) < CHANCE:
         return None
     step = float(np.min(np.abs(change[change != 0.0])))
     unlike = max(STEPS * step, UNLIKE * float(np.std(values[first:end])))

@@ -18,19 +18,15 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from vibrident.data.records import BoolArray, FloatArray
-from vibrident.fit.response.rounding import SAME
+from vibrident.fit.response.rounding import converter_step
 from vibrident.fit.response.transform import median
 from vibrident.fit.screening.neighbours import MEDIAN, REACH, Interpolation, Rows, interpolation
 
 #: Samples that the interpolation predicts worst, as a part of all, are left out of its fit; rounds of this.
 WORST, ROUNDS = 0.015, 4
-#: A wild sample at the beginning has so many before it.
-BEFORE = 2
-#: Rounds of picking wild samples, the largest of neighbours first.
-PICKS = 24
-#: A wild sample stands out by so many standard deviations of the errors, here and in the whole record …
+#: A wild sample, or a break in one of the channels, stands out by so many standard deviations of the errors …
 STANDS_OUT = 9.0
-#: Noise alone seldom exceeds so many standard deviations; wild samples exceed them even if they disturb the first fit.
+#: Noise alone seldom exceeds so many; wild samples exceed them even if they disturb the first fit.
 NOISE = 5.0
 #: … by more than so many steps of the converter, and this part of the channel's range: rounding.
 STEPS, ROUNDING = 4.0, 1e-9
@@ -40,19 +36,12 @@ ISOLATED = 0.3
 IN_A_ROW, MOST = 2, 0.01
 #: A corner of the motion looks like a wild sample of at most half the slope beside it; a wild one is so many times it.
 CORNER = 0.75
-#: Motion of one channel is that of the other up to two derivatives: velocity to acceleration, displacement to that.
-DERIVATIVES = 2
-#: A break stands out by so many standard deviations of the errors in one channel, and in the other so near by so many;
-#: of a record so many are believed.
-BREAKS, BREAKS_ALSO, TOGETHER, MOST_BREAKS = 8.0, 5.0, 2, 8
-#: … and by this part of the motion's deviation: smoother changes are its own.
+#: What both channels show is so many samples apart at most.
+TOGETHER = 2
+#: A break is larger than this part of the motion's deviation: smoother changes are its own.
 LEAST_BREAK = 2e-3
 #: The motion goes on after a break: so many samples on one side of it have this part of the others' deviation, or more.
 BESIDE, ALIKE = 64, 0.2
-#: On a grid are values of which fewer than this part differ.
-GRID = 0.5
-#: Errors below this part of the least size of a wild sample leave nothing to look for.
-EXACTLY = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,40 +60,33 @@ class Channel:
 
     @classmethod
     def of(cls, values: FloatArray, valid: BoolArray) -> Channel:
-        """A channel.
-
-        Args:
-            values: shape (samples,).
-            valid: samples to look at, shape (samples,); neighbours of others are not judged.
-        """
-        return cls(*_scaled(values, valid))
+        """A channel; arguments of shape (samples,)."""
+        judged = ~_around(~valid, REACH)
+        judged[:REACH] = judged[-REACH:] = False
+        middle = median(values[valid]) if valid.any() else 0.0
+        size = float(np.max(np.abs(values[valid] - middle), initial=0.0))
+        if np.sum(judged) < 8 * REACH or size == 0.0:
+            return cls(values, valid, np.zeros(values.shape, dtype=bool))
+        return cls(np.where(valid, (values - middle) / size, 0.0), valid, judged)
 
     @functools.cached_property
     def least(self) -> float:
         """Size that a wild sample has at least."""
-        return max(STEPS * _step(self.series[self.valid]), ROUNDING)
+        return max(STEPS * converter_step(self.series, self.valid), ROUNDING)
 
     @functools.cached_property
-    def _rows(self) -> Rows:
-        """Of all samples."""
-        return Rows.of(self.series, self.judged)
-
-    @functools.cached_property
-    def rough(self) -> Interpolation:
-        """The interpolation fitted to all samples."""
-        return interpolation(self._rows)
-
-    @functools.cached_property
-    def _rough_errors(self) -> FloatArray:
-        return self.rough.errors(self.series, self.judged)
+    def _rough(self) -> tuple[Rows, Interpolation, FloatArray]:
+        """All samples, the interpolation fitted to them, and its error at each."""
+        rows = Rows.of(self.series, self.judged)
+        fitted = interpolation(rows)
+        return rows, fitted, fitted.errors(self.series, self.judged)
 
     @functools.cached_property
     def alike(self) -> bool:
         """Whether the errors of the interpolation are those of noise or rounding, which spares a closer look."""
-        size = np.abs(self._rough_errors)
-        largest, half = float(np.max(size)), 0.5 * np.count_nonzero(self.judged)
-        above = np.count_nonzero(size > MEDIAN / NOISE * largest)  # half of them are above the median
-        return bool(largest < EXACTLY * self.least or (largest > 0.0 and above > half))
+        size = np.abs(self._rough[2])
+        above = np.count_nonzero(size > MEDIAN / NOISE * float(np.max(size)))  # half of them are above the median
+        return bool(above > 0.5 * np.count_nonzero(self.judged))
 
     @functools.cached_property
     def clean(self) -> BoolArray:
@@ -114,12 +96,12 @@ class Channel:
     @functools.cached_property
     def long(self) -> Interpolation:
         """The interpolation fitted to these."""
-        return self.rough if self.alike else interpolation(Rows.of(self.series, self.clean))
+        return self._rough[1] if self.alike else interpolation(Rows.of(self.series, self.clean))
 
     @functools.cached_property
     def errors(self) -> FloatArray:
         """Error of that interpolation at each sample, shape (samples,); zero where it is not judged."""
-        return self._rough_errors if self.alike else self.long.errors(self.series, self.judged)
+        return self._rough[2] if self.alike else self.long.errors(self.series, self.judged)
 
     @functools.cached_property
     def wild(self) -> BoolArray:
@@ -129,7 +111,7 @@ class Channel:
         series, valid, least = self.series, self.valid, self.least
         sizes = np.zeros(series.shape)
         if self.alike:
-            rows = self._rows
+            rows = self._rough[0]
         else:
             sizes += _in_the_middle(series, self.judged, self.long, least)
             rows = Rows.of(series - sizes, self.clean)
@@ -141,12 +123,7 @@ class Channel:
         return sizes != 0.0
 
 
-def wild(values: FloatArray, valid: BoolArray) -> BoolArray:
-    """Wild samples of a channel, shape (samples,); arguments as :meth:`Channel.of`."""
-    return Channel.of(values, valid).wild
-
-
-def moves(other: Channel, bad: BoolArray, reach: int) -> BoolArray:
+def moves(other: Channel, bad: BoolArray) -> BoolArray:
     """Which wild samples of a channel are motion, shape (samples,): the other channel does something odd there, too.
 
     A jump of velocity is a pulse of acceleration of a few samples, so the other's differences are looked at as well.
@@ -154,18 +131,17 @@ def moves(other: Channel, bad: BoolArray, reach: int) -> BoolArray:
     Args:
         other: the other channel.
         bad: the wild samples, shape (samples,).
-        reach: by so many samples the channels may be apart.
     """
     places, moved, series, valid = np.flatnonzero(bad), np.zeros(bad.shape, dtype=bool), other.series, other.valid
-    for order in range(DERIVATIVES + 1):
+    for order in range(3):  # motion of one channel is that of the other up to two derivatives
         if order:
             series, valid = np.diff(series, prepend=series[:1]), valid & np.roll(valid, 1)
             other = Channel.of(series, valid)
         if places.size and other.judged.any():
             far, error = np.zeros(bad.shape), other.errors
-            near = np.flatnonzero(_around(bad, reach + order) & (np.abs(error) > other.least))
+            near = np.flatnonzero(_around(bad, TOGETHER + order) & (np.abs(error) > other.least))
             far[near] = np.abs(error[near]) / other.long.around(error, near)
-            moved[places] |= _largest_near(far, reach + order)[places] > NOISE
+            moved[places] |= _largest_near(far, TOGETHER + order)[places] > NOISE
     return moved
 
 
@@ -178,15 +154,13 @@ def breaks(first: Channel, second: Channel) -> NDArray[np.int_]:
     if not all(channel.judged.any() for channel in channels):
         return np.zeros(0, dtype=int)
     far = [_far_off(channel) for channel in channels]
-    surely = np.maximum(*far) > BREAKS
+    surely = np.maximum(*far) > STANDS_OUT
     if not surely.any():
         return np.zeros(0, dtype=int)
     both = np.minimum(*(_largest_near(f, TOGETHER) for f in far))
     single = _around(first.wild, TOGETHER) & _around(second.wild, TOGETHER)
-    places = np.flatnonzero(surely & (both > BREAKS_ALSO) & ~_around(single, REACH))
-    rows = np.split(places, np.flatnonzero(np.diff(places) > REACH) + 1) if places.size else []
-    if len(rows) > MOST_BREAKS:
-        return np.zeros(0, dtype=int)
+    places = np.flatnonzero(surely & (both > NOISE) & ~_around(single, REACH))
+    rows = _rows_of(places)
     found = [int(row[np.argmax(np.maximum(*far)[row])]) for row in rows if row[-1] - row[0] <= 2 * REACH]
     moving = [place for place in found if all(_moves_on_both_sides(c.series, place) for c in channels)]
     return np.array(moving, dtype=int)
@@ -197,7 +171,7 @@ def _far_off(channel: Channel) -> FloatArray:
     long, series = channel.long, channel.series
     error = channel.errors
     least = max(channel.least, LEAST_BREAK * float(np.std(series)))
-    places = np.flatnonzero(np.abs(error) > max(BREAKS_ALSO * long.deviation, least))
+    places = np.flatnonzero(np.abs(error) > max(NOISE * long.deviation, least))
     far = np.zeros(series.shape)
     if places.size:
         far[places] = np.abs(error[places]) / long.around(error, places)
@@ -214,23 +188,13 @@ def _moves_on_both_sides(series: FloatArray, place: int) -> bool:
     return sizes[0] > ALIKE * sizes[1]
 
 
-def _scaled(values: FloatArray, valid: BoolArray) -> tuple[FloatArray, BoolArray, BoolArray]:
-    """What a :class:`Channel` is made of."""
-    judged = ~_around(~valid, REACH)
-    judged[:REACH] = judged[-REACH:] = False
-    middle = median(values[valid]) if valid.any() else 0.0
-    size = float(np.max(np.abs(values[valid] - middle), initial=0.0))
-    if np.sum(judged) < 8 * REACH or size == 0.0:
-        return values, valid, np.zeros(values.shape, dtype=bool)
-    return np.where(valid, (values - middle) / size, 0.0), valid, judged
-
-
 def _in_the_middle(series: FloatArray, judged: BoolArray, long: Interpolation, least: float) -> FloatArray:
     """Size of each wild sample with neighbours on both sides, zero for the others, shape (samples,)."""
     sizes = _sizes(series, judged, long, least)
-    places = _few_in_a_row(np.flatnonzero(sizes * (judged & ~_around(~judged, REACH))))
+    rows = _rows_of(np.flatnonzero(sizes * (judged & ~_around(~judged, REACH))))
     kept = np.zeros(series.shape)
-    if places.size:
+    if few := [row for row in rows if row.size <= IN_A_ROW]:
+        places = np.concatenate(few)
         after = np.abs(long.errors(series - sizes, judged))
         near = np.max(sliding_window_view(np.pad(after, REACH), 2 * REACH + 1)[places], axis=1)
         isolated = near <= ISOLATED * np.abs(sizes[places])
@@ -249,7 +213,7 @@ def _at_the_beginning(series: FloatArray, valid: BoolArray, rows: Rows, least: f
     prediction = np.eye(first + 1, first + 2, 1)[:first]
     amounts = rows.fitted(prediction, 0)
     inside = np.abs(series[first : 2 * first] - sliding_window_view(series[first + 1 :], first)[:first] @ amounts)
-    usual = max(rows.deviation(prediction, 0, amounts), median(inside) / MEDIAN)
+    usual = max(float(np.std(rows.errors(prediction, 0, amounts))), median(inside) / MEDIAN)
     most = max(STANDS_OUT * usual, least)
     errors = series[:first] - sliding_window_view(series[1 : 2 * first], first) @ amounts
     if np.all(np.abs(errors) <= most):
@@ -262,7 +226,7 @@ def _at_the_beginning(series: FloatArray, valid: BoolArray, rows: Rows, least: f
             sizes[place] = errors[place]
     places = np.flatnonzero(sizes)
     # The prediction of a motion that settles becomes worse towards its beginning.
-    if places.size == 0 or places.size > IN_A_ROW or places[0] < BEFORE:
+    if places.size == 0 or places.size > IN_A_ROW or places[0] < 2:
         return np.zeros(series.shape)
     before = float(np.max(np.abs(errors[: places[0]])))
     return sizes if before <= ISOLATED * float(np.min(np.abs(sizes[places]))) else np.zeros(series.shape)
@@ -284,13 +248,6 @@ def _largest_near(values: FloatArray, reach: int) -> FloatArray:
     return found
 
 
-def _step(values: FloatArray) -> float:
-    """Step of the converter; zero where the values are seldom equal, and so on no grid."""
-    steps = np.diff(np.sort(values))
-    steps = steps[steps > SAME]
-    return float(np.min(steps)) if 0 < steps.size < GRID * values.size else 0.0
-
-
 def _told_well(series: FloatArray, judged: BoolArray) -> BoolArray:
     """Samples far from those that an interpolation fitted to the others tells worst."""
     clean = judged
@@ -309,7 +266,7 @@ def _told_well(series: FloatArray, judged: BoolArray) -> BoolArray:
 def _sizes(series: FloatArray, judged: BoolArray, long: Interpolation, least: float) -> FloatArray:
     """Size of each sample that may be wild, zero for the others; all zero where there are too many."""
     sizes = np.zeros(series.shape)
-    for _ in range(PICKS):
+    for _ in range(24):  # the largest of neighbours first
         error = long.errors(series - sizes, judged)
         sizes += np.where(sizes == 0.0, 0.0, error)
         size = np.abs(error)
@@ -325,9 +282,6 @@ def _sizes(series: FloatArray, judged: BoolArray, long: Interpolation, least: fl
     return sizes
 
 
-def _few_in_a_row(places: NDArray[np.int_]) -> NDArray[np.int_]:
-    """Those that are single, or few in a row."""
-    if places.size == 0:
-        return places
-    rows = np.split(places, np.flatnonzero(np.diff(places) > REACH) + 1)
-    return np.concatenate([row for row in rows if row.size <= IN_A_ROW] or [places[:0]])
+def _rows_of(places: NDArray[np.int_]) -> list[NDArray[np.int_]]:
+    """The places, those within reach of each other together."""
+    return np.split(places, np.flatnonzero(np.diff(places) > REACH) + 1) if places.size else []

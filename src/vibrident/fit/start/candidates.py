@@ -21,10 +21,8 @@ from vibrident.physics.models.base import DERIVATIVES
 FREQUENCIES_PER_DECADE, DECADES_OUTSIDE = 24, 1.5
 #: Most points by which the grid is compared.
 MOST_SCORED_POINTS = 80
-#: Cores that are taken from the grid.
-CORES = 6
-#: Combinations of cores with add-ons that go down some steps.
-FIRST = 64
+#: Cores that are taken from the grid, and combinations of them with add-ons that go down some steps.
+CORES, FIRST = 6, 64
 #: Least relative deviation of a point: neither the grid nor the first steps of the search are finer.
 LEAST_DEVIATION = 0.01
 
@@ -41,8 +39,7 @@ def likely(combined: FloatArray, cores: int, sought: TargetFRF, chart: LogCoordi
         return combined
     few = sought.few(MOST_SCORED_POINTS)
     goal, weight = np.log(np.abs(few.response)), 1.0 / np.maximum(few.deviation, LEAST_DEVIATION) ** 2
-    at = LogCoordinates(chart.model, chart.quantity, few.frequency_hz, chart.time_unit_s)
-    off = goal - np.log(np.abs(at.response(combined, np.ones(len(combined)))))
+    off = goal - np.log(np.abs(chart.at(few).response(combined, np.ones(len(combined)))))
     mean = off @ weight / np.sum(weight)
     score = (off - mean[:, None]) ** 2 @ weight
     gain = [spec.kind for spec in chart.model.parameters].index("gain")

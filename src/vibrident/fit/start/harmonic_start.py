@@ -15,11 +15,6 @@ from vibrident.fit.problem import Evidence
 from vibrident.fit.problem.time_domain import TimeProblem
 from vibrident.physics.network.sensitivity import Normal
 
-#: Harmonic that a cubic stiffness makes.
-HARMONIC = 3
-#: Highest frequency, as a part of the sampling rate, at which the records still show it.
-HIGHEST = 0.4
-
 
 def with_harmonic_start(problem: TimeProblem, normal: Normal, evidence: Evidence, z: FloatArray) -> FloatArray:
     """Coordinates ``z`` with the stiffness that the harmonics say; ``z`` itself without sine records.
@@ -37,10 +32,10 @@ def with_harmonic_start(problem: TimeProblem, normal: Normal, evidence: Evidence
     product, power = 0.0, 0.0
     for owner, frequency in zip(evidence.tones.record, evidence.tones.frequency_hz, strict=True):
         record = problem.records[owner]
-        if HARMONIC * frequency > HIGHEST * record.sampling_rate_hz:
-            continue
+        if 3.0 * frequency > 0.4 * record.sampling_rate_hz:
+            continue  # the record hardly shows it
         used = record.mask & np.isfinite(predicted[owner])
-        turn = np.exp(-2j * np.pi * HARMONIC * frequency * record.time_s[used]) * np.hanning(int(used.sum()))
+        turn = np.exp(-6j * np.pi * frequency * record.time_s[used]) * np.hanning(int(used.sum()))
         slope = np.sum(slopes[owner][used] * turn)
         product += float(np.real(np.conj(slope) * np.sum((record.response - predicted[owner])[used] * turn)))
         power += float(np.abs(slope) ** 2)

@@ -17,8 +17,6 @@ from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.start.search import TargetFRF
 from vibrident.physics.models import SensorModel
 
-#: Rounds of refreshed weights.
-ROUNDS = 12
 #: Smallest relative deviation.
 LEAST = 1e-6
 
@@ -61,7 +59,7 @@ def fitted_poles(sought: TargetFRF, order: int, zeros: int, coefficients: int) -
     weight = 1.0 / (np.abs(sought.response) * np.maximum(sought.deviation, LEAST))
     numerator = s[:, None] ** (zeros + np.arange(coefficients))
     last = np.append(np.zeros(order), 1.0)
-    for turn in range(ROUNDS):
+    for turn in range(12):
         w = weight / np.maximum(np.abs(powers @ last), 1e-300) if turn else weight
         rows = np.concatenate([numerator, -sought.response[:, None] * powers[:, :-1]], axis=1) * w[:, None]
         goal = sought.response * powers[:, -1] * w

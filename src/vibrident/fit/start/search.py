@@ -24,20 +24,8 @@ from vibrident.physics.models.slopes import response_and_slopes
 
 #: Damping of Levenberg–Marquardt at the start.
 DAMPING = 1e-2
-#: Factor on the damping after a step that lowers the cost.
-EASED = 0.2
-#: Factor after one that does not.
-STIFFENED = 5.0
 #: No coordinate moves further at once.
 LONGEST = 0.7
-#: A candidate arrived where a step of hardly any damping leads no further than this, and not down.
-NO_STEP = 1e-9
-#: Nor where a step gains less than this part of a variance, as the residuals scatter.
-WORTH = 1e-3
-#: A candidate that finds no step with this damping arrived too.
-MOST_DAMPED = 1e8
-#: Residuals beyond so many times the common size, or so many standard deviations, count for less than their square.
-UNCOMMON = 8.0
 #: What is positive stays above this part of one unit.
 LEAST = 1e-9
 
@@ -67,13 +55,12 @@ class TargetFRF:
 
     def at(self, points: np.ndarray) -> TargetFRF:
         """Some of the points."""
-        return TargetFRF(
-            self.frequency_hz[points],
-            self.response[points],
-            self.deviation[points],
-            self.phase_deviation[points],
-            self.has_phase,
-            self.polar,
+        return replace(
+            self,
+            frequency_hz=self.frequency_hz[points],
+            response=self.response[points],
+            deviation=self.deviation[points],
+            phase_deviation=self.phase_deviation[points],
         )
 
     def few(self, most: int) -> TargetFRF:
@@ -103,6 +90,10 @@ class LogCoordinates:
     quantity: Quantity
     frequency_hz: FloatArray
     time_unit_s: float
+
+    def at(self, sought: TargetFRF) -> LogCoordinates:
+        """The same coordinates, at the points of a response."""
+        return replace(self, frequency_hz=sought.frequency_hz)
 
     @functools.cached_property
     def band_hz(self) -> tuple[float, float]:
@@ -196,33 +187,22 @@ def logarithms(sought: TargetFRF, least: float) -> Residual:
 
 def differences(sought: TargetFRF) -> Residual:
     """The weighted residual that the estimators minimise."""
-    if sought.polar:
-        return _polar_differences(sought)
-    scale = 1.0 / (np.abs(sought.response) * sought.deviation)
-
-    def residual(h: ComplexArray, slopes: ComplexArray) -> tuple[FloatArray, FloatArray]:
-        off, turn = (h - sought.response) * scale, slopes * (h * scale)[:, None]
-        return np.concatenate([off.real, off.imag], axis=1), np.concatenate([turn.real, turn.imag], axis=2)
-
-    return residual
-
-
-def _polar_differences(sought: TargetFRF) -> Residual:
     size = np.abs(sought.response)
     scale, turning = 1.0 / (size * sought.deviation), 1.0 / sought.phase_deviation
 
-    def residual(h: ComplexArray, slopes: ComplexArray) -> tuple[FloatArray, FloatArray]:
+    def complex_residual(h: ComplexArray, slopes: ComplexArray) -> tuple[FloatArray, FloatArray]:
+        off, turn = (h - sought.response) * scale, slopes * (h * scale)[:, None]
+        return np.concatenate([off.real, off.imag], axis=1), np.concatenate([turn.real, turn.imag], axis=2)
+
+    def polar_residual(h: ComplexArray, slopes: ComplexArray) -> tuple[FloatArray, FloatArray]:
         radial = (np.abs(h) - size) * scale
         outward = slopes.real * (np.abs(h) * scale)[:, None]
         if not sought.has_phase:
             return radial, outward
         turn = np.angle(h / sought.response) * turning
-        return (
-            np.concatenate([radial, turn], axis=1),
-            np.concatenate([outward, slopes.imag * turning], axis=2),
-        )
+        return np.concatenate([radial, turn], axis=1), np.concatenate([outward, slopes.imag * turning], axis=2)
 
-    return residual
+    return polar_residual if sought.polar else complex_residual
 
 
 @dataclass(frozen=True, eq=False)
@@ -295,19 +275,16 @@ def descend(
             after, far = np.sum(new**2, axis=1), np.max(np.abs(step), axis=1)
             better = after < before
             gained = np.where(better, before - after, 0.0)
-            worth = WORTH * np.maximum(np.minimum(1.0, before), before / off.shape[1])
-            arrived = (damping[moving] < 1.0) & (better | (far < NO_STEP)) & (gained < worth)
+            # A step of hardly any damping gains less than a thousandth of a variance, as the residuals scatter.
+            worth = 1e-3 * np.maximum(np.minimum(1.0, before), before / off.shape[1])
+            arrived = (damping[moving] < 1.0) & (better | (far < 1e-9)) & (gained < worth)
             taken = moving[better]
-            u[taken], off[taken], slopes[taken], cost[taken] = (
-                trial[better],
-                new[better],
-                new_slopes[better],
-                after[better],
-            )
-            damping[moving] *= np.where(better, EASED, STIFFENED)
+            u[taken], off[taken] = trial[better], new[better]
+            slopes[taken], cost[taken] = new_slopes[better], after[better]
+            damping[moving] *= np.where(better, 0.2, 5.0)
             places.append(u.copy())
             costs.append(cost.copy())
-            moving = moving[~arrived & (damping[moving] < MOST_DAMPED)]
+            moving = moving[~arrived & (damping[moving] < 1e8)]  # more damped, a step leads nowhere
         damping = np.minimum(damping, DAMPING)
     return Population(u, sign, cost, (np.array(places), np.array(costs)))
 
@@ -319,9 +296,9 @@ def information_at(chart: LogCoordinates, u: FloatArray, sign: FloatArray, resid
 
 
 def _limit(off: FloatArray) -> FloatArray:
-    """Size beyond which a candidate's residuals are out of the common, shape (C, 1)."""
+    """Eight times the common size of a candidate's residuals, or eight standard deviations, shape (C, 1)."""
     common = median(np.abs(np.where(np.isfinite(off), off, 0.0)))
-    return UNCOMMON * np.maximum(1.0, common)[:, None]
+    return 8.0 * np.maximum(1.0, common)[:, None]
 
 
 def _bounded(off: FloatArray, slopes: FloatArray, limit: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -35,24 +35,14 @@ from vibrident.physics.models import SensorModel
 MOST_POINTS, MOST_FINAL_POINTS = 200, 800
 #: Combinations of cores with add-ons that go on after some steps, and those that are brought to an end.
 SECOND, LAST = 12, 6
-#: Combinations of the grid that go down the phases without the magnitudes' way.
-BESIDE = 32
-#: Candidates whose delays two modes are fitted with by linear algebra.
-BY_ALGEBRA = 3
 #: Steps of the first stage, of all combinations; of the stages between; and of the last.
 FEW_STEPS, STEPS, LAST_STEPS = 6, 25, 40
 #: Candidates on their way that differ by less in every coordinate are one.
 APART = 0.15
 #: Optima that differ by less in every coordinate are one.
 SAME = 1e-3
-#: A delay is looked for over so many periods of the highest frequency either way.
-PERIODS = 400
-#: Delays tried in each period.
-PER_PERIOD = 8
-#: Delays of each candidate that go on, the best ones.
-DELAYS = 3
-#: Of alignments of the phases that differ by less than this part for each doubling, the shorter delay is likelier.
-LIKELIER = 2e-3
+#: A delay is looked for over so many periods of the highest frequency either way, at so many places in each.
+PERIODS, PER_PERIOD = 400, 8
 #: Optima whose costs differ by less fit alike: then the shorter delay is taken.
 ALIKE = 9.0
 
@@ -86,40 +76,42 @@ def find_start(problem: FrequencyProblem, model: SensorModel, most: float = np.i
     Raises:
         NotConverged: no candidate leads to a finite fit, or to one of use.
     """
-    whole, linear = model, model.linear
     sought = sought_response(problem)
     final = sought.few(MOST_FINAL_POINTS)
-    chart = LogCoordinates(linear, problem.quantity, final.frequency_hz, 1.0 / (2.0 * np.pi * problem.band_hz[1]))
+    chart = _chart(problem, model.linear, final)
     scale = problem.points / max(final.frequency_hz.size, 1)
     if problem.start is not None:
         u, sign = chart.place(dict(problem.start))
         known = descend(chart, u[None], np.array([sign]), differences(final), 0)
         return Start(dict(problem.start), (scale * float(known.cost[0]),), problem.equations, (dict(problem.start),))
-    front = optima(sought, final, chart, problem.band_hz, problem.longest_delay_s, most / problem.points)
-    rows = front.best(LAST, SAME)
-    if not rows.size:
-        raise NotConverged("No start value gives a finite fit: are the columns and units right?")
+    front = _optima(problem, chart, sought, final, most / problem.points)
+    rows = _finite(front, LAST, SAME)
+    if chart.model.shares:
+        rows = _likeliest_first(rows, front, chart, final)
+    first, *others = _shortest_delay_first(rows, front, chart.model)
 
     def named(u: FloatArray, row: int) -> dict[str, float]:
-        found = chart.named(u, front.sign, row)
-        return {name: found.get(name, 0.0) for name in whole.parameter_names}
+        return dict.fromkeys(model.parameter_names, 0.0) | chart.named(u[None], front.sign[row : row + 1], 0)
 
-    if linear.shares:
-        rows = _likeliest_first(rows, front, chart, final)
-    first, *others = _shortest_delay_first(rows, front, linear)
-    places, costs = front.path[0][:, first : first + 1], front.path[1][:, first] * scale
-    path = tuple(_whole(chart.named(p, front.sign[first : first + 1], 0), whole) for p in places)
     return Start(
-        named(front.u, first),
-        tuple(costs.tolist()),
+        named(front.u[first], first),
+        tuple((front.path[1][:, first] * scale).tolist()),
         problem.equations,
-        path,
-        tuple((named(front.u, row), scale * float(front.cost[row])) for row in others),
+        tuple(named(u, first) for u in front.path[0][:, first]),
+        tuple((named(front.u[row], row), scale * float(front.cost[row])) for row in others),
     )
 
 
-def _whole(values: Mapping[str, float], model: SensorModel) -> dict[str, float]:
-    return {name: values.get(name, 0.0) for name in model.parameter_names}
+def _chart(problem: FrequencyProblem, model: SensorModel, points: TargetFRF) -> LogCoordinates:
+    return LogCoordinates(model, problem.quantity, points.frequency_hz, 1.0 / (2.0 * np.pi * problem.band_hz[1]))
+
+
+def _finite(front: Population, count: int, apart: float = 0.0) -> np.ndarray:
+    """The best rows as of :meth:`Population.best`, at least one."""
+    rows = front.best(count, apart)
+    if not rows.size:
+        raise NotConverged("No start value gives a finite fit: are the columns and units right?")
+    return rows
 
 
 def _shortest_delay_first(rows: np.ndarray, front: Population, model: SensorModel) -> list[int]:
@@ -162,38 +154,21 @@ def sought_response(problem: FrequencyProblem) -> TargetFRF:
     return found.at(np.flatnonzero(usable))
 
 
-def optima(
-    sought: TargetFRF,
-    final: TargetFRF,
-    chart: LogCoordinates,
-    band_hz: tuple[float, float],
-    longest_delay_s: float = np.inf,
-    most: float = np.inf,
+def _optima(
+    problem: FrequencyProblem, chart: LogCoordinates, sought: TargetFRF, final: TargetFRF, most: float
 ) -> Population:
-    """Where the candidates end.
-
-    Args:
-        sought: the response.
-        final: those of its points by which the end is judged.
-        chart: coordinates, at the frequencies of ``final``.
-        band_hz: lowest and highest frequency of the data.
-        longest_delay_s: no longer delay is looked for.
-        most: cost for each point above which a fit is of no use.
-
-    Raises:
-        NotConverged: no candidate is of use.
-    """
+    """Where the candidates end, judged by the points ``final``; ``most``: cost for each point, as of `_aligned`."""
     some = sought.few(MOST_POINTS)
-    near = LogCoordinates(chart.model, chart.quantity, some.frequency_hz, chart.time_unit_s)
-    u = candidates(some, near, band_hz)
+    near = chart.at(some)
+    u = candidates(some, near, problem.band_hz)
     sign = np.ones(len(u))
     coarse = descend(near, u, sign, magnitudes(some, LEAST_DEVIATION), FEW_STEPS)
     rows = coarse.best(SECOND, APART)
     fine = descend(near, coarse.u[rows], sign[rows], magnitudes(some, LEAST_DEVIATION), STEPS)
     _require_use(fine, most * some.frequency_hz.size)
     # Where magnitudes say little, or a zero may lie on either side, they lead astray: the first ones go on beside.
-    kept = np.concatenate([fine.u[fine.best(LAST, APART)], u[:BESIDE]])
-    return _aligned(kept, some, near, final, chart, longest_delay_s, most)
+    kept = np.concatenate([fine.u[fine.best(LAST, APART)], u[:32]])
+    return _aligned(kept, chart, some, final, problem.longest_delay_s, most)
 
 
 def _require_use(front: Population, most: float) -> None:
@@ -212,7 +187,7 @@ def extended(problem: FrequencyProblem, model: SensorModel, values: Mapping[str,
     """
     sought = sought_response(problem)
     some = sought.few(MOST_POINTS)
-    near = LogCoordinates(model, problem.quantity, some.frequency_hz, 1.0 / (2.0 * np.pi * problem.band_hz[1]))
+    chart = _chart(problem, model, some)
     known = {name: values.get(name, 0.0) for name in model.parameter_names}
     # From zero a logarithm does not return: what ended there begins at each place of its grid.
     ended = [
@@ -221,34 +196,32 @@ def extended(problem: FrequencyProblem, model: SensorModel, values: Mapping[str,
         if spec.kind == "positive" and known[spec.name] < LEAST and isinstance(spec.grid, tuple)
         for value in spec.grid
     ]
-    here = np.array([near.place(known | other)[0] for other in ended or [{}]])
+    here = np.array([chart.place(known | other)[0] for other in ended or [{}]])
     lacking = [name for name in model.parameter_names if name not in values]
-    kept = likely(with_guesses(here, model, problem.band_hz, lacking), len(here), some, near)
-    front = _aligned(kept, some, near, some, near, problem.longest_delay_s, most / problem.points, last=1)
-    rows = front.best(1)
-    if not rows.size:
-        raise NotConverged("No start value gives a finite fit: are the columns and units right?")
-    row, scale = int(rows[0]), problem.points / max(some.frequency_hz.size, 1)
-    found = near.named(front.u, front.sign, row)
+    kept = likely(with_guesses(here, model, problem.band_hz, lacking), len(here), some, chart)
+    front = _aligned(kept, chart, some, some, problem.longest_delay_s, most / problem.points, last=1)
+    row, scale = int(_finite(front, 1)[0]), problem.points / max(some.frequency_hz.size, 1)
+    found = chart.named(front.u, front.sign, row)
     return Start(found, (scale * float(front.cost[row]),), problem.equations, (found,))
 
 
 def _aligned(
     kept: FloatArray,
-    some: TargetFRF,
-    near: LogCoordinates,
-    final: TargetFRF,
     chart: LogCoordinates,
+    some: TargetFRF,
+    final: TargetFRF,
     longest_delay_s: float,
     most: float,
     last: int = LAST,
 ) -> Population:
     """Where candidates of the right magnitude end, with the signs and delays that line up their phases.
 
-    ``most``: cost for each point above which a fit is of no use; ``last``: number of those that are brought to an end.
+    ``chart``: coordinates at the points ``final``, by which the end is judged; ``most``: cost for each point above
+    which a fit is of no use; ``last``: number of those that are brought to an end.
     """
     if not some.has_phase:
         return descend(chart, kept, np.ones(len(kept)), differences(final), LAST_STEPS)
+    near = chart.at(some)
     turned, sign = _with_sign_and_delay(kept, near, some, longest_delay_s)
     begun = descend(near, turned, sign, logarithms(some, LEAST_DEVIATION), FEW_STEPS)
     rows = begun.best(SECOND, APART)
@@ -270,7 +243,7 @@ def _with_two_modes(
         return u, sign
     found = [
         chart.place(v)
-        for row in range(min(BY_ALGEBRA, len(u)))
+        for row in range(min(3, len(u)))
         for v in two_modes(sought, chart.model, chart.quantity, chart.named(u, sign, row))
     ]
     places, signs = [p for p, _ in found], [s for _, s in found]
@@ -287,8 +260,7 @@ def _with_sign_and_delay(
     turn = sought.response / response
     turn = weight * turn / np.abs(turn)
     if not model.has_delay:
-        sign = np.where(np.sum(turn, axis=1).real >= 0, 1.0, -1.0)
-        return u, sign
+        return u, np.where(np.sum(turn, axis=1).real >= 0, 1.0, -1.0)
     index = [spec.kind for spec in model.parameters].index("time")
     highest = float(np.max(sought.frequency_hz))
     steps = int(min(PERIODS, longest_delay_s * highest) * PER_PERIOD)
@@ -296,11 +268,11 @@ def _with_sign_and_delay(
     turns = np.tile(np.exp(2j * np.pi / PER_PERIOD * sought.frequency_hz / highest), (len(periods), 1))
     turns[0] = np.exp(2j * np.pi * periods[0] * sought.frequency_hz / highest)
     sums = np.real(np.cumprod(turns, axis=0) @ turn.T)  # (delays, C)
-    preferred = np.abs(sums) * (1.0 - LIKELIER * np.log2(1.0 + np.abs(periods)))[:, None]
+    # Of alignments that differ by less than 0.2 % for each doubling, the shorter delay is likelier.
+    preferred = np.abs(sums) * (1.0 - 2e-3 * np.log2(1.0 + np.abs(periods)))[:, None]
     places, signs = [], []
     for row in range(len(u)):
-        peaks = _peaks(preferred[:, row])
-        for delay in peaks:
+        for delay in _peaks(preferred[:, row]):
             moved = u[row].copy()
             moved[index] += periods[delay] / highest / chart.time_unit_s
             places.append(moved)
@@ -309,9 +281,9 @@ def _with_sign_and_delay(
 
 
 def _peaks(values: FloatArray) -> list[int]:
-    """The highest of the local maxima."""
+    """The three highest of the local maxima."""
     inner = (values[1:-1] >= values[:-2]) & (values[1:-1] > values[2:])
     peaks = np.flatnonzero(inner) + 1
     if not peaks.size:
         return [int(np.argmax(values))]
-    return peaks[np.argsort(-values[peaks], kind="stable")[:DELAYS]].tolist()
+    return peaks[np.argsort(-values[peaks], kind="stable")[:3]].tolist()
