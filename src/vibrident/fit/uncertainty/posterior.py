@@ -200,6 +200,7 @@ def _log_density(
     coordinates: Coordinates, problem: FrequencyProblem, freedom: FloatArray | None, scale: float
 ) -> Callable[[Any], Any]:
     """Log posterior density of the coordinates z, up to a constant."""
+
     def likelihood(z: Any) -> Any:
         residual = problem.residual(z, coordinates) / scale
         if freedom is None:
