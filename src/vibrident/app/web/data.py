@@ -18,7 +18,7 @@ from vibrident.app.web.users import User
 from vibrident.app.web.worker import simulate_demo
 from vibrident.app.workflow.real import STORY, real_data, write_real
 from vibrident.base.errors import InputError
-from vibrident.data.io.readers import unknown_format
+from vibrident.data.io.reader import unknown_format
 from vibrident.show import views
 from vibrident.show.views import count
 
