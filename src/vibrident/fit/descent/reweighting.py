@@ -47,7 +47,7 @@ SETTLED = 0.02
 #: A step that does not lead down is damped, by this factor more after each further one, which doubles each time.
 DAMPED, MORE_DAMPED, LESS_DAMPED = 1.0, 4.0, 0.2
 #: A descent that comes no closer by this factor in more steps than these in a row does not arrive.
-CLOSER, MOST_SLOW = 0.97, 3
+CLOSER, MOST_SLOW = 0.8, 3
 
 
 @dataclass(frozen=True)
@@ -95,6 +95,8 @@ def reweighted(
         del motions  # of a long record each copy counts
         if here is None:
             continue
+        if here.astray(lines):
+            return None
         here = _down(here, lines, evaluate, bent)
         if not here.astray(lines) and (here.end is not None or here.far <= 0.3):
             return _arrived(here, lines, evaluate, problem, noise)
