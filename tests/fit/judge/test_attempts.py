@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from bench.adversary.cases import BY_NAME
 
 from vibrident import identify
 from vibrident.data.records import Calibration, Record
@@ -119,3 +120,41 @@ def test_a_fit_that_leaves_most_of_the_response_is_no_better_for_the_few_bands_i
     monkeypatch.setattr(attempts, "judged", lambda *_: other[1])
     best = attempts.Fitted(evidence, *fitted(FIRST, "white", 9.0, adequate=False), Rejected(), silent)  # type: ignore[arg-type]
     assert (attempts._tried(SECOND, best) is best) == (left > 0.5)
+
+
+@pytest.mark.parametrize(
+    ("name", "seed"), [("clean/in-light/multisine/8 bit", 27), ("clean/pickup-in-light/multisine/8 bit", 28)]
+)
+def test_a_displacement_of_eight_bits_leads_to_the_resonance_that_its_steps_hide(name, seed):
+    """The steps of the reference, which the sensor's model raises with the square of the frequency, draw equal weights
+    to a third of the natural frequency, and to a hundredth of the sensitivity."""
+    trial = BY_NAME[name].trial(seed)
+    result = identify(trial.calibration(), model=trial.model)
+    assert result.warning_codes == ()
+    for parameter in ("natural_frequency", "damping_ratio"):
+        found = result.parameters[parameter]
+        assert found.standard_uncertainty is not None
+        assert abs(found.value - trial.truth[parameter]) < 4.0 * found.standard_uncertainty
+
+
+@pytest.mark.parametrize("better", [True, False])
+def test_equal_weights_take_the_place_of_a_rejected_fit_unless_they_agree_clearly_worse(monkeypatch, better):
+    weighted, equal = (fitted(FIRST, w, chi2, adequate=False) for w, chi2 in (("spectrum", 2.0), ("white", 200.0)))
+    if not better:
+        equal = equal[0], fitted(FIRST, "white", 1.9, adequate=False)[1]
+    made = simulate(("accelerometer", FIRST), "random", samples=1000, seed=1)
+    predicted = tuple(r.response for r in made.records)
+    of = {id(one): replace(judgement, predicted=predicted) for one, judgement in (weighted, equal)}
+    monkeypatch.setattr(attempts, "judged", lambda _, estimate: of[id(estimate)])
+    monkeypatch.setattr(attempts, "canonically_labelled", lambda estimate: estimate)
+
+    class Chosen(Rejected):
+        def fit(self, evidence, progress):
+            return weighted[0]
+
+        def where_rejected(self, evidence, estimate, progress):
+            return equal[0]
+
+    evidence = Evidence(made, parse("accelerometer"), made.records, None, measure_bands(made.records), ())
+    found, _ = attempts._once(evidence, Chosen(), silent)  # type: ignore[arg-type]
+    assert (found is weighted[0]) == better

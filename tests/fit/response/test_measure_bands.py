@@ -8,7 +8,7 @@ import pytest
 import vibrident
 from vibrident.data.records import Record
 from vibrident.fit.response import measure_bands
-from vibrident.fit.response.bands import band_edges, uncorrelated_records
+from vibrident.fit.response.bands import FALSE_BANDS, band_edges, uncorrelated_records
 from vibrident.physics.models import parse
 from vibrident.physics.simulation import HalfSineShock, simulate
 
@@ -124,3 +124,21 @@ def test_free_motion_hides_the_delay_of_a_record_and_not_that_of_all(rng):
         known = result.parameters[name]
         assert abs(known.value - true) < 4.0 * known.standard_uncertainty
     assert result.warning_codes == ()
+
+
+def test_bands_that_hold_only_the_noise_of_both_channels_are_left_out():
+    """Motion below a fifth of half the rate, noise beyond: of the bands that are kept one in a hundred is noise."""
+    made = simulate(
+        ("accelerometer", P), "random", frequencies_hz=[10.0, 1000.0], samples=1000, sampling_rate_hz=10e3, repeats=8,
+        seed=3,
+    ).records  # fmt: skip
+    rng, kept, noise = np.random.default_rng(2), 0, 0
+    for _ in range(25):
+        noisy = [r.with_response(r.response + 0.03 * np.std(r.response) * rng.standard_normal(1000), "") for r in made]
+        for k, r in enumerate(noisy):
+            noisy[k] = replace(r, reference=r.reference + 0.03 * np.std(r.reference) * rng.standard_normal(1000))
+        frequency = measure_bands(noisy).frequency_hz
+        kept += frequency.size
+        noise += np.count_nonzero(frequency > 1100.0)
+    assert kept > 25 * 8 * 15
+    assert noise <= FALSE_BANDS * kept
