@@ -135,26 +135,3 @@ def test_a_displacement_of_eight_bits_leads_to_the_resonance_that_its_steps_hide
         found = result.parameters[parameter]
         assert found.standard_uncertainty is not None
         assert abs(found.value - trial.truth[parameter]) < 4.0 * found.standard_uncertainty
-
-
-@pytest.mark.parametrize("better", [True, False])
-def test_equal_weights_take_the_place_of_a_rejected_fit_unless_they_agree_clearly_worse(monkeypatch, better):
-    weighted, equal = (fitted(FIRST, w, chi2, adequate=False) for w, chi2 in (("spectrum", 2.0), ("white", 200.0)))
-    if not better:
-        equal = equal[0], fitted(FIRST, "white", 1.9, adequate=False)[1]
-    made = simulate(("accelerometer", FIRST), "random", samples=1000, seed=1)
-    predicted = tuple(r.response for r in made.records)
-    of = {id(one): replace(judgement, predicted=predicted) for one, judgement in (weighted, equal)}
-    monkeypatch.setattr(attempts, "judged", lambda _, estimate: of[id(estimate)])
-    monkeypatch.setattr(attempts, "canonically_labelled", lambda estimate: estimate)
-
-    class Chosen(Rejected):
-        def fit(self, evidence, progress):
-            return weighted[0]
-
-        def where_rejected(self, evidence, estimate, progress):
-            return equal[0]
-
-    evidence = Evidence(made, parse("accelerometer"), made.records, None, measure_bands(made.records), ())
-    found, _ = attempts._once(evidence, Chosen(), silent)  # type: ignore[arg-type]
-    assert (found is weighted[0]) == better

@@ -26,6 +26,7 @@ from vibrident.fit.noise.motion import Motion, motion_of
 from vibrident.fit.noise.spectrum import noise_spectrum
 from vibrident.fit.problem import BinProblem, Evidence
 from vibrident.fit.response.response import ComplexArray
+from vibrident.fit.response.tones import free_exponents
 from vibrident.fit.response.transform import SHORTEST, line_frequencies, power_of, reference_colour, waves
 from vibrident.fit.uncertainty.adequacy import Points
 from vibrident.fit.uncertainty.budget import Place, effects_of, patterns
@@ -291,9 +292,8 @@ def _in_time(
 
 
 def _free_motion(model: SensorModel, values: dict[str, float], rate_hz: float, used: BoolArray) -> FloatArray:
-    """Free motion of the poles that last longer than a sample, zero where not used, shape (q, n)."""
-    poles = model.poles(values) / rate_hz
-    lasting = poles[(poles.imag >= 0.0) & (poles.real < 0.0) & (poles.real >= -1.0)]
+    """Free motion of the sensor, zero where not used, shape (q, n)."""
+    lasting = free_exponents(model.poles(values), rate_hz)
     waves_of: ComplexArray = np.exp(lasting[:, None] * np.arange(used.size)) * used
     return np.concatenate([waves_of.real, waves_of.imag[lasting.imag > 0.0]])
 

@@ -142,7 +142,7 @@ def judged(evidence: Evidence, estimate: Estimate) -> Judgement:
 
 
 def _once(evidence: Evidence, estimator: Estimator, progress: Progress) -> tuple[Estimate, Judgement]:
-    """An estimate, or what takes its place where it is rejected and clearly no better, and what it says of the data."""
+    """An estimate, or what takes its place where it is rejected, and what that says of the data."""
     longest = max((record.samples for record in evidence.records), default=0)
     give_back_after(longest)
     found = estimator.fit(evidence, progress)
@@ -153,21 +153,8 @@ def _once(evidence: Evidence, estimator: Estimator, progress: Progress) -> tuple
     give_back_after(longest)
     if judgement.adequacy.adequate or (other := estimator.where_rejected(evidence, found, progress)) is None:
         return estimate, judgement
-    instead = canonically_labelled(other)
-    instead_judged = judged(evidence, instead)
-    if _clearly_better(evidence, judgement, instead_judged):
-        return estimate, judgement
-    return instead, instead_judged
-
-
-def _clearly_better(evidence: Evidence, one: Judgement, other: Judgement) -> bool:
-    """Whether the points agree with a fit clearly better than with another one.
-
-    A fit that predicts less of the response is tested in fewer bands, and meets those that are left the better.
-    """
-    first, second = (each.adequacy.chi2_reduced for each in (one, other))
-    lost = part_left(evidence.records, one.predicted) > MOST_LEFT
-    return not lost and (first or np.inf) < CLEARLY_LESS * (second or 0.0)
+    estimate = canonically_labelled(other)
+    return estimate, judged(evidence, estimate)
 
 
 def _weak(estimate: Estimate) -> bool:
@@ -213,7 +200,7 @@ def _tried(start: Mapping[str, float], best: Fitted) -> Fitted:
     """The fit from another start if it is better, else the best so far.
 
     A start that is near the first one leads where that did. A start may lead to no fit: a delay beyond the record, for
-    one.
+    one. A fit that predicts less of the response is tested in fewer bands, and meets those that are left the better.
     """
     if _leads_alike(best, start):
         return best
@@ -221,7 +208,9 @@ def _tried(start: Mapping[str, float], best: Fitted) -> Fitted:
         other = best.begun_at(start)
     except (NotConverged, InputError):
         return best
-    return other if _clearly_better(best.evidence, other.judgement, best.judgement) else best
+    before, after = (one.judgement.adequacy.chi2_reduced for one in (best, other))
+    lost = part_left(best.evidence.records, other.judgement.predicted) > MOST_LEFT
+    return best if lost or not (after or np.inf) < CLEARLY_LESS * (before or 0.0) else other
 
 
 def _leads_alike(best: Fitted, start: Mapping[str, float]) -> bool:

@@ -266,14 +266,12 @@ def _beside(record: Record, frequency: float) -> FloatArray:
 def _terms(record: Record, frequency: float, poles: ComplexArray | None) -> tuple[Terms, int]:
     """Terms over the span that is used, and how many are the tone's own.
 
-    cos hωt, sin hωt for the harmonics below 0.45 of the sampling rate, one, t; free response of stable poles that last
-    longer than a few samples; hum.
+    cos hωt, sin hωt for the harmonics below 0.45 of the sampling rate, one, t; free response; hum.
     """
     mask, rate, place = record.mask, record.sampling_rate_hz, span_of(record.mask)
     last = record.samples - 1
     highest = max(1, min(HARMONICS, int(0.45 * rate / frequency), int(last / 16)))
-    every = (np.zeros(0) if poles is None else poles).astype(complex) / rate
-    lasting = every[(every.imag >= 0.0) & (every.real < 0.0) & (every.real >= -1.0)]
+    lasting = free_exponents(np.zeros(0) if poles is None else poles, rate)
     tone = 2j * np.pi * frequency / rate * np.arange(1, highest + 1)
     exponents = np.concatenate([tone, lasting]).astype(complex)
     count = len(exponents)
@@ -295,6 +293,16 @@ def _terms(record: Record, frequency: float, poles: ComplexArray | None) -> tupl
     if record.hum_hz:
         rows = np.concatenate([rows, waves(_beside(record, frequency), record.samples)[:, place]])
     return WrittenOut.of(rows * mask[place]), 2 * highest + 2
+
+
+def free_exponents(poles: ComplexArray, rate_hz: float) -> ComplexArray:
+    """Exponents of the free response from sample to sample: of stable poles, 1/s, one of each pair, shape (q,).
+
+    A pole that is gone by the second sample may be as large as the tone in the first. Those that rounding ends before
+    the second sample are left out.
+    """
+    found = np.asarray(poles).astype(complex) / rate_hz
+    return found[(found.imag >= 0.0) & (found.real < 0.0) & (found.real > np.log(np.finfo(float).eps))]
 
 
 def _told_apart(number: int, terms: Terms, record: Record, count: float) -> NDArray[np.int_]:

@@ -25,7 +25,7 @@ class Characteristic(Shape):
         """Square, cube and sign of the motion, over their size at the largest."""
         y = motion / scale.motion
         yield "holds a square of the motion", y * y * scale.motion
-        yield "is bent as by a cube of the motion", y**3 * scale.motion
+        yield "is bent as by a cube of the motion", y * y * y * scale.motion
         yield "has a dead band, or a step, around its zero", np.sign(y) * scale.motion
 
     def sentence(self, candidate: Candidate, score: Score) -> str:

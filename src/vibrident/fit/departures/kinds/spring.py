@@ -26,7 +26,7 @@ class Spring(Shape):
         """Square and cube of the motion."""
         y = motion / scale.motion
         yield "is bent as by a spring that is stiffer on one side of its rest point", y * y * scale.motion
-        yield "is bent as by a spring that is not linear", y**3 * scale.motion
+        yield "is bent as by a spring that is not linear", y * y * y * scale.motion
 
     def at_points(self, points: PointsPart) -> list[tuple[Candidate, Sums]]:
         """The describing function of a cubic stiffness: −¾ k₃ |V|² H/S₀ (Nayfeh & Mook 1979, sec. 2.3)."""
