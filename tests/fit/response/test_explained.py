@@ -59,3 +59,9 @@ def test_a_fit_that_explains_nothing_of_a_shock_is_not_adequate():
     result = identify(trial.calibration(), model=trial.model)
     assert not result.fit.adequate
     assert "lack_of_fit" in result.warning_codes
+
+
+def test_a_record_of_which_a_delay_leaves_nothing_raises_no_warning():
+    """Three cuts in both channels leave a piece that is shorter than the delay that is found in it."""
+    trial = BY_NAME["defect/cuts of both channels:3/mixed/below-light/0.1 %"].trial(29)
+    assert "clock_suspect" in identify(trial.calibration(), model=trial.model).warning_codes

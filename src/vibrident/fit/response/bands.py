@@ -290,7 +290,7 @@ def windowed_spectra(channels: Sequence[FloatArray], mask: BoolArray, window: Fl
     for values in series:
         values *= window
     spectra = transforms(series)
-    spectra *= 2.0 / np.sum(window)
+    spectra *= 2.0 / (np.sum(window) or 1.0)  # a long delay may leave no samples
     return spectra
 
 

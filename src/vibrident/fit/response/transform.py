@@ -62,7 +62,9 @@ def in_blocks(lines: int) -> list[slice]:
 
 def about_mean(values: FloatArray, used: BoolArray) -> FloatArray:
     """Values about the mean of those that are used, zero where they are not, shape (samples,)."""
-    return values - values.mean() if used.all() else np.where(used, values - values[used].mean(), 0.0)
+    if used.all():
+        return values - values.mean()
+    return np.where(used, values - (values[used].mean() if used.any() else 0.0), 0.0)
 
 
 def line_counts(samples: int) -> FloatArray:
