@@ -271,7 +271,7 @@ def _terms(record: Record, frequency: float, poles: ComplexArray | None) -> tupl
     mask, rate, place = record.mask, record.sampling_rate_hz, span_of(record.mask)
     last = record.samples - 1
     highest = max(1, min(HARMONICS, int(0.45 * rate / frequency), int(last / 16)))
-    lasting = free_exponents(np.zeros(0) if poles is None else poles, rate)
+    lasting = free_exponents(poles, rate)
     tone = 2j * np.pi * frequency / rate * np.arange(1, highest + 1)
     exponents = np.concatenate([tone, lasting]).astype(complex)
     count = len(exponents)
@@ -295,13 +295,13 @@ def _terms(record: Record, frequency: float, poles: ComplexArray | None) -> tupl
     return WrittenOut.of(rows * mask[place]), 2 * highest + 2
 
 
-def free_exponents(poles: ComplexArray, rate_hz: float) -> ComplexArray:
+def free_exponents(poles: ComplexArray | None, rate_hz: float) -> ComplexArray:
     """Exponents of the free response from sample to sample: of stable poles, 1/s, one of each pair, shape (q,).
 
     A pole that is gone by the second sample may be as large as the tone in the first. Those that rounding ends before
     the second sample are left out.
     """
-    found = np.asarray(poles).astype(complex) / rate_hz
+    found: ComplexArray = np.array([] if poles is None else poles, dtype=complex) / rate_hz
     return found[(found.imag >= 0.0) & (found.real < 0.0) & (found.real > np.log(np.finfo(float).eps))]
 
 
