@@ -301,8 +301,9 @@ def free_exponents(poles: ComplexArray | None, rate_hz: float) -> ComplexArray:
     A pole that is gone by the second sample may be as large as the tone in the first. Those that rounding ends before
     the second sample are left out.
     """
-    found: ComplexArray = np.array([] if poles is None else poles, dtype=complex) / rate_hz
-    return found[(found.imag >= 0.0) & (found.real < 0.0) & (found.real > np.log(np.finfo(float).eps))]
+    found: ComplexArray = np.zeros(0, dtype=complex) if poles is None else np.asarray(poles / rate_hz, dtype=complex)
+    lasts = (found.imag >= 0.0) & (found.real < 0.0) & (found.real > np.log(np.finfo(float).eps))
+    return np.asarray(found[lasts], dtype=complex)
 
 
 def _told_apart(number: int, terms: Terms, record: Record, count: float) -> NDArray[np.int_]:
