@@ -180,7 +180,7 @@ def _better_weighted(best: Fitted, begin: Start) -> Fitted:
             other = best.begun_at(start)
         except (NotConverged, InputError):
             continue
-        if _noise_weights(other) == "spectrum" and other.adequate and _chi2(other) < least:
+        if other.in_noise_found and other.adequate and _chi2(other) < least:
             least, first = _chi2(other), other
     return first
 

@@ -86,9 +86,9 @@ def _coherent(looks: Sequence[_Look | None]) -> list[_Look | None]:
     by all records that have it: without motion the evidence of each is exponential.
     """
     found = list(looks)
-    for samples in {look.record.samples for look in looks if look is not None}:
+    for samples, edges in {look.record.samples: len(look.edges) for look in looks if look is not None}.items():
         some = {k: look for k, look in enumerate(looks) if look is not None and look.record.samples == samples}
-        evidence, records = np.zeros((2, max(len(look.edges) for look in some.values()) - 1))
+        evidence, records = np.zeros((2, edges - 1))
         for look in some.values():
             evidence[look.keep] += look.evidence
             records[look.keep] += 1.0
