@@ -102,7 +102,7 @@ class ResidualIpnn(Estimator):
         # A larger network must leave 80 % or less of what the smaller one left (mean square).
         best = min(kept, key=lambda pair: pair[1].left * 0.8 ** (2 - len(pair[0])))
         whole = best[1].candidate.trained(np.ones(parts.shape, dtype=bool), progress, 1e-3)
-        return _with(plain, best[0], whole, shown)
+        return _with(plain, physics.problem, best[0], whole, shown)
 
 
 @dataclass(frozen=True, eq=False)
@@ -294,32 +294,35 @@ def _without(plain: Estimate, reason: str, tried: Mapping[str, Any]) -> Estimate
     return replace(plain, findings=replace(plain.findings, learned=learned))
 
 
-def _with(plain: Estimate, structure: tuple[str, ...], whole: _Candidate, tried: Mapping[str, Any]) -> Estimate:
-    """The estimate with the network beside the physics, and what each says of every record."""
+def _with(
+    plain: Estimate, physics: TimeProblem, structure: tuple[str, ...], whole: _Candidate, tried: Mapping[str, Any]
+) -> Estimate:
+    """The estimate with the network beside the physics, and what each says of every record.
+
+    What is left to be explained, of the records less what was learned, is that of both.
+    """
     assert plain.problem is not None
-    count = len(plain.z)
+    count, records = len(plain.z), whole.problem.records
     normal = whole.normal(np.ones(whole.problem.lanes.segment.shape, dtype=bool))
     lines = whole.problem.lines(whole.z, whole.coordinates, whole.noise)
     covariance, freedom = hac_covariance(lines, whole.problem.degrees_of_freedom, np.diag(_prior(whole.coordinates)))
     z = np.asarray(whole.z)[:count]
-    alone = plain.problem.predict(plain.coordinates, z)
     predicted = tuple(whole.problem.by_record(normal.response))
-    learned = {n: v for n, v in whole.coordinates.values(whole.z).items() if n in PRIOR}
-    shares = [_share(both, physics) for both, physics in zip(predicted, alone, strict=True)]
-    names = [record.name for record in whole.problem.records]
+    alone = physics.predict(plain.coordinates, z)
+    added = [both - one for both, one in zip(predicted, alone, strict=True)]
+    shares = [_share(part, both) for part, both in zip(added, predicted, strict=True)]
     about = {
         "structure": list(structure),
-        "weights": learned,
-        "share_by_record": dict(zip(names, shares, strict=True)),
-        "rmse": _rms([r.response - p for r, p in zip(whole.problem.records, predicted, strict=True)]),
-        "rmse_of_physics_alone": _rms(
-            [r.response - p for r, p in zip(plain.problem.records, plain.predicted or (), strict=True)]
-        ),
+        "weights": {n: v for n, v in whole.coordinates.values(whole.z).items() if n in PRIOR},
+        "share_by_record": dict(zip([record.name for record in records], shares, strict=True)),
+        "rmse": _rms([r.response - p for r, p in zip(records, predicted, strict=True)]),
+        "rmse_of_physics_alone": _rms([r.response - p for r, p in zip(records, plain.predicted or (), strict=True)]),
     }
-    share = _share(np.concatenate(predicted), np.concatenate(alone))
+    share = _share(np.concatenate(added), np.concatenate(predicted))
     network, trace = plain.findings.network, whole.trace
     assert trace is not None
     assert network is not None
+    left = tuple(replace(r, response=r.response - np.nan_to_num(a)) for r, a in zip(records, added, strict=True))
     # What of the misfit looked like noise of the reference has been learned since: none of the plain fit's is stated.
     findings = Findings(
         replace(network, noise=whole.noise, weights=""), learned=LearnedShare(True, share, tried, about)
@@ -331,15 +334,15 @@ def _with(plain: Estimate, structure: tuple[str, ...], whole: _Candidate, tried:
         degrees_of_freedom=freedom,
         trace=replace(trace, coordinates=trace.coordinates[:, :count]),
         predicted=predicted,
+        problem=plain.problem.of_frame(left, plain.problem.frame),
         findings=findings,
     )
 
 
-def _share(both: FloatArray, physics: FloatArray) -> float:
+def _share(added: FloatArray, both: FloatArray) -> float:
     """Rms of what the network adds, over that of the whole."""
-    used = np.isfinite(both) & np.isfinite(physics)
-    size = float(np.std(both[used])) if used.any() else 0.0
-    return float(np.sqrt(np.mean((both - physics)[used] ** 2))) / size if size > 0 else 0.0
+    size = float(np.nanstd(both)) if np.isfinite(both).any() else 0.0
+    return _rms([added]) / size if size > 0 else 0.0
 
 
 def _rms(residuals: list[FloatArray]) -> float:

@@ -171,7 +171,7 @@ def parameter_table(
             value=values[spec.name],
             unit=_unit(spec.unit, units),
             standard_uncertainty=float(slopes[index] * deviation[index]) if known else None,
-            interval_95=(low, high) if known else (None, None),
+            interval_95=(float(low), float(high)) if known else (None, None),
             identifiable=known and spec.name not in doubtful,
         )
     doubted = {*doubtful, *unknown}
