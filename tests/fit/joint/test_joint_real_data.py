@@ -52,12 +52,11 @@ def lobe_rms(result: Result, shock: Calibration) -> float:
     return float(np.sqrt(np.mean(residual**2) / np.mean(response[lobe][compared] ** 2)))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("part_s", [(0.0, 4.45e-4), (1e-4, 4.6e-4), (2e-4, 4.5e-4)])
 def test_table_and_shock_of_an_accelerometer(tmp_path: Path, part_s: tuple[float, float]) -> None:
     """The main lobe is predicted within 1 %; by the sine table alone within some per cent. What remains is named.
 
-    From its slow beginning on, the shock alone determines nothing, so that it agrees with anything.
+    The shock's sensitivity is half a per cent below the table's, whichever part of it is used.
     """
     sine = read("ptb-shock-sine.toml", "ptb-shock", tmp_path / "sine")
     lobe = f"start_s = {part_s[0]}\nstop_s = {part_s[1]}\n"
@@ -70,12 +69,13 @@ def test_table_and_shock_of_an_accelerometer(tmp_path: Path, part_s: tuple[float
     assert by_shock.parameters["sensitivity"].value == pytest.approx(0.2267, abs=0.0010)
     assert 49e3 < by_shock.parameters["natural_frequency"].value < 55e3
     assert 0.02 < by_shock.parameters["damping_ratio"].value < 0.2
+    alone = by_shock.settings["joint"]["shared"][0]["separate"]["ptb-shock.toml"]
+    assert abs(alone["value"] - 0.22665) < 3.0 * np.hypot(alone["standard_uncertainty"], 8e-5)
     for result in (by_table, by_shock):
-        assert ("estimators_disagree" in result.warning_codes) == (part_s[0] > 0.0)
+        assert "estimators_disagree" in result.warning_codes
     assert "lack_of_fit" in by_table.warning_codes
 
 
-@pytest.mark.slow
 def test_both_pickups_of_a_seismometer(tmp_path: Path) -> None:
     """Over the band of the reference fits: below it the springs bend, above it the laser sees micrometres."""
     laser, coil = (within(read(f"sm3-{n}.toml", "sm3", tmp_path / n), (0.3, 3.0)) for n in ("laser", "coil"))

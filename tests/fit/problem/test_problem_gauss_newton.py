@@ -55,7 +55,7 @@ def records():
     return made
 
 
-@pytest.fixture(scope="module", params=[BinProblem, pytest.param(TimeProblem, marks=pytest.mark.slow)])
+@pytest.fixture(scope="module", params=[BinProblem, TimeProblem])
 def problem(records, request):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("vibrident.fit.problem.bin_problem.USABLE_BAND", 0.5)  # every line counts, as every sample does
@@ -106,9 +106,11 @@ def test_five_iterates_of_the_classical_method(damping, records, problem, coordi
     assert np.max(np.abs(classical - [0.9, 0.08, 0.18])) < (0.02 if damping else 0.005)
 
 
-@pytest.mark.slow
 def test_levenberg_marquardt_on_normal_equations_takes_the_dense_ones_steps(records, coordinates):
-    """Optimistix on all 720 residuals at once, against the package's optimiser on cost, gradient and JᵀJ."""
+    """Optimistix on all 720 residuals at once, against the package's optimiser on cost, gradient and JᵀJ.
+
+    The same steps, until what was learned of the residual's curvature makes those at the end better.
+    """
     problem = TimeProblem.build(records, parse("accelerometer"), method("zoh"), "acceleration", START)
     noise = jnp.asarray(problem.by_lane(NOISE))
     trace = levenberg_marquardt(network_objective, coordinates.first, (coordinates, problem, NOISE), tolerance=1e-10)
@@ -133,9 +135,9 @@ def test_levenberg_marquardt_on_normal_equations_takes_the_dense_ones_steps(reco
         z, state = step(z, state)
         if state.num_accepted_steps > before:
             path.append(np.asarray(z))
-    assert len(trace.coordinates) >= 4
-    for ours, theirs in zip(trace.coordinates[:6], path, strict=False):
-        np.testing.assert_allclose(ours, theirs, atol=1e-8)
+    assert 5 <= len(trace.coordinates) <= len(path)
+    np.testing.assert_allclose(trace.coordinates[:5], path[:5], rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(trace.last, path[-1], atol=1e-8)
 
 
 def test_the_optimum_is_where_the_dense_gradient_vanishes(records, problem, coordinates):
