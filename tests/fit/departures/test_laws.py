@@ -9,6 +9,7 @@ from bench.adversary.cases import BY_NAME
 from tests.support.random_record import SAMPLES, TRUTH, calibration, motion
 
 import vibrident
+from vibrident.data.records import Record
 from vibrident.fit.departures import part as parts
 from vibrident.fit.departures.part import Part
 from vibrident.fit.departures.score import LinearFit, Sums
@@ -24,9 +25,8 @@ def linear_part(rng: np.random.Generator, n: int, extra: np.ndarray) -> Part:
     nothing, bins = np.zeros((12, n)), np.ones(n // 2 + 1)
     first, second = freed
     return Part(
-        name="linear",
+        Record("linear", np.zeros(n), np.zeros(n), 1.0, "random"),
         begin_s=0.0,
-        rate_hz=1.0,
         used=np.ones(n, bool),
         predicted=second,
         bins=np.fft.rfft(second),
@@ -200,6 +200,17 @@ def test_a_change_in_quiet_noise_is_as_large_as_it_is(change: str, begin: float,
     true = vibrident.identify(made).parameters["sensitivity"].value
     without = float(re.search(r"sensitivity would be ([\d.]+) mV", result.warnings[0].message)[1]) / 1000.0
     assert value - without == pytest.approx(value - true, rel=0.1)
+
+
+def test_a_change_beside_bins_without_noise_is_told_once() -> None:
+    """Of 16 bits, far below the resonance: a jump of the response counts most in bins that the motion leaves empty."""
+    trial = BY_NAME["defect/gain step of the reference:0.1/random/below-light/16 bit"].trial(41)
+    result = vibrident.identify(trial.calibration(), model=trial.model)
+    records = [finding.record for finding in result.findings]
+    assert len(set(records)) == len(records)
+    found, true = result.parameters["sensitivity"], trial.truth["sensitivity"]
+    told = float(re.search(r"\(([\d.]+) u\)", result.warnings[0].message)[1])
+    assert told * found.standard_uncertainty == pytest.approx(abs(found.value - true), rel=0.2)
 
 
 def test_a_harmonic_of_a_sine_leaks_into_no_parameter():

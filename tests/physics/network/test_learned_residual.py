@@ -56,7 +56,7 @@ def test_what_the_physics_leaves_is_learned(sensor, learned):
         assert parameter.value == pytest.approx(truth[name], rel=0.01)
         assert abs(parameter.value - truth[name]) < 4.0 * parameter.standard_uncertainty
     assert set(whole.parameters) == set(plain.parameters)
-    # What was learned departs from the physics, and moves nothing: only that the physics alone does not explain it is said.
+    # What was learned moves nothing: only that the physics alone does not explain the data is said.
     assert whole.warning_codes == ("lack_of_fit",)
     assert not whole.findings
     # Without the network at least one of them is out by far more than it says, though it weighs the misfit as noise.

@@ -92,8 +92,12 @@ class Departure(ABC):
         """Those of a place."""
         return next(itertools.islice(self.columns(part, scale), candidate.number, None))[1]
 
-    def exact(self, candidate: Candidate, part: Part, parameters: int) -> Sums:
-        """Of columns whitened one by one, where the sums of places approximate that."""
+    def whitened(self, candidate: Candidate, part: Part, scale: Scale) -> FloatArray:
+        """Those of a place as its test has them, free of the nuisance parameters, shape (m, n)."""
+        return part.white(self.columns_of(candidate, part, scale))
+
+    def exact(self, candidate: Candidate, part: Part, scale: Scale, parameters: int) -> Sums:
+        """Of the columns of a place by themselves, where the sums of places approximate that."""
         raise NotImplementedError
 
     def doubt(self, part: Part, scale: Scale, count: int) -> FloatArray | None:

@@ -22,7 +22,6 @@ from vibrident.fit.departures.part import Own, Part, Parts
 from vibrident.fit.departures.points import PointsPart
 from vibrident.fit.departures.score import LinearFit, Score, Sums
 from vibrident.fit.registry import DEPARTURES
-from vibrident.fit.response.response import ComplexArray
 
 #: Chance that noise alone shows any departure in a calibration.
 FALSE_ALARMS = 1e-4
@@ -102,7 +101,7 @@ def _among_records(parts: Parts, scale: Scale, uncertainty: FloatArray, rounds: 
     """Departures are told apart in the noise that was read without them, which holds what they make of it too."""
     found, beside = list[list[Found]](), parts
     for number in range(rounds):
-        beside = beside.beside(partial(_columns, found[-1], scale)) if number else parts
+        beside = beside.beside(partial(_whitened, found[-1], scale)) if number else parts
         now = _strongest(_of_records(beside, scale, uncertainty))
         if not now:
             break
@@ -113,9 +112,9 @@ def _among_records(parts: Parts, scale: Scale, uncertainty: FloatArray, rounds: 
     return _of_one_kind([_together(now, lambda k=k: shifts()[k]) for k, now in enumerate(found)])
 
 
-def _columns(found: Sequence[Found], scale: Scale, number: int, part: Part) -> list[FloatArray | ComplexArray]:
-    """Of the departures of a part."""
-    return [one.departure.columns_of(one.candidate, part, scale) for one in found if one.place in (None, number)]
+def _whitened(found: Sequence[Found], scale: Scale, number: int, part: Part) -> list[FloatArray]:
+    """Columns of the departures of a part, whitened."""
+    return [one.departure.whitened(one.candidate, part, scale) for one in found if one.place in (None, number)]
 
 
 def _shifts(parts: Parts, found: Sequence[Sequence[Found]], scale: Scale, uncertainty: FloatArray) -> list[FloatArray]:
@@ -131,14 +130,13 @@ def _shifts(parts: Parts, found: Sequence[Sequence[Found]], scale: Scale, uncert
         return shifts
     before, beside, own, rounds = list[Own](), list[Own](), list[Sums](), list[int]()
     for place, part in enumerate(parts):
-        columns = _columns([one for _, one in every], scale, place, part)
-        quiet = part.in_noise_beside(columns)
+        here = [(number, one) for number, one in every if one.place in (None, place)]
+        quiet = part.in_noise_beside([one.departure.columns_of(one.candidate, part, scale) for _, one in here])
         before.append(part.own)
         beside.append(quiet.own)
-        if columns:
-            here = [number for number, one in every if one.place in (None, place)]
-            rounds += np.repeat(here, [len(each) for each in columns]).tolist()
-            own.append(Sums.of(quiet, np.concatenate([quiet.white(each) for each in columns]), len(uncertainty)))
+        if rows := _whitened([one for _, one in here], scale, place, quiet):
+            rounds += np.repeat([number for number, _ in here], [len(each) for each in rows]).tolist()
+            own.append(Sums.of(quiet, np.concatenate(rows), len(uncertainty)))
     fit = LinearFit.of(beside, uncertainty)
     for number, moved in zip(rounds, fit.moved(Sums.side_by_side(own)), strict=True):
         shifts[number] += moved
@@ -214,7 +212,7 @@ def _of_records(parts: Parts, scale: Scale, uncertainty: FloatArray) -> list[Fou
         for departure in [departure for departure in looked if departure.pooled]:
             places = own.pop(departure)
             every[departure] = _pooled(every[departure], places) if seen else places
-        seen.append(_Seen(len(seen), part.name, part.own, own))
+        seen.append(_Seen(len(seen), part.record.name, part.own, own))
         del part  # before the next one is made
     if not seen:
         return []
@@ -227,7 +225,7 @@ def _of_records(parts: Parts, scale: Scale, uncertainty: FloatArray) -> list[Fou
         several = len(kinds) * len(seen) * (2 if departure.together else 1)
         sure = [_sure(fit, departure, one.places[departure], several, one.own) for one in seen]
         if departure.approximate and any(sure):
-            sure = [_exactly(fit, departure, tests, part) for tests, part in zip(sure, parts, strict=True)]
+            sure = [_exactly(fit, departure, tests, part, scale) for tests, part in zip(sure, parts, strict=True)]
         bests = [(one, _best(fit, departure, tests)) for one, tests in zip(seen, sure, strict=True)]
         alone = [Found(departure, *best, one.place, one.record) for one, best in bests if best is not None]
         found += (departure.together and _of_all(fit, departure, seen, 2 * len(kinds))) or alone
@@ -246,7 +244,10 @@ class _Seen:
 
 def _of_all(fit: LinearFit, departure: Departure, seen: Sequence[_Seen], several: int) -> list[Found]:
     """All records, where these show a departure together that has one place in each; else none."""
+    seen = [one for one in seen if one.places[departure]]
     places = [one.places[departure][0] for one in seen]
+    if not places:
+        return []
     (score,) = fit.test(Sums.stacked([Sums.side_by_side([one.sums.at(0) for one in places])]))
     if score is None or score.chance * several > FALSE_ALARMS:
         return []
@@ -299,10 +300,10 @@ def _tests(fit: LinearFit, departure: Departure, sums: Sums, own: Own | None) ->
     return fit.test(sums.within(own, fit.inverse) if departure.within and own is not None else sums)
 
 
-def _exactly(fit: LinearFit, departure: Departure, tests: Sequence[_Test], part: Part) -> list[_Test]:
+def _exactly(fit: LinearFit, departure: Departure, tests: Sequence[_Test], part: Part, scale: Scale) -> list[_Test]:
     """The first candidate that is significant by exact sums, too."""
     for test in tests[:MOST_EXACT]:
-        sums = departure.exact(test.candidate, part, len(fit.uncertainty))
+        sums = departure.exact(test.candidate, part, scale, len(fit.uncertainty))
         (score,) = _tests(fit, departure, Sums.stacked([sums]), part.own)
         if score is not None and score.chance * test.several < FALSE_ALARMS:
             return [replace(test, sums=sums, score=score)]

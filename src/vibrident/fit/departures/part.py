@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy import fft
 
-from vibrident.data.records import BoolArray, FloatArray
+from vibrident.data.records import BoolArray, FloatArray, Record
 from vibrident.fit.information import inverse_where_shown
 from vibrident.fit.response.response import LEAST_DEVIATION, ComplexArray
 from vibrident.fit.response.rounding import TRIALS
@@ -55,9 +55,8 @@ class Part:
     offset, drift and hum.
 
     Attributes:
-        name: of the record.
+        record: of which it is.
         begin_s: time of the first sample.
-        rate_hz: sampling rate.
         used: samples that count, shape (n,).
         predicted: response to the reference as it was recorded, shape (n,).
         bins: of the response to the most likely motion that recurs with the record, shape (bins,).
@@ -77,14 +76,12 @@ class Part:
         freedom: degrees of freedom of the residual.
         pull: shift of the fit's coordinates by those of the record, shape (P, p); None where these are the same.
         turns: of the record's sine from sample to sample; None for other motion.
-        optical: whether the reference is an interferometer's raw light.
         slopes: of the response with the coordinates, shape (p, bins).
         again: makes the part in the noise beside columns by their bins, shape (m, bins).
     """
 
-    name: str
+    record: Record
     begin_s: float
-    rate_hz: float
     used: BoolArray
     predicted: FloatArray
     bins: ComplexArray
@@ -102,9 +99,13 @@ class Part:
     doubt: FloatArray
     pull: FloatArray | None = None
     turns: float | None = None
-    optical: bool = False
     slopes: ComplexArray | None = None
     again: Callable[[ComplexArray], Part] | None = None
+
+    @property
+    def rate_hz(self) -> float:
+        """Sampling rate."""
+        return self.record.sampling_rate_hz
 
     @property
     def samples(self) -> int:
@@ -170,9 +171,9 @@ class Part:
         spread = (jacobian * self.profile) @ jacobian.T
         return Own(normal, inverse, spread, gradient, self.in_common(jacobian), chi2, self.freedom, alone)
 
-    def beside(self, columns: FloatArray | ComplexArray) -> Part:
-        """The part with more nuisance columns, as of :meth:`white`."""
-        basis = orthonormal(self.white(columns))
+    def beside(self, rows: FloatArray) -> Part:
+        """The part with more nuisance columns, whitened, shape (m, n)."""
+        basis = orthonormal(rows)
         return replace(
             self,
             basis=np.concatenate([self.basis, basis]),
@@ -228,13 +229,11 @@ class Parts:
     def __iter__(self) -> Iterator[Part]:
         return iter(self.make() if self._held is None else self._held)
 
-    def beside(self, columns: Callable[[int, Part], Iterable[FloatArray | ComplexArray]]) -> Parts:
-        """The parts with more nuisance columns; ``columns``: sets of these of a part and its number."""
+    def beside(self, rows: Callable[[int, Part], Iterable[FloatArray]]) -> Parts:
+        """The parts with more nuisance columns; ``rows``: sets of these, whitened, of a part and its number."""
         return replace(
             self,
-            make=lambda: (
-                functools.reduce(Part.beside, columns(number, part), part) for number, part in enumerate(self)
-            ),
+            make=lambda: (functools.reduce(Part.beside, rows(number, part), part) for number, part in enumerate(self)),
         )
 
 

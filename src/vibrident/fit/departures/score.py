@@ -239,7 +239,7 @@ class LinearFit:
         repeated = np.sum(errors[..., : 2 * TRIALS] ** 2, axis=(-2, -1)) / np.maximum(
             np.trace(covariance, axis1=-2, axis2=-1), np.finfo(float).tiny
         )
-        told = np.minimum(TRIALS / np.maximum(repeated, SMALLEST) ** 2, self.told)
+        told = np.minimum((np.sqrt(TRIALS) / np.maximum(repeated, SMALLEST)) ** 2, self.told)
         columns = np.sum(kept, axis=-1)
         return [
             None

@@ -134,9 +134,8 @@ class Signals:
         moved = np.divide(likely, transfer, out=np.zeros_like(likely), where=power_of(transfer) > 0.0)
         freedom = float(np.sum(self.one_sided[counted])) * float(self.used.mean()) - len(basis)
         return Part(
-            self.record.name,
+            self.record,
             self.span.start / self.record.sampling_rate_hz,
-            self.record.sampling_rate_hz,
             self.used,
             predicted,
             likely,
@@ -154,7 +153,6 @@ class Signals:
             doubt,
             pull,
             self.turns,
-            self.record.optical is not None,
             self.jacobian,
             lambda columns: self.in_noise_beside(columns).part(effects),
         )

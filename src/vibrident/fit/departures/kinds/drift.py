@@ -32,8 +32,9 @@ class Drift(WithoutMotion):
     nuisance: ClassVar[bool] = True
 
     def columns(self, part: Part, scale: Scale) -> Iterable[tuple[str, FloatArray]]:
-        """The polynomials, as large as the largest motion."""
-        yield "", scale.motion * _polynomials(part.samples)
+        """The polynomials, as large as the largest motion; of a record with the nuisance tone, none is left."""
+        if self.beside(part.record) is not part.record:
+            yield "", scale.motion * _polynomials(part.samples)
 
     def beside(self, record: Record) -> Record:
         """With a tone of half a turn over the record, the size of which changes with time, as a nuisance parameter.

@@ -59,7 +59,7 @@ class Harmonics(WithoutMotion):
         if part.pull is not None:
             own = np.stack([_of_the_tone(part, int(one.words), part.pull) for one in places.candidates])
             places = replace(places, sums=replace(places.sums, shift=places.sums.shift + own))
-        if not part.optical:
+        if part.record.optical is None:
             return [places]
         size = 0.5 * part.samples * float(np.max(np.abs(part.motion))) ** 2
         moved = [columns @ part.predicted / size for _, columns in self.columns(part, scale)]
