@@ -59,7 +59,8 @@ test-plain: install-plain  ## tests of linear sensors on the plain install: no J
 nightly: export JAX_DISABLE_MOST_OPTIMIZATIONS := false
 nightly: $(DEV)  ## the tests that take long: Monte Carlo, every variant of a compiled network, walks through the page
 	$(COMPILE)
-	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m slow --durations=10 $(PYTEST_ARGS)
+	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m "slow and not alone" --durations=10 $(PYTEST_ARGS)
+	$(BIN)/python -m pytest -m alone $(PYTEST_ARGS)
 
 lint: $(DEV)  ## style, format and types
 	$(BIN)/ruff check .

@@ -45,7 +45,6 @@ def test_of_a_folder_what_is_not_known_is_left_out_and_listed(visit, picture, tm
     picture(page, "left-out")
 
 
-@pytest.mark.slow
 def test_of_more_files_than_a_page_takes_the_rest_is_left_out_and_listed(visit, tmp_path):
     for i in range(507):
         (tmp_path / f"{i}.csv").write_text(ROWS)

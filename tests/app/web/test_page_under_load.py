@@ -29,6 +29,7 @@ def asked_until_told(address: str, told: Connection) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.alone
 def test_eight_fits_at_once_leave_the_page_answering(visit, server, tmp_path):
     made = simulated(tmp_path / "made")
     pages = [visit(may_complain=True) for _ in range(8)]

@@ -79,7 +79,6 @@ CASES = [  # natural frequency, damping ratio, samples, output
 
 
 @pytest.mark.parametrize(("natural_hz", "damping", "samples", "output"), CASES)
-@pytest.mark.quick("50.0-0.003-1500-0", "50.0-0.2-600-1", "20.0-0.7-600-0")
 def test_at_the_cramer_rao_bound_and_covered(natural_hz, damping, samples, output):
     model = ("accelerometer", "velocity-pickup")[output]
     clean = swing(natural_hz, damping, samples, output=output)

@@ -131,7 +131,6 @@ def test_what_the_spectrum_says_of_its_parts() -> None:
 
 
 @pytest.mark.parametrize("excitation", ["random", "shock"])
-@pytest.mark.quick("shock")
 def test_a_misfit_is_not_weighed_away(excitation: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """A second mode that the model has not: the fit stays the best overall, and the result says what is wrong."""
     shape = {"sampling_rate_hz": 40e3, "samples": 4000, "repeats": 2, "seed": 3}
@@ -168,7 +167,6 @@ def far_below_resonance(kind: str) -> Calibration:
     ],
     ids=["shock", "sweep", "multisine", "flicker"],
 )
-@pytest.mark.quick("shock")
 def test_a_level_response_lets_lines_without_motion_tell_the_noise_of_the_reference(kind: str, noise: dict) -> None:
     """Without them the gain is drawn down where there is noise alone, and the resonance away with it, by many u."""
     runs, found = 8, []

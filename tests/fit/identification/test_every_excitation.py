@@ -35,10 +35,6 @@ def errors(result: Result, truth: dict[str, float]) -> dict[str, float]:
         *(("inverted", excitation) for excitation in ("sine", "random")),
     ],
 )
-@pytest.mark.quick(
-    "paper-sine", "paper-shock", "piezo-multisine", "piezo-random", "seismometer-sine", "seismometer-sweep",
-    "geophone-multisine", "geophone-random", "geophone-shock", "inverted-random",
-)  # fmt: skip
 def test_the_truth_lies_within_its_uncertainty(sensor: str, excitation: str) -> None:
     result = vibrident.identify(simulate(sensor, excitation, response_noise=0.01, samples=8000, seed=3))
     truth = SENSORS[sensor].parameters
@@ -51,7 +47,6 @@ def test_the_truth_lies_within_its_uncertainty(sensor: str, excitation: str) -> 
 
 @pytest.mark.parametrize("estimator", ["ml", "ipnn"])
 @pytest.mark.parametrize("rate", [2560.0, 16000.0, 51200.0])
-@pytest.mark.quick("2560.0-ipnn", "16000.0-ml")
 def test_without_channel_noise_the_parameters_are_exact(rate: float, estimator: str) -> None:
     """The paper's excitation, 20 dB of felt noise included: relative error at most 1e-6 at any sampling rate."""
     calibration = simulate("paper", "sine", sampling_rate_hz=rate, excitation_snr_db=20.0, samples=8000, seed=2)
@@ -98,7 +93,6 @@ def test_reference_in_velocity_or_displacement(sensor: str, estimator: str, quan
 
 @pytest.mark.parametrize("excitation", ["sine", "random", "shock"])
 @pytest.mark.parametrize("delay", [3.7e-5, -2e-4, 2.3e-3])
-@pytest.mark.quick("3.7e-05-random", "-0.0002-shock", "0.0023-sine", "0.0023-random")
 def test_delay_of_either_sign(delay: float, excitation: str) -> None:
     truth = {**PAPER, "delay": delay}
     calibration = simulate(
@@ -116,7 +110,6 @@ def test_delay_of_either_sign(delay: float, excitation: str) -> None:
 
 
 @pytest.mark.parametrize("damping", [0.72, 1.0, 2.5])
-@pytest.mark.quick("1.0", "2.5")
 def test_heavy_damping_is_normal(damping: float) -> None:
     truth = {**PAPER, "damping_ratio": damping}
     calibration = simulate(
@@ -181,7 +174,6 @@ def test_short_records_keep_their_noise_level() -> None:
     ],
 )
 @pytest.mark.parametrize("estimator", ["ml", "ipnn"])
-@pytest.mark.quick("ml-accelerometer+highpass-more0", "ml-accelerometer+mode2-more1")
 def test_add_ons_are_found_and_missed_when_left_out(model: str, more: dict[str, float], estimator: str) -> None:
     truth = {**PAPER, **more}
     calibration = simulate(

@@ -79,7 +79,6 @@ def test_shock_accelerometer_table(tmp_path: Path) -> None:
     assert "delay" in weak
 
 
-@pytest.mark.slow
 def test_the_shock_itself(tmp_path: Path) -> None:
     result = identified("ptb-shock.toml", "ptb-shock", tmp_path, model="accelerometer+delay")
     assert result.estimator == "ipnn"
@@ -87,7 +86,6 @@ def test_the_shock_itself(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("model", "chi2"), [("accelerometer", 34541), ("accelerometer+delay", 145)])
-@pytest.mark.quick("accelerometer+delay-145")
 def test_digital_accelerometer_is_no_single_oscillator(tmp_path: Path, model: str, chi2: float) -> None:
     result = identified("mpu9250.toml", "mpu9250", tmp_path, model=model)
     assert not result.fit.adequate

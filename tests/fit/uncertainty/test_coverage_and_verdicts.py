@@ -126,7 +126,6 @@ def test_an_open_direction_gets_a_large_variance_and_the_others_keep_theirs() ->
 
 
 @pytest.mark.parametrize("run", [20, 23, 34, 35])
-@pytest.mark.quick("20", "35")
 def test_what_leaks_from_the_ends_of_a_record_is_no_misfit(run):
     """A sharp resonance cut off in the middle of its motion leaks into bands beyond it, prediction and residual alike.
 

@@ -80,7 +80,6 @@ def test_where_the_problem_is_nearly_linear_it_is_the_stated_uncertainty():
         )
 
 
-@pytest.mark.slow
 def test_of_records_too():
     """Student's t for noise that was estimated: u within what 1 + 4/ν, which it carries, may differ from that."""
     tones = [100.0, 250.0, 400.0, 550.0, 630.0, 700.0, 850.0, 1000.0]

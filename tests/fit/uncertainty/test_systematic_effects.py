@@ -55,7 +55,6 @@ def test_parameters_stay_within_the_budget_of_a_shift_of_two_u():
 
 
 @pytest.mark.parametrize("size", [8.0, -8.0])
-@pytest.mark.quick("8.0")
 def test_a_misfit_of_another_shape_is_seen_as_if_no_effect_were_stated(size):
     bump = size * NOISE * np.exp(-(np.log(F / 400.0) ** 2) / 0.05)
     assert not identified(table(TIMING, GAIN, change=bump)).fit.adequate

@@ -257,7 +257,6 @@ def test_units_do_not_matter():
 
 
 @pytest.mark.parametrize("offset", [0.2, -20.0])
-@pytest.mark.quick("-20.0")
 def test_an_offset_of_the_reference_is_no_acceleration(offset):
     """A recorder's offset, up to twice the motion's peak: the same values, to a thousandth of their uncertainty."""
     noisy = with_noise(clean(), response_noise=0.01, seed=0)

@@ -60,7 +60,7 @@ def test_against_automatic_differentiation_of_the_residual(name):
         np.testing.assert_allclose(np.asarray(column).ravel(), jacobian[:, number], atol=1e-9 * scale[number])
 
 
-@pytest.mark.parametrize("way", [BinProblem, pytest.param(TimeProblem, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("way", [BinProblem, TimeProblem])
 def test_against_finite_differences(way):
     """Central differences of the cost: the gradient is exact though the nuisance is held (Kaufman 1975)."""
     problem, coordinates, z, noise = a_problem(way=way)

@@ -80,7 +80,6 @@ def a_few_records(rng, terms=3):
 
 
 @pytest.mark.parametrize("chunk", [1, 7, 64, 256, 1000])
-@pytest.mark.quick("7", "256")
 def test_chunks_are_the_recursion_sample_by_sample(chunk, rng):
     """Whatever the chunk length, records of unequal length and rate come out as the recursion gives them (1e-12)."""
     sets, segments = a_few_records(rng)
@@ -130,7 +129,7 @@ def _nuisance(weights, lanes, segments):
     return found, nuisance_response(p, lanes, found)
 
 
-@pytest.mark.parametrize("chunk", [32, pytest.param(256, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("chunk", [32, 256])
 def test_initial_states_and_offsets_are_found_exactly(chunk, rng):
     """Made with known states and offsets, some samples missing: least squares gives them back to 1e-10."""
     sets, segments = a_few_records(rng)

@@ -67,7 +67,7 @@ def test_chunks_give_the_recursion_sample_by_sample(model_name: str, gap: bool, 
         np.testing.assert_allclose(predicted[owner][segment_of], forced + design @ found, rtol=0, atol=1e-9)
 
 
-@pytest.mark.parametrize("way", [BinProblem, pytest.param(TimeProblem, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("way", [BinProblem, TimeProblem])
 def test_a_sensor_far_above_the_sampling_rate_keeps_its_response(way: type) -> None:
     """ωn Ts = 190: the poles are gone within a step, and the network is still exact."""
     model = parse("accelerometer")

@@ -99,7 +99,6 @@ def test_html():
 
 
 @pytest.mark.parametrize("name", SHORT)
-@pytest.mark.quick("2026-CALS_0042", "f_n")
 def test_html_of_one_sensor(name):
     found = Texts(report.content(named(table2(), name), "html").decode()).found
     assert f"Calibration of {name} {name} no. {name}" in found

@@ -82,7 +82,6 @@ def test_a_change_between_tones_is_an_alarm(certificate):
 
 
 @pytest.mark.parametrize("pickup", ["laser", "coil"])
-@pytest.mark.quick("laser")
 def test_the_seismometer_stays_within_the_intervals_of_its_certificate(pickup, tmp_path):
     calibration = vibrident.read(calibration_beside_data(f"sm3-{pickup}.toml", "sm3", tmp_path))
     result = vibrident.identify(calibration)
