@@ -129,7 +129,8 @@ def test_an_open_direction_gets_a_large_variance_and_the_others_keep_theirs() ->
 def test_what_leaks_from_the_ends_of_a_record_is_no_misfit(run):
     """A sharp resonance cut off in the middle of its motion leaks into bands beyond it, prediction and residual alike.
 
-    With 1 % of noise of the reference, which the resonance passes on, one of seven such runs was rejected.
+    With 1 % of noise of the reference, which the resonance passes on, one of seven such runs was rejected. That
+    noise falls faster than what leaks: weighted by it, little of that is left, and no tone seems to change.
     """
     sines = simulate(
         "piezo", frequencies_hz=[1500.0, 3860.0, 9933.0, 25561.0], sampling_rate_hz=1.2e6, samples=8000, start="steady",
@@ -140,4 +141,6 @@ def test_what_leaks_from_the_ends_of_a_record_is_no_misfit(run):
     )
     both = replace(sines, records=(*sines.records, *random.records))
     noisy = with_noise(both, reference_noise=0.01, seed=np.random.SeedSequence(1, spawn_key=(run,)))
-    assert "lack_of_fit" not in vibrident.identify(noisy).warning_codes
+    result = vibrident.identify(noisy)
+    assert result.warning_codes == ()
+    assert result.findings == ()

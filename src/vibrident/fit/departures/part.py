@@ -138,10 +138,10 @@ class Part:
     def changing(self) -> FloatArray:
         """What a change adds to the response, whitened: motion, its slope and the Jacobian, shape (2 + p, n).
 
-        In time it is told from these: a jump of the response itself is in all bins, the quietest above all, and says no
-        more than where exactly it is.
+        Of a sine, amplitude and phase say it all: shape (2, n). In time it is told from these: a jump of the response
+        itself is in all bins, the quietest above all, and says no more than where exactly it is.
         """
-        return np.concatenate([self.moved, self.jacobian if self.pull is None else self.jacobian[:0]])
+        return self.moved if self.turns is not None else np.concatenate([self.moved, self.jacobian])
 
     @functools.cached_property
     def moved(self) -> FloatArray:
@@ -155,9 +155,9 @@ class Part:
 
     @property
     def changing_bins(self) -> ComplexArray:
-        """What a change adds to the response by its bins, shape (2 + p, bins)."""
+        """The same by their bins, shape (2 + p, bins) or (2, bins)."""
         assert self.slopes is not None
-        return np.concatenate([self.moved_bins, self.slopes if self.pull is None else self.slopes[:0]])
+        return self.moved_bins if self.turns is not None else np.concatenate([self.moved_bins, self.slopes])
 
     @functools.cached_property
     def own(self) -> Own:

@@ -70,7 +70,7 @@ class Signals:
         """
         known, spectrum = np.concatenate([self.nuisance, columns]), self.spectrum
         if self.seen is not None:
-            freed = projected(self.rest / self.unit, np.concatenate([known, self.jacobian]), np.sqrt(self.one_sided))
+            freed = projected(self.rest / self.unit, np.concatenate([known, self.jacobian]), self.root)
             without_offset(freed)
             spectrum = replace(noise_spectrum(freed, self.seen, self.floor), tones=self.spectrum.tones)
         return replace(self, departing=columns, spectrum=spectrum)
@@ -79,6 +79,11 @@ class Signals:
     def counted(self) -> BoolArray:
         """Bins that count, shape (bins,)."""
         return np.asarray(self.one_sided > 0.0)
+
+    @property
+    def root(self) -> FloatArray:
+        """Weight of the bins in a sum of squares, as a root, shape (bins,)."""
+        return np.asarray(np.sqrt(self.one_sided / np.asarray(self.spectrum.psd)))
 
     @functools.cached_property
     def level(self) -> FloatArray:
@@ -91,7 +96,7 @@ class Signals:
         predicted, left = (np.asarray(bins / self.unit, dtype=complex) for bins in (self.predicted, self.rest))
         predicted[0] = 0.0
         known = self.nuisance if self.departing is None else np.concatenate([self.nuisance, self.departing])
-        rest = projected(left, known, np.sqrt(self.one_sided))
+        rest = projected(left, known, self.root)
         return most_likely(predicted, rest, self.transfer, self.spectrum, self.used) * self.counted * self.unit
 
     @property

@@ -19,7 +19,7 @@ from vibrident.fit.bins import without_offset
 from vibrident.fit.departures.departure import Scale
 from vibrident.fit.departures.part import Part, Parts
 from vibrident.fit.departures.signals import Signals, most_likely, projected
-from vibrident.fit.descent.iterate import beside_hum, likelier, nuisances_of, together
+from vibrident.fit.descent.iterate import Weighed, beside_hum, nuisances_of, together
 from vibrident.fit.estimators import Estimate
 from vibrident.fit.information import inverse_normal
 from vibrident.fit.noise.motion import Motion, motion_of
@@ -106,18 +106,18 @@ def _of_bins(
     lines = problem.lines(estimate.z, estimate.coordinates, network.noise, some)
     short = [record for record in lines if record.samples <= LONGEST]
     motions = [motion_of(record) for record in short]
-    spectra, tones = beside_hum(short, motions), _tones(evidence)
+    tones, weighed = _tones(evidence), Weighed.at(short, motions, None, beside_hum(short, motions), known=True)
     del short
     every = zip(evidence.records[some], network.noise[some].tolist(), predicted[some], strict=True)
     for index, (given, noise, series) in enumerate(every, some.start):
         record = lines.pop(0)  # of a long record each copy counts
         whole = record.samples <= LONGEST
-        motion_at, spectrum = (motions.pop(0), spectra.pop(0)) if whole else (None, None)
+        motion_at, noisy = (motions.pop(0), weighed.pop(0)) if whole else (None, None)
         if record.count < SHORTEST or record.free is None or record.model is None or given.reference is None:
             continue
         first = int(np.argmax(np.isfinite(series)))
         span = slice(first, first + record.samples)
-        if motion_at is None or spectrum is None:
+        if motion_at is None or noisy is None:
             pieces, used = _pieces(record.samples), record.used
             rows = [_cut(np.asarray(fft.irfft(row, used.size)), pieces) for row in (record.residual, *record.jacobian)]
             del record
@@ -131,12 +131,8 @@ def _of_bins(
         seen = motion_at()
         if index in tones and seen is not None:
             seen = _beside_harmonics(seen, record.samples, tones[index])
-            spectrum = noise_spectrum(record.residual, seen, record.floor)
-        nuisance = nuisances_of(record, spectrum)(slice(None))
-        jacobian = record.jacobian
-        if spectrum.input_noise > 0.0:  # at the most likely motion
-            rest = projected(record.residual, nuisance, np.sqrt(record.one_sided))
-            jacobian = jacobian + np.stack(list(record.model.jacobian())) * likelier(record, spectrum, rest)
+            spectrum = noise_spectrum(noisy.rest, seen, record.floor)
+            noisy = Weighed.of(record, noisy.spectrum.tones, noisy.nuisances, noisy.rest, spectrum)
         yield Signals(
             given,
             span,
@@ -144,10 +140,10 @@ def _of_bins(
             record.residual * noise,
             np.array(record.predicted(slice(None))) * noise,
             np.where(record.used, series[span], 0.0),
-            jacobian * noise,
+            noisy.jacobian * noise,
             record.model.through(),
-            nuisance,
-            spectrum,
+            nuisances_of(record, noisy.spectrum)(slice(None)),
+            noisy.spectrum,
             noise,
             record.one_sided,
             turns=tones.get(index),
