@@ -191,6 +191,17 @@ def test_a_tone_of_known_frequency_says_nothing_whatever_its_size(place, rng):
         np.testing.assert_allclose(others.residual, least.residual, atol=2e-3 * size * np.sqrt(SAMPLES))
 
 
+def test_a_tone_of_a_part_of_a_turn_holds_no_offset():
+    """Thirty samples between dropouts see so little of a slow tone that their mean tells nothing of its size."""
+    whole, values = random_motion("accelerometer"), values_of("accelerometer")
+    run = Record("run", whole.reference[600:640], whole.response[600:640], RATE, "random")
+    problem = BinProblem.build([run], parse("accelerometer"), method("bandlimited"), "acceleration", values)
+    coordinates = Coordinates.at(parse("accelerometer"), values, (20.0, 2000.0))
+    beside = problem.with_hum([(0.5 * RATE / SAMPLES,)])
+    alone, both = (one.predict(coordinates, coordinates.first)[0] for one in (problem, beside))
+    np.testing.assert_allclose(both, alone, atol=0.5 * np.nanstd(alone))
+
+
 def test_a_long_record_is_worked_on_in_blocks_and_gives_the_same(monkeypatch):
     """Blocks of 256 lines, nothing kept between them: every number as at once, but for rounding."""
     made = vibrident.simulate(

@@ -225,7 +225,9 @@ class BinProblem(NetworkProblem):
             del batch
             segment.transforms.forget_inputs()
             left[:, 0] = 0.0
-            left[:, : hum.shape[1]] += hum  # no columns where there is none
+            if segment.hum:
+                hum[:, 0] *= min(segment.hum) >= 1.0  # what is less than a turn tells nothing of its mean
+                left += hum
             own = self.records[segment.record].response[segment.span]
             found[segment.record][segment.span] = own - np.asarray(fft.irfft(left[0], segment.samples))
         return found
