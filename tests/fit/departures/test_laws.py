@@ -273,7 +273,7 @@ def test_what_departures_move_is_what_least_squares_beside_them_finds() -> None:
     columns = [part.freed(rng.normal(size=(2, 300))) for part in made]
     fit = LinearFit.of([part.own for part in made], np.ones(2))
     sums = [Sums.of(part, rows, 2) for part, rows in zip(made, columns, strict=True)]
-    moved = fit.moved(Sums.side_by_side(sums))
+    moved = fit.moved(Sums.side_by_side(sums), np.full(6, 1e9))
     added = np.zeros((6, 900))
     for number, rows in enumerate(columns):
         added[2 * number : 2 * number + 2, 300 * number : 300 * number + 300] = rows

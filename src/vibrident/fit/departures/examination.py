@@ -128,7 +128,8 @@ def _shifts(parts: Parts, found: Sequence[Sequence[Found]], scale: Scale, uncert
     every = [(number, one) for number, now in enumerate(found) for one in now if not one.departure.own_columns]
     if not every:
         return shifts
-    before, beside, own, rounds = list[Own](), list[Own](), list[Sums](), list[int]()
+    before, beside, own = list[Own](), list[Own](), list[Sums]()
+    rounds, sizes = list[int](), list[float]()
     for place, part in enumerate(parts):
         here = [(number, one) for number, one in every if one.place in (None, place)]
         quiet = part.in_noise_beside([one.departure.columns_of(one.candidate, part, scale) for _, one in here])
@@ -136,9 +137,10 @@ def _shifts(parts: Parts, found: Sequence[Sequence[Found]], scale: Scale, uncert
         beside.append(quiet.own)
         if rows := _whitened([one for _, one in here], scale, place, quiet):
             rounds += np.repeat([number for number, _ in here], [len(each) for each in rows]).tolist()
+            sizes += np.concatenate([np.abs(one.score.amounts) for _, one in here]).tolist()
             own.append(Sums.of(quiet, np.concatenate(rows), len(uncertainty)))
     fit = LinearFit.of(beside, uncertainty)
-    for number, moved in zip(rounds, fit.moved(Sums.side_by_side(own)), strict=True):
+    for number, moved in zip(rounds, fit.moved(Sums.side_by_side(own), np.array(sizes)), strict=True):
         shifts[number] += moved
     shifts[every[0][0]] += LinearFit.of(before, uncertainty).optimum(before) - fit.optimum(beside)
     return shifts

@@ -258,11 +258,16 @@ class LinearFit:
             for k, m in enumerate(columns.tolist())
         ]
 
-    def moved(self, sums: Sums) -> FloatArray:
-        """How far each column moves the coordinates, by the amounts that all have together, shape (m, P)."""
-        (score,) = self.test(Sums.stacked([sums]))
-        amounts = np.zeros(len(sums.score)) if score is None else score.amounts
-        return np.asarray(amounts[:, None] * (sums.cross @ self.inverse + sums.shift))
+    def moved(self, sums: Sums, sizes: FloatArray) -> FloatArray:
+        """How far each column moves the coordinates, by the amounts that all have together, shape (m, P).
+
+        ``sizes``: of the amounts that each showed by itself, shape (m,): standard deviations of a normal prior. Gains of
+        all records are as well a parameter: nothing else says how large such amounts are.
+        """
+        share = sums.cross @ self.inverse
+        score, gram = sums.score - share @ self.gradient, sums.gram - share @ sums.cross.T
+        amounts = sizes * np.linalg.solve(np.eye(len(sizes)) + sizes[:, None] * gram * sizes, sizes * score)
+        return np.asarray(amounts[:, None] * (share + sums.shift))
 
     def _chance(self, statistic: float, explained: float, columns: float, told: float) -> float:
         """An F test against what the departure leaves, where that is more than noise.
