@@ -19,11 +19,11 @@ from vibrident.fit.bins import without_offset
 from vibrident.fit.departures.departure import Scale
 from vibrident.fit.departures.part import Part, Parts
 from vibrident.fit.departures.signals import Signals, most_likely, projected
-from vibrident.fit.descent.iterate import Weighed, beside_hum, nuisances_of, together
+from vibrident.fit.descent.iterate import Weighed, beside_hum, is_steep, nuisances_of, together
 from vibrident.fit.estimators import Estimate
 from vibrident.fit.information import inverse_normal
 from vibrident.fit.noise.motion import Motion, motion_of
-from vibrident.fit.noise.spectrum import noise_spectrum
+from vibrident.fit.noise.spectrum import NoiseSpectrum, noise_spectrum
 from vibrident.fit.problem import BinProblem, Evidence
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.tones import free_exponents
@@ -259,32 +259,45 @@ def _in_time(
     values, model = estimate.coordinates.values(estimate.z), evidence.model.linear
     transfer = np.array(model.frequency_response(values, hz, evidence.quantity), dtype=complex)
     left, bins, columns = (np.asarray(fft.rfft(signal, axis=-1), dtype=complex) for signal in (rest, motion, jacobian))
-    colour = reference_colour(record, n)
-    own, over = (np.asarray(signal / unit, dtype=complex) for signal in (left, bins))  # noise levels near one
-    seen = Motion.of(over.__getitem__, float(used.sum()), np.square(np.abs(transfer)) * colour, colour)
     known = [hz * n / record.sampling_rate_hz for hz in record.hum_hz]
-    straight = np.stack([used * 1.0, used * np.linspace(-1.0, 1.0, n)])
-    nuisance = np.asarray(fft.rfft(np.concatenate([straight, waves(known, n) * used]), axis=1))
+    straight, free = np.linspace(-1.0, 1.0, n), _free_motion(model, values, record.sampling_rate_hz, used)
+    if pull is None:  # noise of the reference rings beyond either end, and so do the slopes
+        free = np.concatenate([free, free * np.arange(n)])
+    several = [used[None] * 1.0, used[None] * straight, waves(known, n) * used, free]
+    nuisance = np.asarray(fft.rfft(np.concatenate(several), axis=1))
     one_sided = np.where((np.arange(bins.size) > 0) & (np.arange(bins.size) <= USABLE_BAND * n), 2.0, 0.0)
-    if pull is not None:
-        free = np.asarray(fft.rfft(_free_motion(model, values, record.sampling_rate_hz, used)))
-        nuisance = np.concatenate([nuisance, free])
-    floor = (np.finfo(float).eps * float(np.max(np.abs(record.response[span]))) / unit) ** 2
-    beside = nuisance if pull is None else np.concatenate([nuisance, columns])  # a misfit of the tone is no noise
-    freed = projected(own, beside, np.sqrt(one_sided))
-    without_offset(freed)
+    colour, root, beside, other = reference_colour(record, n), np.sqrt(one_sided), nuisance, bins
+    if pull is not None:  # a misfit of the tone is no noise, and what leaks of it, or is free motion, hides none
+        beside = np.concatenate([nuisance, columns])
+        other = projected(np.asarray(fft.rfft(motion - jacobian[0]), dtype=complex), nuisance, root)
+    own, over = (np.asarray(signal / unit, dtype=complex) for signal in (left, other))  # noise levels near one
+    seen = Motion.of(over.__getitem__, float(used.sum()), np.square(np.abs(transfer)) * colour, colour)
     seen = _beside_harmonics(seen, n, turns)
-    spectrum = noise_spectrum(freed, seen, floor)
+    floor = (np.finfo(float).eps * float(np.max(np.abs(record.response[span]))) / unit) ** 2
+    freed, spectrum = _read(own, beside, seen, floor, root)
+    if is_steep(spectrum):
+        freed, spectrum = _read(own, beside, seen, floor, root / np.sqrt(spectrum.psd))
+    if pull is None and evidence.model.is_linear:
+        share = spectrum.input_noise_at * power_of(transfer) / spectrum.psd
+        columns = columns + _slopes(evidence, estimate, share * freed * unit, transfer, hz)
     if spectrum.tones:
         nuisance = np.concatenate([nuisance, np.asarray(fft.rfft(waves(spectrum.tones, n) * used, axis=1))])
     spectrum = replace(spectrum, tones=(*known, *spectrum.tones))
     if pull is not None:
-        # less the tone itself, whose leakage is above the noise of the reference in all bins, and hides it in none
-        other = np.asarray(fft.rfft(motion - jacobian[0]) / unit, dtype=complex)
-        other = most_likely(other, freed, transfer, spectrum, used)
-        nuisance = np.concatenate([nuisance, _beside_tone(evidence, estimate, other, transfer, hz, turns)])
+        other, place = most_likely(over, freed, transfer, spectrum, used), round((turns or 0.0) * n)
+        other[max(place - NEAR_TONE, 0) : place + NEAR_TONE + 1] = 0.0
+        nuisance = np.concatenate([nuisance, _slopes(evidence, estimate, other, transfer, hz)])
     signals = left, bins, motion, columns, transfer, nuisance
     return Signals(record, span, used, *signals, spectrum, unit, one_sided, pull, turns, seen, floor)
+
+
+def _read(
+    rest: ComplexArray, beside: ComplexArray, seen: Motion, floor: float, root: FloatArray
+) -> tuple[ComplexArray, NoiseSpectrum]:
+    """A residual less the columns that fit it best, each bin weighted by ``root``, and the noise that it shows."""
+    freed = projected(rest, beside, root)
+    without_offset(freed)
+    return freed, noise_spectrum(freed, seen, floor)
 
 
 def _free_motion(model: SensorModel, values: dict[str, float], rate_hz: float, used: BoolArray) -> FloatArray:
@@ -304,24 +317,17 @@ def _beside_harmonics(motion: Motion, samples: int, turns: float | None) -> Moti
     return replace(motion, alone=motion.alone | (near & (np.round(order) > 0.0)))
 
 
-def _beside_tone(
-    evidence: Evidence,
-    estimate: Estimate,
-    bins: ComplexArray,
-    transfer: ComplexArray,
-    hz: FloatArray,
-    turns: float | None,
+def _slopes(
+    evidence: Evidence, estimate: Estimate, bins: ComplexArray, transfer: ComplexArray, hz: FloatArray
 ) -> ComplexArray:
-    """Bins of the response's slopes with the coordinates beside the tone of a sine, shape (P, bins).
+    """Bins of the response's slopes with the coordinates, shape (P, bins), for a part of the response.
 
-    Motion beside the tone tells of the parameters too; the points do not use it. ``bins`` are zero where the reference
-    may be noise: the residual is coherent with that noise, and columns of it would take it for motion.
+    For motion beside the tone of a sine, which tells of the parameters too; the points do not use it. It is zero where
+    the reference may be noise: the residual is coherent with that noise, and columns of it would take it for motion.
+    And for what the most likely motion has beyond the reference.
     """
-    values, model = estimate.coordinates.values(estimate.z), evidence.model
-    _, jacobian = response_and_slopes(model, values, hz, evidence.quantity)
+    _, jacobian = response_and_slopes(evidence.model, estimate.coordinates.values(estimate.z), hz, evidence.quantity)
     moved = np.divide(bins, transfer, out=np.zeros_like(bins), where=power_of(transfer) > 0.0)
-    place = round((turns or 0.0) * 2.0 * (bins.size - 1))
-    moved[max(place - NEAR_TONE, 0) : place + NEAR_TONE + 1] = 0.0
     return np.asarray(jacobian * estimate.coordinates.slopes(estimate.z)[:, None] * moved)
 
 

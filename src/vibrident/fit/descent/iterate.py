@@ -301,8 +301,12 @@ def nuisances_of(record: RecordBins, spectrum: NoiseSpectrum) -> BinsAt:
 
 def _with_edges(record: RecordBins, spectrum: NoiseSpectrum) -> bool:
     """Whether slopes of the initial states are unknown, too; a free decay has nothing but these states."""
-    steep = float(np.min(spectrum.psd)) < 0.01 * float(np.mean(spectrum.psd))
-    return record.model is not None and (steep or spectrum.input_noise > 0 or record.rings_unseen)
+    return record.model is not None and (is_steep(spectrum) or record.rings_unseen)
+
+
+def is_steep(spectrum: NoiseSpectrum) -> bool:
+    """Whether the noise is so much less in some bins than in others that what leaks into these counts."""
+    return spectrum.input_noise > 0 or float(np.min(spectrum.psd)) < 0.01 * float(np.mean(spectrum.psd))
 
 
 def beside_hum(lines: Sequence[RecordBins], motions: Sequence[MotionOf]) -> list[NoiseSpectrum]:

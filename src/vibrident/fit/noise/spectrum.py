@@ -269,7 +269,8 @@ def _unfelt(rest: ComplexArray, motion: Motion, through: FloatArray, last: int) 
 
     def columns(part: slice) -> FloatArray:
         order = np.arange(part.start + 1, part.stop + 1) / last
-        return np.stack([share[part], share[part] / (last * order), own[part], own[part] * order**2])
+        moved = np.where(own[part] < QUIET * left[part], 0.0, own[part])  # elsewhere noise is all of it
+        return np.stack([share[part], share[part] / (last * order), moved, moved * order**2])
 
     blocks = in_blocks(last - 1)
     kept = [columns(part) for part in blocks[:1]]
@@ -319,7 +320,8 @@ def _amounts(normal: FloatArray, right: FloatArray) -> tuple[FloatArray, FloatAr
 
     The first two amounts are not negative; the second is left out if it is not significant.
     """
-    scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    power = np.diag(normal)
+    scale = np.sqrt(np.where(power > 0.0, power, 1.0))
     size = scale[:, None] * scale
     normal, right = normal / size, right / scale
     covariance = inverse_normal(normal)
