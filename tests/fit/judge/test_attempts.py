@@ -130,7 +130,7 @@ def test_a_displacement_of_eight_bits_leads_to_the_resonance_that_its_steps_hide
     to a third of the natural frequency, and to a hundredth of the sensitivity."""
     trial = BY_NAME[name].trial(seed)
     result = identify(trial.calibration(), model=trial.model)
-    assert result.warning_codes == ()
+    assert set(result.warning_codes) <= {"weakly_determined"}
     for parameter in ("natural_frequency", "damping_ratio"):
         found = result.parameters[parameter]
         assert found.standard_uncertainty is not None

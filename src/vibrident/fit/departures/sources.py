@@ -266,11 +266,9 @@ def _in_time(
     several = [used[None] * 1.0, used[None] * straight, waves(known, n) * used, free]
     nuisance = np.asarray(fft.rfft(np.concatenate(several), axis=1))
     one_sided = np.where((np.arange(bins.size) > 0) & (np.arange(bins.size) <= USABLE_BAND * n), 2.0, 0.0)
-    colour, root, beside, other = reference_colour(record, n), np.sqrt(one_sided), nuisance, bins
-    if pull is not None:  # a misfit of the tone is no noise, and what leaks of it, or is free motion, hides none
-        beside = np.concatenate([nuisance, columns])
-        other = projected(np.asarray(fft.rfft(motion - jacobian[0]), dtype=complex), nuisance, root)
-    own, over = (np.asarray(signal / unit, dtype=complex) for signal in (left, other))  # noise levels near one
+    colour, root = reference_colour(record, n), np.sqrt(one_sided)
+    beside = nuisance if pull is None else np.concatenate([nuisance, columns])  # a misfit of the tone is no noise
+    own, over = (np.asarray(signal / unit, dtype=complex) for signal in (left, bins))  # noise levels near one
     seen = Motion.of(over.__getitem__, float(used.sum()), np.square(np.abs(transfer)) * colour, colour)
     seen = _beside_harmonics(seen, n, turns)
     floor = (np.finfo(float).eps * float(np.max(np.abs(record.response[span]))) / unit) ** 2
@@ -284,7 +282,10 @@ def _in_time(
         nuisance = np.concatenate([nuisance, np.asarray(fft.rfft(waves(spectrum.tones, n) * used, axis=1))])
     spectrum = replace(spectrum, tones=(*known, *spectrum.tones))
     if pull is not None:
-        other, place = most_likely(over, freed, transfer, spectrum, used), round((turns or 0.0) * n)
+        # less the tone itself, whose leakage is above the noise of the reference in all bins, and hides it in none; and
+        # less free motion, which is not the reference's
+        other = projected(np.asarray(fft.rfft(motion - jacobian[0]) / unit, dtype=complex), nuisance, root)
+        other, place = most_likely(other, freed, transfer, spectrum, used), round((turns or 0.0) * n)
         other[max(place - NEAR_TONE, 0) : place + NEAR_TONE + 1] = 0.0
         nuisance = np.concatenate([nuisance, _slopes(evidence, estimate, other, transfer, hz)])
     signals = left, bins, motion, columns, transfer, nuisance

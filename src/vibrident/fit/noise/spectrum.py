@@ -257,7 +257,8 @@ def _unfelt(rest: ComplexArray, motion: Motion, through: FloatArray, last: int) 
 
     Noise n of the reference appears in the prediction as H n and in the residual as −H n, so −Re Ŷ* R has the mean
     |H|² σx². Lines without excitation determine it best, and each line is weighted by its scatter with motion. An
-    error of the model gives a share of |Ŷ|², with a slope in f². White and 1/f noise are separated.
+    error of the model gives a share of |Ŷ|², with a slope in f², where that is motion: where n may be all of it, it
+    looks like |H|² σx². White and 1/f noise are separated.
     """
     share, (own, ordinary), found = through[1:last], motion.level(), np.zeros(4)
     common, left = np.empty(last - 1), np.empty(last - 1)
