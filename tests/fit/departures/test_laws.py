@@ -174,6 +174,23 @@ def test_motion_beside_a_tone_is_free_of_what_the_residual_holds(case: str, run:
     assert result.findings == ()
 
 
+@pytest.mark.parametrize("sensor", ["paper", "piezo", "geophone", "seismometer"])
+def test_noise_of_the_reference_through_a_resonance_is_no_departure_of_sines(sensor: str) -> None:
+    """It falls by decades beside the resonance: what leaks there, or a line drawn through it all, is more than it."""
+    made = simulate(sensor, response_noise=1e-3, reference_noise=1e-2, seed=5)
+    assert vibrident.identify(made).findings == ()
+
+
+@pytest.mark.parametrize("band", [(1500.0, 5000.0), (50.0, 400.0)])
+def test_pieces_of_a_long_record_have_no_departure_of_their_own(monkeypatch, band: tuple[float, float]) -> None:
+    """Noise of the reference is in prediction and residual alike, and what came before a piece rings on in it."""
+    monkeypatch.setattr("vibrident.fit.departures.sources.LONGEST", 4096)
+    made = simulate(
+        "paper", "random", frequencies_hz=band, samples=16000, response_noise=1e-4, reference_noise=1e-2, seed=4
+    )
+    assert vibrident.identify(made).findings == ()
+
+
 def test_an_offset_is_no_noise_of_the_reference():
     """A displacement at 1 MHz: |H|² grows by eleven decades from the lowest bin, where the offset is, to the tone."""
     result = vibrident.identify(BY_NAME["extreme/scale response 1e+06/sine"].trial(8).calibration())

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vibrident.data.records import BoolArray
+from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.bins import BinsAt
 from vibrident.fit.noise.motion import Motion, lines_around, typical
 from vibrident.fit.response.response import ComplexArray
@@ -41,12 +41,27 @@ def incoherent(residual: ComplexArray, motion: Motion) -> ComplexArray:
         moved[part] = power_of(motion.predicted(part))
     moved[0], found = 0.0, residual
     for _ in range(ROUNDS):
-        level = typical(power_of(found), around)
+        level = _level(power_of(found), motion.through, around)
         level *= HEARD
         heard = moved > level
         del found, level
         found = without_coherent(residual, motion.predicted, heard)
     return found
+
+
+def _level(power: FloatArray, through: FloatArray | None, around: int) -> FloatArray:
+    """Level of noise, as of the response or as of the reference behind the sensor, whichever is more, shape (bins,).
+
+    Beside a resonance noise of the reference falls steeply: what it is there stands far above a mean over the bins
+    around, and would count as motion.
+    """
+    level = typical(power, around)
+    if through is None:
+        return level
+    shape = np.maximum(through, 1e-300)
+    power /= shape
+    power[0] = power[1]
+    return np.maximum(level, typical(power, around) * shape)
 
 
 def without_coherent(residual: ComplexArray, predicted: BinsAt, heard: BoolArray) -> ComplexArray:
