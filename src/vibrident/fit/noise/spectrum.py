@@ -321,8 +321,7 @@ def _amounts(normal: FloatArray, right: FloatArray) -> tuple[FloatArray, FloatAr
 
     The first two amounts are not negative; the second is left out if it is not significant.
     """
-    power = np.diag(normal)
-    scale = np.sqrt(np.where(power > 0.0, power, 1.0))
+    scale = np.sqrt(np.where(np.diag(normal) > 0.0, np.diag(normal), 1.0))
     size = scale[:, None] * scale
     normal, right = normal / size, right / scale
     covariance = inverse_normal(normal)
