@@ -269,9 +269,8 @@ def _unfelt(rest: ComplexArray, motion: Motion, through: FloatArray, last: int) 
     left = typical(left, lines_around(through))
 
     def columns(part: slice) -> FloatArray:
-        order = np.arange(part.start + 1, part.stop + 1) / last
-        moved = np.where(own[part] < QUIET * left[part], 0.0, own[part])  # elsewhere noise is all of it
-        return np.stack([share[part], share[part] / (last * order), moved, moved * order**2])
+        order, loud = np.arange(part.start + 1, part.stop + 1) / last, own[part] * (own[part] >= QUIET * left[part])
+        return np.stack([share[part], share[part] / (last * order), loud, loud * order**2])
 
     blocks = in_blocks(last - 1)
     kept = [columns(part) for part in blocks[:1]]
