@@ -106,18 +106,18 @@ def _of_bins(
     lines = problem.lines(estimate.z, estimate.coordinates, network.noise, some)
     short = [record for record in lines if record.samples <= LONGEST]
     motions = [motion_of(record) for record in short]
-    tones, weighed = _tones(evidence), Weighed.at(short, motions, None, beside_hum(short, motions), known=True)
+    spectra, tones = beside_hum(short, motions), _tones(evidence)
     del short
     every = zip(evidence.records[some], network.noise[some].tolist(), predicted[some], strict=True)
     for index, (given, noise, series) in enumerate(every, some.start):
         record = lines.pop(0)  # of a long record each copy counts
         whole = record.samples <= LONGEST
-        motion_at, noisy = (motions.pop(0), weighed.pop(0)) if whole else (None, None)
+        motion_at, spectrum = (motions.pop(0), spectra.pop(0)) if whole else (None, None)
         if record.count < SHORTEST or record.free is None or record.model is None or given.reference is None:
             continue
         first = int(np.argmax(np.isfinite(series)))
         span = slice(first, first + record.samples)
-        if motion_at is None or noisy is None:
+        if motion_at is None or spectrum is None:
             pieces, used = _pieces(record.samples), record.used
             rows = [_cut(np.asarray(fft.irfft(row, used.size)), pieces) for row in (record.residual, *record.jacobian)]
             del record
@@ -128,7 +128,7 @@ def _of_bins(
                 signals = (rest * noise, motion, np.array(jacobian) * noise)
                 yield _in_time(given, evidence, estimate, there, used[piece], *signals)
             continue
-        seen = motion_at()
+        (noisy,), seen = Weighed.at([record], [motion_at], None, [spectrum], known=True), motion_at()
         if index in tones and seen is not None:
             seen = _beside_harmonics(seen, record.samples, tones[index])
             spectrum = noise_spectrum(noisy.rest, seen, record.floor)

@@ -58,10 +58,11 @@ def _level(power: FloatArray, through: FloatArray | None, around: int) -> FloatA
     level = typical(power, around)
     if through is None:
         return level
-    shape = np.maximum(through, 1e-300)
-    power /= shape
+    np.divide(power, through, out=power, where=through > 0.0)  # in place: of a long record each copy counts
     power[0] = power[1]
-    return np.maximum(level, typical(power, around) * shape)
+    by_reference = typical(power, around)
+    by_reference *= through
+    return np.maximum(level, by_reference, out=level)
 
 
 def without_coherent(residual: ComplexArray, predicted: BinsAt, heard: BoolArray) -> ComplexArray:
