@@ -181,6 +181,18 @@ def test_noise_of_the_reference_through_a_resonance_is_no_departure_of_sines(sen
     assert vibrident.identify(made).findings == ()
 
 
+@pytest.mark.parametrize("estimator", ["ml", "ipnn"])
+def test_harmonics_of_a_sine_are_no_hum(estimator: str) -> None:
+    """Neither where its points are fitted, nor where its samples are: 0.3 % of the third, in every record."""
+    made, records = simulate("paper", response_noise=1e-3, reference_noise=1e-3, seed=5), []
+    for record in made.records:
+        third = np.cos(6.0 * np.pi * record.frequency_hz * record.time_s)
+        records.append(record.with_response(record.response + 1.5e-3 * np.ptp(record.response) * third, "bent"))
+    result = vibrident.identify(replace(made, records=tuple(records)), estimator=estimator)
+    assert {finding.code for finding in result.findings} == {"nonlinear"}
+    assert len({finding.record for finding in result.findings}) == len(records)
+
+
 @pytest.mark.parametrize("band", [(1500.0, 5000.0), (50.0, 400.0)])
 def test_pieces_of_a_long_record_have_no_departure_of_their_own(monkeypatch, band: tuple[float, float]) -> None:
     """Noise of the reference is in prediction and residual alike, and what came before a piece rings on in it."""

@@ -261,8 +261,8 @@ class LinearFit:
     def moved(self, sums: Sums, sizes: FloatArray) -> FloatArray:
         """How far each column moves the coordinates, by the amounts that all have together, shape (m, P).
 
-        ``sizes``: of the amounts that each showed by itself, shape (m,): standard deviations of a normal prior. Gains
-        of all records are as well a parameter: nothing else says how large such amounts are.
+        ``sizes``: of the amounts that each showed by itself, shape (m,): standard deviations of a normal prior. Without
+        it the common gain is not determined where each record has a gain of its own.
         """
         share = sums.cross @ self.inverse
         score, gram = sums.score - share @ self.gradient, sums.gram - share @ sums.cross.T

@@ -15,14 +15,14 @@ from numpy import fft
 
 from vibrident.base.fft_lengths import fast_below
 from vibrident.data.records import BoolArray, FloatArray, Record
-from vibrident.fit.bins import without_offset
+from vibrident.fit.bins import RecordBins, without_offset
 from vibrident.fit.departures.departure import Scale
 from vibrident.fit.departures.part import Part, Parts
 from vibrident.fit.departures.signals import Signals, most_likely, projected
 from vibrident.fit.descent.iterate import Weighed, beside_hum, is_steep, nuisances_of, together
 from vibrident.fit.estimators import Estimate
 from vibrident.fit.information import inverse_normal
-from vibrident.fit.noise.motion import Motion, motion_of
+from vibrident.fit.noise.motion import Motion, MotionOf, motion_of
 from vibrident.fit.noise.spectrum import NoiseSpectrum, noise_spectrum
 from vibrident.fit.problem import BinProblem, Evidence
 from vibrident.fit.response.response import ComplexArray
@@ -104,9 +104,10 @@ def _of_bins(
     network = estimate.findings.network
     assert network is not None
     lines = problem.lines(estimate.z, estimate.coordinates, network.noise, some)
-    short = [record for record in lines if record.samples <= LONGEST]
-    motions = [motion_of(record) for record in short]
-    spectra, tones = beside_hum(short, motions), _tones(evidence)
+    tones, step = _tones(evidence), np.zeros(len(estimate.z))
+    short = {index: record for index, record in enumerate(lines, some.start) if record.samples <= LONGEST}
+    motions = [_motion_of(record, tones.get(index)) for index, record in short.items()]
+    spectra = beside_hum(list(short.values()), motions)
     del short
     every = zip(evidence.records[some], network.noise[some].tolist(), predicted[some], strict=True)
     for index, (given, noise, series) in enumerate(every, some.start):
@@ -128,11 +129,7 @@ def _of_bins(
                 signals = (rest * noise, motion, np.array(jacobian) * noise)
                 yield _in_time(given, evidence, estimate, there, used[piece], *signals)
             continue
-        (noisy,), seen = Weighed.at([record], [motion_at], None, [spectrum], known=True), motion_at()
-        if index in tones and seen is not None:
-            seen = _beside_harmonics(seen, record.samples, tones[index])
-            spectrum = noise_spectrum(noisy.rest, seen, record.floor)
-            noisy = Weighed.of(record, noisy.spectrum.tones, noisy.nuisances, noisy.rest, spectrum)
+        (noisy,) = Weighed.at([record], [motion_at], step, [spectrum], known=True)
         yield Signals(
             given,
             span,
@@ -147,7 +144,7 @@ def _of_bins(
             noise,
             record.one_sided,
             turns=tones.get(index),
-            seen=seen,
+            seen=motion_at(),
             floor=record.floor,
         )
 
@@ -308,6 +305,13 @@ def _free_motion(model: SensorModel, values: dict[str, float], rate_hz: float, u
     return np.concatenate([waves_of.real, waves_of.imag[lasting.imag > 0.0]])
 
 
+def _motion_of(record: RecordBins, turns: float | None) -> MotionOf:
+    """What gives the motion of a record; ``turns``: of its tone from sample to sample, None for other motion."""
+    found = motion_of(record)()
+    heard = None if found is None else _beside_harmonics(found, record.samples, turns)
+    return lambda: heard
+
+
 def _beside_harmonics(motion: Motion, samples: int, turns: float | None) -> Motion:
     """The motion of a sine, whose harmonics are the sensor's and no hum."""
     if turns is None:
@@ -323,9 +327,8 @@ def _slopes(
 ) -> ComplexArray:
     """Bins of the response's slopes with the coordinates, shape (P, bins), for a part of the response.
 
-    For motion beside the tone of a sine, which tells of the parameters too; the points do not use it. It is zero where
-    the reference may be noise: the residual is coherent with that noise, and columns of it would take it for motion.
-    And for what the most likely motion has beyond the reference.
+    The part is what the most likely motion has beyond the reference, or the motion beside the tone of a sine, which the
+    points do not use. The latter is zero where the reference may be noise: the residual is coherent with that noise.
     """
     _, jacobian = response_and_slopes(evidence.model, estimate.coordinates.values(estimate.z), hz, evidence.quantity)
     moved = np.divide(bins, transfer, out=np.zeros_like(bins), where=power_of(transfer) > 0.0)

@@ -191,12 +191,12 @@ class Weighed:
         cls,
         lines: Sequence[RecordBins],
         motions: Sequence[MotionOf],
-        step: FloatArray | None,
+        step: FloatArray,
         before: list[NoiseSpectrum],
         *,
         known: bool,
     ) -> list[Weighed]:
-        """Of records, after a step, shape (p,), if any, from the noise as read before it; the list of it is emptied.
+        """Of records, after a step, shape (p,), from the noise as read before it; the list of which is emptied.
 
         ``known``: that was read here; it is read again where more than offset and drift may hide in it.
         """
@@ -209,10 +209,10 @@ class Weighed:
             rests = [_left(record, step, u, before.pop(0)) for record, u in zip(lines, nuisances, strict=True)]
             used = [record.where_used(rest) for record, rest in zip(lines, rests, strict=True)]
             found = spectra_of(lines, motions, used)
-        return [cls.of(*each) for each in zip(lines, tones, nuisances, rests, found, strict=True)]
+        return [cls._weighed(*each) for each in zip(lines, tones, nuisances, rests, found, strict=True)]
 
     @classmethod
-    def of(
+    def _weighed(
         cls,
         record: RecordBins,
         tones: tuple[float, ...],
@@ -220,7 +220,6 @@ class Weighed:
         rest: ComplexArray,
         found: NoiseSpectrum,
     ) -> Weighed:
-        """Of a record by the noise found, beside tones that were known."""
         p = len(record.jacobian)
         spectrum = replace(found, tones=(tones + found.tones)[:TONES])
         weight = record.one_sided * spectrum.excited / (max(record.samples, 1) * spectrum.psd)
@@ -283,10 +282,10 @@ def _cost(record: RecordBins, spectrum: NoiseSpectrum, z: FloatArray) -> float:
     return float(sums[-1, -1] - sums[:-1, -1] @ inverse_where_shown(sums[:-1, :-1]) @ sums[:-1, -1])
 
 
-def _left(record: RecordBins, step: FloatArray | None, nuisances: BinsAt, spectrum: NoiseSpectrum) -> ComplexArray:
+def _left(record: RecordBins, step: FloatArray, nuisances: BinsAt, spectrum: NoiseSpectrum) -> ComplexArray:
     """What a step and the best nuisance parameters leave of the residual, shape (lines,)."""
     weight = record.one_sided / (max(record.samples, 1) * spectrum.psd)
-    rest = record.residual.copy() if step is None else record.residual - step @ record.jacobian
+    rest = record.residual - step @ record.jacobian
     sums = products(lambda part: (nuisances(part), rest[None, part]), weight)
     amounts = inverse_where_shown(sums[:-1, :-1]) @ sums[:-1, -1]
     for part in in_blocks(len(rest)):

@@ -56,9 +56,10 @@ class Change(Departure):
         return np.asarray(np.fft.irfft(bins, part.samples, axis=-1) * _factor(candidate, part))
 
     def whitened(self, candidate: Candidate, part: Part, scale: Scale) -> FloatArray:
-        """The factor times whitened columns: a jump of the columns is in the quietest bins, and nearly where it should.
+        """The factor times the whitened columns.
 
-        Noise of a sine is told apart so near its tone that whitening rings for as long as the record.
+        A step of the columns themselves counts most in the quietest bins, and is half a block misplaced at worst. A
+        sine has them so nevertheless: its whitening filter rings for as long as the record.
         """
         if part.turns is not None:
             return part.white(self.columns_of(candidate, part, scale))
