@@ -52,3 +52,31 @@ def test_rest_before_a_release_does_no_harm():
     for name, truth in P.items():
         p = result.parameters[name]
         assert abs(p.value - truth) < 4.5 * p.standard_uncertainty
+
+
+def test_sines_beside_decays_take_nothing_from_what_the_decays_say(rng):
+    """Decays and sines in one fit know at least what the decays know: u is a bound by theory, and
+    may be larger only by the scatter of the noise that is estimated (5 % of u; 22 times before)."""
+    natural_hz, damping, rate, time = 2000.0, 0.05, 10_000.0, np.arange(2000) / 10_000.0
+    angular = 2 * np.pi * natural_hz
+    decays = [
+        np.exp(-damping * angular * time) * np.cos(angular * np.sqrt(1 - damping**2) * time + phase)
+        for phase in (0.0, 1.0)
+    ]
+    records = [
+        Record(f"decay {n}", None, free + 1e-3 * rng.normal(size=time.size), rate, "decay")
+        for n, free in enumerate(decays)
+    ]
+    for frequency in (200.0, 400.0, 800.0):
+        ratio = frequency / natural_hz
+        response = 0.1 / (1 - ratio**2 + 2j * damping * ratio) * np.exp(2j * np.pi * frequency * time)
+        noise = 5e-3 * rng.normal(size=time.size)
+        motion = 10 * np.cos(2 * np.pi * frequency * time)
+        records.append(Record(f"sine {frequency}", motion, response.real + noise, rate, "sine"))
+    alone = vibrident.identify(vibrident.Calibration(tuple(records[:2]), model="accelerometer"))
+    both = vibrident.identify(vibrident.Calibration(tuple(records), model="accelerometer"))
+    assert both.warning_codes == ()
+    for name, truth in (("natural_frequency", natural_hz), ("damping_ratio", damping)):
+        stated = both.parameters[name]
+        assert stated.standard_uncertainty < 1.05 * alone.parameters[name].standard_uncertainty
+        assert abs(stated.value - truth) < 4 * stated.standard_uncertainty

@@ -25,7 +25,9 @@ AXES = ("x", "y", "z")
 class AxesCalibration:
     """A sensor with several outputs."""
 
-    outputs: Mapping[str, Calibration]  # axis of an output to its calibration by the first reference
+    outputs: Mapping[
+        str, Calibration
+    ]  # axis of an output to its calibration by the first reference
     # axis of a reference to its signals: a calibration whose records have that reference; empty where the exciter has
     # one reference, and the records say along which axis it moved
     motions: Mapping[str, Calibration]
@@ -67,7 +69,8 @@ def read_axes(path: str | os.PathLike[str]) -> AxesCalibration:
         if record.excitation != "sine" or (not several and not record.circumstances.axis):
             raise InputError(
                 "A record does not fit a calibration of several axes.",
-                expected='excitation = "sine"' + ("" if several else ', and axis = "x", "y" or "z"'),
+                expected='excitation = "sine"'
+                + ("" if several else ', and axis = "x", "y" or "z"'),
                 found=f"{record.excitation!r}, axis {record.circumstances.axis!r}",
                 where=f"{where}, record {record.name!r}",
                 remedy="state the axis of the motion in its [[records]] entry, or leave the record out",

@@ -37,10 +37,14 @@ def _scale(value: float) -> float:
 
 
 _Scale = Annotated[
-    float, AfterValidator(_scale), Field(allow_inf_nan=False, description="a finite number other than 0")
+    float,
+    AfterValidator(_scale),
+    Field(allow_inf_nan=False, description="a finite number other than 0"),
 ]
 _Label = Annotated[str | int, Field(description="a number, or text in quotes")]
-_File = Annotated[str, Field(min_length=1, pattern=r"^[^\x00]*$", description="a file name in quotes")]
+_File = Annotated[
+    str, Field(min_length=1, pattern=r"^[^\x00]*$", description="a file name in quotes")
+]
 
 
 class SensorSection(FileSection):
@@ -120,14 +124,18 @@ class CalibrationFile(FileSection):
     reference: ReferenceSection = ReferenceSection()
     response: ResponseSection = ResponseSection()
     sampling: SamplingSection = SamplingSection()
-    records: list[RecordsEntry] = Field(default=[], description="one or more [[records]], in double brackets")
+    records: list[RecordsEntry] = Field(
+        default=[], description="one or more [[records]], in double brackets"
+    )
     table: TableSection | None = None
     interferometer: InterferometerSection | None = None
     certificate: CertificateSection = CertificateSection()
     uncertainty: list[UncertaintyEntry] = Field(
         default=[], description="one or more [[uncertainty]], in double brackets"
     )
-    cmc: list[CapabilityEntry] = Field(default=[], description="one or more [[cmc]], in double brackets")
+    cmc: list[CapabilityEntry] = Field(
+        default=[], description="one or more [[cmc]], in double brackets"
+    )
 
     @property
     def sensor_text(self) -> dict[str, str]:
@@ -192,12 +200,16 @@ def _check_content(calibration: CalibrationFile, where: str) -> None:
         )
     if calibration.interferometer is not None:
         given = calibration.reference.model_fields_set
-        check_interferometer(calibration.interferometer, given, calibration.table is not None, where)
+        check_interferometer(
+            calibration.interferometer, given, calibration.table is not None, where
+        )
     if calibration.table is not None:
         return
     if calibration.response.column is None:
         raise _missing("[response] column", where)
-    moved = calibration.interferometer is None and any(entry.excitation != "decay" for entry in calibration.records)
+    moved = calibration.interferometer is None and any(
+        entry.excitation != "decay" for entry in calibration.records
+    )
     if calibration.reference.column is None and moved:
         raise _missing("[reference] column", where)
     sampling = calibration.sampling

@@ -42,7 +42,9 @@ def _named(value: Any) -> Any:
 
 
 # A field's description is the "expected" of its error message.
-_Text = Annotated[str, BeforeValidator(_text), Field(min_length=1, description="text in quotes, not empty")]
+_Text = Annotated[
+    str, BeforeValidator(_text), Field(min_length=1, description="text in quotes, not empty")
+]
 _Date = Annotated[str, BeforeValidator(_date), Field(description="a date such as 2025-03-31")]
 _Lines = Annotated[
     list[Annotated[str, Field(min_length=1)]],
@@ -114,7 +116,9 @@ class CertificateSection(FileSection):
     air_pressure_uncertainty_hpa: NotNegative | None = None
     procedure: _Text | None = None
     traceability: _Text | None = None
-    instruments: list[_Instrument] = Field(default=[], description="a list of names, or [[certificate.instruments]]")
+    instruments: list[_Instrument] = Field(
+        default=[], description="a list of names, or [[certificate.instruments]]"
+    )
     reference_frequency_hz: Positive | None = None
     operator: _Text | None = None
     approved_by: _Text | None = None
@@ -123,16 +127,20 @@ class CertificateSection(FileSection):
     external_results: _Lines | None = None
     opinions: _Lines | None = None
     requirements: list[RequirementSection] = Field(
-        default=[], description="[[certificate.requirements]], each with a quantity and low or high or both"
+        default=[],
+        description="[[certificate.requirements]], each with a quantity and low or high or both",
     )
     decision_rule: Literal["simple", "guarded"] | None = None
     replaces: _Text | None = None
     changes: _Lines | None = None
     language: Language | None = None
     second_language: Language | None = None
-    country: Annotated[str, Field(pattern="^[A-Z]{2}$", description="two capitals (ISO 3166-1), such as DE")] | None = (
-        None
-    )
+    country: (
+        Annotated[
+            str, Field(pattern="^[A-Z]{2}$", description="two capitals (ISO 3166-1), such as DE")
+        ]
+        | None
+    ) = None
 
     def stated(self) -> Mapping[str, Any]:
         """What the file states, as plain values; dates as text."""
@@ -157,7 +165,9 @@ class _SensorText(FileSection):
 
 class _CertificateFile(FileSection):
     certificate: _OwnSection = _OwnSection()
-    sensor: _SensorText = Field(default_factory=_SensorText, description="text in quotes, one line a key")
+    sensor: _SensorText = Field(
+        default_factory=_SensorText, description="text in quotes, one line a key"
+    )
 
 
 class _Form(FileSection):
@@ -188,7 +198,9 @@ def certificate_data(files: Sequence[str | os.PathLike[str]]) -> CertificateData
     sensor: dict[str, str] = {}
     named: dict[str, Path] = {}
     for file in map(Path, files):
-        found = validated(_CertificateFile, read_toml(file, "certificate"), str(file), "certificate")
+        found = validated(
+            _CertificateFile, read_toml(file, "certificate"), str(file), "certificate"
+        )
         own = dict(found.certificate.stated())
         for key in ("logo", "template", "before", "fonts"):
             if key in own:
@@ -200,12 +212,16 @@ def certificate_data(files: Sequence[str | os.PathLike[str]]) -> CertificateData
 
 def certificate_text(data: CertificateData) -> str:
     """What is stated, as the text of a certificate file; without the files that it names."""
-    return "\n".join((toml_section("sensor", data.sensor), toml_section("certificate", data.certificate)))
+    return "\n".join(
+        (toml_section("sensor", data.sensor), toml_section("certificate", data.certificate))
+    )
 
 
 def certificate_section(values: Mapping[str, Any], where: str) -> Mapping[str, Any]:
     """What a form was filled with, checked as [certificate] of a calibration file; ``where`` names the form."""
-    return validated(_Form, {"certificate": dict(values)}, where, "certificate").certificate.stated()
+    return validated(
+        _Form, {"certificate": dict(values)}, where, "certificate"
+    ).certificate.stated()
 
 
 def _existing(path: Path, key: str, where: str) -> Path:

@@ -68,13 +68,27 @@ def require_few(path: Path, columns: Sequence[object], what: str = "columns") ->
 
 
 @dataclass(frozen=True)
+class Start:
+    """Time of a first sample, in nanoseconds. Two are comparable only if both or neither are of the epoch."""
+
+    ns: int
+    epoch: bool  # since 1970-01-01 UTC; else since the file's own zero, such as its trigger
+
+    @classmethod
+    def on_own_clock(cls, seconds: float) -> Start:
+        """Return a start in seconds from the file's own zero."""
+        return cls(round(seconds * 1e9), epoch=False)
+
+
+@dataclass(frozen=True)
 class Clock:
     """A file's statement of a column's sampling."""
 
     rate_hz: float  # samples per second
-    rate_rounding: float = 1e-9  # relative; largest deviation of the true rate by the rounding in the file
-    # time of the first sample on the format's clock, in nanoseconds; None if the file states none
-    start_ns: int | None = None
+    rate_rounding: float = (
+        1e-9  # relative; largest deviation of the true rate by the file's rounding
+    )
+    start: Start | None = None  # of the first sample; None if the file states none
 
 
 @dataclass(frozen=True)
@@ -84,8 +98,12 @@ class Channel:
     name: str  # as the calibration file uses it; "" for a column without a name
     handle: Any = None  # by which the format's library finds it
     clock: Clock | None = None  # the file's statement of its sampling; None if absent
-    in_seconds: bool = False  # True for a time type, loaded in seconds whatever its name
+    in_seconds: bool = False  # True for a time type, loaded in seconds since the first
     unit: str = ""  # that the file states beside the name; "" if none
+    # True for values over frequency, which no record is. A complex array NAME has the channels
+    # NAME.real and NAME.imag; a frequency response of a file that states its axis has also
+    # NAME.frequency, in Hz. "complex" under [table] names NAME.
+    over_frequency: bool = False
 
 
 class ColumnFile(ABC):
@@ -106,7 +124,9 @@ class ColumnFile(ABC):
         self._kept: dict[int, FloatArray] = {}  # columns that were read whole to give a part
         require_few(path, self._channels, f"{self.word}s")
         if not self._channels:
-            reasons = "; ".join(f"{name!r} is {reason}" for name, reason in list(refused.items())[:5])
+            reasons = "; ".join(
+                f"{name!r} is {reason}" for name, reason in list(refused.items())[:5]
+            )
             raise InputError(
                 f"The file holds no {self.word} of numbers.",
                 expected=f"one {self.word} of real numbers or more",
@@ -133,6 +153,11 @@ class ColumnFile(ABC):
     def clock(self, position: int) -> Clock | None:
         """Return the file's statement of this column's sampling."""
         return self._channels[position].clock
+
+    def start(self, position: int) -> Start | None:
+        """Return the time of a column's first sample: by its clock, or by its first date."""
+        clock = self.clock(position)
+        return None if clock is None else clock.start
 
     def stated_unit(self, position: int) -> str:
         """Unit of a column that the file states beside its name; "" if none."""
@@ -170,7 +195,9 @@ class ColumnFile(ABC):
         """Place of a value for messages: file, column, and line or sample. ``row`` counts samples from 0."""
         return f"{self.file}, {self.word} {self.names[position]!r}, sample {row + 1}"
 
-    def require_finite(self, position: int, values: FloatArray, first_row: int, remedy: str) -> None:
+    def require_finite(
+        self, position: int, values: FloatArray, first_row: int, remedy: str
+    ) -> None:
         """Refuse a value that is missing, NaN or infinite, with its place.
 
         ``values``: of the column, shape (samples,); ``first_row``: row of the first in the file, from 0.
@@ -208,7 +235,9 @@ class ColumnFile(ABC):
         if len(matches) == 1:
             return matches[0]
         if matches:
-            numbers = " or ".join(str(self.numbered.index(p) + 1) for p in matches if p in self.numbered)
+            numbers = " or ".join(
+                str(self.numbered.index(p) + 1) for p in matches if p in self.numbered
+            )
             raise InputError(
                 f"The column name {column!r} is not unique.",
                 expected="a name that occurs once in the header, or a column number",
@@ -222,7 +251,9 @@ class ColumnFile(ABC):
             expected=self._offer(),
             found=repr(column),
             where=where,
-            remedy=did_you_mean(wanted, named, "give one of these names, or a column number from 1", likeness=0.4),
+            remedy=did_you_mean(
+                wanted, named, "give one of these names, or a column number from 1", likeness=0.4
+            ),
         )
 
     def _plain_name(self, name: str) -> str:
@@ -261,7 +292,9 @@ def real_numbers(values: Any) -> FloatArray:
     """Values as float64 of shape (samples,), timestamps as seconds since the first; ValueError for others."""
     array = np.asarray(values)
     if array.dtype.kind == "M":
-        array = (array - array[:1]) / np.timedelta64(1, "s")  # subtracted first, to keep the digits of the seconds
+        array = (array - array[:1]) / np.timedelta64(
+            1, "s"
+        )  # subtracted first, to keep the digits of the seconds
     elif array.dtype.kind == "m":
         array = array / np.timedelta64(1, "s")
     if array.dtype.kind not in "iufb" or array.ndim != 1:
@@ -271,7 +304,9 @@ def real_numbers(values: Any) -> FloatArray:
 
 def library(name: str, extra: str, path: Path) -> Any:
     """Import a format's library, ``name``, which the extra ``extra`` of this package installs and ``path`` needs."""
-    return extras.library(name, extra, "This file format needs a library that is not installed.", str(path))
+    return extras.library(
+        name, extra, "This file format needs a library that is not installed.", str(path)
+    )
 
 
 def require_regular(path: Path, what: str) -> None:
@@ -304,8 +339,14 @@ def reading(path: Path, expected: str) -> Iterator[None]:
 def unreadable(file: str, error: BaseException, expected: str) -> InputError:
     """Return the InputError for a file that the system or a format library refuses."""
     reasons: dict[type[BaseException], tuple[str, str]] = {
-        FileNotFoundError: ("no file of that name", "check the path; paths in a calibration file start at its folder"),
-        IsADirectoryError: ("a folder", "name a file in it; of data files also a glob such as 'folder/*.csv'"),
+        FileNotFoundError: (
+            "no file of that name",
+            "check the path; paths in a calibration file start at its folder",
+        ),
+        IsADirectoryError: (
+            "a folder",
+            "name a file in it; of data files also a glob such as 'folder/*.csv'",
+        ),
         PermissionError: ("a file that may not be read", "ask for the right to read it"),
     }
     if isinstance(error, MemoryError):
@@ -316,5 +357,9 @@ def unreadable(file: str, error: BaseException, expected: str) -> InputError:
             where=file,
             remedy="check that the file is whole; read a shorter record, or free memory",
         )
-    found, remedy = reasons.get(type(error), (f"{type(error).__name__}: {error}", "check that the file is whole"))
-    return InputError("The file cannot be read.", expected=expected, found=found, where=file, remedy=remedy)
+    found, remedy = reasons.get(
+        type(error), (f"{type(error).__name__}: {error}", "check that the file is whole")
+    )
+    return InputError(
+        "The file cannot be read.", expected=expected, found=found, where=file, remedy=remedy
+    )

@@ -59,10 +59,15 @@ class CsvLayout:
 def split_line(line: str, delimiter: str) -> list[str]:
     """Split one line into its cells, without quotes and without blanks around them."""
     if '"' in line:
-        with contextlib.suppress(csv.Error):  # a cell beyond the csv module's limits is not a number
+        with contextlib.suppress(
+            csv.Error
+        ):  # a cell beyond the csv module's limits is not a number
             plain = line.strip(" \r\n").replace("\r", " ")
             plain = plain.replace("\t", " ") if delimiter == BLANKS else plain
-            return [cell.strip() for cell in next(csv.reader([plain], delimiter=delimiter, skipinitialspace=True))]
+            return [
+                cell.strip()
+                for cell in next(csv.reader([plain], delimiter=delimiter, skipinitialspace=True))
+            ]
     if delimiter == BLANKS:
         return line.split()
     return [cell.strip() for cell in line.strip("\r\n").split(delimiter)]
@@ -146,10 +151,19 @@ def _layout_of(lines: list[str], encoding: str, head: bytes, file: str) -> CsvLa
     if decimal == "." and delimiter != ",":
         decimal = _decimal_of([lines[i] for i in rows], delimiter)
     regular = [row for line in sample if len(row := split_line(line, delimiter)) == fields]
-    numeric = [n for n in range(fields) if 2 * sum(is_number(row[n], decimal) for row in regular) > len(regular)]
+    numeric = [
+        n
+        for n in range(fields)
+        if 2 * sum(is_number(row[n], decimal) for row in regular) > len(regular)
+    ]
     cells = {i: split_line(lines[i], delimiter) for i in rows}
     first = next(
-        (i for i, row in cells.items() if len(row) == fields and any(is_number(row[n], decimal) for n in numeric)), None
+        (
+            i
+            for i, row in cells.items()
+            if len(row) == fields and any(is_number(row[n], decimal) for n in numeric)
+        ),
+        None,
     )
     if first is None:
         raise InputError(
@@ -164,7 +178,9 @@ def _layout_of(lines: list[str], encoding: str, head: bytes, file: str) -> CsvLa
     _refuse_commas_of_two_kinds(head_cells, delimiter, fields, f"{file}, line {first + 1}")
     _refuse_mixed_first_row(cells[first], numeric, decimal, f"{file}, line {first + 1}")
     data = (row for i, row in cells.items() if i >= first)
-    trailing = fields > 1 and all(len(row) != fields or row[-1] == "" for row in data)  # a separator at the end
+    trailing = fields > 1 and all(
+        len(row) != fields or row[-1] == "" for row in data
+    )  # a separator at the end
     columns = fields - 1 if trailing else fields
     names, units = _names(lines[:first], head_cells, delimiter, columns)
     offset = 0
@@ -221,7 +237,9 @@ def _texts(row: list[str], numeric: list[int], decimal: str) -> list[int]:
     return [
         column
         for column in numeric
-        if column < len(row) and not is_number(row[column], decimal) and row[column].lower() not in _MISSING
+        if column < len(row)
+        and not is_number(row[column], decimal)
+        and row[column].lower() not in _MISSING
     ]
 
 
@@ -236,7 +254,9 @@ def _behind_names(rows: dict[int, list[str]], numeric: list[int], decimal: str) 
     return next(iter(rows))
 
 
-def _refuse_commas_of_two_kinds(above: list[list[str]], delimiter: str, fields: int, where: str) -> None:
+def _refuse_commas_of_two_kinds(
+    above: list[list[str]], delimiter: str, fields: int, where: str
+) -> None:
     """Refuse rows with twice as many cells as names: commas are both decimal sign and delimiter."""
     headers = [row for row in above if not any(is_number(cell, ".") for cell in row)]
     names = len(headers[-1]) if headers else 0
@@ -286,6 +306,10 @@ def _names(
     comments = [line for line in lines if _is_comment(line)]
     if comments and not above:
         names = fitting(split_line(comments[-1].strip().lstrip("#% "), delimiter))
-        if names is not None and (columns > 1 or names[0]) and not any(is_number(name, ".") for name in names):
+        if (
+            names is not None
+            and (columns > 1 or names[0])
+            and not any(is_number(name, ".") for name in names)
+        ):
             return names, without
     return without, without

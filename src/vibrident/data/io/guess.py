@@ -34,7 +34,8 @@ _DETECTORS = (
 )
 _CARRIER = re.compile(r"hetero|beat|carrier", re.IGNORECASE)
 _RESPONSE = re.compile(
-    r"resp|out|dut|sensor|volt|charge|signal|laser|pickup|antwort|ausgang|prüfling|spannung|ladung|\bu\b", re.IGNORECASE
+    r"resp|out|dut|sensor|volt|charge|signal|laser|pickup|antwort|ausgang|prüfling|spannung|ladung|\bu\b",
+    re.IGNORECASE,
 )
 #: Columns that number the rows.
 _INDEX = re.compile(r"(nr|no|nummer|number|index|samples?|row|zeile|#)\.?", re.IGNORECASE)
@@ -42,7 +43,9 @@ _BRACKETS = re.compile(r"[\[(]((?:\([^()]*\)|[^\])])+)[\])]")
 #: A sensitivity's unit: of the response, and of the motion in SI.
 _SENSITIVITY = re.compile(r"(.+?)/\(?(m(?:/s(?:\^?2|²)?)?)\)?")
 #: In brackets, a channel's number is no unit.
-_CHANNEL = re.compile(r"(?:ch(?:an(?:nel)?)?|kanal|ai|in(?:put)?|no|nr|#)?[\s._:#/-]*\d+", re.IGNORECASE)
+_CHANNEL = re.compile(
+    r"(?:ch(?:an(?:nel)?)?|kanal|ai|in(?:put)?|no|nr|#)?[\s._:#/-]*\d+", re.IGNORECASE
+)
 _LONGEST_NAME = 200
 _EXCITATIONS = (
     ("multisine", re.compile(r"multi", re.IGNORECASE)),
@@ -91,7 +94,8 @@ def guess_columns(path: Path) -> Columns:
     source = open_columns(path)
     own = source.names
     columns = tuple(
-        own[p] if own[p] and own.count(own[p]) == 1 else source.numbered.index(p) + 1 for p in _positions(source)
+        own[p] if own[p] and own.count(own[p]) == 1 else source.numbered.index(p) + 1
+        for p in _positions(source)
     )
     if not columns:
         raise InputError(
@@ -102,7 +106,9 @@ def guess_columns(path: Path) -> Columns:
             remedy="export the data with a header",
         )
     units = [source.stated_unit(p) for p in range(len(source.names))]
-    names = tuple(f"{name} [{unit}]" if unit else name for name, unit in zip(source.names, units, strict=True))
+    names = tuple(
+        f"{name} [{unit}]" if unit else name for name, unit in zip(source.names, units, strict=True)
+    )
     free = [p for p, name in enumerate(names) if not _INDEX.fullmatch(name.strip())]
     table = _table(names)
     clock = next((c for c in map(source.clock, free) if c is not None), None)
@@ -119,7 +125,9 @@ def guess_columns(path: Path) -> Columns:
     if reference is None and not detectors and len(free) > 1:
         reference, response = free[:2]
     unit, response_unit = _unit(names, reference), _unit(names, response)
-    if table["frequency"] is not None and (per := _SENSITIVITY.fullmatch(_unit(names, table["magnitude"]))):
+    if table["frequency"] is not None and (
+        per := _SENSITIVITY.fullmatch(_unit(names, table["magnitude"]))
+    ):
         response_unit, unit = per.groups()
     quantity = quantity_of(unit) or quantity or "acceleration"
     scale = si_scale(quantity, unit)
@@ -147,7 +155,11 @@ def guess_columns(path: Path) -> Columns:
 
 def _positions(source: ColumnFile) -> list[int]:
     names = source.names
-    return [p for p in range(len(names)) if p in source.numbered or (names[p] and names.count(names[p]) == 1)]
+    return [
+        p
+        for p in range(len(names))
+        if p in source.numbered or (names[p] and names.count(names[p]) == 1)
+    ]
 
 
 def _label(name: str, column: int | str) -> str:
@@ -157,22 +169,38 @@ def _label(name: str, column: int | str) -> str:
 
 
 def _first(names: Sequence[str], positions: Sequence[int], words: re.Pattern[str]) -> int | None:
-    return next((position for position in positions if names[position] and words.search(names[position].strip())), None)
+    return next(
+        (
+            position
+            for position in positions
+            if names[position] and words.search(names[position].strip())
+        ),
+        None,
+    )
 
 
 def _reference(names: Sequence[str], positions: Sequence[int]) -> tuple[int | None, str | None]:
     for words, quantity in _REFERENCES:
         position = _first(names, positions, words)
         if position is not None:
-            return position, quantity or next((q for w, q in _REFERENCES if q and w.search(names[position])), None)
+            return position, quantity or next(
+                (q for w, q in _REFERENCES if q and w.search(names[position])), None
+            )
     return None, None
 
 
 def _detectors(names: Sequence[str], positions: Sequence[int]) -> tuple[int, ...]:
     """Two signals in quadrature, one on a carrier, or none; only columns that can be chosen by their names."""
-    plain = {p: _BRACKETS.sub("", names[p][:_LONGEST_NAME]).strip() for p in positions if names.count(names[p]) == 1}
+    plain = {
+        p: _BRACKETS.sub("", names[p][:_LONGEST_NAME]).strip()
+        for p in positions
+        if names.count(names[p]) == 1
+    }
     for both in _DETECTORS:
-        pair = [next((p for p, n in plain.items() if re.fullmatch(words, n, re.IGNORECASE)), None) for words in both]
+        pair = [
+            next((p for p, n in plain.items() if re.fullmatch(words, n, re.IGNORECASE)), None)
+            for words in both
+        ]
         if pair[0] is not None and pair[1] is not None:
             return pair[0], pair[1]
     return tuple(p for p, name in plain.items() if _CARRIER.search(name))[:1]
@@ -188,7 +216,9 @@ def _table(names: Sequence[str]) -> dict[str, int | None]:
     sure = [p for p in every if not (_UNCERTAIN.search(names[p]) or _EXPANDED.search(names[p]))]
     doubts = [p for p in every if _UNCERTAIN.search(names[p]) and not _EXPANDED.search(names[p])]
     keys = {"frequency": _FREQUENCY, "magnitude": _MAGNITUDE, "phase": _PHASE}
-    found = {key: next((p for p in sure if words.match(names[p])), None) for key, words in keys.items()}
+    found = {
+        key: next((p for p in sure if words.match(names[p])), None) for key, words in keys.items()
+    }
     for key, words in (("magnitude", _MAGNITUDE), ("phase", _PHASE)):
         found[f"{key}_uncertainty"] = next((p for p in doubts if words.search(names[p])), None)
     return found

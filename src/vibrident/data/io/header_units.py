@@ -26,7 +26,9 @@ _IN_SI = {
     "velocity": {"mm/s": 1e-3, "um/s": 1e-6, "nm/s": 1e-9, "cm/s": 1e-2, "in/s": 0.0254, "km/s": 1e3},
     "displacement": {"mm": 1e-3, "um": 1e-6, "nm": 1e-9, "cm": 1e-2, "in": 0.0254, "km": 1e3},
 }  # fmt: skip
-PLAIN = str.maketrans({"²": "^2", "⁻": "-", "¹": "1", "·": "*", "⋅": "*", "µ": "u", "μ": "u", " ": None})
+PLAIN = str.maketrans(
+    {"²": "^2", "⁻": "-", "¹": "1", "·": "*", "⋅": "*", "µ": "u", "μ": "u", " ": None}
+)
 
 
 def reference_unit(quantity: str, unit: str, scale: float, where: str) -> str:
@@ -45,7 +47,11 @@ def reference_unit(quantity: str, unit: str, scale: float, where: str) -> str:
     if other is None and scale != 1.0:
         return si
     factor = _IN_SI[quantity].get(plain.lower())
-    remedy = f"set scale = {factor!r} (times the present scale)" if factor else "correct unit, quantity or scale"
+    remedy = (
+        f"set scale = {factor!r} (times the present scale)"
+        if factor
+        else "correct unit, quantity or scale"
+    )
     raise InputError(
         f"The unit of the reference does not fit the quantity {quantity!r}.",
         expected=f"{si} after scaling",
@@ -101,7 +107,21 @@ _SYMBOLS = {
     "м/с²": "m/s^2", "м/с^2": "m/s^2", "м/с2": "m/s^2",
 }  # fmt: skip
 _WIDE_SIGNS = str.maketrans("（）［］【】｛｝＜＞／", "()[][]{}<>/")
-_COUNTED = frozenset({"samples", "sample", "ticks", "tick", "counts", "count", "points", "point", "index", "smp", "#"})
+_COUNTED = frozenset(
+    {
+        "samples",
+        "sample",
+        "ticks",
+        "tick",
+        "counts",
+        "count",
+        "points",
+        "point",
+        "index",
+        "smp",
+        "#",
+    }
+)
 _BRACKETS = re.compile(r"[\[(<{]\s*(.+?)\s*[\])>}]\s*$")
 _AFTER_SLASH = re.compile(r"^[^/\[(]*[\w)\]]\s*/\s*(\(.+\)|.+)$")
 _AFTER_WORD = re.compile(r"\b(?:in|en)\s+(\S+)$", re.IGNORECASE)
@@ -124,7 +144,9 @@ _ELECTRIC = ("V", "A", "C", "counts")
 _CODES = frozenset({"count", "counts", "cts", "lsb", "lsbs", "digit", "digits"})
 #: A coverage factor, and words for an expanded uncertainty.
 _COVERAGE = re.compile(r"\bk\s*=\s*(\d+(?:[.,]\d+)?)", re.IGNORECASE)
-_EXPANDED = re.compile(r"expanded|erweitert\w*|élargie|\bU_?95\b|расширенн\w*|扩展不确定度", re.IGNORECASE)
+_EXPANDED = re.compile(
+    r"expanded|erweitert\w*|élargie|\bU_?95\b|расширенн\w*|扩展不确定度", re.IGNORECASE
+)
 _LONGEST_NAME = 200
 #: A scale this close to a conversion is that conversion.
 _SAME = 1e-3
@@ -151,7 +173,9 @@ def seconds_per_unit(source: ColumnFile, position: int) -> float:
     """Seconds per unit of a time column; 1 if its header states no unit; InputError for one other than of time."""
     if source.in_seconds(position):
         return 1.0
-    return _own_unit(source, position, _SECONDS, "time_column", "seconds", "give rate_hz instead of time_column")
+    return _own_unit(
+        source, position, _SECONDS, "time_column", "seconds", "give rate_hz instead of time_column"
+    )
 
 
 def hertz_per_unit(source: ColumnFile, position: int) -> float:
@@ -181,12 +205,24 @@ def require_phase_unit(source: ColumnFile, position: int, key: str, phase_unit: 
     found = _spelling(name, _RADIANS)
     if found and _RADIANS.get(found) != _RADIANS[phase_unit]:
         other = {_RADIANS["deg"]: "deg", 1.0: "rad"}.get(_RADIANS.get(found, math.nan))
-        remedy = f'set phase_unit = "{other}", or correct the header' if other else f"convert it to {phase_unit}"
-        raise _contradiction(source, position, f"[table] {key}", f'phase_unit = "{phase_unit}"', found, remedy)
+        remedy = (
+            f'set phase_unit = "{other}", or correct the header'
+            if other
+            else f"convert it to {phase_unit}"
+        )
+        raise _contradiction(
+            source, position, f"[table] {key}", f'phase_unit = "{phase_unit}"', found, remedy
+        )
 
 
 def require_channel_unit(
-    source: ColumnFile, position: int, key: str, *, unit: str, scale: float, quantity: Quantity | None = None
+    source: ColumnFile,
+    position: int,
+    key: str,
+    *,
+    unit: str,
+    scale: float,
+    quantity: Quantity | None = None,
 ) -> None:
     """Check that the header of a column of records names no other quantity, nor a unit that needs another scale.
 
@@ -200,7 +236,9 @@ def require_channel_unit(
         own = quantity_of(found)
         if own is not None and own != quantity:
             remedy = f'set quantity = "{own}", or correct the header'
-            raise _contradiction(source, position, f"{key} quantity", f"a unit of {quantity}", found, remedy)
+            raise _contradiction(
+                source, position, f"{key} quantity", f"a unit of {quantity}", found, remedy
+            )
         factor = None if own is None else si_scale(quantity, found)
     else:
         factor = _factor(found, unit)
@@ -215,33 +253,62 @@ def require_magnitude_unit(
     ``scale`` leads from the column to ``unit`` of the response per SI unit of the reference ``quantity``.
     """
     name = header(source, position)
-    found = unit_in_name(name) or (name.rsplit("_", 1)[-1] if re.search(r"_(db|percent)$", name, re.IGNORECASE) else "")
+    found = unit_in_name(name) or (
+        name.rsplit("_", 1)[-1] if re.search(r"_(db|percent)$", name, re.IGNORECASE) else ""
+    )
     plain = found.translate(PLAIN).lower()
     if plain.startswith("db"):
         remedy = 'state magnitude_unit = "dB" under [table], and what 0 dB stands for as [response] scale'
-        raise _contradiction(source, position, f"[table] {key}", "a linear magnitude", found, remedy)
+        raise _contradiction(
+            source, position, f"[table] {key}", "a linear magnitude", found, remedy
+        )
     if plain in ("%", "percent"):
         remedy = "multiply it by the magnitude and divide by 100; and correct the header"
-        raise _contradiction(source, position, f"[table] {key}", "a magnitude in its unit, not relative", found, remedy)
+        raise _contradiction(
+            source,
+            position,
+            f"[table] {key}",
+            "a magnitude in its unit, not relative",
+            found,
+            remedy,
+        )
     above, _, below = found.partition("/")
     below = below.strip().strip("()")
-    if not below or quantity == "drive" or not any(_factor(above, base) for base in ("V", "A", "C")):
+    if (
+        not below
+        or quantity == "drive"
+        or not any(_factor(above, base) for base in ("V", "A", "C"))
+    ):
         return
     own = quantity_of(below)
     if own is not None and own != quantity:
         remedy = f'set [reference] quantity = "{own}", or correct the header'
-        raise _contradiction(source, position, f"[table] {key}", f"a response per {quantity}", found, remedy)
+        raise _contradiction(
+            source, position, f"[table] {key}", f"a response per {quantity}", found, remedy
+        )
     numerator, denominator = _factor(above, unit), si_scale(quantity, below)
     factor = None if numerator is None or denominator is None else numerator / denominator
-    _require_scale(source, position, f"[table] {key}", found, factor, scale, f"{unit} per SI unit of the reference")
+    _require_scale(
+        source,
+        position,
+        f"[table] {key}",
+        found,
+        factor,
+        scale,
+        f"{unit} per SI unit of the reference",
+    )
 
 
-def require_response_unit(source: ColumnFile, position: int, key: str, unit: str, scale: float) -> None:
+def require_response_unit(
+    source: ColumnFile, position: int, key: str, unit: str, scale: float
+) -> None:
     """Check the stated unit of a response or magnitude: charge is no voltage, nor is a converter's count, unscaled."""
     found, stated = unit_of_another_kind(source, position, unit), _base(unit)
     if found and abs(scale) == 1.0:
         remedy = f'set unit = "{found}"; or set scale to {unit} per {found}; or correct the header'
-        raise _contradiction(source, position, f"{key} unit", f'{stated}, for unit = "{unit}"', found, remedy)
+        raise _contradiction(
+            source, position, f"{key} unit", f'{stated}, for unit = "{unit}"', found, remedy
+        )
 
 
 def unit_of_another_kind(source: ColumnFile, position: int, unit: str) -> str:
@@ -261,7 +328,9 @@ def require_standard_uncertainty(source: ColumnFile, position: int, key: str) ->
     else:
         return
     remedy = f"divide it by {by}; and correct the header"
-    raise _contradiction(source, position, f"[table] {key}", "standard uncertainties (k = 1)", found, remedy)
+    raise _contradiction(
+        source, position, f"[table] {key}", "standard uncertainties (k = 1)", found, remedy
+    )
 
 
 def _own_unit(
@@ -272,7 +341,9 @@ def _own_unit(
     if found in known:
         return known[found]
     if found:
-        raise _contradiction(source, position, key, f"a column in {expected}, or in a multiple of it", found, remedy)
+        raise _contradiction(
+            source, position, key, f"a column in {expected}, or in a multiple of it", found, remedy
+        )
     return 1.0
 
 
@@ -302,12 +373,18 @@ def _short(name: str) -> str:
 def _known_elsewhere(found: str) -> bool:
     plain = found.lower()
     electric = any(_factor(found, unit) is not None for unit in ("V", "A", "C"))
-    return any(plain in units for units in (_SECONDS, _HERTZ, _RADIANS)) or electric or quantity_of(found) is not None
+    return (
+        any(plain in units for units in (_SECONDS, _HERTZ, _RADIANS))
+        or electric
+        or quantity_of(found) is not None
+    )
 
 
 def _factor(found: str, unit: str) -> float | None:
     """The found unit in terms of the stated one; None if they are not multiples of one unit."""
-    (base, factor), (other, stated) = (_MULTIPLES.get(u.translate(PLAIN).strip("()"), ("", 1.0)) for u in (found, unit))
+    (base, factor), (other, stated) = (
+        _MULTIPLES.get(u.translate(PLAIN).strip("()"), ("", 1.0)) for u in (found, unit)
+    )
     return factor / stated if base and base == other else None
 
 
@@ -320,7 +397,13 @@ def _base(unit: str) -> str:
 
 
 def _require_scale(
-    source: ColumnFile, position: int, key: str, found: str, factor: float | None, scale: float, unit: str
+    source: ColumnFile,
+    position: int,
+    key: str,
+    found: str,
+    factor: float | None,
+    scale: float,
+    unit: str,
 ) -> None:
     """A scale of one, or one that converts g, must match the header; another may include an amplifier's gain."""
     if factor is None or math.isclose(abs(scale), factor, rel_tol=_SAME):
@@ -331,7 +414,9 @@ def _require_scale(
         raise _contradiction(source, position, f"{key} scale", expected, found, remedy)
 
 
-def _contradiction(source: ColumnFile, position: int, key: str, expected: str, found: str, remedy: str) -> InputError:
+def _contradiction(
+    source: ColumnFile, position: int, key: str, expected: str, found: str, remedy: str
+) -> InputError:
     return InputError(
         "The header of a column contradicts the calibration file.",
         expected=expected,

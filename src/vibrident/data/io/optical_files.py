@@ -13,7 +13,12 @@ import numpy as np
 from vibrident.base.errors import InputError
 from vibrident.data.effects import SystematicEffect
 from vibrident.data.interferometer import alignment
-from vibrident.data.interferometer.carrier import MOST_OF_ALL, MOST_OF_SHOCK, mixed_down, turned_back
+from vibrident.data.interferometer.carrier import (
+    MOST_OF_ALL,
+    MOST_OF_SHOCK,
+    mixed_down,
+    turned_back,
+)
 from vibrident.data.interferometer.choice import Choice, choose, of_carrier
 from vibrident.data.interferometer.demodulation import Demodulated, demodulate
 from vibrident.data.interferometer.effects import Answer, Cyclic, effects, significant
@@ -23,9 +28,22 @@ from vibrident.data.interferometer.summary import OpticalFinding
 from vibrident.data.interferometer.survey import Survey, survey
 from vibrident.data.io.calibration_file import CalibrationFile
 from vibrident.data.io.columns import ColumnFile
-from vibrident.data.io.optical_motion import clocks_apart, part_outside, require_motion, require_pulse
+from vibrident.data.io.optical_motion import (
+    clocks_apart,
+    part_outside,
+    require_motion,
+    require_pulse,
+)
 from vibrident.data.io.reader import open_columns, sha256
-from vibrident.data.io.record_files import REPAIR, Part, named_parts, read_record, scaled, stated_sampling, timed
+from vibrident.data.io.record_files import (
+    REPAIR,
+    Part,
+    named_parts,
+    read_record,
+    scaled,
+    stated_sampling,
+    timed,
+)
 from vibrident.data.io.sampling import SAME_RATE, Sampling, agreed_rate, cut
 from vibrident.data.io.sections import InterferometerSection
 from vibrident.data.records import Provenance, Quantity, Record
@@ -71,9 +89,13 @@ def read_optical(calibration: CalibrationFile, folder: Path, where: str) -> Opti
     setting = section.setting
     parts = named_parts(calibration, folder, where)
     opened = [
-        _open(part, name, calibration, section, folder) for part, name in parts if part.entry.excitation != "decay"
+        _open(part, name, calibration, section, folder)
+        for part, name in parts
+        if part.entry.excitation != "decay"
     ]
-    doubted = next((one.name for one in opened if one.doubts), "")  # said once: the rate is that of all
+    doubted = next(
+        (one.name for one in opened if one.doubts), ""
+    )  # said once: the rate is that of all
     opened = [one if one.name == doubted else replace(one, doubts=()) for one in opened]
     opened, seen, choices = _looked_at(opened, setting)
     moving = any(one.part.entry.excitation != "sine" for one in opened)
@@ -89,11 +111,19 @@ def read_optical(calibration: CalibrationFile, folder: Path, where: str) -> Opti
                 turned = turned_back(one.optical, found.carrier)
                 one = replace(one, optical=turned, carrier_hz=found.summary.carrier_hz)
             choice = replace(choices[index], error=error.waves)
-            made[index] = _record(one, seen[index], choice, setting, calibration, folder, moving=moving)
+            made[index] = _record(
+                one, seen[index], choice, setting, calibration, folder, moving=moving
+            )
     records = {one.name: record for one, (_, record) in zip(opened, made, strict=True)}
-    ordered = [records.get(name) or read_record(part, name, calibration, folder, "m") for part, name in parts]
+    ordered = [
+        records.get(name) or read_record(part, name, calibration, folder, "m")
+        for part, name in parts
+    ]
     answers = [found.answer for found, _ in made]
-    found = (*_stated_effects(setting), *(effects(answers, _left_of(errors, answers, setting)) if made else ()))
+    found = (
+        *_stated_effects(setting),
+        *(effects(answers, _left_of(errors, answers, setting)) if made else ()),
+    )
     kind: tuple[Quantity, str] = ("acceleration", "m/s^2") if moving else ("displacement", "m")
     return Optical(tuple(ordered), *kind, found)
 
@@ -117,8 +147,12 @@ def _left_of(
         return []
     if setting.kind == "quadrature":
         return [(answers, known[0].covariance)]
-    shown = np.array([error.waves for error in known]).reshape(len(known), -1, 2)  # zero where not significant
-    power = np.sum(shown**2, axis=(0, 2)) / np.maximum(np.sum(np.any(shown != 0.0, axis=2), axis=0), 1)
+    shown = np.array([error.waves for error in known]).reshape(
+        len(known), -1, 2
+    )  # zero where not significant
+    power = np.sum(shown**2, axis=(0, 2)) / np.maximum(
+        np.sum(np.any(shown != 0.0, axis=2), axis=0), 1
+    )
     found: list[tuple[Sequence[Answer], FloatArray]] = []
     for error, answer in zip(errors, answers, strict=True):
         waves = np.zeros(shown[0].size) if error is None else error.waves
@@ -128,7 +162,10 @@ def _left_of(
 
 
 def _stated_effects(setting: Interferometer) -> list[SystematicEffect]:
-    wavelength, delay_s = setting.wavelength_relative_uncertainty, setting.delay_standard_uncertainty_s
+    wavelength, delay_s = (
+        setting.wavelength_relative_uncertainty,
+        setting.delay_standard_uncertainty_s,
+    )
     found = [
         SystematicEffect("wavelength of the interferometer", "gain", wavelength),
         SystematicEffect("delay of the interferometer", "timing", delay_s),
@@ -136,14 +173,20 @@ def _stated_effects(setting: Interferometer) -> list[SystematicEffect]:
     return [effect for effect in found if effect.standard_uncertainty > 0]
 
 
-def _looked_at(opened: Sequence[_Opened], setting: Interferometer) -> tuple[list[_Opened], list[Survey], list[Choice]]:
+def _looked_at(
+    opened: Sequence[_Opened], setting: Interferometer
+) -> tuple[list[_Opened], list[Survey], list[Choice]]:
     """The records, those of a small motion without needless noise, with their ellipses."""
     opened = _held(opened)
     seen = [_surveyed(one) for one in opened]
     if setting.kind == "heterodyne":
         return opened, seen, [of_carrier(look, index) for index, look in enumerate(seen)]
-    found = [None if look.whole else slower(one.optical) for one, look in zip(opened, seen, strict=True)]
-    slow = _held([replace(one, optical=to) if to else one for one, to in zip(opened, found, strict=True)])
+    found = [
+        None if look.whole else slower(one.optical) for one, look in zip(opened, seen, strict=True)
+    ]
+    slow = _held(
+        [replace(one, optical=to) if to else one for one, to in zip(opened, found, strict=True)]
+    )
     seen = [
         look if one is was else replace(_surveyed(one), at_limit=look.at_limit)
         for one, was, look in zip(slow, opened, seen, strict=True)
@@ -179,9 +222,19 @@ def _named(one: _Opened) -> Iterator[None]:
         raise error.at(f"{one.part.where}, {error.where}") from None
 
 
-def _open(part: Part, name: str, calibration: CalibrationFile, section: InterferometerSection, folder: Path) -> _Opened:
+def _open(
+    part: Part,
+    name: str,
+    calibration: CalibrationFile,
+    section: InterferometerSection,
+    folder: Path,
+) -> _Opened:
     main = open_columns(folder / part.file)
-    other = main if part.entry.reference_file is None else open_columns(folder / part.entry.reference_file)
+    other = (
+        main
+        if part.entry.reference_file is None
+        else open_columns(folder / part.entry.reference_file)
+    )
     column = calibration.response.column
     assert column is not None  # checked with the calibration file
     at = main.position_of(column, "[response] column")
@@ -217,7 +270,9 @@ def _open(part: Part, name: str, calibration: CalibrationFile, section: Interfer
 
 def _of_file(source: ColumnFile, positions: tuple[int, ...], rate_hz: float, part: Part) -> Signals:
     """Columns of a file, read block by block; a value that is not finite is refused."""
-    kept = cut(source.length(positions[0]), rate_hz, part.entry.start_s, part.entry.stop_s, part.where)
+    kept = cut(
+        source.length(positions[0]), rate_hz, part.entry.start_s, part.entry.stop_s, part.where
+    )
 
     def block(start: int, stop: int) -> FloatArray:
         values = source.block(positions, kept.start + start, kept.start + stop)
@@ -230,9 +285,15 @@ def _of_file(source: ColumnFile, positions: tuple[int, ...], rate_hz: float, par
 
 
 def _optical_rate(
-    section: InterferometerSection, other: ColumnFile, places: Sequence[int], sampling: Sampling, part: Part
+    section: InterferometerSection,
+    other: ColumnFile,
+    places: Sequence[int],
+    sampling: Sampling,
+    part: Part,
 ) -> float:
-    agreed = agreed_rate(section.rate_hz, [(other, place) for place in places], part.where, other.file)
+    agreed = agreed_rate(
+        section.rate_hz, [(other, place) for place in places], part.where, other.file
+    )
     rate_hz = sampling.rate_hz if agreed is None else agreed.rate_hz
     if rate_hz < sampling.rate_hz * (1.0 - SAME_RATE):
         raise InputError(
@@ -266,8 +327,12 @@ def _record(
 
     def made(every: int) -> tuple[Demodulated, alignment.Aligned]:
         alike = one.beside and one.optical.first_s == 0.0
-        factor = every if alike else alignment.finer(one.optical.rate_hz, one.response.rate_hz / every)
-        found = demodulate(one.optical, setting, look, choice, factor, one.name, near, top, one.carrier_hz)
+        factor = (
+            every if alike else alignment.finer(one.optical.rate_hz, one.response.rate_hz / every)
+        )
+        found = demodulate(
+            one.optical, setting, look, choice, factor, one.name, near, top, one.carrier_hz
+        )
         aligned = alignment.together(found, one.optical, one.response, every, setting.delay_s)
         return found, aligned.accelerated if moving else aligned
 
@@ -280,7 +345,11 @@ def _record(
     require_motion(aligned, entry.excitation, one.name)
     to_response = calibration.response
     what = "acceleration in m/s²" if moving else "displacement in m"
-    unsure = "" if setting.direction is not None else "; the direction is not stated: the sign of x is not known"
+    unsure = (
+        ""
+        if setting.direction is not None
+        else "; the direction is not stated: the sign of x is not known"
+    )
     history = (
         one.step,
         f"reference: {what} from the {setting.kind} signals, {one.optical.rate_hz:.9g} Hz, every {found.factor}"

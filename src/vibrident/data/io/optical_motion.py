@@ -61,7 +61,10 @@ def require_motion(aligned: Aligned, excitation: str, name: str) -> None:
 def part_outside(response: Signals, seen: Aligned) -> float:
     """Part of a response's power so near to its ends that no fit sees it: filters and interpolation reach so far."""
     beside = ENDS / seen.rate_hz
-    first, last = (seen.start_s + beside, seen.start_s + seen.response.shape[0] / seen.rate_hz - beside)
+    first, last = (
+        seen.start_s + beside,
+        seen.start_s + seen.response.shape[0] / seen.rate_hz - beside,
+    )
     first, last = int(first * response.rate_hz), int(last * response.rate_hz)
     sums = np.zeros((2, 3))
     for start in range(0, response.samples, BLOCK):
@@ -106,4 +109,8 @@ def _above_noise(seen: Aligned) -> float:
     still = seen.valid.copy()
     still[max(begin - 8, 0) : end] = False
     noise = float(np.mean(square[still])) if np.count_nonzero(still) >= ENDS else 0.0
-    return float(np.mean(square[max(begin - 2, 0) : middle + 1])) / noise - 1.0 if noise > 0.0 else np.inf
+    return (
+        float(np.mean(square[max(begin - 2, 0) : middle + 1])) / noise - 1.0
+        if noise > 0.0
+        else np.inf
+    )

@@ -18,7 +18,9 @@ from vibrident.data.records import FloatArray, Provenance, Record
 ENDINGS = (".csv", ".txt", ".tsv", ".dat", ".parquet", ".pq", ".xlsx")
 
 
-def read_signal(path: Path, column: str, time: str | None, rate_hz: float | None, scale: float) -> Record:
+def read_signal(
+    path: Path, column: str, time: str | None, rate_hz: float | None, scale: float
+) -> Record:
     """A column of a table as a record without reference; InputError where nothing tells its sampling rate.
 
     ``column``: name, or number from 1, of the signal; ``time``: the same of the times, in s or the unit in its name,
@@ -74,7 +76,10 @@ def with_columns(path: Path, target: Path, columns: Mapping[str, FloatArray]) ->
 
 
 def _parquet(path: Path, target: Path, columns: Mapping[str, FloatArray]) -> None:
-    parquet, arrow = library("pyarrow.parquet", "parquet", path), library("pyarrow", "parquet", path)
+    parquet, arrow = (
+        library("pyarrow.parquet", "parquet", path),
+        library("pyarrow", "parquet", path),
+    )
     table = parquet.read_table(path)
     _require_rows(table.num_rows, columns, path)
     for name, values in columns.items():
@@ -86,7 +91,11 @@ def _excel(path: Path, target: Path, columns: Mapping[str, FloatArray]) -> None:
     openpyxl = library("openpyxl", "excel", path)
     book = openpyxl.load_workbook(path)
     sheet = book.worksheets[0]
-    rows = [n for n, row in enumerate(sheet.iter_rows(values_only=True), 1) if any(cell is not None for cell in row)]
+    rows = [
+        n
+        for n, row in enumerate(sheet.iter_rows(values_only=True), 1)
+        if any(cell is not None for cell in row)
+    ]
     size = len(next(iter(columns.values())))
     _require_rows(min(len(rows), size), columns, path)
     data, head = rows[-size:], rows[: len(rows) - size]
@@ -110,7 +119,9 @@ def _text(path: Path, target: Path, columns: Mapping[str, FloatArray]) -> None:
     head, data = lines[: layout.first_line - 1], lines[layout.first_line - 1 :]
     filled = [n for n, line in enumerate(data) if line.strip()]
     _require_rows(len(filled), columns, path)
-    texts = [[_number(value, layout.decimal) for value in values.tolist()] for values in columns.values()]
+    texts = [
+        [_number(value, layout.decimal) for value in values.tolist()] for values in columns.values()
+    ]
     for n, cells in zip(filled, zip(*texts, strict=True), strict=True):
         data[n] = _joined(data[n], cells, gap)
     places = [n for n, line in enumerate(head) if line.strip()]
@@ -120,7 +131,11 @@ def _text(path: Path, target: Path, columns: Mapping[str, FloatArray]) -> None:
             head[places[-1]] = _joined(head[places[-1]], [""] * len(columns), gap)
         named = places[-2] if has_units else places[-1]
         head[named] = _joined(head[named], list(columns), gap)
-    target.write_text("\n".join([*head, *data]) + "\n", encoding=layout.encoding.removesuffix("-sig"), newline="\n")
+    target.write_text(
+        "\n".join([*head, *data]) + "\n",
+        encoding=layout.encoding.removesuffix("-sig"),
+        newline="\n",
+    )
 
 
 def _joined(line: str, cells: Sequence[str], gap: str) -> str:

@@ -23,7 +23,9 @@ class Reader:
     endings: tuple[str, ...]  # of its files, each with its dot, in lower case
     # path → the file opened; numbers are converted on demand. Raises InputError if the file is not of this format
     open: Callable[[Path], ColumnFile]
-    extra: str = ""  # extra of vibrident, or package, that brings the library it needs; empty: it needs none
+    extra: str = (
+        ""  # extra of vibrident, or package, that brings the library it needs; empty: it needs none
+    )
     plain: bool = False  # no native library and no links, so that it needs no separate process (docs/security.md)
 
 

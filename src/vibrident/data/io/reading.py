@@ -36,11 +36,15 @@ def read_guarded(path: str | os.PathLike[str]) -> Calibration:
     readers = (by_ending().get(Path(name).suffix.lower()) for name in names)
     if all(reader is not None and reader.plain for reader in readers):
         return read(file)
-    size = sum((file.parent / name).stat().st_size for name in names if os.path.isfile(file.parent / name))
+    size = sum(
+        (file.parent / name).stat().st_size for name in names if os.path.isfile(file.parent / name)
+    )
     memory_bytes = int(_LIBRARIES_BYTES + _COPIES * memory_for(size))
     seconds = _SECONDS + _SECONDS_PER_BYTE * size
     try:
-        return sandbox.run(read, file, limits=Limits(seconds, memory_bytes, memory_bytes, memory_bytes))
+        return sandbox.run(
+            read, file, limits=Limits(seconds, memory_bytes, memory_bytes, memory_bytes)
+        )
     except InputError as error:
         if error.where:
             raise
@@ -69,7 +73,9 @@ def calibration_of(document: CalibrationFile, folder: Path, where: str) -> Calib
     document = _with_unit_of_header(document, folder, where)
     quantity, records, table, more = document.reference.quantity, (), None, ()
     if document.interferometer is not None:
-        from vibrident.data.io.optical_files import read_optical  # loads SciPy, which others do not need
+        from vibrident.data.io.optical_files import (
+            read_optical,
+        )  # loads SciPy, which others do not need
 
         records, quantity, unit, more = read_optical(document, folder, where)
     else:
@@ -79,7 +85,9 @@ def calibration_of(document: CalibrationFile, folder: Path, where: str) -> Calib
         else:
             parts = named_parts(document, folder, where)
             records = tuple(read_record(part, name, document, folder, unit) for part, name in parts)
-    temperatures = [t for record in records if (t := record.circumstances.temperature_c) is not None]
+    temperatures = [
+        t for record in records if (t := record.circumstances.temperature_c) is not None
+    ]
     if not temperatures and document.certificate.temperature_c is not None:
         temperatures = [document.certificate.temperature_c]
     return Calibration(
@@ -101,9 +109,17 @@ def calibration_of(document: CalibrationFile, folder: Path, where: str) -> Calib
 def _with_unit_of_header(document: CalibrationFile, folder: Path, where: str) -> CalibrationFile:
     """With the unit of the response in the header of its first file, where none is stated and that is no voltage."""
     response, table = document.response, document.table
-    column, key = (response.column, "[response] column") if table is None else (table.magnitude, "[table] magnitude")
+    column, key = (
+        (response.column, "[response] column")
+        if table is None
+        else (table.magnitude, "[table] magnitude")
+    )
     if column is None or "unit" in response.model_fields_set or abs(response.scale) != 1.0:
         return document
     source = open_columns(folder / data_files(document, folder, where)[0])
     found = unit_of_another_kind(source, source.position_of(column, key), response.unit)
-    return document.model_copy(update={"response": response.model_copy(update={"unit": found})}) if found else document
+    return (
+        document.model_copy(update={"response": response.model_copy(update={"unit": found})})
+        if found
+        else document
+    )

@@ -13,7 +13,11 @@ from pathlib import Path
 from vibrident.base.errors import InputError
 from vibrident.data.io.calibration_file import CalibrationFile, RecordsEntry
 from vibrident.data.io.columns import ColumnFile
-from vibrident.data.io.header_units import require_channel_unit, require_response_unit, seconds_per_unit
+from vibrident.data.io.header_units import (
+    require_channel_unit,
+    require_response_unit,
+    seconds_per_unit,
+)
 from vibrident.data.io.reader import open_columns, sha256
 from vibrident.data.io.sampling import (
     SAME_RATE,
@@ -51,7 +55,9 @@ class Part:
     def other_file(self, folder: Path) -> list[str]:
         """For the history: the file of the reference, where it has one of its own."""
         other = self.entry.reference_file
-        return [] if other is None else [f"reference from {other}, SHA-256 {sha256(folder / other)}"]
+        return (
+            [] if other is None else [f"reference from {other}, SHA-256 {sha256(folder / other)}"]
+        )
 
 
 def named_parts(calibration: CalibrationFile, folder: Path, where: str) -> list[tuple[Part, str]]:
@@ -164,10 +170,16 @@ class _Channel:
     def step(self, channel: str, scale: float, unit: str) -> str:
         """Describe the column's conversion for the history."""
         name = self.source.names[self.position]
-        return f"{channel}: column {self.position + 1}" + (f" ({name!r})" if name else "") + f" × {scale!r} → {unit}"
+        return (
+            f"{channel}: column {self.position + 1}"
+            + (f" ({name!r})" if name else "")
+            + f" × {scale!r} → {unit}"
+        )
 
 
-def read_record(part: Part, name: str, calibration: CalibrationFile, folder: Path, reference_unit: str) -> Record:
+def read_record(
+    part: Part, name: str, calibration: CalibrationFile, folder: Path, reference_unit: str
+) -> Record:
     """Read one record of a calibration file in ``folder``; InputError where its file cannot be used."""
     entry, to_response, to_reference = part.entry, calibration.response, calibration.reference
     channels = _load(part, calibration, folder)
@@ -175,16 +187,23 @@ def read_record(part: Part, name: str, calibration: CalibrationFile, folder: Pat
     if (time := channels.get("time")) is not None:
         sampling = timed(time.source, time.position, time.values)
     else:
-        sampling = stated_sampling(part, calibration, [(c.source, c.position) for c in channels.values()])
+        sampling = stated_sampling(
+            part, calibration, [(c.source, c.position) for c in channels.values()]
+        )
     _check_headers(calibration, channels, reference_unit)
     if reference is not None:
-        require_same_start((response.source, response.position), (reference.source, reference.position))
+        require_same_start(
+            (response.source, response.position), (reference.source, reference.position)
+        )
     _check_frequency(part, sampling, response.source.file)
     used = [channel.position for channel in channels.values() if channel.source is response.source]
     kept = cut(response.values.size, sampling.rate_hz, entry.start_s, entry.stop_s, part.where)
     history = [response.step("response", to_response.scale, to_response.unit)]
     if reference is not None:
-        history += [reference.step("reference", to_reference.scale, reference_unit), *part.other_file(folder)]
+        history += [
+            reference.step("reference", to_reference.scale, reference_unit),
+            *part.other_file(folder),
+        ]
     if sampling.note:
         history.append(sampling.note)
     if kept != slice(0, response.values.size):
@@ -197,9 +216,13 @@ def read_record(part: Part, name: str, calibration: CalibrationFile, folder: Pat
         excitation=entry.excitation,
         frequency_hz=entry.frequency_hz,
         start_time_s=sampling.start_time_s + kept.start / sampling.rate_hz,
-        contradicting_rate_hz=None if time is not None else contradicting_rate(response.source, used, sampling.rate_hz),
+        contradicting_rate_hz=None
+        if time is not None
+        else contradicting_rate(response.source, used, sampling.rate_hz),
         provenance=Provenance(part.file, sha256(folder / part.file), tuple(history)),
-        reference_full_scale=None if reference is None else scaled(to_reference.full_scale, to_reference.scale),
+        reference_full_scale=None
+        if reference is None
+        else scaled(to_reference.full_scale, to_reference.scale),
         response_full_scale=scaled(to_response.full_scale, to_response.scale),
         circumstances=entry.circumstances,
     )
@@ -222,15 +245,21 @@ def _load(part: Part, calibration: CalibrationFile, folder: Path) -> dict[str, _
             for channel, (its_source, column, key) in wanted.items()
             if its_source is source and column is not None
         }
-        for (channel, position), values in zip(positions.items(), source.load([*positions.values()]), strict=True):
+        for (channel, position), values in zip(
+            positions.items(), source.load([*positions.values()]), strict=True
+        ):
             channels[channel] = _Channel(source, position, values)
     _require_same_length(channels)
     return channels
 
 
-def _check_headers(calibration: CalibrationFile, channels: dict[str, _Channel], reference_unit: str) -> None:
+def _check_headers(
+    calibration: CalibrationFile, channels: dict[str, _Channel], reference_unit: str
+) -> None:
     response, reference, at = calibration.response, calibration.reference, channels["response"]
-    require_channel_unit(at.source, at.position, "[response]", unit=response.unit, scale=response.scale)
+    require_channel_unit(
+        at.source, at.position, "[response]", unit=response.unit, scale=response.scale
+    )
     if "unit" in response.model_fields_set:
         require_response_unit(at.source, at.position, "[response]", response.unit, response.scale)
     if (at := channels.get("reference")) is not None:
@@ -245,7 +274,9 @@ def timed(source: ColumnFile, position: int, times: FloatArray) -> Sampling:
     sampling = sampling_from_times(times, lambda row: source.locate(position, row))
     if seconds == 1.0:
         return sampling
-    note = f"time: column {position + 1} ({source.names[position]!r}) × {seconds!r} → s, by the header"
+    note = (
+        f"time: column {position + 1} ({source.names[position]!r}) × {seconds!r} → s, by the header"
+    )
     return Sampling(sampling.rate_hz / seconds, sampling.start_time_s * seconds, note)
 
 
@@ -254,7 +285,9 @@ def scaled(full_scale: float | None, scale: float) -> float | None:
     return None if full_scale is None else full_scale * abs(scale)
 
 
-def stated_sampling(part: Part, calibration: CalibrationFile, channels: Sequence[tuple[ColumnFile, int]]) -> Sampling:
+def stated_sampling(
+    part: Part, calibration: CalibrationFile, channels: Sequence[tuple[ColumnFile, int]]
+) -> Sampling:
     """The sampling by the rate of the calibration file or of the data file; InputError for none, or two that differ."""
     entry = part.entry
     stated = entry.rate_hz if entry.rate_hz is not None else calibration.sampling.rate_hz
@@ -268,7 +301,9 @@ def stated_sampling(part: Part, calibration: CalibrationFile, channels: Sequence
             remedy="add rate_hz = … (samples per second) or time_column = … (seconds)",
         )
     note = f"sampling rate: {agreed.rate_hz!r} Hz, which the file states to {agreed.rate_rounding:.1g} (relative)"
-    return Sampling(agreed.rate_hz, entry.start_time_s or 0.0, note if agreed.rate_rounding > SAME_RATE else "")
+    return Sampling(
+        agreed.rate_hz, entry.start_time_s or 0.0, note if agreed.rate_rounding > SAME_RATE else ""
+    )
 
 
 def _check_frequency(part: Part, sampling: Sampling, file: str) -> None:
@@ -308,5 +343,7 @@ def natural(name: str) -> tuple[tuple[tuple[int, float, str], ...], str]:
         if whole is None:
             pieces.append((0, 0.0, found.group()))
         else:
-            pieces.append((1, float(f"{whole}.{fraction or 0}"[:300]) * (1000.0 if kilo else 1.0), ""))
+            pieces.append(
+                (1, float(f"{whole}.{fraction or 0}"[:300]) * (1000.0 if kilo else 1.0), "")
+            )
     return tuple(pieces), name

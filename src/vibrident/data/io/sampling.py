@@ -9,14 +9,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from vibrident.base.errors import InputError
-from vibrident.data.io.columns import Clock, ColumnFile
+from vibrident.data.io.columns import Clock, ColumnFile, Start
 from vibrident.data.io.header_units import header, is_time, seconds_per_unit, states_a_time_unit
 from vibrident.data.records import FloatArray
 
 # In sampling intervals: a time further from its place interrupts the record; a cut this close to a sample is at it.
 _TOLERANCE_SAMPLES, _ROUNDING_SAMPLES = 0.5, 1e-6
 SAME_RATE = 1e-9  # rates closer than this, relatively, are the same
-CLOCK_TOLERANCE = 2e-4  # largest relative difference of two clocks of a record: a computer's is right to 0.01 %
+CLOCK_TOLERANCE = (
+    2e-4  # largest relative difference of two clocks of a record: a computer's is right to 0.01 %
+)
 _FEWEST_TIMES = 8
 _RATIOS_OF_UNITS = (1.0, 1e-3, 1e-6, 1e-9, 1e3, 1 / 60, 1 / 3600, 60.0, 3600.0)
 #: Channels may begin this far apart, in sampling intervals; 1 % is a phase error of 0.7° at a fifth of the rate.
@@ -46,7 +48,9 @@ def sampling_from_times(times_s: FloatArray, locate: Callable[[int], str]) -> Sa
         at = int(back[0]) + 1
         found = f"{float(times_s[at])!r} s after {float(times_s[at - 1])!r} s"
         raise _uneven("The times do not increase.", found, locate(at))
-    interval = float(np.partition(steps, steps.size // 2)[steps.size // 2])  # np.median loads more of NumPy
+    interval = float(
+        np.partition(steps, steps.size // 2)[steps.size // 2]
+    )  # np.median loads more of NumPy
     if (gaps := np.flatnonzero(np.abs(steps - interval) > _TOLERANCE_SAMPLES * interval)).size:
         at = int(gaps[0]) + 1
         found = f"a step of {steps[at - 1]:.9g} s where the others are {interval:.9g} s"
@@ -72,26 +76,32 @@ def _uneven(problem: str, found: str, where: str) -> InputError:
     )
 
 
-def cut(samples: int, rate_hz: float, start_s: float | None, stop_s: float | None, where: str) -> slice:
+def cut(
+    samples: int, rate_hz: float, start_s: float | None, stop_s: float | None, where: str
+) -> slice:
     """Return the samples with start_s ≤ t < stop_s, t from the file's first sample; InputError where none are left.
 
     A stop beyond the end means the end.
     """
     stated = {"start_s": start_s, "stop_s": stop_s}
     first = 0 if start_s is None else math.ceil(start_s * rate_hz - _ROUNDING_SAMPLES)
-    last = samples if stop_s is None else min(samples, math.ceil(stop_s * rate_hz - _ROUNDING_SAMPLES))
+    last = (
+        samples if stop_s is None else min(samples, math.ceil(stop_s * rate_hz - _ROUNDING_SAMPLES))
+    )
     if first >= last:
         raise InputError(
             "The part of the record is empty.",
             expected=f"start_s and stop_s within 0 to {samples / rate_hz:.6g} s, counted from the first sample",
-            found=", ".join(f"{key} = {value:g}" for key, value in stated.items() if value is not None),
+            found=", ".join(
+                f"{key} = {value:g}" for key, value in stated.items() if value is not None
+            ),
             where=where,
             remedy="correct start_s and stop_s",
         )
     return slice(first, last)
 
 
-def plainest_clock(interval_s: float, half_unit_s: float, start_ns: int | None = None) -> Clock:
+def plainest_clock(interval_s: float, half_unit_s: float, start: Start | None = None) -> Clock:
     """Return the clock of a file with a rounded sampling interval: the rate with the fewest digits that agrees.
 
     9.76562e-06 s in a file means some rate from 102399.99 to 102400.11 Hz; the plain reciprocal may be wrong by 5e-7.
@@ -102,12 +112,16 @@ def plainest_clock(interval_s: float, half_unit_s: float, start_ns: int | None =
         raise ValueError(f"a sampling interval of {interval_s!r} s")
 
     def possible(candidate_s: float) -> bool:
-        return abs(candidate_s - interval_s) <= half_unit_s * (1 + 1e-9)  # 9.765625e-06 lies on the edge
+        return abs(candidate_s - interval_s) <= half_unit_s * (
+            1 + 1e-9
+        )  # 9.765625e-06 lies on the edge
 
     rate, digits = _plainest(1.0 / interval_s, lambda candidate_hz: possible(1.0 / candidate_hz))
     interval, digits_of_interval = _plainest(interval_s, possible)
     rounding = 2 * half_unit_s / interval_s  # full width
-    return Clock(1.0 / interval if digits_of_interval < digits else rate, max(rounding, SAME_RATE), start_ns)
+    return Clock(
+        1.0 / interval if digits_of_interval < digits else rate, max(rounding, SAME_RATE), start
+    )
 
 
 def clock_from_times(times_s: FloatArray, locate: Callable[[int], str]) -> Clock | None:
@@ -121,7 +135,11 @@ def clock_from_times(times_s: FloatArray, locate: Callable[[int], str]) -> Clock
     rate_hz = sampling_from_times(times_s, locate).rate_hz
     deviation = times_s - times_s[0] - np.arange(times_s.size) / rate_hz
     worst_s = float(np.max(np.abs(deviation - deviation.mean())))
-    return Clock(rate_hz, max(3 * worst_s * rate_hz / times_s.size, SAME_RATE), round(float(times_s[0]) * 1e9))
+    return Clock(
+        rate_hz,
+        max(3 * worst_s * rate_hz / times_s.size, SAME_RATE),
+        Start.on_own_clock(float(times_s[0])),
+    )
 
 
 def contradicting_rate(source: ColumnFile, used: Sequence[int], rate_hz: float) -> float | None:
@@ -131,7 +149,9 @@ def contradicting_rate(source: ColumnFile, used: Sequence[int], rate_hz: float) 
     between units of time is not a contradiction.
     """
     names = [header(source, position) for position in range(len(source.names))]
-    found = [position for position, name in enumerate(names) if is_time(name) and position not in used]
+    found = [
+        position for position, name in enumerate(names) if is_time(name) and position not in used
+    ]
     if len(found) != 1:
         return None
     try:
@@ -175,7 +195,9 @@ def agreed_rate(
         if clock is None:
             continue
         finer, coarser = sorted((agreed or clock, clock), key=lambda one: one.rate_rounding)
-        if agreed is not None and not math.isclose(finer.rate_hz, coarser.rate_hz, rel_tol=coarser.rate_rounding):
+        if agreed is not None and not math.isclose(
+            finer.rate_hz, coarser.rate_hz, rel_tol=coarser.rate_rounding
+        ):
             raise InputError(
                 "The sampling rate contradicts the file.",
                 expected=f"{clock.rate_hz!r} samples per second, as {source.file} states",
@@ -197,9 +219,13 @@ def require_same_start(first: tuple[ColumnFile, int], second: tuple[ColumnFile, 
     clock, other_clock = one.clock(at_one), other.clock(at_other)
     if type(one) is not type(other) or clock is None or other_clock is None:
         return
-    if clock.start_ns is None or other_clock.start_ns is None:
+    if (
+        clock.start is None
+        or other_clock.start is None
+        or clock.start.epoch != other_clock.start.epoch
+    ):
         return
-    apart_s = (other_clock.start_ns - clock.start_ns) * 1e-9
+    apart_s = (other_clock.start.ns - clock.start.ns) * 1e-9
     if abs(apart_s) * clock.rate_hz > _SAME_START:
         raise InputError(
             "The channels do not begin at the same time.",

@@ -15,7 +15,9 @@ from vibrident.base.errors import InputError
 _Document = TypeVar("_Document", bound=BaseModel)
 
 
-def validated(root: type[_Document], document: Mapping[str, Any], file: str, what: str = "calibration") -> _Document:
+def validated(
+    root: type[_Document], document: Mapping[str, Any], file: str, what: str = "calibration"
+) -> _Document:
     """The document of a ``what`` file, checked. InputError: a key is missing or unknown, or a value is not allowed."""
     try:
         return root.model_validate(document)
@@ -41,7 +43,9 @@ def _unknown_key(finding: ErrorDetails, root: type[BaseModel], file: str) -> Inp
     likely = difflib.SequenceMatcher(None, str(key), nearest).ratio() >= 0.75
     remedy = f"did you mean {nearest!r}?"
     if elsewhere and not likely:
-        remedy = f"{key!r} belongs under {' or '.join(elsewhere)}; the nearest key here is {nearest!r}"
+        remedy = (
+            f"{key!r} belongs under {' or '.join(elsewhere)}; the nearest key here is {nearest!r}"
+        )
     return InputError(
         f"The key {key!r} is not known here.",
         expected="one of " + ", ".join(keys),
@@ -66,7 +70,9 @@ def _bad_value(finding: ErrorDetails, root: type[BaseModel], file: str, what: st
     location = _known_part(finding["loc"], root)
     expected = _expected(location, root)
     if not expected:
-        expected = finding["msg"].removeprefix("Input should be ").replace(" or ", ", ").replace("'", '"')
+        expected = (
+            finding["msg"].removeprefix("Input should be ").replace(" or ", ", ").replace("'", '"')
+        )
         expected = expected if finding["type"] == "literal_error" else finding["msg"]
     text = repr(finding["input"])[:60]
     found = f"{location[-1]} = {text}" if location and isinstance(location[-1], str) else text
@@ -102,7 +108,10 @@ def _section_at(location: tuple[Any, ...], root: type[BaseModel]) -> type[BaseMo
 def _section_of(annotation: Any) -> type[BaseModel] | None:
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
-    return next((section for argument in typing.get_args(annotation) if (section := _section_of(argument))), None)
+    return next(
+        (section for argument in typing.get_args(annotation) if (section := _section_of(argument))),
+        None,
+    )
 
 
 def _bracketed(name: str, annotation: Any) -> str:

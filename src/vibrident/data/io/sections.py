@@ -30,9 +30,15 @@ def _column(value: int | str) -> int | str:
 
 
 # A field's description is the "expected" of its error message.
-Column = Annotated[int | str, AfterValidator(_column), Field(description="a column number from 1, or a header name")]
+Column = Annotated[
+    int | str,
+    AfterValidator(_column),
+    Field(description="a column number from 1, or a header name"),
+]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False, description="a finite number above 0")]
-NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False, description="a finite number, 0 or above")]
+NotNegative = Annotated[
+    float, Field(ge=0, allow_inf_nan=False, description="a finite number, 0 or above")
+]
 Number = Annotated[float, Field(allow_inf_nan=False, description="a finite number")]
 Text = Annotated[str, Field(min_length=1, description="text in quotes, not empty")]
 
@@ -47,12 +53,17 @@ class InterferometerSection(FileSection):
     """[interferometer]: the photodetectors' signals and the displacement of one radian of phase."""
 
     kind: Kind
-    columns: Annotated[list[Column], Field(min_length=1, max_length=2, description="a list of column numbers or names")]
+    columns: Annotated[
+        list[Column],
+        Field(min_length=1, max_length=2, description="a list of column numbers or names"),
+    ]
     wavelength_m: Positive
     wavelength_relative_uncertainty: NotNegative = 0.0
     passes: Annotated[int, Field(ge=1, le=1000, description="a whole number, 1 or above")] = 1
     carrier_hz: Positive | None = None
-    direction: Annotated[Literal[1, -1] | None, Field(description="1 or -1: the sign of x for growing phase")] = None
+    direction: Annotated[
+        Literal[1, -1] | None, Field(description="1 or -1: the sign of x for growing phase")
+    ] = None
     delay_s: Number = 0.0
     delay_standard_uncertainty_s: NotNegative = 0.0
     rate_hz: Positive | None = None
@@ -63,7 +74,9 @@ class InterferometerSection(FileSection):
         return Interferometer(**self.model_dump(exclude={"columns", "rate_hz"}))
 
 
-def check_interferometer(section: InterferometerSection, reference: Collection[str], table: bool, where: str) -> None:
+def check_interferometer(
+    section: InterferometerSection, reference: Collection[str], table: bool, where: str
+) -> None:
     """Refuse keys of the section, of [reference], or a [table] that contradict each other."""
     here = f"{where}, [interferometer]"
     if table:
@@ -99,27 +112,38 @@ def check_interferometer(section: InterferometerSection, reference: Collection[s
             expected='carrier_hz with kind = "heterodyne" alone',
             found=f"kind = {section.kind!r}, carrier_hz = {section.carrier_hz!r}",
             where=f"{here} carrier_hz",
-            remedy="add carrier_hz = …" if section.kind == "heterodyne" else "remove carrier_hz, or correct kind",
+            remedy="add carrier_hz = …"
+            if section.kind == "heterodyne"
+            else "remove carrier_hz, or correct kind",
         )
 
 
 def _require_light(wavelength_m: float, here: str) -> None:
     if _SHORTEST <= wavelength_m <= _LONGEST:
         return
-    meant = [f"{wavelength_m * unit:.9g}" for unit in (1e-9, 1e-6) if _SHORTEST <= wavelength_m * unit <= _LONGEST]
+    meant = [
+        f"{wavelength_m * unit:.9g}"
+        for unit in (1e-9, 1e-6)
+        if _SHORTEST <= wavelength_m * unit <= _LONGEST
+    ]
     raise InputError(
         "The wavelength is not that of light.",
         expected=f"wavelength_m in metres, from {_SHORTEST:g} to {_LONGEST:g}",
         found=f"wavelength_m = {wavelength_m!r}",
         where=f"{here} wavelength_m",
-        remedy=f"write wavelength_m = {meant[0]}" if meant else "give it in metres, 632.991e-9 for a helium-neon laser",
+        remedy=f"write wavelength_m = {meant[0]}"
+        if meant
+        else "give it in metres, 632.991e-9 for a helium-neon laser",
     )
 
 
 _EDGE = 1e-9  # relative width of the edge of a band
 _Table = Annotated[
     list[Annotated[list[NotNegative], Field(min_length=2, max_length=2)]],
-    Field(min_length=1, description="pairs of frequency in Hz and value, such as [[10, 0.002], [1000, 0.004]]"),
+    Field(
+        min_length=1,
+        description="pairs of frequency in Hz and value, such as [[10, 0.002], [1000, 0.004]]",
+    ),
 ]
 
 
@@ -146,7 +170,9 @@ class UncertaintyEntry(FileSection):
     def effect(self) -> SystematicEffect:
         """The entry as the record of an effect."""
         freedom = math.inf if self.degrees_of_freedom is None else self.degrees_of_freedom
-        size = max(u for _, u in self.table) if self.table else float(self.standard_uncertainty or 0.0)
+        size = (
+            max(u for _, u in self.table) if self.table else float(self.standard_uncertainty or 0.0)
+        )
         scale = size if self.table and size else 1.0
         real, imaginary = (0.0, -1.0) if self.kind == "phase" else (1.0, 0.0)
         rows = tuple((f, real * part / scale, imaginary * part / scale) for f, part in self._shape)
@@ -157,8 +183,14 @@ class UncertaintyEntry(FileSection):
         """Frequency and size of the rows of a table, or of a band of one; empty for neither."""
         if self.table:
             return [(float(f), float(u)) for f, u in self.table]
-        low = [] if self.from_hz is None else [(self.from_hz * (1.0 - _EDGE), 0.0), (self.from_hz, 1.0)]
-        return low + ([] if self.to_hz is None else [(self.to_hz, 1.0), (self.to_hz * (1.0 + _EDGE), 0.0)])
+        low = (
+            []
+            if self.from_hz is None
+            else [(self.from_hz * (1.0 - _EDGE), 0.0), (self.from_hz, 1.0)]
+        )
+        return low + (
+            [] if self.to_hz is None else [(self.to_hz, 1.0), (self.to_hz * (1.0 + _EDGE), 0.0)]
+        )
 
 
 class CapabilityEntry(FileSection):
@@ -172,7 +204,9 @@ class CapabilityEntry(FileSection):
     @property
     def capability(self) -> Capability:
         """The entry as a capability."""
-        return Capability(self.quantity, self.expanded_uncertainty, self.from_hz or 0.0, self.to_hz or math.inf)
+        return Capability(
+            self.quantity, self.expanded_uncertainty, self.from_hz or 0.0, self.to_hz or math.inf
+        )
 
 
 def check_uncertainties(entries: Sequence[UncertaintyEntry], where: str) -> None:
@@ -185,7 +219,9 @@ def check_uncertainties(entries: Sequence[UncertaintyEntry], where: str) -> None
                 expected="standard_uncertainty, or table",
                 found="both" if entry.table is not None else "neither",
                 where=here,
-                remedy="keep one of the two" if entry.table is not None else "add standard_uncertainty = …",
+                remedy="keep one of the two"
+                if entry.table is not None
+                else "add standard_uncertainty = …",
             )
         if (entry.kind == "mounting") != (entry.frequency_hz is not None):
             raise InputError(
@@ -196,7 +232,9 @@ def check_uncertainties(entries: Sequence[UncertaintyEntry], where: str) -> None
                 remedy="give the frequency at which the mounting's standard uncertainty holds, or remove it",
             )
         band = [key for key in ("table", "from_hz", "to_hz") if getattr(entry, key) is not None]
-        if band and (entry.kind not in ("gain", "phase") or (entry.table is not None and len(band) > 1)):
+        if band and (
+            entry.kind not in ("gain", "phase") or (entry.table is not None and len(band) > 1)
+        ):
             raise InputError(
                 "A table or a band does not fit this entry.",
                 expected='table, or from_hz and to_hz, with kind = "gain" or "phase"',
@@ -206,7 +244,9 @@ def check_uncertainties(entries: Sequence[UncertaintyEntry], where: str) -> None
             )
         frequencies = [row[0] for row in entry.table or ()]
         rising = all(one < other for one, other in itertools.pairwise(frequencies))
-        empty = entry.from_hz is not None and entry.to_hz is not None and entry.to_hz <= entry.from_hz
+        empty = (
+            entry.from_hz is not None and entry.to_hz is not None and entry.to_hz <= entry.from_hz
+        )
         if not rising or empty or any(f <= 0 for f in frequencies):
             raise InputError(
                 "The frequencies of a contribution do not rise.",

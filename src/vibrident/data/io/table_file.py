@@ -19,7 +19,13 @@ from vibrident.data.io.header_units import (
 from vibrident.data.io.reader import open_columns, sha256
 from vibrident.data.records import FloatArray, Provenance, ResponseTable
 
-_KEYS = ("frequency", "magnitude", "phase", "magnitude_uncertainty", "phase_uncertainty")  # all positive but phase
+_KEYS = (
+    "frequency",
+    "magnitude",
+    "phase",
+    "magnitude_uncertainty",
+    "phase_uncertainty",
+)  # all positive but phase
 
 
 def read_table(calibration: CalibrationFile, folder: Path, where: str) -> ResponseTable:
@@ -52,7 +58,9 @@ def read_table(calibration: CalibrationFile, folder: Path, where: str) -> Respon
     source = open_columns(path)
     wanted = {key: getattr(section, key) for key in _KEYS}
     positions = {
-        key: source.position_of(column, f"[table] {key}") for key, column in wanted.items() if column is not None
+        key: source.position_of(column, f"[table] {key}")
+        for key, column in wanted.items()
+        if column is not None
     }
     _check_headers(calibration, source, positions)
     columns = dict(zip(positions, source.load(tuple(positions.values())), strict=True))
@@ -74,8 +82,13 @@ def read_table(calibration: CalibrationFile, folder: Path, where: str) -> Respon
             remedy="give every column the same number of values",
         )
     radians = np.pi / 180 if section.phase_unit == "deg" else 1.0
-    history = [f"{key}: column {position + 1} {source.names[position]!r}" for key, position in positions.items()]
-    history.append(f"magnitude × {scale!r} → {calibration.response.unit} per unit of {calibration.reference.quantity}")
+    history = [
+        f"{key}: column {position + 1} {source.names[position]!r}"
+        for key, position in positions.items()
+    ]
+    history.append(
+        f"magnitude × {scale!r} → {calibration.response.unit} per unit of {calibration.reference.quantity}"
+    )
     if section.magnitude_unit == "dB":
         history.append("magnitude read in dB re 1 unit of the column, 20 lg")
     if section.phase is not None:
@@ -93,7 +106,9 @@ def read_table(calibration: CalibrationFile, folder: Path, where: str) -> Respon
     )
 
 
-def _check_headers(calibration: CalibrationFile, source: ColumnFile, positions: dict[str, int]) -> None:
+def _check_headers(
+    calibration: CalibrationFile, source: ColumnFile, positions: dict[str, int]
+) -> None:
     """Check the units in the header against the calibration file; see header_units."""
     assert calibration.table is not None
     stated = {
@@ -108,8 +123,13 @@ def _check_headers(calibration: CalibrationFile, source: ColumnFile, positions: 
             require_phase_unit(source, position, key, calibration.table.phase_unit)
         elif key.startswith("magnitude") and calibration.table.magnitude_unit != "dB":
             require_magnitude_unit(source, position, key, **stated)
-            if "unit" in calibration.response.model_fields_set and calibration.reference.quantity != "drive":
-                require_response_unit(source, position, f"[table] {key}", stated["unit"], stated["scale"])
+            if (
+                "unit" in calibration.response.model_fields_set
+                and calibration.reference.quantity != "drive"
+            ):
+                require_response_unit(
+                    source, position, f"[table] {key}", stated["unit"], stated["scale"]
+                )
 
 
 def _times(values: FloatArray | None, factor: float) -> FloatArray | None:
@@ -122,7 +142,8 @@ def _check(key: str, values: FloatArray, source: ColumnFile, position: int) -> N
     if key != "phase" and bad.size:
         raise InputError(
             f"A value of {key} is not above zero.",
-            expected="numbers above 0" + ('; for dB state magnitude_unit = "dB"' if key == "magnitude" else ""),
+            expected="numbers above 0"
+            + ('; for dB state magnitude_unit = "dB"' if key == "magnitude" else ""),
             found=repr(float(values[bad[0]])),
             where=source.locate(position, int(bad[0])),
             remedy="repair or remove that row",

@@ -30,7 +30,9 @@ def read_toml(path: Path, what: str = "calibration") -> dict[str, Any]:
             raise InputError(
                 f"This is not a {what} file.",
                 expected=f"at most {MOST_BYTES} characters, and keys of one or two levels",
-                found=f"{len(text)} characters" if len(text) > MOST_BYTES else f"{joined.group()[:40]!r} and so on",
+                found=f"{len(text)} characters"
+                if len(text) > MOST_BYTES
+                else f"{joined.group()[:40]!r} and so on",
                 where=str(path),
                 remedy="name data files under [[records]] file, many of them with a glob",
             )
@@ -45,14 +47,19 @@ def read_toml(path: Path, what: str = "calibration") -> dict[str, Any]:
             where=f"{path}, line {error.object[: error.start].count(bytes([10])) + 1}",
             remedy="save it as UTF-8; data files belong under [[records]] file",
         ) from error
-    except (ValueError, RecursionError) as error:  # a number of thousands of digits; hundreds of nested brackets
+    except (
+        ValueError,
+        RecursionError,
+    ) as error:  # a number of thousands of digits; hundreds of nested brackets
         line = re.search(r"at line (\d+)", str(error))
         raise InputError(
             f"The {what} file is not valid TOML.",
             expected="TOML: [section], key = value, text in quotes",
             found=str(error),
             where=f"{path}, line {line.group(1)}" if line else f"{path}, end of the file",
-            remedy="correct that line" if path.suffix.lower() == ".toml" else f"name a {what} file (.toml)",
+            remedy="correct that line"
+            if path.suffix.lower() == ".toml"
+            else f"name a {what} file (.toml)",
         ) from error
 
 

@@ -17,7 +17,14 @@ from vibrident.base.errors import InputError
 from vibrident.base.files import unwritable, whole
 from vibrident.data.io.record_files import same_name
 from vibrident.data.io.toml_text import toml_entry, toml_section
-from vibrident.data.records import Calibration, Capability, FloatArray, Record, ResponseTable, SystematicEffect
+from vibrident.data.records import (
+    Calibration,
+    Capability,
+    FloatArray,
+    Record,
+    ResponseTable,
+    SystematicEffect,
+)
 
 CALIBRATION_FILE = "calibration.toml"
 _TABLE_KEYS = {
@@ -67,7 +74,9 @@ def write_calibration(folder: str | os.PathLike[str], calibration: Calibration) 
         if new:
             with contextlib.suppress(OSError):
                 target.rmdir()
-        raise unwritable(error, target, "name another folder, or make room; nothing was left half-written") from error
+        raise unwritable(
+            error, target, "name another folder, or make room; nothing was left half-written"
+        ) from error
     return target / CALIBRATION_FILE
 
 
@@ -102,12 +111,18 @@ def record_files(records: list[str]) -> list[str]:
 def _record_columns(record: Record, quantity: str) -> dict[str, FloatArray]:
     reference = None if record.excitation == "decay" else record.reference
     columns = {"time_s": record.start_time_s + record.time_s, f"reference_{quantity}": reference}
-    return {name: values for name, values in columns.items() if values is not None} | {"response": record.response}
+    return {name: values for name, values in columns.items() if values is not None} | {
+        "response": record.response
+    }
 
 
 def _table_columns(table: ResponseTable) -> dict[str, FloatArray]:
     """The columns that the table has, by their names in the file, which are those of its fields."""
-    return {name: values for name in _TABLE_KEYS.values() if (values := getattr(table, name)) is not None}
+    return {
+        name: values
+        for name in _TABLE_KEYS.values()
+        if (values := getattr(table, name)) is not None
+    }
 
 
 def _write_columns(path: Path, columns: Mapping[str, FloatArray]) -> None:
@@ -129,10 +144,18 @@ def _toml(calibration: Calibration, files: list[str]) -> str:
     records = calibration.records
     driven = [record for record in records if record.excitation != "decay"]
     if driven:
-        full_scale = _common([record.reference_full_scale for record in driven], "reference_full_scale")
-        reference = {"column": f"reference_{calibration.quantity}", **reference, "full_scale": full_scale}
+        full_scale = _common(
+            [record.reference_full_scale for record in driven], "reference_full_scale"
+        )
+        reference = {
+            "column": f"reference_{calibration.quantity}",
+            **reference,
+            "full_scale": full_scale,
+        }
     if records:
-        full_scale = _common([record.response_full_scale for record in records], "response_full_scale")
+        full_scale = _common(
+            [record.response_full_scale for record in records], "response_full_scale"
+        )
         response = {"column": "response", **response, "full_scale": full_scale}
     sections = [
         toml_section("sensor", {**calibration.sensor, "model": calibration.model}),
@@ -146,7 +169,10 @@ def _toml(calibration: Calibration, files: list[str]) -> str:
     else:
         rate_hz = float(records[0].sampling_rate_hz)
         sections.append(toml_section("sampling", {"rate_hz": rate_hz}))
-        sections += [toml_entry("records", _entry(*each, rate_hz)) for each in zip(records, files, strict=True)]
+        sections += [
+            toml_entry("records", _entry(*each, rate_hz))
+            for each in zip(records, files, strict=True)
+        ]
     sections += [toml_entry("uncertainty", _effect(effect)) for effect in calibration.effects]
     sections += [toml_entry("cmc", _capability(one)) for one in calibration.capabilities]
     if calibration.certificate:
@@ -163,12 +189,17 @@ def _effect(effect: SystematicEffect) -> dict[str, Any]:
         "kind": effect.kind,
         **({"table": table} if table else {"standard_uncertainty": size}),
         "frequency_hz": effect.frequency_hz,
-        "degrees_of_freedom": effect.degrees_of_freedom if math.isfinite(effect.degrees_of_freedom) else None,
+        "degrees_of_freedom": effect.degrees_of_freedom
+        if math.isfinite(effect.degrees_of_freedom)
+        else None,
     }
 
 
 def _capability(one: Capability) -> dict[str, Any]:
-    ends = {"from_hz": one.from_hz or None, "to_hz": one.to_hz if math.isfinite(one.to_hz) else None}
+    ends = {
+        "from_hz": one.from_hz or None,
+        "to_hz": one.to_hz if math.isfinite(one.to_hz) else None,
+    }
     return {"quantity": one.quantity, "expanded_uncertainty": one.expanded_uncertainty, **ends}
 
 

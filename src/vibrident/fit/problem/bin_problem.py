@@ -69,6 +69,11 @@ class BinProblem(NetworkProblem):
             frame.method.filters(seen_by_network(r, centred=True)[1], frame.terms, frame.delay_s * r.sampling_rate_hz)
             for r in records
         ]
+        # Without a reference nothing is interpolated, and the beginning says most.
+        steps = [
+            replace(step, usable=np.ones_like(step.usable)) if r.reference is None else step
+            for r, step in zip(records, steps, strict=True)
+        ]
         segments = tuple(
             segment_of(number, record, span, step)
             for number, (record, step) in enumerate(zip(records, steps, strict=True))

@@ -16,7 +16,14 @@ from pydantic_core import from_json
 
 from vibrident.base.errors import InputError
 from vibrident.data.io.columns import LONGEST_LINE, Channel, ColumnFile, unreadable
-from vibrident.data.io.csv_layout import BLANKS, CsvLayout, detect_layout, is_number, split_line, too_long_a_line
+from vibrident.data.io.csv_layout import (
+    BLANKS,
+    CsvLayout,
+    detect_layout,
+    is_number,
+    split_line,
+    too_long_a_line,
+)
 from vibrident.data.io.reader import Reader
 from vibrident.data.records import FloatArray
 
@@ -56,7 +63,10 @@ def numbered_rows(path: Path, layout: CsvLayout) -> Iterator[tuple[int, list[str
         stream.seek(layout.offset)
         for number, line in enumerate(stream, start=layout.first_line):
             if line.strip():
-                yield number, split_line(line.decode(layout.encoding, errors="replace"), layout.delimiter)
+                yield (
+                    number,
+                    split_line(line.decode(layout.encoding, errors="replace"), layout.delimiter),
+                )
 
 
 def _chunks_of_lines(stream: BinaryIO) -> Iterator[bytes | None]:
@@ -81,10 +91,18 @@ def _fields(chunk: bytes, layout: CsvLayout) -> NDArray[np.int64]:
         counts = [len(split_line(line, layout.delimiter)) if line.strip() else 0 for line in lines]
         return np.array(counts, dtype=np.int64)
     bytes_ = np.frombuffer(chunk, dtype=np.uint8)
-    if layout.delimiter != BLANKS and layout.fields > 1 and (rows := _complete_rows(bytes_, layout)):
+    if (
+        layout.delimiter != BLANKS
+        and layout.fields > 1
+        and (rows := _complete_rows(bytes_, layout))
+    ):
         return np.full(rows, layout.fields)
     ends = np.flatnonzero(bytes_ == _NEWLINE)
-    starts = np.concatenate(([0], ends + 1)) if chunk[-1] != _NEWLINE else np.concatenate(([0], ends[:-1] + 1))
+    starts = (
+        np.concatenate(([0], ends + 1))
+        if chunk[-1] != _NEWLINE
+        else np.concatenate(([0], ends[:-1] + 1))
+    )
     ink = bytes_ > ord(" ")
     if layout.delimiter == BLANKS:
         begins = ink.copy()
@@ -112,7 +130,22 @@ PLAIN = b"0123456789+-eE\n"  # numbers and lines, beside delimiter and decimal s
 #: What pandas takes for a missing value.
 _NO_VALUE = frozenset(
     {
-        *("", "NaN", "nan", "-NaN", "-nan", "NA", "N/A", "n/a", "NULL", "null", "None", "<NA>", "#N/A", "#NA"),
+        *(
+            "",
+            "NaN",
+            "nan",
+            "-NaN",
+            "-nan",
+            "NA",
+            "N/A",
+            "n/a",
+            "NULL",
+            "null",
+            "None",
+            "<NA>",
+            "#N/A",
+            "#NA",
+        ),
         *("#N/A N/A", "1.#IND", "-1.#IND", "1.#QNAN", "-1.#QNAN"),
     }
 )
@@ -136,7 +169,9 @@ class CsvFile(ColumnFile):
     def __init__(self, path: Path) -> None:
         self._layout: CsvLayout = detect_layout(path, str(path))
         units = (unit.strip("[](){}<> ") for unit in self._layout.units)
-        channels = [Channel(name, unit=unit) for name, unit in zip(self._layout.names, units, strict=True)]
+        channels = [
+            Channel(name, unit=unit) for name, unit in zip(self._layout.names, units, strict=True)
+        ]
         super().__init__(path, channels, {})
 
     @cached_property
@@ -167,7 +202,9 @@ class CsvFile(ColumnFile):
         if len(rows) != self._row_lines.size:  # which refuses uneven rows
             raise self._torn(len(rows))
         try:
-            return tuple(_seconds_of_stamps([cells[position] for cells in rows]) for position in positions)
+            return tuple(
+                _seconds_of_stamps([cells[position] for cells in rows]) for position in positions
+            )
         except ValueError as error:
             raise unreadable(self.file, error, "times of day with existing dates") from error
 
@@ -190,7 +227,11 @@ class CsvFile(ColumnFile):
             frame = self._parse(sorted(set(positions)))
         except OSError as error:
             raise unreadable(self.file, error, "a text file of columns") from error
-        except (ValueError, TypeError, OverflowError) as error:  # pandas.errors.ParserError is a ValueError
+        except (
+            ValueError,
+            TypeError,
+            OverflowError,
+        ) as error:  # pandas.errors.ParserError is a ValueError
             raise self._text_in(positions, error) from error
         if len(frame) != rows:
             raise self._torn(len(frame))
@@ -206,7 +247,10 @@ class CsvFile(ColumnFile):
 
     def _plain(self, positions: Sequence[int]) -> tuple[FloatArray, ...] | None:
         """The columns of a small purely numeric file; None if it needs the parser."""
-        if self._numbers is None or self._numbers.size != self._row_lines.size * self._layout.fields:
+        if (
+            self._numbers is None
+            or self._numbers.size != self._row_lines.size * self._layout.fields
+        ):
             return None
         table = self._numbers.reshape(-1, self._layout.fields)
         return tuple(table[:, position].copy() for position in positions)
@@ -228,9 +272,13 @@ class CsvFile(ColumnFile):
         if data.translate(None, PLAIN + signs + blanks):
             return None
         # An empty cell shows in the count.
-        with contextlib.suppress(ValueError, OverflowError):  # most are JSON's numbers, which are read in half the time
+        with contextlib.suppress(
+            ValueError, OverflowError
+        ):  # most are JSON's numbers, which are read in half the time
             listed = data.strip().translate(bytes.maketrans(signs + b" \n", b",.,,"))
-            return np.array(from_json(b"[%b]" % listed), dtype=float)  # each is the nearest float, as in pandas
+            return np.array(
+                from_json(b"[%b]" % listed), dtype=float
+            )  # each is the nearest float, as in pandas
         try:
             # Delimiters become blanks, which no cell contains.
             return np.fromstring(data.translate(bytes.maketrans(signs, b" .")), sep=" ")  # so here
@@ -317,7 +365,10 @@ def _seconds_of_stamps(cells: Sequence[str]) -> FloatArray:
         part = found.groupdict()
         day = "1970-01-01"
         if part["year"] or part["y"]:
-            day, dated = f"{part['year'] or part['y']}-{part['month'] or part['m']}-{part['day'] or part['d']}", True
+            day, dated = (
+                f"{part['year'] or part['y']}-{part['month'] or part['m']}-{part['day'] or part['d']}",
+                True,
+            )
         texts[index] = f"{day}T{part['time']}.{part['fraction'] or '0'}"
     stamps = np.array(texts, dtype="datetime64[ns]")
     seconds = (stamps - stamps[:1]) / np.timedelta64(1, "s")  # subtracted first, to keep the digits

@@ -36,15 +36,21 @@ class ExcelFile(ColumnFile):
         rows = [row for row in rows if any(cell is not None for cell in row)]
         width = max((len(row) for row in rows), default=0)
         rows = [row + [None] * (width - len(row)) for row in rows]
-        start = next((n for n, row in enumerate(rows) if any(_is_number(cell) for cell in row)), len(rows))
+        start = next(
+            (n for n, row in enumerate(rows) if any(_is_number(cell) for cell in row)), len(rows)
+        )
         self._rows = rows[start:]
         head = rows[start - 1] if start else [None] * width
         channels, refused = [], {}
         for column in range(width):
             name = "" if head[column] is None else str(head[column]).strip()
             cells = [row[column] for row in self._rows]
-            if any(_is_number(cell) for cell in cells) and not any(isinstance(cell, str) for cell in cells):
-                timed = any(isinstance(cell, datetime.datetime | datetime.timedelta) for cell in cells)
+            if any(_is_number(cell) for cell in cells) and not any(
+                isinstance(cell, str) for cell in cells
+            ):
+                timed = any(
+                    isinstance(cell, datetime.datetime | datetime.timedelta) for cell in cells
+                )
                 channels.append(Channel(name, column, in_seconds=timed))
             else:
                 refused[name or f"column {column + 1}"] = "no column of numbers"
@@ -52,12 +58,16 @@ class ExcelFile(ColumnFile):
 
     def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
         """Read these columns; each has shape (rows,). Times become seconds since the first."""
-        columns = [[row[self._channels[position].handle] for row in self._rows] for position in positions]
+        columns = [
+            [row[self._channels[position].handle] for row in self._rows] for position in positions
+        ]
         return tuple(_numbers(column) for column in columns)
 
 
 def _is_number(cell: Any) -> bool:
-    return isinstance(cell, int | float | datetime.datetime | datetime.timedelta) and not isinstance(cell, bool)
+    return isinstance(
+        cell, int | float | datetime.datetime | datetime.timedelta
+    ) and not isinstance(cell, bool)
 
 
 def _numbers(cells: Sequence[Any]) -> FloatArray:

@@ -15,7 +15,14 @@ from typing import Any
 
 import numpy as np
 
-from vibrident.data.io.columns import MOST_COLUMNS, Channel, ColumnFile, reading, require_few, require_room
+from vibrident.data.io.columns import (
+    MOST_COLUMNS,
+    Channel,
+    ColumnFile,
+    reading,
+    require_few,
+    require_room,
+)
 from vibrident.data.io.reader import Reader
 from vibrident.data.records import FloatArray
 
@@ -29,7 +36,9 @@ class ArrayColumn:
     """One column of an array in a file."""
 
     array: str  # path of the dataset, or name of the variable
-    column: int | None = None  # column of a two-dimensional array, from 0; None for a one-dimensional one
+    column: int | None = (
+        None  # column of a two-dimensional array, from 0; None for a one-dimensional one
+    )
     transposed: bool = False  # True where the samples run along the second axis
 
     @property
@@ -50,7 +59,12 @@ def columns_of(name: str, shape: tuple[int, ...]) -> tuple[ArrayColumn, ...]:
     Scalars, arrays of three axes and very wide ones give none.
     """
     long_axes = [length for length in shape if length != 1]
-    if len(shape) > 2 or len(long_axes) == 0 or min(shape) < 1 or (len(long_axes) == 2 and min(shape) > MOST_COLUMNS):
+    if (
+        len(shape) > 2
+        or len(long_axes) == 0
+        or min(shape) < 1
+        or (len(long_axes) == 2 and min(shape) > MOST_COLUMNS)
+    ):
         return ()
     if len(long_axes) == 1:
         return (ArrayColumn(name),)
@@ -90,7 +104,9 @@ class Hdf5File(ArrayFile):
         refused: dict[str, str] = {}
 
         def visit(name: str, item: Any) -> None:
-            if not isinstance(item, h5py.Dataset) or name.startswith("#"):  # MATLAB keeps its objects in #refs#
+            if not isinstance(item, h5py.Dataset) or name.startswith(
+                "#"
+            ):  # MATLAB keeps its objects in #refs#
                 return
             reason = _reason_against(item)
             usable = () if reason else columns_of(name, item.shape)
@@ -112,7 +128,9 @@ class Hdf5File(ArrayFile):
         with reading(self._path, _EXPECTED), h5py.File(self._path, "r") as file:
             columns = [self._channels[position].handle for position in positions]
             require_room(self._path, *_cost([file[column.array] for column in columns]))
-            return tuple(np.asarray(c.of(file[c.array]), dtype=np.float64).reshape(-1) for c in columns)
+            return tuple(
+                np.asarray(c.of(file[c.array]), dtype=np.float64).reshape(-1) for c in columns
+            )
 
     def length(self, position: int) -> int:
         """Number of samples of a column; nothing is read."""
@@ -128,8 +146,13 @@ class Hdf5File(ArrayFile):
             if len(columns) * (stop - start) > self._roomy:
                 require_room(self._path, len(columns) * (stop - start))
                 self._roomy = len(columns) * (stop - start)
-            part = {name: _slice(self._array(name), start, stop) for name in {column.array for column in columns}}
-            exact = all(values.dtype.kind in "iu" and values.dtype.itemsize <= 2 for values in part.values())
+            part = {
+                name: _slice(self._array(name), start, stop)
+                for name in {column.array for column in columns}
+            }
+            exact = all(
+                values.dtype.kind in "iu" and values.dtype.itemsize <= 2 for values in part.values()
+            )
             found: Any = np.empty((len(columns), stop - start), np.float32 if exact else np.float64)
             for row, column in zip(found, columns, strict=True):
                 row[:] = ArrayColumn("", column.column).of(part[column.array]).reshape(-1)
@@ -153,7 +176,9 @@ def _slice(dataset: Any, start: int, stop: int) -> Any:
     """Rows of samples along the long axis, samples first."""
     if dataset.ndim == 1:
         return dataset[start:stop]
-    return dataset[:, start:stop].T if dataset.shape[1] > dataset.shape[0] else dataset[start:stop, :]
+    return (
+        dataset[:, start:stop].T if dataset.shape[1] > dataset.shape[0] else dataset[start:stop, :]
+    )
 
 
 def _cost(datasets: Sequence[Any]) -> tuple[int, int]:
@@ -181,13 +206,21 @@ def _reason_against(dataset: Any) -> str:
     """Return why a dataset cannot be a column; "" if it can."""
     matlab = dataset.attrs.get("MATLAB_class", b"")
     kind = matlab.decode("ascii", "replace") if isinstance(matlab, bytes) else str(matlab)
-    if kind in {"cell", "char", "function_handle", "string"} or "MATLAB_object_decode" in dataset.attrs:
+    if (
+        kind in {"cell", "char", "function_handle", "string"}
+        or "MATLAB_object_decode" in dataset.attrs
+    ):
         return f"a MATLAB {kind} and not numbers"
     if "MATLAB_empty" in dataset.attrs or dataset.shape is None:
         return "empty"
     if dataset.dtype.kind in "iufb":
         return _kept_elsewhere(dataset)
-    words = {"c": "complex", "O": "text or references", "S": "text", "V": "compound (a table of mixed fields)"}
+    words = {
+        "c": "complex",
+        "O": "text or references",
+        "S": "text",
+        "V": "compound (a table of mixed fields)",
+    }
     return f"{words.get(dataset.dtype.kind, str(dataset.dtype))} and not real numbers"
 
 

@@ -16,7 +16,12 @@ from vibrident.data.records import FloatArray
 
 _EXPECTED = "a MATLAB file with numeric arrays"
 _NUMERIC = frozenset(
-    {"double", "single", "logical", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))}
+    {
+        "double",
+        "single",
+        "logical",
+        *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)),
+    }
 )
 
 
@@ -51,17 +56,30 @@ class MatlabFile(ArrayFile):
 
         columns: list[ArrayColumn] = [self._channels[position].handle for position in positions]
         with reading(self._path, _EXPECTED):
-            require_room(self._path, sum(self._numbers[name] for name in {column.array for column in columns}))
-            arrays = scipy.io.loadmat(self._path, appendmat=False, variable_names=[c.array for c in columns])
+            require_room(
+                self._path,
+                sum(self._numbers[name] for name in {column.array for column in columns}),
+            )
+            arrays = scipy.io.loadmat(
+                self._path, appendmat=False, variable_names=[c.array for c in columns]
+            )
             complex_names = [c.name for c in columns if np.iscomplexobj(arrays[c.array])]
             if complex_names:
                 raise ValueError(f"{complex_names[0]!r} is complex and not real")
-            return tuple(np.asarray(c.of(arrays[c.array]), dtype=np.float64).reshape(-1) for c in columns)
+            return tuple(
+                np.asarray(c.of(arrays[c.array]), dtype=np.float64).reshape(-1) for c in columns
+            )
 
 
 def _reason_against(kind: str) -> str:
-    way = '; in MATLAB, save("file.mat", "-struct", "name") stores its fields as arrays' if kind == "struct" else ""
+    way = (
+        '; in MATLAB, save("file.mat", "-struct", "name") stores its fields as arrays'
+        if kind == "struct"
+        else ""
+    )
     return f"a MATLAB {kind} and not a numeric array{way}"
 
 
-MATLAB = Reader(name="matlab", title="MATLAB, every version", endings=(".mat",), open=open_matlab_file)
+MATLAB = Reader(
+    name="matlab", title="MATLAB, every version", endings=(".mat",), open=open_matlab_file
+)

@@ -18,7 +18,15 @@ from typing import Any
 import numpy as np
 
 from vibrident.base.errors import InputError
-from vibrident.data.io.columns import Channel, Clock, ColumnFile, library, reading, real_numbers, require_room
+from vibrident.data.io.columns import (
+    Channel,
+    Clock,
+    ColumnFile,
+    library,
+    reading,
+    real_numbers,
+    require_room,
+)
 from vibrident.data.io.reader import Reader
 from vibrident.data.io.sampling import clock_from_times
 from vibrident.data.records import FloatArray
@@ -52,14 +60,18 @@ class MdfFile(ColumnFile):
         if group not in self._clocks:
             with self._opened() as file:
                 times_s = real_numbers(file.get_master(group))
-            self._clocks[group] = clock_from_times(times_s, lambda row: f"time stamp of {self.locate(position, row)}")
+            self._clocks[group] = clock_from_times(
+                times_s, lambda row: f"time stamp of {self.locate(position, row)}"
+            )
         return self._clocks[group]
 
     def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
         """Read these channels; each has shape (samples,)."""
         with self._opened() as file:
             handles = [self._channels[position].handle for position in positions]
-            require_room(self._path, sum(file.groups[group].channel_group.cycles_nr for group, _ in handles))
+            require_room(
+                self._path, sum(file.groups[group].channel_group.cycles_nr for group, _ in handles)
+            )
             return tuple(_signal(file, *handle) for handle in handles)
 
     @contextmanager
@@ -67,7 +79,10 @@ class MdfFile(ColumnFile):
         """The file, its time stamps checked; logged bus traffic, whose databases are code, is ignored."""
         with reading(self._path, _EXPECTED):
             try:
-                with self._path.open("rb") as stream, self._mdf(stream, process_bus_logging=False) as file:
+                with (
+                    self._path.open("rb") as stream,
+                    self._mdf(stream, process_bus_logging=False) as file,
+                ):
                     _refuse_formulas_of_time(file, self.file)
                     yield file
             except Exception as error:
@@ -114,7 +129,9 @@ def _reason_against(file: Any, group: int, index: int) -> str:
         return "an array or a structure at each instant"
     if first.dtype.kind in "iufb":
         return ""
-    return {"c": "complex", "S": "text", "U": "text", "O": "text"}.get(first.dtype.kind, str(first.dtype))
+    return {"c": "complex", "S": "text", "U": "text", "O": "text"}.get(
+        first.dtype.kind, str(first.dtype)
+    )
 
 
 def _generation(file: Any) -> int:

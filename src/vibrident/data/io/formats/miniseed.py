@@ -10,7 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from vibrident.data.io.columns import Channel, Clock, ColumnFile, library, reading, real_numbers, require_room
+from vibrident.data.io.columns import (
+    Channel,
+    Clock,
+    ColumnFile,
+    Start,
+    library,
+    reading,
+    real_numbers,
+    require_room,
+)
 from vibrident.data.io.reader import Reader
 from vibrident.data.records import FloatArray
 
@@ -28,7 +37,7 @@ class MiniSeedFile(ColumnFile):
                 traces.setdefault(trace.id, []).append(trace)
             refused = {name: reason for name, parts in traces.items() if (reason := _gap(parts))}
             channels = [
-                Channel(name, name, Clock(float(parts[0].stats.sampling_rate), start_ns=parts[0].stats.starttime.ns))
+                Channel(name, name, _clock(parts[0].stats))
                 for name, parts in traces.items()
                 if name not in refused
             ]
@@ -42,15 +51,23 @@ class MiniSeedFile(ColumnFile):
             traces = self._traces(self._path, headonly=False)
             wanted = [self._channels[position].handle for position in positions]
             return tuple(
-                np.concatenate([real_numbers(trace.data) for trace in traces if trace.id == name]) for name in wanted
+                np.concatenate([real_numbers(trace.data) for trace in traces if trace.id == name])
+                for name in wanted
             )
 
     def _traces(self, path: Path, *, headonly: bool) -> list[Any]:
         """Traces in the order of the file; obspy's warnings mean damage."""
-        with path.open("rb") as stream, warnings.catch_warnings():  # a name would be globbed, fetched or unpacked
+        with (
+            path.open("rb") as stream,
+            warnings.catch_warnings(),
+        ):  # a name would be globbed, fetched or unpacked
             warnings.simplefilter("error")
             warnings.simplefilter("ignore", DeprecationWarning)
             return [*self._obspy.read(stream, format="MSEED", headonly=headonly)]
+
+
+def _clock(stats: Any) -> Clock:
+    return Clock(float(stats.sampling_rate), start=Start(stats.starttime.ns, epoch=True))
 
 
 def _gap(parts: Sequence[Any]) -> str:
@@ -62,7 +79,9 @@ def _gap(parts: Sequence[Any]) -> str:
         if after.stats.sampling_rate != rate_hz:
             return f"at {rate_hz:g} Hz first and at {after.stats.sampling_rate:g} Hz later"
         samples_ns = before.stats.npts / rate_hz * 1e9
-        missing = (after.stats.starttime.ns - before.stats.starttime.ns - samples_ns) * 1e-9 * rate_hz
+        missing = (
+            (after.stats.starttime.ns - before.stats.starttime.ns - samples_ns) * 1e-9 * rate_hz
+        )
         if abs(missing) > 0.5:
             kind = "a gap" if missing > 0 else "an overlap"
             return f"interrupted: {kind} of {abs(missing):.3g} samples at {before.stats.endtime}"
@@ -70,5 +89,9 @@ def _gap(parts: Sequence[Any]) -> str:
 
 
 MINISEED = Reader(
-    name="miniseed", title="miniSEED", endings=(".mseed", ".miniseed"), open=MiniSeedFile, extra="seismic"
+    name="miniseed",
+    title="miniSEED",
+    endings=(".mseed", ".miniseed"),
+    open=MiniSeedFile,
+    extra="seismic",
 )

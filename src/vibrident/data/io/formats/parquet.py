@@ -8,7 +8,15 @@ from pathlib import Path
 from typing import Any
 
 from vibrident.base.errors import InputError
-from vibrident.data.io.columns import Channel, Clock, ColumnFile, library, reading, real_numbers, require_room
+from vibrident.data.io.columns import (
+    Channel,
+    Clock,
+    ColumnFile,
+    library,
+    reading,
+    real_numbers,
+    require_room,
+)
 from vibrident.data.io.reader import Reader
 from vibrident.data.records import FloatArray
 
@@ -30,7 +38,9 @@ class ParquetFile(ColumnFile):
         of_the_file = (schema.metadata or {}).get(_RATE_KEY)
         for field in schema:
             timed = types.is_timestamp(field.type) or types.is_duration(field.type)
-            if timed or any(of(field.type) for of in (types.is_integer, types.is_floating, types.is_boolean)):
+            if timed or any(
+                of(field.type) for of in (types.is_integer, types.is_floating, types.is_boolean)
+            ):
                 rate = (field.metadata or {}).get(_RATE_KEY, of_the_file)
                 clock = _clock(rate, f"{path}, column {field.name!r}")
                 channels.append(Channel(field.name, field.name, clock, timed))
@@ -52,8 +62,14 @@ def _numbers(metadata: Any, names: set[str]) -> int:
     """How many numbers these columns hold, by the footer: its rows, or the bytes of their pages if these are more."""
     groups = [metadata.row_group(index) for index in range(metadata.num_row_groups)]
     chunks = [group.column(index) for group in groups for index in range(group.num_columns)]
-    unpacked = sum(chunk.total_uncompressed_size for chunk in chunks if chunk.path_in_schema in names)
-    return max(metadata.num_rows * len(names), sum(group.num_rows for group in groups) * len(names), unpacked // 8)
+    unpacked = sum(
+        chunk.total_uncompressed_size for chunk in chunks if chunk.path_in_schema in names
+    )
+    return max(
+        metadata.num_rows * len(names),
+        sum(group.num_rows for group in groups) * len(names),
+        unpacked // 8,
+    )
 
 
 def _clock(text: bytes | None, where: str) -> Clock | None:

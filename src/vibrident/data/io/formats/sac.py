@@ -9,7 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from vibrident.data.io.columns import Channel, ColumnFile, library, reading, real_numbers, require_room
+from vibrident.data.io.columns import (
+    Channel,
+    ColumnFile,
+    Start,
+    library,
+    reading,
+    real_numbers,
+    require_room,
+)
 from vibrident.data.io.reader import Reader
 from vibrident.data.io.sampling import plainest_clock
 from vibrident.data.records import FloatArray
@@ -29,9 +37,21 @@ class SacFile(ColumnFile):
             if not header.leven or header.iftype != "itime":
                 raise ValueError(f"leven {header.leven}, type {header.iftype}")
             delta = np.float32(header.delta)  # a four-byte number in the file
-            stamps = (header.nzyear, header.nzjday, header.nzhour, header.nzmin, header.nzsec, header.nzmsec)
-            start = None if any(stamp is None for stamp in stamps) else header.reftime.ns + round(float(header.b) * 1e9)
-            name = ".".join(str(code or "") for code in (header.knetwk, header.kstnm, header.khole, header.kcmpnm))
+            stamps = (
+                header.nzyear,
+                header.nzjday,
+                header.nzhour,
+                header.nzmin,
+                header.nzsec,
+                header.nzmsec,
+            )
+            dated = all(stamp is not None for stamp in stamps)
+            start_ns = (header.reftime.ns if dated else 0) + round(float(header.b) * 1e9)
+            start = Start(start_ns, epoch=dated)
+            name = ".".join(
+                str(code or "")
+                for code in (header.knetwk, header.kstnm, header.khole, header.kcmpnm)
+            )
             clock = plainest_clock(float(delta), float(np.spacing(delta)) / 2, start)
             channel = Channel(name if name.strip(".") else "channel 1", int(header.npts), clock)
         super().__init__(path, [channel], {})

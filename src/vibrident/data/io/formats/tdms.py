@@ -10,7 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from vibrident.data.io.columns import Channel, Clock, ColumnFile, library, reading, real_numbers, require_room
+from vibrident.data.io.columns import (
+    Channel,
+    Clock,
+    ColumnFile,
+    Start,
+    library,
+    reading,
+    real_numbers,
+    require_room,
+)
 from vibrident.data.io.reader import Reader
 from vibrident.data.records import FloatArray
 
@@ -47,7 +56,11 @@ class TdmsFile(ColumnFile):
 
     @contextmanager
     def _opened(self) -> Iterator[Any]:
-        with reading(self._path, _EXPECTED), self._path.open("rb") as stream, self._library.open(stream) as file:
+        with (
+            reading(self._path, _EXPECTED),
+            self._path.open("rb") as stream,
+            self._library.open(stream) as file,
+        ):
             yield file
 
 
@@ -56,20 +69,29 @@ def _reason_against(channel: Any) -> str:
         return "empty"
     if channel.dtype.kind in "iufbM":
         return ""
-    return {"c": "complex", "O": "text", "U": "text", "S": "text"}.get(channel.dtype.kind, str(channel.dtype))
+    return {"c": "complex", "O": "text", "U": "text", "S": "text"}.get(
+        channel.dtype.kind, str(channel.dtype)
+    )
 
 
 def _clock(properties: Any) -> Clock | None:
     """The rate is the reciprocal of wf_increment, a double; the start is wf_start_time and wf_start_offset."""
     increment_s = properties.get("wf_increment")
-    if not isinstance(increment_s, int | float) or not math.isfinite(increment_s) or increment_s <= 0:
+    if (
+        not isinstance(increment_s, int | float)
+        or not math.isfinite(increment_s)
+        or increment_s <= 0
+    ):
         return None
     start, offset_s = properties.get("wf_start_time"), properties.get("wf_start_offset", 0.0)
-    if not isinstance(start, np.datetime64) or not isinstance(offset_s, int | float) or not math.isfinite(offset_s):
+    if (
+        not isinstance(start, np.datetime64)
+        or not isinstance(offset_s, int | float)
+        or not math.isfinite(offset_s)
+    ):
         return Clock(1.0 / increment_s)
-    return Clock(
-        1.0 / increment_s, start_ns=int(start.astype("datetime64[ns]").astype(np.int64)) + round(offset_s * 1e9)
-    )
+    start_ns = int(start.astype("datetime64[ns]").astype(np.int64)) + round(offset_s * 1e9)
+    return Clock(1.0 / increment_s, start=Start(start_ns, epoch=True))
 
 
 TDMS = Reader(name="tdms", title="TDMS (LabVIEW)", endings=(".tdms",), open=TdmsFile, extra="tdms")

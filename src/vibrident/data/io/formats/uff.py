@@ -8,7 +8,16 @@ from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
-from vibrident.data.io.columns import Channel, Clock, ColumnFile, library, reading, real_numbers, require_room
+from vibrident.data.io.columns import (
+    Channel,
+    Clock,
+    ColumnFile,
+    Start,
+    library,
+    reading,
+    real_numbers,
+    require_room,
+)
 from vibrident.data.io.reader import Reader
 from vibrident.data.io.sampling import clock_from_times, plainest_clock
 from vibrident.data.records import FloatArray
@@ -58,21 +67,31 @@ class UffFile(ColumnFile):
         """Read these channels; each has shape (samples,)."""
         with reading(self._path, _EXPECTED):
             file = self._pyuff.UFF(str(self._path))
-            require_room(self._path, sum(self._channels[position].handle[1] for position in positions))
-            return tuple(self._signal(file, *self._channels[position].handle) for position in positions)
+            require_room(
+                self._path, sum(self._channels[position].handle[1] for position in positions)
+            )
+            return tuple(
+                self._signal(file, *self._channels[position].handle) for position in positions
+            )
 
     def _clock(self, file: Any, place: int, header: dict[str, Any]) -> Clock | None:
         """From the abscissas, if each sample has one; else from the interval."""
         if header["abscissa_spacing"] == 1:
             interval_s = float(header["abscissa_inc"])
-            return plainest_clock(interval_s, _half_unit(interval_s), round(header["abscissa_min"] * 1e9))
+            return plainest_clock(
+                interval_s, _half_unit(interval_s), Start.on_own_clock(header["abscissa_min"])
+            )
         times_s = real_numbers(file.read_sets(place)["x"])[: int(header["num_pts"])]
-        return clock_from_times(times_s, lambda row: f"{self._path}, data set {place + 1}, abscissa {row + 1}")
+        return clock_from_times(
+            times_s, lambda row: f"{self._path}, data set {place + 1}, abscissa {row + 1}"
+        )
 
     def _signal(self, file: Any, place: int, samples: int) -> FloatArray:
         values = real_numbers(file.read_sets(place)["data"])
         if values.size != samples:
-            raise ValueError(f"data set {place + 1} has {values.size} values where it states {samples}")
+            raise ValueError(
+                f"data set {place + 1} has {values.size} values where it states {samples}"
+            )
         return values
 
 
@@ -97,8 +116,12 @@ def _name(header: dict[str, Any], *, repeated: bool) -> str:
 def _half_unit(interval_s: float) -> float:
     """Half a unit of the last place of an interval in the file, s."""
     stated = Decimal(repr(interval_s))
-    digits = max(len(stated.normalize().as_tuple().digits), 5)  # FORTRAN's E13.5 prints five, C's six
+    digits = max(
+        len(stated.normalize().as_tuple().digits), 5
+    )  # FORTRAN's E13.5 prints five, C's six
     return 0.5 * 10.0 ** (stated.adjusted() - digits + 1)
 
 
-UFF = Reader(name="uff", title="universal file format", endings=(".uff", ".unv"), open=UffFile, extra="uff")
+UFF = Reader(
+    name="uff", title="universal file format", endings=(".uff", ".unv"), open=UffFile, extra="uff"
+)

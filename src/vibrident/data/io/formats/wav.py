@@ -29,7 +29,9 @@ class WavFile(ColumnFile):
                 raise ValueError(f"{header.format} with samples of type {header.subtype}")
         clock, self._frames = Clock(float(header.samplerate)), int(header.frames)
         numbers = range(1, int(header.channels) + 1)
-        super().__init__(path, [Channel(f"channel {number}", number - 1, clock) for number in numbers], {})
+        super().__init__(
+            path, [Channel(f"channel {number}", number - 1, clock) for number in numbers], {}
+        )
 
     def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
         """Read these channels; each has shape (samples,)."""
@@ -46,7 +48,9 @@ class WavFile(ColumnFile):
         import soundfile
 
         with reading(self._path, _EXPECTED):
-            samples, _ = soundfile.read(str(self._path), start=start, stop=stop, dtype="float64", always_2d=True)
+            samples, _ = soundfile.read(
+                str(self._path), start=start, stop=stop, dtype="float64", always_2d=True
+            )
         return np.ascontiguousarray(samples[:, list(positions)].T, dtype=np.float64)
 
     def locate(self, position: int, row: int) -> str:
