@@ -89,7 +89,7 @@ _NO_UNIT = frozenset(
     | {"?", "[]", "()"}
 )
 _AFTER_WORD = re.compile(r"^(.*\S)\s+(?:in|en)\s+(\S.*)$", re.IGNORECASE)
-_AFTER_SLASH = re.compile(r"^([^/\[(]*[\w)\]])\s*/\s*(\(.+\)|.+)$")
+_AFTER_SLASH = re.compile(r"^([^/]*[\w)\]|])\s*/\s*(\(.+\)|.+)$")
 _TOKEN = re.compile(
     r"\s*(?:(?P<sign>[*/()])|(?P<name>[^\W\d_]+(?:_n|'s)?|[%°]|1(?![\d.]))(?P<power>\^?[+-]?\d)?)"
 )
@@ -98,6 +98,7 @@ _PHRASES = (
     (re.compile(r"\bsquared\b|\bsquare\b|\bsq\b\.?", re.IGNORECASE), "^2"),
     (re.compile(r"\*\*"), "^"),
     (re.compile(r"\s+\^"), "^"),
+    (re.compile(r"(?<=[^\W_])\.(?=[^\W\d_])"), "*"),  # V.s2/m
 )
 
 
@@ -159,7 +160,10 @@ def _closes_last(text: str) -> bool:
 
 
 def split_brackets(name: str) -> tuple[str, str]:
-    """Return a column's name and the unit in brackets behind it; "" for none, as in "S in V/(m/s²)"."""
+    """Return a column's name and the unit in brackets behind it; "" for none.
+
+    There is none in "S in V/(m/s²)", whose brackets are a part of the unit.
+    """
     name = name.strip().translate(PLAIN_BRACKETS)
     if len(name) > MAX_NAME_LENGTH or not name.endswith((")", "]", "}", ">")):
         return name, ""
@@ -173,7 +177,8 @@ def split_brackets(name: str) -> tuple[str, str]:
 def split_unit(name: str) -> tuple[str, str]:
     """Return a column's name and the unit behind it, as written; "" for none.
 
-    The unit stands in brackets, behind "in", behind a blank with a slash in it ("S mV/g"), or behind a slash.
+    The unit stands in brackets, behind "in", behind a blank with a slash in it ("S mV/g"), or
+    behind a slash.
     """
     base, unit = split_brackets(name)
     if unit or len(base) > MAX_NAME_LENGTH:
@@ -185,8 +190,9 @@ def split_unit(name: str) -> tuple[str, str]:
     before, blank, last = base.rpartition(" ")
     if blank and "/" in last[1:] and parse_unit(last) is not None:
         return before.rstrip(), last
-    if match := _AFTER_SLASH.match(base):
-        return match[1].rstrip(), match[2]
+    match = _AFTER_SLASH.match(base)
+    if match and all(match[1].count(a) == match[1].count(b) for a, b in ("()", "[]")):
+        return match[1], match[2]
     return base, ""
 
 
