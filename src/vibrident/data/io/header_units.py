@@ -142,11 +142,6 @@ _MULTIPLES = {
 _ELECTRIC = ("V", "A", "C", "counts")
 #: Numbers of an analogue-to-digital converter.
 _CODES = frozenset({"count", "counts", "cts", "lsb", "lsbs", "digit", "digits"})
-#: A coverage factor, and words for an expanded uncertainty.
-_COVERAGE = re.compile(r"\bk\s*=\s*(\d+(?:[.,]\d+)?)", re.IGNORECASE)
-_EXPANDED = re.compile(
-    r"expanded|erweitert\w*|élargie|\bU_?95\b|расширенн\w*|扩展不确定度", re.IGNORECASE
-)
 _LONGEST_NAME = 200
 #: A scale this close to a conversion is that conversion.
 _SAME = 1e-3
@@ -178,12 +173,6 @@ def seconds_per_unit(source: ColumnFile, position: int) -> float:
     )
 
 
-def hertz_per_unit(source: ColumnFile, position: int) -> float:
-    """Hertz per unit of a frequency column; 1 if its header states no unit; InputError for one other than of that."""
-    remedy = "write the frequencies in Hz, and Hz into the header"
-    return _own_unit(source, position, _HERTZ, "[table] frequency", "Hz", remedy)
-
-
 def states_a_time_unit(name: str) -> bool:
     """Whether a column's name states the unit of its times."""
     return _spelling(name, _SECONDS) in _SECONDS
@@ -197,22 +186,6 @@ def is_time(name: str) -> bool:
     if plain == base:
         return base in _TIMES or _RUN_ON.match(plain) is not None
     return base in _TIMES and states_a_time_unit(name)
-
-
-def require_phase_unit(source: ColumnFile, position: int, key: str, phase_unit: str) -> None:
-    """Check that the header of phases, or of their uncertainties, names no other unit than phase_unit."""
-    name = header(source, position)
-    found = _spelling(name, _RADIANS)
-    if found and _RADIANS.get(found) != _RADIANS[phase_unit]:
-        other = {_RADIANS["deg"]: "deg", 1.0: "rad"}.get(_RADIANS.get(found, math.nan))
-        remedy = (
-            f'set phase_unit = "{other}", or correct the header'
-            if other
-            else f"convert it to {phase_unit}"
-        )
-        raise _contradiction(
-            source, position, f"[table] {key}", f'phase_unit = "{phase_unit}"', found, remedy
-        )
 
 
 def require_channel_unit(
@@ -245,60 +218,6 @@ def require_channel_unit(
     _require_scale(source, position, key, found, factor, scale, unit or str(quantity))
 
 
-def require_magnitude_unit(
-    source: ColumnFile, position: int, key: str, *, unit: str, scale: float, quantity: Quantity
-) -> None:
-    """Check a column of magnitudes, or of their uncertainties: not in dB or %, and in the stated unit.
-
-    ``scale`` leads from the column to ``unit`` of the response per SI unit of the reference ``quantity``.
-    """
-    name = header(source, position)
-    found = unit_in_name(name) or (
-        name.rsplit("_", 1)[-1] if re.search(r"_(db|percent)$", name, re.IGNORECASE) else ""
-    )
-    plain = found.translate(PLAIN).lower()
-    if plain.startswith("db"):
-        remedy = 'state magnitude_unit = "dB" under [table], and what 0 dB stands for as [response] scale'
-        raise _contradiction(
-            source, position, f"[table] {key}", "a linear magnitude", found, remedy
-        )
-    if plain in ("%", "percent"):
-        remedy = "multiply it by the magnitude and divide by 100; and correct the header"
-        raise _contradiction(
-            source,
-            position,
-            f"[table] {key}",
-            "a magnitude in its unit, not relative",
-            found,
-            remedy,
-        )
-    above, _, below = found.partition("/")
-    below = below.strip().strip("()")
-    if (
-        not below
-        or quantity == "drive"
-        or not any(_factor(above, base) for base in ("V", "A", "C"))
-    ):
-        return
-    own = quantity_of(below)
-    if own is not None and own != quantity:
-        remedy = f'set [reference] quantity = "{own}", or correct the header'
-        raise _contradiction(
-            source, position, f"[table] {key}", f"a response per {quantity}", found, remedy
-        )
-    numerator, denominator = _factor(above, unit), si_scale(quantity, below)
-    factor = None if numerator is None or denominator is None else numerator / denominator
-    _require_scale(
-        source,
-        position,
-        f"[table] {key}",
-        found,
-        factor,
-        scale,
-        f"{unit} per SI unit of the reference",
-    )
-
-
 def require_response_unit(
     source: ColumnFile, position: int, key: str, unit: str, scale: float
 ) -> None:
@@ -315,22 +234,6 @@ def unit_of_another_kind(source: ColumnFile, position: int, unit: str) -> str:
     """The electric unit that the header of a response or magnitude names, if it is no multiple of ``unit``; else ""."""
     found, known = unit_in_name(header(source, position)).partition("/")[0].strip(), _base(unit)
     return found if known and _base(found) in _ELECTRIC and _base(found) != known else ""
-
-
-def require_standard_uncertainty(source: ColumnFile, position: int, key: str) -> None:
-    """Check that the header of a column of uncertainties does not say that they are expanded ones, U = k u."""
-    name = _short(header(source, position))
-    factor = _COVERAGE.search(name)
-    if factor is not None and float(factor.group(1).replace(",", ".")) != 1.0:
-        found, by = f"k = {factor.group(1)}", factor.group(1)
-    elif expanded := _EXPANDED.search(name):
-        found, by = expanded.group(0), "its coverage factor k, usually 2"
-    else:
-        return
-    remedy = f"divide it by {by}; and correct the header"
-    raise _contradiction(
-        source, position, f"[table] {key}", "standard uncertainties (k = 1)", found, remedy
-    )
 
 
 def _own_unit(
