@@ -19,6 +19,7 @@ from vibrident.data.io.units import (
     parse_unit,
     says_nothing,
     split_unit,
+    without_brackets,
 )
 
 RELATIVE_UNITS = {"%": 1e-2, "percent": 1e-2, "prozent": 1e-2, "ppm": 1e-6}
@@ -69,10 +70,10 @@ class TableColumn:
     def stated_unit(self) -> str:
         """Unit that the file states beside the name; "" for none."""
         text = self.source.stated_unit(self.position)
-        return "" if says_nothing(text) else text.strip()
+        return "" if says_nothing(text) else without_brackets(text.strip())
 
     def units(self) -> Iterator[tuple[str, bool]]:
-        """Give the texts that may be the unit, likeliest first, and whether each can be no other."""
+        """Give the texts that may be the unit, likeliest first, and whether each is surely one."""
         unit = self.stated_unit or split_unit(self.name)[1]
         number = _NUMBER_BEFORE.match(unit)
         if number and parse_unit(unit) is None and parse_unit(unit[number.end() :]) is not None:
@@ -81,7 +82,7 @@ class TableColumn:
         if len(self.name) > 1 and not self.stated_unit:
             yield self.name, False
         if unit:
-            yield unit[1:-1] if unit.startswith("(") and unit.endswith(")") else unit, True
+            yield unit, True
         if self.stated_unit:
             return
         if match := _SUFFIX.search(self.name):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from vibrident.base.errors import InputError
+from vibrident.base.errors import InputError, did_you_mean
 from vibrident.data.io.calibration_file import CalibrationFile, TableSection
 from vibrident.data.io.columns import ColumnFile
 from vibrident.data.io.reader import open_columns, sha256
@@ -115,23 +115,25 @@ def _positions(section: TableSection, source: ColumnFile) -> dict[str, int]:
 
 
 def _require_complex(section: TableSection, source: ColumnFile) -> None:
-    """Refuse a name that is of real numbers, and an array without an axis of its own."""
+    """Refuse a name that is not of a complex array, and an array without an axis of its own."""
     name = str(section.complex).strip("/ ")
-    if name in source.names:
+    where = f"{source.file}, asked for by [table] complex"
+    if f"{name}.real" not in source.names:
+        arrays = [each.removesuffix(".real") for each in source.names if each.endswith(".real")]
+        parts = "write its parts into two columns, and name them with real and imaginary"
         raise InputError(
-            "This is no array of complex numbers.",
-            expected=f"a complex {source.word} in a binary format",
-            found=f"{name!r}, a {source.word} of real numbers or of text",
-            where=f"{source.file}, asked for by [table] complex",
-            remedy="write its parts into two columns, and name them with real and imaginary",
+            "There is no complex array of that name.",
+            expected=f"one of {', '.join(map(repr, arrays[:12]))}" if arrays else "a complex array",
+            found=f"{name!r}" + (", which is not complex" if name in source.names else ""),
+            where=where,
+            remedy=did_you_mean(name, arrays, "give one of these names") if arrays else parts,
         )
-    has_axis = f"{name}.frequency" in source.names or f"{name}.real" not in source.names
-    if section.frequency is None and not has_axis:
+    if section.frequency is None and f"{name}.frequency" not in source.names:
         raise InputError(
             "The frequencies of the response are missing.",
             expected=f"frequency, as the file states none for {name!r}",
             found="nothing",
-            where=f"{source.file}, asked for by [table] complex",
+            where=where,
             remedy="add frequency = …, the column that holds them",
         )
 

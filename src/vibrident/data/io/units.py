@@ -140,10 +140,10 @@ def parse_unit(text: str) -> Unit | None:
         return _named(plain)
     for pattern, sign in _PHRASES:
         plain = pattern.sub(sign, plain)
-    return _parse_product(_unwrapped(plain))
+    return _parse_product(without_brackets(plain))
 
 
-def _unwrapped(text: str) -> str:
+def without_brackets(text: str) -> str:
     """Take off brackets around the whole text."""
     while len(text) > 1 and text[0] + text[-1] in ("[]", "()", "{}", "<>") and _closes_last(text):
         text = text[1:-1].strip()
@@ -192,7 +192,7 @@ def split_unit(name: str) -> tuple[str, str]:
         return before.rstrip(), last
     match = _AFTER_SLASH.match(base)
     if match and all(match[1].count(a) == match[1].count(b) for a, b in ("()", "[]")):
-        return match[1], match[2]
+        return match[1], without_brackets(match[2])
     return base, ""
 
 
