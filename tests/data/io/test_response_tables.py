@@ -1,5 +1,6 @@
 """Response tables: what the file states is applied; a contradiction is refused; nothing is a silent factor."""
 
+import contextlib
 import math
 
 import h5py
@@ -14,8 +15,8 @@ from vibrident.data.io import read
 from vibrident.data.io.calibration_file import read_calibration_file
 from vibrident.data.io.columns import Channel, ColumnFile
 from vibrident.data.io.formats.csv import CsvFile
-from vibrident.data.io.table_file import read_table
-from vibrident.data.io.table_units import table_response_unit
+from vibrident.data.io.guess import guess_columns
+from vibrident.data.io.table_file import read_table, table_response_unit
 
 G = 9.80665
 F = np.geomspace(12.0, 900.0, 23)
@@ -181,6 +182,30 @@ def test_the_unit_of_a_magnitude(tmp_path, monkeypatch, where, unit, stated, res
     assert result in caught.value.remedy
 
 
+@given(
+    st.sampled_from(sorted(SENSITIVITIES)),
+    st.sampled_from([("", 1.0), ("V", 1.0), ("mV", 1e-3), ("µV", 1e-6)]),
+    st.sampled_from([1.0, 1e-3, 1 / G, 1e-3 / G, 0.25]),
+    st.sampled_from([1.0, G, 9.81, 1e-3, 4.0]),
+)
+def test_a_factor_is_applied_once_or_the_scale_refused(tmp_path_factory, unit, stated, scale, per):
+    folder = tmp_path_factory.mktemp("t")
+    name, volts = stated
+    response = f"[response]\nscale = {scale!r}\n" + (f'unit = "{name}"\n' if name else "")
+    path = write(folder, f"f;S [{unit}]", [(1.0, 2.0)], "m", f"{response}[reference]\nscale = {per!r}\n")
+    factor = SENSITIVITIES[unit] / volts
+    converts = any(math.isclose(s, factor, rel_tol=1e-3) for s in (scale, scale / per) if s != 1.0)
+    calibration = read_calibration_file(path)
+    if converts:
+        with pytest.raises(InputError, match="contradicts") as caught:
+            read_table(calibration, folder, "")
+        assert "remove scale" in caught.value.remedy
+        return
+    with contextlib.suppress(InputError):  # a part of the factor may be refused, too
+        value = read_table(calibration, folder, "").magnitude[0]
+        assert value == pytest.approx(2 * factor * scale / per, rel=1e-12)
+
+
 def test_a_row_of_units_is_as_good(tmp_path):
     path = write(tmp_path, "f;S\nkHz;mV/g", [(10.0, 2.0)] * 4, "m")
     table = read(path).table
@@ -201,21 +226,41 @@ def test_a_row_of_units_is_as_good(tmp_path):
         ("g/g", "g"),
         ("mV/V", "V"),
         ("dB re 1 pC/g", "pC"),
-        ("dB", ""),
-        ("%", ""),
-        ("ch 2", ""),
+        ("dB", "V"),
+        ("%", "V"),
+        ("ch 2", "V"),
     ],
 )
 def test_the_unit_of_the_response_is_that_of_the_file(tmp_path, unit, response):
     path = write(tmp_path, f"f;S [{unit}]", [(1.0, 2.0)], "m")
-    section = read_calibration_file(path).table
-    assert table_response_unit(CsvFile(tmp_path / "t.csv"), 1, section) == response
+    source = CsvFile(tmp_path / "t.csv")
+    assert table_response_unit(read_calibration_file(path), source) == response
+    path.write_text("[response]\nscale = 0.5\n" + path.read_text())
+    assert table_response_unit(read_calibration_file(path), source) == "V"
 
 
 @pytest.mark.parametrize("unit", ["pC/(m/s²)", "counts/(m/s²)", "V/(m/s²)"])
 def test_a_calibration_has_the_unit_of_its_table(tmp_path, unit):
     path = write(tmp_path, f"f;S [{unit}];phi", [(1.0, 2.0, 3.0)], "mp")
     assert read(path).response_unit == unit.partition("/")[0]
+
+
+@pytest.mark.parametrize(
+    ("unit", "quantity", "response"),
+    [
+        ("mV/g", "acceleration", "V"),
+        ("V/(mm/s)", "velocity", "V"),
+        ("pC/(m/s²)", "acceleration", "pC"),
+        ("dB re 1 mV/µm", "displacement", "V"),
+        ("dB", "acceleration", "V"),
+        ("mV/g rms", "acceleration", "V"),
+    ],
+)
+def test_what_a_person_is_offered_is_the_units_meaning(tmp_path, unit, quantity, response):
+    write(tmp_path, f"f;magnitude ({unit});phase", [(1.0, 2.0, 3.0)], "mp")
+    guess = guess_columns(tmp_path / "t.csv")
+    assert guess.is_table
+    assert (guess.quantity, guess.response_unit) == (quantity, response)
 
 
 def test_the_unit_of_the_reference_says_what_a_bare_response_is_per(tmp_path):

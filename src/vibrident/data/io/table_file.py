@@ -19,6 +19,7 @@ from vibrident.data.io.table_units import (
     phase_uncertainty_conversion,
     require_same_unit,
     sensitivity_conversion,
+    stated_sensitivity,
     uncertainty_conversion,
 )
 from vibrident.data.records import FloatArray, Provenance, ResponseTable
@@ -94,6 +95,19 @@ def read_table(calibration: CalibrationFile, folder: Path, where: str) -> Respon
         phase_uncertainty_rad=phase_u,
         provenance=Provenance(section.file, sha256(path), tuple(history)),
     )
+
+
+def table_response_unit(calibration: CalibrationFile, source: ColumnFile) -> str:
+    """Return the unit of a table's response where [response] states none: the file's, else V.
+
+    A scale leads from the file's to V. InputError where a unit of the file is not known.
+    """
+    assert calibration.table is not None
+    column, key = calibration.table.response_column
+    position = source.position_of(column, key)
+    label, _ = stated_sensitivity(TableColumn(source, position, key.removeprefix("[table] ")))
+    is_scaled = abs(calibration.response.scale) != 1.0
+    return calibration.response.unit if is_scaled else label or calibration.response.unit
 
 
 def _positions(section: TableSection, source: ColumnFile) -> dict[str, int]:

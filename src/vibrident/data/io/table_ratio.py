@@ -161,13 +161,19 @@ def _factor(text: str, unit: str, si: Unit | None) -> float | None:
     return parsed.factor / per_si.factor if parsed.dimension == per_si.dimension else None
 
 
+def quantity_below(text: str, unit: str) -> str:
+    """Return the quantity that ``text`` is a multiple of ``unit`` per; "" for none."""
+    if factor_between(text, unit) is not None and not _quotient(text)[0]:
+        return ""
+    return next((q for q, si in QUANTITY_UNITS.items() if _factor(text, unit, si) is not None), "")
+
+
 def _of_another_quantity(
     column: TableColumn, text: str, unit: str, calibration: CalibrationFile
 ) -> InputError:
     remedy = "name another column; or correct the header, to V/(m/s²) or the like"
-    for quantity, si in QUANTITY_UNITS.items():
-        if _factor(text, unit, si) is not None:
-            remedy = f'set [reference] quantity = "{quantity}", or correct the header'
+    if quantity := quantity_below(text, unit):
+        remedy = f'set [reference] quantity = "{quantity}", or correct the header'
     return column.refused(f"a response per {calibration.reference.quantity}", text, remedy)
 
 
@@ -180,6 +186,7 @@ def _refuse_second_conversion(
     above, below = _quotient(text)
     conversions = [
         (response / reference, factor),
+        (response, factor),
         (response, factor_between(above, unit)),
         (reference, below.factor / si.factor if below and si else None),
     ]

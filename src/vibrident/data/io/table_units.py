@@ -14,9 +14,13 @@ from typing import Literal
 import numpy as np
 
 from vibrident.data.io.calibration_file import CalibrationFile, TableSection
-from vibrident.data.io.columns import ColumnFile
 from vibrident.data.io.table_column import RELATIVE_UNITS, TableColumn
-from vibrident.data.io.table_ratio import response_label, sensitivity_factor, sensitivity_unit
+from vibrident.data.io.table_ratio import (
+    quantity_below,
+    response_label,
+    sensitivity_factor,
+    sensitivity_unit,
+)
 from vibrident.data.io.units import MAX_NAME_LENGTH, PLAIN_BRACKETS, Unit, parse_unit, split_unit
 from vibrident.data.records import FloatArray
 
@@ -60,14 +64,15 @@ class Conversion:
         return values * per_size * np.abs(sizes)
 
 
-def table_response_unit(source: ColumnFile, position: int, section: TableSection) -> str:
-    """Return the unit of the response that a table's file states; "" for none.
+def stated_sensitivity(column: TableColumn) -> tuple[str, str]:
+    """Return the unit of the response and the quantity that a sensitivity's unit names.
 
-    It is V for multiples of V, else as stated. ``position``: that of ``section.response_column``.
+    The unit is V for multiples of V, else as stated. "" for what is not stated.
     """
-    column = TableColumn(source, position, section.response_column[1].removeprefix("[table] "))
     level = column.level()
-    return response_label(level.unit if level else sensitivity_unit(column))
+    text = level.unit if level else sensitivity_unit(column)
+    label = response_label(text)
+    return label, quantity_below(text, label)
 
 
 def frequency_conversion(column: TableColumn) -> Conversion:
