@@ -404,7 +404,7 @@ MISTAKES = {
     "two ways": ("frequency = 1\nmagnitude = 2\nreal = 2\nimaginary = 3\n", "keys of one way"),
     "phase of parts": (COLUMNS["ri"] + "phase = 3\n", "keys of one way"),
     "no frequency": ("magnitude = 2\n", "add frequency"),
-    "parts in dB": (COLUMNS["ri"] + 'magnitude_unit = "dB"\n', "remove magnitude_unit"),
+    "parts in dB": (COLUMNS["ri"] + 'magnitude_unit = "dB"\n', "keys of one way"),
     "one of two": (COLUMNS["ri"] + "real_uncertainty = 3\n", "one of the two pairs"),
     "of parts": (COLUMNS["m"] + "real_uncertainty = 3\nimaginary_uncertainty = 3\n", "one of the two pairs"),
     "real array": ('frequency = 1\ncomplex = "Re"\n', "two columns"),

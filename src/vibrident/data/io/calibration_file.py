@@ -130,12 +130,13 @@ class TableSection(FileSection):
             return f"{self.complex}.real", "[table] complex"
         if self.real is not None:
             return self.real, "[table] real"
-        return self.magnitude or 1, "[table] magnitude"
+        assert self.magnitude is not None  # by the check of the file
+        return self.magnitude, "[table] magnitude"
 
 
 #: How a table may give the response: the keys of each way, and those that must be there.
 TABLE_WAYS = (
-    (("magnitude", "phase"), ("magnitude",)),
+    (("magnitude", "phase", "magnitude_unit"), ("magnitude",)),
     (("real", "imaginary"), ("real", "imaginary")),
     (("complex",), ("complex",)),
 )
@@ -252,7 +253,7 @@ def _check_content(calibration: CalibrationFile, where: str) -> None:
 
 def _check_table(section: TableSection, where: str) -> None:
     """Refuse a table that has no response or two, or keys that do not go together."""
-    given = {name for name, value in section if value is not None}
+    given = section.model_fields_set
     ways = [way for way, _ in TABLE_WAYS if given & set(way)]
     is_polar = ways == [TABLE_WAYS[0][0]]
     if len(ways) != 1 or not given >= set(dict(TABLE_WAYS)[ways[0]]):
@@ -283,14 +284,6 @@ def _check_table(section: TableSection, where: str) -> None:
             found="phase_uncertainty alone",
             where=where,
             remedy="add phase = …, or remove phase_uncertainty",
-        )
-    if section.magnitude_unit and not is_polar:
-        raise InputError(
-            "Only a magnitude can be in dB.",
-            expected="magnitude_unit with magnitude alone",
-            found=f"magnitude_unit = {section.magnitude_unit!r} with {ways[0][0]}",
-            where=where,
-            remedy="remove magnitude_unit",
         )
 
 

@@ -16,8 +16,8 @@ from vibrident.data.io.table_units import (
     Conversion,
     frequency_conversion,
     phase_conversion,
-    phase_uncertainty_conversion,
     require_same_unit,
+    require_standard_uncertainty,
     sensitivity_conversion,
     stated_sensitivity,
     uncertainty_conversion,
@@ -173,9 +173,9 @@ def _conversions(
             of = found.get(key.removesuffix("_uncertainty")) or found["real"]
             found[key] = uncertainty_conversion(columns[key], calibration, of)
     if "phase_uncertainty" in columns:
-        found["phase_uncertainty"] = phase_uncertainty_conversion(
-            columns["phase_uncertainty"], section, found.get("phase")
-        )
+        column = columns["phase_uncertainty"]
+        require_standard_uncertainty(column)
+        found[column.key] = phase_conversion(column, section, found.get("phase"))
     return found
 
 
@@ -259,10 +259,7 @@ def _history(
             step = f"{key} × {found.factor * scale!r} → {unit}"
             history.append(step + (f"; the file states {found.unit}" if found.unit else ""))
             if found.kind == "level":
-                history.append(
-                    f"{key} read in {found.unit}, 20 lg"
-                    + ("" if " " in found.unit else ", re 1 unit")
-                )
+                history.append(f"{key} read in {found.unit}, 20 lg; re 1 unit where none is stated")
     frequency = conversions["frequency"]
     if frequency.factor != 1.0:
         history.append(f"frequency × {frequency.factor!r} → Hz; the file states {frequency.unit}")

@@ -112,8 +112,7 @@ def sensitivity_factor(column: TableColumn, text: str, calibration: CalibrationF
 def _quotient(text: str) -> tuple[str, Unit | None]:
     """Return the text above the slash and the unit below it, of motion or of a drive.
 
-    "" and None where there are none.
-    "V/m/s^2" has none: it is not V/(m/s^2).
+    "" and None where there are none, as in "V/m/s^2", which is not V/(m/s^2).
     """
     whole = parse_unit(text)
     text = text.strip().translate(PLAIN_BRACKETS).replace(" per ", "/")
@@ -126,7 +125,9 @@ def _quotient(text: str) -> tuple[str, Unit | None]:
         numerator, denominator = parse_unit(above), parse_unit(below)
         if not above or denominator is None or not (quantity_of(below) or _output_of(below)):
             continue
-        if whole is None or (numerator and numerator.over(denominator) == whole):
+        if whole is None or (
+            numerator and numerator.over(denominator).dimension == whole.dimension
+        ):
             is_bracketed = above.startswith("(") and above.endswith(")")
             return (above[1:-1] if is_bracketed else above), denominator
     return "", None

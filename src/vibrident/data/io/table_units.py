@@ -96,47 +96,29 @@ def frequency_conversion(column: TableColumn) -> Conversion:
     return Conversion(0.5 / math.pi, unit="rad/s, by its name") if is_angular else Conversion()
 
 
-def phase_conversion(column: TableColumn, section: TableSection) -> Conversion:
-    """Return the conversion of phases to rad: by the file; without a unit there, by phase_unit.
+def phase_conversion(
+    column: TableColumn, section: TableSection, phase: Conversion | None = None
+) -> Conversion:
+    """Return the conversion of phases, or of their uncertainties, to rad.
+
+    ``phase``: for uncertainties, the conversion of the phase, if a column holds it. It holds where
+    the file states no unit; else phase_unit does.
 
     Raises:
         InputError: the file states another unit than phase_unit, or one that is no angle.
     """
-    stated = _phase_unit(section)
+    stated = section.phase_unit if "phase_unit" in section.model_fields_set else ""
     text, parsed = _angle(column, stated)
     if parsed is None:
-        return _by_phase_unit(section)
-    if stated and parse_unit(stated) != parsed:
+        degrees = section.phase_unit == "deg"
+        return phase or Conversion(math.pi / 180 if degrees else 1.0, unit=stated)
+    if column.key == "phase" and stated and parse_unit(stated) != parsed:
         remedy = "remove phase_unit, or correct the header"
         raise column.refused(f'phase_unit = "{stated}"', text, remedy)
-    return Conversion(parsed.factor, unit=text)
-
-
-def phase_uncertainty_conversion(
-    column: TableColumn, section: TableSection, phase: Conversion | None
-) -> Conversion:
-    """Return the conversion of the phase's uncertainties to rad.
-
-    Without a unit they have that of the phase. ``phase``: the conversion of the phase; None where
-    no column holds it.
-    """
-    require_standard_uncertainty(column)
-    text, parsed = _angle(column, _phase_unit(section))
-    if parsed is None:
-        return phase or _by_phase_unit(section)
     if phase is not None and not phase.unit and parsed.factor != phase.factor:
         remedy = 'state phase_unit = "deg" or "rad", the unit of the phase'
         raise column.refused("the unit of the phase, which nothing states", text, remedy)
     return Conversion(parsed.factor, unit=text)
-
-
-def _phase_unit(section: TableSection) -> str:
-    return section.phase_unit if "phase_unit" in section.model_fields_set else ""
-
-
-def _by_phase_unit(section: TableSection) -> Conversion:
-    factor = math.pi / 180 if section.phase_unit == "deg" else 1.0
-    return Conversion(factor, unit=_phase_unit(section))
 
 
 def _angle(column: TableColumn, phase_unit: str) -> tuple[str, Unit | None]:
