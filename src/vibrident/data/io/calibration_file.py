@@ -105,16 +105,41 @@ class RecordsEntry(FileSection):
 
 
 class TableSection(FileSection):
-    """[table]: a tabulated response instead of records."""
+    """[table]: a tabulated response instead of records, in one of ``TABLE_WAYS``."""
 
     file: _File
-    frequency: Column
-    magnitude: Column
+    frequency: Column | None = None
+    magnitude: Column | None = None
     phase: Column | None = None
+    real: Column | None = None
+    imaginary: Column | None = None
+    complex: Annotated[
+        str | None, Field(min_length=1, description="the name of a complex array")
+    ] = None
     magnitude_uncertainty: Column | None = None
     phase_uncertainty: Column | None = None
+    real_uncertainty: Column | None = None
+    imaginary_uncertainty: Column | None = None
     phase_unit: Literal["deg", "rad"] = "deg"
     magnitude_unit: Literal["", "dB"] = ""
+
+    @property
+    def response_column(self) -> tuple[Column, str]:
+        """The column whose unit is that of the response, and the key that names it."""
+        if self.complex is not None:
+            return f"{self.complex}.real", "[table] complex"
+        if self.real is not None:
+            return self.real, "[table] real"
+        assert self.magnitude is not None  # by the check of the file
+        return self.magnitude, "[table] magnitude"
+
+
+#: How a table may give the response: the keys of each way, and those that must be there.
+TABLE_WAYS = (
+    (("magnitude", "phase", "magnitude_unit"), ("magnitude",)),
+    (("real", "imaginary"), ("real", "imaginary")),
+    (("complex",), ("complex",)),
+)
 
 
 class CalibrationFile(FileSection):
@@ -204,6 +229,7 @@ def _check_content(calibration: CalibrationFile, where: str) -> None:
             calibration.interferometer, given, calibration.table is not None, where
         )
     if calibration.table is not None:
+        _check_table(calibration.table, f"{where}, [table]")
         return
     if calibration.response.column is None:
         raise _missing("[response] column", where)
@@ -223,6 +249,42 @@ def _check_content(calibration: CalibrationFile, where: str) -> None:
         )
     for number, entry in enumerate(calibration.records, start=1):
         _check_entry(entry, f"{where}, [[records]] entry {number}")
+
+
+def _check_table(section: TableSection, where: str) -> None:
+    """Refuse a table that has no response or two, or keys that do not go together."""
+    given = section.model_fields_set
+    ways = [way for way, _ in TABLE_WAYS if given & set(way)]
+    is_polar = ways == [TABLE_WAYS[0][0]]
+    if len(ways) != 1 or not given >= set(dict(TABLE_WAYS)[ways[0]]):
+        raise InputError(
+            "A table gives its response in one way.",
+            expected="magnitude (and phase), or real and imaginary, or complex",
+            found=" and ".join(name for way in ways for name in way if name in given) or "none",
+            where=where,
+            remedy="give the keys of one way, all of them",
+        )
+    if section.frequency is None and section.complex is None:
+        raise _missing("[table] frequency", where.removesuffix(", [table]"))
+    parts = {"real_uncertainty", "imaginary_uncertainty"} & given
+    others = {"magnitude_uncertainty", "phase_uncertainty"} & given
+    if parts and (len(parts) == 1 or is_polar or others):
+        raise InputError(
+            "The uncertainties do not fit the response of the table.",
+            expected="real_uncertainty and imaginary_uncertainty, both and alone, of a response "
+            "in real and imaginary part; or magnitude_uncertainty and phase_uncertainty",
+            found=", ".join(sorted(parts | others)),
+            where=where,
+            remedy="give one of the two pairs",
+        )
+    if "phase_uncertainty" in given and is_polar and section.phase is None:
+        raise InputError(
+            "There is an uncertainty of the phase but no phase.",
+            expected="phase where phase_uncertainty is given",
+            found="phase_uncertainty alone",
+            where=where,
+            remedy="add phase = …, or remove phase_uncertainty",
+        )
 
 
 def _check_entry(entry: RecordsEntry, where: str) -> None:

@@ -18,6 +18,7 @@ import numpy as np
 
 from vibrident.base import extras, memory
 from vibrident.base.errors import InputError, did_you_mean
+from vibrident.data.io.units import split_brackets
 from vibrident.data.records import FloatArray
 
 MOST_COLUMNS = 10_000  # of a file
@@ -231,8 +232,8 @@ class ColumnFile(ABC):
     def position_of(self, column: int | str, key: str) -> int:
         """Return the position of a column that the calibration file names by number from 1, or name.
 
-        ``key``: the key that names it, such as "[response] column", for the message. InputError where the column does
-        not exist or was refused, or the name is not unique.
+        ``key``: the key that names it, such as "[response] column", for the message. A name may leave out the unit in
+        brackets. InputError where the column does not exist or was refused, or the name is not unique.
         """
         where = f"{self.file}, asked for by {key}"
         wanted = self._plain_name(str(column))
@@ -247,6 +248,9 @@ class ColumnFile(ABC):
         if isinstance(column, int):
             return self._position_of_number(column, where)
         matches = [position for position, name in enumerate(self.names) if name == wanted]
+        if not matches:  # "S" for "S [mV/g]"
+            plain = [split_brackets(name)[0] for name in self.names]
+            matches = [position for position, name in enumerate(plain) if name == wanted]
         if len(matches) == 1:
             return matches[0]
         if matches:

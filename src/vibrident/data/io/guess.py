@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,14 +12,16 @@ from vibrident.base.errors import InputError
 from vibrident.data.io.columns import ColumnFile
 from vibrident.data.io.header_units import is_time
 from vibrident.data.io.reader import open_columns
+from vibrident.data.io.table_column import TableColumn
+from vibrident.data.io.table_units import stated_sensitivity
 from vibrident.data.io.units import quantity_of
 
 _FREQUENCY = re.compile(r"f|freq.*|frequenz.*", re.IGNORECASE)
 _MAGNITUDE = re.compile(r"mag(nitude)?|abs.*|ampl.*|sens.*|betrag.*", re.IGNORECASE)
 _PHASE = re.compile(r"(phase|phi|arg)", re.IGNORECASE)
 _UNCERTAIN = re.compile(r"unc|sigma|std|unsicherheit|(^|[_\s])(?-i:u)([_\s(]|$)", re.IGNORECASE)
-#: Not standard uncertainties, or not in the column's unit.
-_EXPANDED = re.compile(r"expanded|erweitert|%|(^|[_\s])(?-i:U)([_\s(/]|$)", re.IGNORECASE)
+#: Not standard uncertainties.
+_EXPANDED = re.compile(r"expanded|erweitert|(^|[_\s])(?-i:U)([_\s(/]|$)", re.IGNORECASE)
 #: Words in a reference's name, the surest first, and their quantities.
 _REFERENCES = (
     (re.compile(r"ref|bezug", re.IGNORECASE), None),
@@ -41,8 +44,6 @@ _RESPONSE = re.compile(
 #: Columns that number the rows.
 _INDEX = re.compile(r"(nr|no|nummer|number|index|samples?|row|zeile|#)\.?", re.IGNORECASE)
 _BRACKETS = re.compile(r"[\[(]((?:\([^()]*\)|[^\])])+)[\])]")
-#: A sensitivity's unit: of the response, and of the motion in SI.
-_SENSITIVITY = re.compile(r"(.+?)/\(?(m(?:/s(?:\^?2|²)?)?)\)?")
 #: In brackets, a channel's number is no unit.
 _CHANNEL = re.compile(
     r"(?:ch(?:an(?:nel)?)?|kanal|ai|in(?:put)?|no|nr|#)?[\s._:#/-]*\d+", re.IGNORECASE
@@ -126,10 +127,9 @@ def guess_columns(path: Path) -> Columns:
     if reference is None and not detectors and len(free) > 1:
         reference, response = free[:2]
     unit, response_unit = _unit(names, reference), _unit(names, response)
-    if table["frequency"] is not None and (
-        per := _SENSITIVITY.fullmatch(_unit(names, table["magnitude"]))
-    ):
-        response_unit, unit = per.groups()
+    if table["frequency"] is not None and (magnitude := table["magnitude"]) is not None:
+        response_unit, quantity = _sensitivity(source, magnitude)
+        unit = ""
     quantity = quantity_of(unit) or quantity or "acceleration"
     chosen = dict(zip(_positions(source), columns, strict=True))
 
@@ -151,6 +151,13 @@ def guess_columns(path: Path) -> Columns:
         excitation=next((name for name, words in _EXCITATIONS if words.search(path.stem)), None),
         detectors=tuple(chosen[position] for position in detectors),
     )
+
+
+def _sensitivity(source: ColumnFile, position: int) -> tuple[str, str]:
+    """Return unit of the response and quantity in the unit of a magnitude; "" for what is unknown."""
+    with contextlib.suppress(InputError):
+        return stated_sensitivity(TableColumn(source, position, "magnitude"))
+    return "", ""
 
 
 def _positions(source: ColumnFile) -> list[int]:

@@ -20,20 +20,19 @@ from vibrident.base.errors import InputError
 from vibrident.data.io.calibration_file import ReferenceSection, ResponseSection
 from vibrident.data.io.columns import ColumnFile
 from vibrident.data.io.units import (
+    MAX_NAME_LENGTH,
+    PLAIN_BRACKETS,
     QUANTITY_UNITS,
     Unit,
     factor_between,
     parse_unit,
     quantity_of,
     says_nothing,
+    split_unit,
 )
 from vibrident.data.records import REFERENCE_UNITS, STANDARD_GRAVITY
 
-MAX_NAME_LENGTH = 200  # characters; patterns would take minutes for a very long name
 SAME_FACTOR = 1e-3  # relative; a scale this close to a conversion is that conversion (9.81 for g)
-_BRACKETS = re.compile(r"[\[(<{]\s*(.+?)\s*[\])>}]\s*$")
-_AFTER_SLASH = re.compile(r"^[^/\[(]*[\w)\]]\s*/\s*(\(.+\)|.+)$")
-_AFTER_WORD = re.compile(r"\b(?:in|en)\s+(\S+)$", re.IGNORECASE)
 #: A unit behind an underscore or a blank, of times only: "_m" or "_a" are ambiguous.
 _SUFFIX = re.compile(r"^.*\w[_.\s-]+([^\W\d_]+)$")
 _RUN_ON = re.compile(r"^(?:t|time|timestamp|zeit|elapsed)(ms|us|ns|µs|μs)$", re.IGNORECASE)
@@ -70,11 +69,7 @@ class Conversion:
 
 def unit_in_name(name: str) -> str:
     """Return the unit at the end of a column's name, as written; "" if none."""
-    name = _short(name)
-    for pattern in (_BRACKETS, _AFTER_WORD, _AFTER_SLASH):
-        if match := pattern.search(name):
-            return match.group(1).strip()
-    return ""
+    return split_unit(_short(name))[1]
 
 
 def header(source: ColumnFile, position: int) -> str:
@@ -149,7 +144,7 @@ def _short(name: str) -> str:
     """Return the stripped name with plain brackets; "" for a very long one."""
     if len(name) > MAX_NAME_LENGTH:
         return ""
-    return name.strip().translate(str.maketrans("（）［］【】｛｝＜＞／", "()[][]{}<>/"))
+    return name.strip().translate(PLAIN_BRACKETS)
 
 
 def file_unit(source: ColumnFile, position: int) -> tuple[str, bool]:

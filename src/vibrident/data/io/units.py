@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from vibrident.data.records import REFERENCE_UNITS, STANDARD_GRAVITY
 
 MAX_UNIT_LENGTH = 60  # characters; a longer text is a remark
+MAX_NAME_LENGTH = 200  # characters of a column's name; of a longer one no unit is sought
 _INCH_M = 0.0254  # exact (international yard and pound agreement, 1959)
 
 #: Signs that mean the same as a plain one.
@@ -24,6 +25,8 @@ PLAIN_SIGNS = str.maketrans({
     "²": "^2", "³": "^3", "⁻": "-", "−": "-", "¹": "1", "·": "*", "⋅": "*", "×": "*", "∙": "*", "µ": "u", "μ": "u",
     "（": "(", "）": ")", "［": "[", "］": "]", "／": "/", "Ω": "Ohm", "′": "'",
 })  # fmt: skip
+
+PLAIN_BRACKETS = str.maketrans("（）［］【】｛｝＜＞／", "()[][]{}<>/")
 
 #: Symbol → factor, dimension (base → exponent), and the SI prefixes that it is written with.
 _SYMBOLS: dict[str, tuple[float, dict[str, int], str]] = {
@@ -63,8 +66,8 @@ _PREFIX_WORDS = {
     "纳": "n", "微": "u", "毫": "m", "千": "k", "мк": "u",
     "н": "n", "м": "m", "к": "k", "ミリ": "m", "マイクロ": "u",
 }  # fmt: skip
-#: Written without a sign between metre and second, which a millisecond would be by the rules.
-_RUN_TOGETHER = {"ms^-2": "m/s^2", "ms-2": "m/s^2", "ms^-1": "m/s", "ms-1": "m/s"}
+#: Written without a sign between metre and second, also in "mV/ms-2"; by the rules a millisecond.
+_RUN_TOGETHER = re.compile(r"(?<![^\W_])ms\^?-([12])(?!\d)")
 #: What programs write where there is no unit.
 _NO_UNIT = frozenset(
     {
@@ -73,7 +76,6 @@ _NO_UNIT = frozenset(
         "--",
         "none",
         "n/a",
-        "na",
         "unknown",
         "unit",
         "units",
@@ -85,6 +87,8 @@ _NO_UNIT = frozenset(
     }
     | {"?", "[]", "()"}
 )
+_AFTER_WORD = re.compile(r"^(.*\S)\s+(?:in|en)\s+(\S.*)$", re.IGNORECASE)
+_AFTER_SLASH = re.compile(r"^([^/]*[\w)\]|])\s*/\s*(\(.+\)|.+)$")
 _TOKEN = re.compile(
     r"\s*(?:(?P<sign>[*/()])|(?P<name>[^\W\d_]+(?:_n|'s)?|[%°]|1(?![\d.]))(?P<power>\^?[+-]?\d)?)"
 )
@@ -93,6 +97,7 @@ _PHRASES = (
     (re.compile(r"\bsquared\b|\bsquare\b|\bsq\b\.?", re.IGNORECASE), "^2"),
     (re.compile(r"\*\*"), "^"),
     (re.compile(r"\s+\^"), "^"),
+    (re.compile(r"(?<=[^\W_])\.(?=[^\W\d_])"), "*"),  # V.s2/m
 )
 
 
@@ -126,18 +131,18 @@ def says_nothing(text: str) -> bool:
 @functools.lru_cache(maxsize=1024)
 def parse_unit(text: str) -> Unit | None:
     """Return the unit that a text names; None where it names none that is known."""
-    plain = text.strip().translate(PLAIN_SIGNS)
+    plain = text.strip().translate(PLAIN_SIGNS).replace("-^", "^-")  # as s⁻² becomes s-^2
     if says_nothing(plain) or len(plain) > MAX_UNIT_LENGTH:
         return None
-    plain = _RUN_TOGETHER.get(plain.replace(" ", ""), plain)
+    plain = _RUN_TOGETHER.sub(r"(m/s^\1)", plain)
     if plain.lower() in _WORDS:
         return _named(plain)
     for pattern, sign in _PHRASES:
         plain = pattern.sub(sign, plain)
-    return _parse_product(_unwrapped(plain))
+    return _parse_product(without_brackets(plain))
 
 
-def _unwrapped(text: str) -> str:
+def without_brackets(text: str) -> str:
     """Take off brackets around the whole text."""
     while len(text) > 1 and text[0] + text[-1] in ("[]", "()", "{}", "<>") and _closes_last(text):
         text = text[1:-1].strip()
@@ -151,6 +156,43 @@ def _closes_last(text: str) -> bool:
         if depth == 0:
             return place == len(text) - 1
     return False
+
+
+def split_brackets(name: str) -> tuple[str, str]:
+    """Return a column's name and the unit in brackets behind it; "" for none.
+
+    There is none in "S in V/(m/s²)", whose brackets are a part of the unit.
+    """
+    name = name.strip().translate(PLAIN_BRACKETS)
+    if len(name) > MAX_NAME_LENGTH or not name.endswith((")", "]", "}", ">")):
+        return name, ""
+    starts = (place for place in range(1, len(name)) if name[place] in "([{<")
+    start = next((place for place in starts if _closes_last(name[place:])), 0)
+    base = name[:start].rstrip()
+    is_part_of_unit = base.endswith(("/", "*", "·", "⋅", "^"))
+    return (name, "") if is_part_of_unit or not base else (base, name[start + 1 : -1].strip())
+
+
+def split_unit(name: str) -> tuple[str, str]:
+    """Return a column's name and the unit behind it, as written; "" for none.
+
+    The unit stands in brackets, behind "in", behind a blank with a slash in it ("S mV/g"), or
+    behind a slash.
+    """
+    base, unit = split_brackets(name)
+    if unit or len(base) > MAX_NAME_LENGTH:
+        return base, unit
+    if (match := _AFTER_WORD.match(base)) and (
+        " " not in match[2] or match[2].lower().startswith("db") or parse_unit(match[2])
+    ):
+        return match[1], match[2]
+    before, blank, last = base.rpartition(" ")
+    if blank and "/" in last[1:] and parse_unit(last) is not None:
+        return before.rstrip(), last
+    match = _AFTER_SLASH.match(base)
+    if match and all(match[1].count(a) == match[1].count(b) for a, b in ("()", "[]")):
+        return match[1], without_brackets(match[2])
+    return base, ""
 
 
 def _parse_product(text: str) -> Unit | None:
