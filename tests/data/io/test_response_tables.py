@@ -17,6 +17,7 @@ from vibrident.data.io.columns import Channel, ColumnFile
 from vibrident.data.io.formats.csv import CsvFile
 from vibrident.data.io.guess import guess_columns
 from vibrident.data.io.table_file import read_table, table_response_unit
+from vibrident.data.io.units import split_unit
 
 G = 9.80665
 F = np.geomspace(12.0, 900.0, 23)
@@ -457,3 +458,38 @@ def test_a_name_may_leave_out_the_unit_in_brackets(tmp_path):
         '[[records]]\nfile = "r.csv"\nexcitation = "random"\n'
     )
     assert read(tmp_path / "r.toml").records[0].response[3] == 3.0
+
+
+pieces = st.sampled_from(
+    ["S", "u", "f", " ", "/", "(", ")", "[", "]", "mV", "g", "m", "s", "²", "^2", "-", "⁻", "·", "*", "dB", "re", "1",
+     "1e999", "10^-3", "%", "rad", "deg", "π", "per", "in", "_", "k", "=", "2", "ω", "V", "kHz", ".", ",", "0", "{"]
+)  # fmt: skip
+
+
+@given(st.tuples(*[st.lists(pieces, max_size=9).map("".join)] * 5), st.sampled_from(["", "dB"]))
+def test_whatever_the_header_is_a_table_is_read_or_refused(tmp_path_factory, names, unit):
+    names = [f"{place}{name}" for place, name in zip("fSpuw", names, strict=True)]
+    folder = tmp_path_factory.mktemp("t")
+    keys = COLUMNS["mpuu"] + f'magnitude_unit = "{unit}"\n'
+    with contextlib.suppress(InputError):
+        table = first(folder, ";".join(names), (10, 2, 30, 0.01, 1), keys)
+        assert np.all(table.magnitude > 0)
+
+
+@pytest.mark.parametrize(
+    ("name", "base", "unit"),
+    [
+        ("S [mV/(m/s²)]", "S", "mV/(m/s²)"),
+        ("S in V/(m/s²)", "S", "V/(m/s²)"),
+        ("S V/(m/s²)", "S", "V/(m/s²)"),
+        ("u(S) / %", "u(S)", "%"),
+        ("S / (V s²/m)", "S", "V s²/m"),
+        ("时间（毫秒）", "时间", "毫秒"),
+        ("left in x direction", "left in x direction", ""),
+        ("(x)", "(x)", ""),
+        ("(" * 200_000, "(" * 200_000, ""),
+        ("a/" * 100_000, "a/" * 100_000, ""),
+    ],
+)
+def test_a_name_is_split_from_its_unit(name, base, unit):
+    assert split_unit(name) == (base, unit)

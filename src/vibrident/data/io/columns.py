@@ -232,8 +232,9 @@ class ColumnFile(ABC):
     def position_of(self, column: int | str, key: str) -> int:
         """Return the position of a column that the calibration file names by number from 1, or name.
 
-        ``key``: the key that names it, such as "[response] column", for the message. A name may leave out the unit in
-        brackets. InputError where the column does not exist or was refused, or the name is not unique.
+        A name may leave out the unit in brackets. ``key``: the key that names it, such as
+        "[response] column", for the message. InputError where the column does not exist or was
+        refused, or the name is not unique.
         """
         where = f"{self.file}, asked for by {key}"
         wanted = self._plain_name(str(column))

@@ -154,7 +154,7 @@ def guess_columns(path: Path) -> Columns:
 
 
 def _sensitivity(source: ColumnFile, position: int) -> tuple[str, str]:
-    """Return unit of the response and quantity in the unit of a magnitude; "" for what is unknown."""
+    """Return unit of the response and quantity in a magnitude's unit; "" for what is unknown."""
     with contextlib.suppress(InputError):
         return stated_sensitivity(TableColumn(source, position, "magnitude"))
     return "", ""

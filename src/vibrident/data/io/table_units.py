@@ -53,7 +53,7 @@ class Conversion:
         """Return values in the table's unit; infinite where a level is beyond all numbers."""
         if self.kind == "linear":
             return values * self.factor
-        with np.errstate(over="ignore", under="ignore"):
+        with np.errstate(all="ignore"):
             return 10.0 ** (values / 20.0) * self.factor
 
     def of_uncertainties(self, values: FloatArray, sizes: FloatArray, scale: float) -> FloatArray:
