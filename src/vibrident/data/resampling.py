@@ -64,8 +64,8 @@ def evened(values: FloatArray, positions: FloatArray) -> FloatArray:
 
 
 def _solve(values: FloatArray, positions: FloatArray) -> FloatArray:
-    from scipy.sparse import csr_array
-    from scipy.sparse.linalg import LinearOperator, cg
+    from scipy.sparse import csr_array, eye_array
+    from scipy.sparse.linalg import aslinearoperator, cg
 
     count = values.shape[0]
     half = HALF_LENGTH
@@ -76,6 +76,7 @@ def _solve(values: FloatArray, positions: FloatArray) -> FloatArray:
     matrix = csr_array((weights.ravel(), columns.ravel() + half + 1, first), shape=(count, size))
     transposed = matrix.T.tocsr()
     level = float(np.mean(values))  # a constant needs no unknowns beyond the ends
-    normal = LinearOperator((size, size), matvec=lambda x: transposed @ (matrix @ x) + _RIDGE * x)
+    squared = aslinearoperator(transposed) * aslinearoperator(matrix)
+    normal = squared + aslinearoperator(_RIDGE * eye_array(size, format="csr"))
     solution, _ = cg(normal, transposed @ (values - level), rtol=_TOLERANCE, maxiter=_MAX_ITERATIONS)
     return level + solution[half + 1 : half + 1 + count]

@@ -13,7 +13,7 @@ import numpy as np
 
 from vibrident.base.errors import InputError
 from vibrident.data.io.clocks import ChannelClock, is_same_rate
-from vibrident.data.io.columns import Clock, ColumnFile, Start
+from vibrident.data.io.columns import Clock, ColumnFile
 from vibrident.data.io.sampling import cut
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.data.records.basis import runs_of_true
@@ -84,7 +84,8 @@ def align(
     Args:
         response: with a clock.
         reference: of the same record, or None.
-        start_s, stop_s: the part, from the response's first sample; None: all.
+        start_s: begin of the part, from the response's first sample; None: all.
+        stop_s: end of the part, likewise.
         where: entry of the calibration file, for messages.
 
     Raises:
@@ -115,10 +116,29 @@ def align(
     window = cut(duration, rate_hz, start_s, stop_s, where)
     begin_s = window.start / rate_hz
     end_s = math.inf if window.stop == duration else window.stop / rate_hz
-    rasters = [_on_raster(channel) for channel in (response, reference) if channel is not None]
+    _require_finite_within(response, begin_s, end_s)
+    raster = _on_raster(response)
     if reference is None:
-        return _cut_to(rasters[0], begin_s, end_s)
-    return _on_one_raster(*rasters, begin_s, end_s)
+        return _cut_to(raster, begin_s, end_s)
+    apart_s, timing_u_s = _time_between(response, reference)
+    _require_finite_within(reference, begin_s - apart_s, end_s - apart_s)
+    return _on_one_raster(raster, _on_raster(reference), begin_s, end_s, (apart_s, timing_u_s))
+
+
+def _require_finite_within(channel: Channel, begin_s: float, end_s: float) -> None:
+    """Refuse a value that is not a number in a part of a channel, from its first sample."""
+    assert channel.clock is not None
+    timeline = channel.clock.timeline
+    bad = np.flatnonzero(~np.isfinite(channel.values))
+    if not bad.size:
+        return
+    places = bad
+    if timeline is not None:
+        places = timeline.places[np.searchsorted(timeline.rows, bad, side="right") - 1]
+    time_s = places / channel.clock.clock.rate_hz
+    inside = bad[(time_s >= begin_s) & (time_s < end_s)]
+    if inside.size:
+        channel.require_finite(slice(int(inside[0]), int(inside[-1]) + 1))
 
 
 def _is_plain(channel: Channel) -> bool:
@@ -184,7 +204,7 @@ def _on_raster(channel: Channel) -> _Raster:
         jitter = float(np.sqrt(np.mean(timeline.offsets**2)))
         top = PASS_BAND * clock.rate_hz
         notes.append(
-            f"evened: the times deviate from an even raster by {100 * jitter:.3g} % of an interval "
+            f"evened: times deviate from an even raster by {100 * jitter:.3g} % of an interval "
             f"(rms); stamps rounded to {timeline.rounding_s:.3g} s; nothing above {top:.6g} Hz is kept"
         )
         if not np.any(np.isfinite(raster)):
@@ -228,9 +248,18 @@ def _cut_to(raster: _Raster, begin_s: float, end_s: float) -> Aligned:
     return _without_holes(values, None, rate_hz, start_s, raster.notes, 0.0, raster)
 
 
-def _on_one_raster(response: _Raster, reference: _Raster, begin_s: float, end_s: float) -> Aligned:
-    """Return both channels at the instants of the slower one, within the part asked for."""
-    apart_s, timing_u_s = _time_between(response, reference)
+def _on_one_raster(
+    response: _Raster,
+    reference: _Raster,
+    begin_s: float,
+    end_s: float,
+    apart: tuple[float, float],
+) -> Aligned:
+    """Return both channels at the instants of the slower one, within the part asked for.
+
+    ``apart``: how much later the reference begins, s, and its standard uncertainty.
+    """
+    apart_s, timing_u_s = apart
     notes = [*response.notes, *reference.notes]
     is_same = is_same_rate(response.clock, reference.clock)
     slower, faster = response, reference
@@ -286,23 +315,17 @@ def _on_one_raster(response: _Raster, reference: _Raster, begin_s: float, end_s:
     return _without_holes(values, motion, rate_hz, start_s, tuple(notes), timing_u_s, response)
 
 
-def _time_between(response: _Raster, reference: _Raster) -> tuple[float, float]:
+def _time_between(response: Channel, reference: Channel) -> tuple[float, float]:
     """Return how much later the reference begins, s, and its standard uncertainty."""
-    begin, other = response.clock.start, reference.clock.start
-    if not _are_comparable(begin, other):
-        return 0.0, 0.0
-    assert begin is not None and other is not None
-    stamps = [
-        raster.channel.clock and raster.channel.clock.timeline for raster in (response, reference)
-    ]
-    if stamps[0] is stamps[1] and stamps[0] is not None:
+    assert response.clock is not None
+    assert reference.clock is not None
+    begin, other = response.clock.clock.start, reference.clock.clock.start
+    stamps = [response.clock.timeline, reference.clock.timeline]
+    is_one_clock = stamps[0] is stamps[1] and stamps[0] is not None
+    if is_one_clock or begin is None or other is None or begin.epoch != other.epoch:
         return 0.0, 0.0
     variance = sum(line.rounding_s**2 / 12.0 for line in stamps if line is not None)
     return (other.ns - begin.ns) * 1e-9, math.sqrt(variance)
-
-
-def _are_comparable(first: Start | None, second: Start | None) -> bool:
-    return first is not None and second is not None and first.epoch == second.epoch
 
 
 def _require_overlap(

@@ -155,7 +155,8 @@ class ClockReader:
     def _read_timeline(self, source: ColumnFile, column: int, *, needed: bool) -> Timeline | None:
         """Read a column of times; None where it is no statement about a rate that is known."""
         if needed:
-            return timeline_of(source, column, *source.load([column]))
+            (times,) = source.load([column])
+            return timeline_of(source, column, times)
         try:
             (times,) = source.load([column])
             seconds = seconds_per_unit(source, column)
@@ -175,11 +176,9 @@ class ClockReader:
         usual = float(np.median(np.diff(times)))
         if np.all(np.diff(times) == 1.0) or usual <= 0.0:
             return None
-        ratios = [usual * seconds * self.stated_hz for seconds in _POSSIBLE_SECONDS]
-        seconds = min(
-            zip(ratios, _POSSIBLE_SECONDS, strict=True), key=lambda pair: abs(pair[0] - 1.0)
-        )[1]
-        return timeline_of(source, column, times, seconds)
+        rate_hz = self.stated_hz
+        unit_s = min(_POSSIBLE_SECONDS, key=lambda seconds: abs(usual * seconds * rate_hz - 1.0))
+        return timeline_of(source, column, times, unit_s)
 
     def _uneven_beside_rate(self, source: ColumnFile, column: int | None) -> InputError:
         return InputError(

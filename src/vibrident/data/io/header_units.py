@@ -115,11 +115,12 @@ def is_time(name: str) -> bool:
     name = _short(name)
     plain = name.lower()
     base = re.split(r"[\[(<{/_,]|\s+in\s", plain, maxsplit=1)[0].strip()
+    numbered = base.rstrip("0123456789").rstrip()  # "t2": the clock of another channel
     if plain in _TIME_NAMES:
         return True
     if plain == base:
-        return _RUN_ON.match(plain) is not None
-    return base in _TIME_NAMES and states_a_time_unit(name)
+        return numbered in _TIME_NAMES or _RUN_ON.match(plain) is not None
+    return numbered in _TIME_NAMES and states_a_time_unit(name)
 
 
 def _unit_of_time(name: str) -> str:

@@ -272,7 +272,9 @@ def _open(
     to = calibration.response
     conversion = response_conversion(main, at, to, to.unit)
     step = f"response: {main.file}, column {at + 1} × {to.scale!r} → {to.unit}"
-    return _Opened(part, name, optical, response, step, clock, beside, doubts, carrier_hz, conversion.factor)
+    return _Opened(
+        part, name, optical, response, step, clock, beside, doubts, carrier_hz, conversion.factor
+    )
 
 
 def _of_file(source: ColumnFile, positions: tuple[int, ...], rate_hz: float, part: Part) -> Signals:

@@ -194,8 +194,8 @@ def read_record(
         begins_s += entry.start_time_s - response.clock.begins_s
     record = Record(
         name=name,
-        reference=scaled_values(aligned.reference, to_reference),
-        response=scaled_values(aligned.response, to_response),
+        reference=None if aligned.reference is None else _scaled(aligned.reference, to_reference),
+        response=_scaled(aligned.response, to_response),
         sampling_rate_hz=aligned.rate_hz,
         excitation=entry.excitation,
         frequency_hz=entry.frequency_hz,
@@ -298,10 +298,8 @@ def scaled(full_scale: float | None, scale: float) -> float | None:
     return None if full_scale is None else full_scale * abs(scale)
 
 
-def scaled_values(values: FloatArray | None, factor: float) -> FloatArray | None:
-    """Return values times a factor as a read-only array that a record takes without a copy."""
-    if values is None:
-        return None
+def _scaled(values: FloatArray, factor: float) -> FloatArray:
+    """Return values times a factor as a read-only array, which a record takes without a copy."""
     product = values * factor
     product.flags.writeable = False
     return product

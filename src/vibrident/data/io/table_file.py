@@ -103,6 +103,8 @@ def table_response_unit(calibration: CalibrationFile, source: ColumnFile) -> str
     A scale leads from the file's to V. InputError where a unit of the file is not known.
     """
     assert calibration.table is not None
+    if calibration.table.complex is not None:
+        _require_complex(calibration.table, source)
     column, key = calibration.table.response_column
     position = source.position_of(column, key)
     label, _ = stated_sensitivity(TableColumn(source, position, key.removeprefix("[table] ")))
