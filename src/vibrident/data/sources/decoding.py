@@ -5,11 +5,21 @@ from __future__ import annotations
 import io
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from pathlib import Path
 
 import numpy as np
 
 from vibrident.base.errors import InputError, unknown
+from vibrident.data.io.columns import Channel, ColumnFile
+from vibrident.data.io.header_units import (
+    file_unit,
+    reference_conversion,
+    reference_unit,
+    response_conversion,
+    seconds_per_unit,
+)
+from vibrident.data.io.units import split_unit
 from vibrident.data.records import FloatArray
 from vibrident.data.sources.source import Chunk, Wanted
 
@@ -20,11 +30,14 @@ PIECE = 1_000_000  # bytes that a source gives at once, and most of a line
 ROUNDED = 0.1
 
 
-def chunks(pieces: Iterator[bytes], wanted: Wanted, form: str, where: str) -> Iterator[Chunk]:
-    """Chunks of pieces of bytes; of each complete lines or frames, the rest with the next piece."""
+def chunks(pieces: Iterator[bytes], wanted: Wanted, form: str, where: str, first_line: bytes = b"") -> Iterator[Chunk]:
+    """Yield chunks of pieces of bytes: complete lines or frames, the rest with the next piece.
+
+    ``first_line``: of a source that goes on in its middle, which may name the columns.
+    """
     if form not in FORMS:
         raise unknown("The form of the samples is not known.", form, FORMS, where)
-    decoder = _Lines(wanted, where) if form == "csv" else _Frames(wanted, where)
+    decoder = _Lines(wanted, where, first_line) if form == "csv" else _Frames(wanted, where)
     rest, position = b"", wanted.position
     for piece in pieces:
         whole, rest = decoder.split(rest + piece)
@@ -60,16 +73,28 @@ def _columns(wanted: Wanted) -> list[tuple[str, int | str | None]]:
     return found if time is None else [*found, ("[sampling] time_column", time)]
 
 
+class _Header(ColumnFile):
+    """The names of a stream's columns, for the rule of units."""
+
+    word = "column"
+
+    def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
+        """Give nothing: a stream's numbers come in pieces."""
+        raise NotImplementedError(positions)
+
+
 class _Lines:
     """CSV: a first line that holds no numbers names the columns."""
 
-    def __init__(self, wanted: Wanted, where: str) -> None:
+    def __init__(self, wanted: Wanted, where: str, first_line: bytes) -> None:
         self._where, self._line = where, 0
         self._separator: str | None = None
         self._positions: list[int] = []
         self._wanted = _columns(wanted)
-        # a file that is taken up again in its middle still has its names at its beginning
-        self._resumed = wanted.position > 0
+        self._calibration = wanted.calibration
+        self._factors = [1.0] * len(self._wanted)  # of the units that the first line names
+        if first_line:
+            self._begin(first_line)
 
     def split(self, data: bytes) -> tuple[bytes, bytes]:
         """Whole lines, and what is left."""
@@ -83,18 +108,16 @@ class _Lines:
 
         if self._separator is None:
             first, _, after = data.partition(b"\n")
-            found = next((each for each in SEPARATORS if each in first), b"")
-            self._separator = found.decode() or r"\s+"
-            fields = [f.strip().strip('"') for f in first.decode("utf-8", "replace").split(found.decode() or None)]
-            named = not self._resumed and not all(_number(field) for field in fields)
-            self._positions = [self._place(key, column, fields if named else []) for key, column in self._wanted]
-            if named:
+            if self._begin(first):
                 self._line, data = 1, after
         if not data.strip():
             return None
         try:
             table = read_csv(io.BytesIO(data), sep=self._separator, header=None, skip_blank_lines=True)
-            found = [table[place].to_numpy(dtype=float) for place in self._positions]
+            found = [
+                table[place].to_numpy(dtype=float) * factor
+                for place, factor in zip(self._positions, self._factors, strict=True)
+            ]
         except (ParserError, ValueError, KeyError) as error:
             raise InputError(
                 "A line of samples cannot be read.",
@@ -106,11 +129,41 @@ class _Lines:
         self._line += len(table)
         return found
 
+    def _begin(self, first: bytes) -> bool:
+        """Take separator, places and units from the first line; returns whether it names columns."""
+        separator = next((each for each in SEPARATORS if each in first), b"")
+        self._separator = separator.decode() or r"\s+"
+        cells = first.decode("utf-8", "replace").split(separator.decode() or None)
+        fields = [cell.strip().strip('"') for cell in cells]
+        is_named = not all(_number(field) for field in fields)
+        names = fields if is_named else []
+        self._positions = [self._place(key, column, names) for key, column in self._wanted]
+        if is_named:
+            self._factors = self._factors_of(names)
+        return is_named
+
+    def _factors_of(self, names: list[str]) -> list[float]:
+        """Return the factors of the units in the names; InputError for a contradiction."""
+        header = _Header(Path(self._where), [Channel(name) for name in names], {})
+        to = self._calibration
+        reference, response, *time = self._positions
+        if max(self._positions) >= len(names):
+            return self._factors
+        unit = reference_unit(to.reference, file_unit(header, reference)[0])
+        return [
+            reference_conversion(header, reference, to.reference, unit).factor,
+            response_conversion(header, response, to.response, to.response.unit).factor,
+            *(seconds_per_unit(header, place) or 1.0 for place in time),
+        ]
+
     def _place(self, key: str, column: int | str | None, names: list[str]) -> int:
         if isinstance(column, int):
             return column - 1
         if column in names:
             return names.index(str(column))
+        plain = [split_unit(name)[0] for name in names]
+        if plain.count(str(column)) == 1:
+            return plain.index(str(column))
         raise InputError(
             "A column of the stream is not known.",
             expected=", ".join(names) or "the number of a column, as its first line holds no names",

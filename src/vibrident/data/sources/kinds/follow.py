@@ -25,7 +25,17 @@ def _open(wanted: Wanted) -> Iterator[Chunk]:
         )
     file = Path(wanted.address) if wanted.address else wanted.file.parent / records[0].file
     form = "float32" if file.suffix.lower() in (".f32", ".raw", ".bin") else "csv"
-    return chunks(_pieces(file, wanted), wanted, form, str(file))
+    first_line = _first_line(file) if wanted.position and form == "csv" else b""
+    return chunks(_pieces(file, wanted), wanted, form, str(file), first_line)
+
+
+def _first_line(file: Path) -> bytes:
+    """Return the first line of a file that is taken up again, which may name the columns."""
+    try:
+        with file.open("rb") as stream:
+            return stream.readline(PIECE).rstrip(b"\r\n")
+    except OSError:
+        return b""  # said where its pieces are read
 
 
 def _pieces(file: Path, wanted: Wanted) -> Iterator[bytes]:
