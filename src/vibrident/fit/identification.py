@@ -24,7 +24,7 @@ from vibrident.fit.registry import ESTIMATORS
 from vibrident.fit.repeats import identify_runs, runs_of
 from vibrident.fit.temperature import identify_temperatures, temperatures_of
 from vibrident.fit.uncertainty.budget import BudgetRow
-from vibrident.physics.models import model_of
+from vibrident.physics.models import SensorModel, model_of
 from vibrident.result import Result
 
 if TYPE_CHECKING:
@@ -127,12 +127,29 @@ def fit(
         found = Fitted.of(evidence, chosen, progress)
         found = replace(found, told=(Told(warnings=tuple(decays.said(found.estimate))),))
     else:
-        evidence = with_free_decays(Evidence.gather(calibration, sensor_model))
-        chosen, reason = _estimator(evidence, estimator, uncertainty)
-        found = Fitted.of(evidence, chosen, progress)
-        for step in (without_dead_records, with_phase_scatter, beside_departures, with_remedy):
-            found = step(found)
+
+        def fit_anew(other: SensorModel) -> Fitted:
+            return _fit_model(calibration, other, estimator, uncertainty, progress)
+
+        fitted = _fit_model(calibration, sensor_model, estimator, uncertainty, progress)
+        return with_remedy(fitted, fit_anew)
     return replace(found, reason=reason)
+
+
+def _fit_model(
+    calibration: Calibration,
+    model: SensorModel,
+    estimator: str | Estimator,
+    uncertainty: Uncertainty,
+    progress: Progress,
+) -> Fitted:
+    """Estimate a model by records or a table, beside the departures that the data show."""
+    evidence = with_free_decays(Evidence.gather(calibration, model))
+    chosen, reason = _estimator(evidence, estimator, uncertainty)
+    fitted = Fitted.of(evidence, chosen, progress)
+    for step in (without_dead_records, with_phase_scatter, beside_departures):
+        fitted = step(fitted)
+    return replace(fitted, reason=reason)
 
 
 def _data_scale(estimate: Estimate, data: BudgetRow) -> float:

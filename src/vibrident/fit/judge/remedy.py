@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 from vibrident.base.amounts import plain
@@ -20,27 +20,31 @@ LEAST_FREE = 4
 LITTLE = 1.5
 
 
-def with_remedy(found: Fitted) -> Fitted:
-    """The attempt, its judgement with the model that explains what the present one does not, if there is one.
+def with_remedy(fitted: Fitted, fit_anew: Callable[[SensorModel], Fitted]) -> Fitted:
+    """Return the fit, its judgement with the model that explains what its own does not, if any.
 
-    Models are tried at the excited frequencies, from the values of the present one, the likely ones then by one fit
-    from the values found there.
+    Models are tried at the excited frequencies, from the values of the present one, and the likely
+    ones by one fit from the values at the points. What is said is what a user gets who asks for
+    that model: ``fit_anew`` fits it from nothing, and its χ² is stated.
     """
-    evidence, judgement = found.evidence, found.judgement
+    evidence, judgement = fitted.evidence, fitted.judgement
     declared = judgement.adequacy.chi2_reduced or 0.0
-    if found.adequate or declared <= 0.0 or not _may_be_the_model(found):
-        return found
-    for other, values in itertools.islice(_tried(found), 2):
+    if fitted.adequate or declared <= 0.0 or not _may_be_the_model(fitted):
+        return fitted
+    for other, values in itertools.islice(_tried(fitted), 2):
         try:
-            better = found.once(replace(evidence, model=other, start=values))
+            if not fitted.once(replace(evidence, model=other, start=values)).adequate:
+                continue
+            better = fit_anew(other)
         except VibridentError:
             continue
         if better.adequate:
             chi2 = better.judgement.adequacy.chi2_reduced or 0.0
-            text = f"{judgement.lack_of_fit} The model {other.name} explains them (χ²/dof = {plain(chi2, 3)})."
+            explained = f"The model {other.name} explains them (χ²/dof = {plain(chi2, 3)})."
+            text = f"{judgement.lack_of_fit} {explained}"
             judgement = replace(judgement, lack_of_fit=text, remedied=chi2, explained_by=other.name)
-            return replace(found, judgement=judgement)
-    return found
+            return replace(fitted, judgement=judgement)
+    return fitted
 
 
 def _may_be_the_model(found: Fitted) -> bool:

@@ -36,7 +36,7 @@ class Delay(Departure):
         """How late."""
         late = float(score.amounts[0])
         by = f"{amount(abs(late), 's', 2)} {'later' if late > 0.0 else 'earlier'}"
-        return f"the response comes {by} than the model has it; the add-on delay explains that"
+        return f"the response comes {by} than the model has it; the add-on delay has a parameter for it"
 
 
 DELAY = Delay()
