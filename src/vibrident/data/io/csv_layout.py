@@ -6,14 +6,22 @@ import contextlib
 import csv
 import re
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 from vibrident.base.errors import InputError
 from vibrident.data.io.columns import LONGEST_LINE, unreadable
-
-#: Stands for one or more blanks or tabs.
-BLANKS = " "
+from vibrident.data.io.plain_text import BLANKS, PlainText, respelled
+from vibrident.data.io.text_head import (
+    HeadFacts,
+    HeadLine,
+    is_key,
+    read_head,
+    statements,
+)
+from vibrident.data.io.units import parse_unit, says_nothing
 
 _HEAD_BYTES = LONGEST_LINE
 _HEAD_LINES = 400
@@ -35,10 +43,19 @@ _CANDIDATES = (
 #: Two Chinese characters of GB 2312, which no text in Latin-1 holds side by side.
 _CHINESE = re.compile(r"[\u4e00-\u9fff]{2}")
 #: Names above a column that the rows do not have (LabVIEW).
-_NO_COLUMN = frozenset({"", "comment", "comments"})
-_UNIT = re.compile(
-    r"[\[(<].*[\])>]|-|%|°|°C|deg|rad|dB|[numkMµμ]?(?:s|Hz|V|A|g|m|N|Pa|C|Ohm|Ω)|counts?|LSB|ticks?"
-    r"|[numkµμ]?(?:m|g|V|C|A)\s*/.*|mV/.*"
+_COMMENTS = frozenset({"comment", "comments", "kommentar", "commentaire"})
+#: A number with separators of thousands: unmistakable by a second one, another sign behind, or a blank.
+_GROUPED = re.compile(
+    r"[+-]?\d{1,3}(?:([,.' \u00a0\u202f])\d{3}(?:(?:\1\d{3})+(?:[.,]\d+)?|(?!\1)[.,]\d+)"
+    r"|[' \u00a0\u202f]\d{3})"
+)
+_BRACKETED = re.compile(r"\[.*\]|\(.*\)|<.*>")
+#: In a row of units, of a column that counts.
+_COUNTERS = frozenset(
+    {"sequence", "no.", "no", "nr", "nr.", "number", "index", "samples", "points", "ticks", "tick"}
+)
+_TIME_NAMES = re.compile(
+    r"(?:x|t|x[ _-]?(?:value|axis|achse)|time\w*|zeit|seconds?|source)\b", re.IGNORECASE
 )
 
 
@@ -53,7 +70,9 @@ class CsvLayout:
     units: tuple[str, ...]  # the row of units below the names; all "" without one
     first_line: int  # number of the first data line, from 1
     offset: int  # position of that line, in bytes
-    encoding: str  # of the text
+    encoding: str  # of the plain bytes
+    has_comments: bool  # a remark may follow the cells of a row
+    facts: HeadFacts  # what the head states of each column
 
 
 def split_line(line: str, delimiter: str) -> list[str]:
@@ -78,10 +97,18 @@ def is_number(cell: str, decimal: str) -> bool:
     return _NUMBER[decimal].fullmatch(cell) is not None
 
 
-def detect_layout(path: Path, file: str) -> CsvLayout:
-    """Find the layout of a text file from its first lines; InputError where it holds no rows of numbers."""
+def open_text(path: Path, file: str) -> PlainText:
+    """Open a text file; InputError where it cannot be read."""
     try:
-        with path.open("rb") as stream:
+        return PlainText(path)
+    except OSError as error:
+        raise unreadable(file, error, "a text file of columns") from error
+
+
+def detect_layout(text: PlainText, file: str) -> CsvLayout:
+    """Find the layout of a text file from its first lines; InputError where it has no rows of numbers."""
+    try:
+        with text.open() as stream:
             head = stream.read(_HEAD_BYTES)
             whole = not stream.read(1)
     except OSError as error:
@@ -112,8 +139,8 @@ def _head_lines(head: bytes, whole: bool, file: str) -> tuple[list[str], str]:
     if b"\0" in head:
         raise InputError(
             "The file is not plain text.",
-            expected="text in UTF-8 or Latin-1",
-            found="zero bytes, as in a binary file or UTF-16",
+            expected="text in UTF-8, UTF-16 or Latin-1",
+            found="zero bytes, as in a binary file",
             where=file,
             remedy="save it as UTF-8 text, or give the file its right ending",
         )
@@ -145,50 +172,136 @@ def _national(data: bytes) -> tuple[str, str]:
 
 
 def _layout_of(lines: list[str], encoding: str, head: bytes, file: str) -> CsvLayout:
-    rows = [i for i, line in enumerate(lines) if line.strip() and not _is_comment(line)]
-    sample = [lines[i] for i in rows[len(rows) // 2 :][-_SAMPLE_LINES:]]
-    delimiter, decimal, fields = _dialect(sample, [lines[i] for i in rows])
+    plain = respelled("\n".join(lines), ",;\t ", ".,").split("\n")
+    rows = [i for i, line in enumerate(plain) if line.strip() and not _is_comment(line)]
+    sample = rows[len(rows) // 2 :][-_SAMPLE_LINES:]
+    delimiter, decimal, fields = _dialect([plain[i] for i in sample], [plain[i] for i in rows])
     if decimal == "." and delimiter != ",":
-        decimal = _decimal_of([lines[i] for i in rows], delimiter)
-    regular = [row for line in sample if len(row := split_line(line, delimiter)) == fields]
-    numeric = [
-        n
-        for n in range(fields)
-        if 2 * sum(is_number(row[n], decimal) for row in regular) > len(regular)
-    ]
-    cells = {i: split_line(lines[i], delimiter) for i in rows}
-    first = next(
-        (
-            i
-            for i, row in cells.items()
-            if len(row) == fields and any(is_number(row[n], decimal) for n in numeric)
-        ),
-        None,
+        decimal = _decimal_of([plain[i] for i in rows], delimiter)
+    cells = {i: split_line(plain[i], delimiter) for i in rows}
+    _refuse_thousands({i: cells[i] for i in sample}, decimal, file)
+    numeric = _numeric([row for i in sample if len(row := cells[i]) == fields], fields, decimal)
+    has_comments = any(
+        len(row) == fields + 1 and row[-1].lower() in _COMMENTS for row in cells.values()
     )
+    if has_comments:
+        cells = {i: row[:fields] for i, row in cells.items()}
+    first = _first_row(cells, lines, numeric, fields, delimiter, decimal)
     if first is None:
-        raise InputError(
-            "The file holds no rows of numbers.",
-            expected="rows of numbers, under a header line or without one",
-            found=f"{len(rows)} lines of text" if rows else "only comments",
-            where=f"{file}, first line: {lines[rows[0]].strip()[:60]!r}" if rows else file,
-            remedy="export the data again; the file may hold the header alone",
-        )
-    first = _behind_names({i: row for i, row in cells.items() if i >= first}, numeric, decimal)
-    head_cells = [row for i, row in cells.items() if i < first]
-    _refuse_commas_of_two_kinds(head_cells, delimiter, fields, f"{file}, line {first + 1}")
-    _refuse_mixed_first_row(cells[first], numeric, decimal, f"{file}, line {first + 1}")
-    data = (row for i, row in cells.items() if i >= first)
-    trailing = fields > 1 and all(
-        len(row) != fields or row[-1] == "" for row in data
-    )  # a separator at the end
-    columns = fields - 1 if trailing else fields
-    names, units = _names(lines[:first], head_cells, delimiter, columns)
+        raise _no_rows([lines[i] for i in rows], file)
+    where = f"{file}, line {first + 1}"
+    head_cells = {i: split_line(lines[i], delimiter) for i in rows if i < first}
+    _refuse_commas_of_two_kinds([cells[i] for i in head_cells], delimiter, fields, where)
+    _refuse_mixed_first_row(cells[first], numeric, decimal, where)
+    data = [row for i, row in cells.items() if i >= first]
+    above = [*head_cells.values()][-2:]
+    columns = _columns(data, above, fields)
+    titles = {
+        i: row
+        for i, row in head_cells.items()
+        if not any(statements(HeadLine(i + 1, lines[i]), delimiter))
+    }
+    names, units = _names(lines[:first], titles, delimiter, columns)
     offset = 0
     for _ in range(first):
         offset = head.index(b"\n", offset) + 1
     if first == 0 and head.startswith(_BOM):
         offset = len(_BOM)
-    return CsvLayout(delimiter, decimal, fields, names, units, first + 1, offset, encoding)
+    beside = numeric[0] if numeric[0] > 1 and not any(cells[sample[-1]][: numeric[0]]) else 0
+    head_lines = [HeadLine(i + 1, line) for i, line in enumerate(lines[:first])]
+    head_lines += _keys_over_values(head_cells, columns)
+    head_lines += [
+        HeadLine(i + 1, delimiter.join(cells[i][:beside])) for i in rows if i >= first and beside
+    ]
+    x_column = next((i for i in numeric if _TIME_NAMES.match(names[i])), beside or None)
+    facts = read_head(head_lines, delimiter, decimal, columns, x_column, file)
+    return CsvLayout(
+        *(delimiter, decimal, fields, names, units, first + 1, offset, encoding),
+        has_comments=has_comments,
+        facts=facts,
+    )
+
+
+def _numeric(rows: Sequence[list[str]], fields: int, decimal: str) -> list[int]:
+    """Return the columns in most of whose cells there is a number."""
+    return [
+        column
+        for column in range(fields)
+        if 2 * sum(is_number(row[column], decimal) for row in rows) > len(rows)
+    ]
+
+
+def _first_row(
+    cells: dict[int, list[str]],
+    lines: Sequence[str],
+    numeric: Sequence[int],
+    fields: int,
+    delimiter: str,
+    decimal: str,
+) -> int | None:
+    """Return the first line of data; None where there is none."""
+    for i, row in cells.items():
+        numbers = [len(row) > column and is_number(row[column], decimal) for column in numeric]
+        if not any(numbers) or len(row) < fields or (len(row) > fields and not all(numbers)):
+            continue
+        if all(numbers) or not any(statements(HeadLine(i + 1, lines[i]), delimiter)):
+            return _behind_names({j: r for j, r in cells.items() if j >= i}, numeric, decimal)
+    return None
+
+
+def _no_rows(lines: Sequence[str], file: str) -> InputError:
+    return InputError(
+        "The file holds no rows of numbers.",
+        expected="rows of numbers, under a header line or without one",
+        found=f"{len(lines)} lines of text" if lines else "only comments",
+        where=f"{file}, first line: {lines[0].strip()[:60]!r}" if lines else file,
+        remedy="export the data again; the file may hold the header alone",
+    )
+
+
+def _columns(data: Sequence[list[str]], above: Sequence[list[str]], fields: int) -> int:
+    """Return the number of columns: fields without those behind the last separators of the rows.
+
+    These have neither values nor a name, but for a key of the head (Rigol) or "Comment" (LabVIEW).
+    """
+    columns = fields
+    while columns > 1:
+        last = columns - 1
+        titles = [row[last] for row in above if len(row) > last]
+        if any(len(row) > last and row[last] for row in data):
+            break
+        if not all(
+            not t or t.lower() in _COMMENTS or is_key(t) or is_number(t, ".") for t in titles
+        ):
+            break
+        columns = last
+    return columns
+
+
+def _keys_over_values(rows: dict[int, list[str]], columns: int) -> list[HeadLine]:
+    """Return statements of a head with keys beside the names and their values below (Rigol)."""
+    found = []
+    for (i, row), (_, below) in pairwise(rows.items()):
+        found += [
+            HeadLine(i + 1, f"{key}: {value}")
+            for key, value in zip(row[columns:], below[columns:], strict=False)
+            if is_key(key) and value
+        ]
+    return found
+
+
+def _refuse_thousands(rows: dict[int, list[str]], decimal: str, file: str) -> None:
+    """Refuse numbers with separators of thousands: their signs have two meanings."""
+    for i, row in rows.items():
+        for column, cell in enumerate(row):
+            if _GROUPED.fullmatch(cell) and not is_number(cell, decimal):
+                raise InputError(
+                    "A number has separators of thousands.",
+                    expected="numbers without them, such as 1234.5 or 1234,5",
+                    found=repr(cell),
+                    where=f"{file}, line {i + 1}, column {column + 1}",
+                    remedy="export the data without separators of thousands",
+                )
 
 
 def _is_comment(line: str) -> bool:
@@ -207,7 +320,11 @@ def _dialect(sample: list[str], lines: list[str]) -> tuple[str, str, int]:
         rows = [split_line(line, delimiter) for line in sample]
         fields = _usual_length(rows, lines, delimiter)
         regular = [row for row in rows if len(row) == fields]
-        numbers = sum(is_number(cell, decimal) for row in regular for cell in row)
+        numbers = sum(
+            is_number(cell, decimal) or _GROUPED.fullmatch(cell) is not None
+            for row in regular
+            for cell in row
+        )
         filled = sum(cell != "" for row in regular for cell in row)
         score = numbers / max(filled, 1) * len(regular) / max(len(rows), 1)
         if fields > 1 and score > best_score:
@@ -232,7 +349,7 @@ def _decimal_of(lines: list[str], delimiter: str) -> str:
     return "," if commas > points else "."
 
 
-def _texts(row: list[str], numeric: list[int], decimal: str) -> list[int]:
+def _texts(row: Sequence[str], numeric: Sequence[int], decimal: str) -> list[int]:
     """Columns of numbers that hold text in this row."""
     return [
         column
@@ -243,7 +360,7 @@ def _texts(row: list[str], numeric: list[int], decimal: str) -> list[int]:
     ]
 
 
-def _behind_names(rows: dict[int, list[str]], numeric: list[int], decimal: str) -> int:
+def _behind_names(rows: dict[int, list[str]], numeric: Sequence[int], decimal: str) -> int:
     """The first data line: behind a row of names, if each line above has text among its numbers ("Channels, 2")."""
     last: list[int] = []
     for line, row in rows.items():
@@ -270,7 +387,9 @@ def _refuse_commas_of_two_kinds(
         )
 
 
-def _refuse_mixed_first_row(row: list[str], numeric: list[int], decimal: str, where: str) -> None:
+def _refuse_mixed_first_row(
+    row: Sequence[str], numeric: Sequence[int], decimal: str, where: str
+) -> None:
     """Refuse a line that is half header, half data: dropping or using it would be a guess."""
     text = _texts(row, numeric, decimal)
     if text:
@@ -284,32 +403,53 @@ def _refuse_mixed_first_row(row: list[str], numeric: list[int], decimal: str, wh
 
 
 def _names(
-    lines: list[str], cells: list[list[str]], delimiter: str, columns: int
+    lines: Sequence[str], rows: dict[int, list[str]], delimiter: str, columns: int
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Take names and units from the lines above the data, a row of units below the names; or from the last comment."""
+    """Return names and units from the lines above the data, or from the last comments.
+
+    ``rows``: line → cells of the lines above that state nothing else.
+    """
     without = ("",) * columns
 
     def fitting(row: list[str]) -> tuple[str, ...] | None:
         if columns == 1 and delimiter == BLANKS:
             return (" ".join(row),)  # the name of a single column may contain blanks
-        trimmed = row[:-1] if len(row) == columns + 1 and row[-1].lower() in _NO_COLUMN else row
-        return tuple(trimmed) if len(trimmed) == columns else None
+        others = row[columns:]
+        fits = not others or all(
+            not cell or cell.lower() in _COMMENTS or is_key(cell) or is_number(cell, ".")
+            for cell in others
+        )
+        return tuple(row[:columns]) if len(row) >= columns and fits else None
 
-    above = [fitting(row) for row in cells]
-    if above and above[-1] is not None:
-        names = above[-1]
-        filled = [cell for cell in names if cell]
-        units = bool(filled) and all(_UNIT.fullmatch(cell) for cell in filled)
-        if units and len(above) > 1 and above[-2] is not None:
-            return above[-2], names
-        return names, without
-    comments = [line for line in lines if _is_comment(line)]
-    if comments and not above:
-        names = fitting(split_line(comments[-1].strip().lstrip("#% "), delimiter))
-        if (
-            names is not None
-            and (columns > 1 or names[0])
-            and not any(is_number(name, ".") for name in names)
-        ):
-            return names, without
-    return without, without
+    above = [fitting(row) for row in [*rows.values()][-2:]]
+    if not rows:
+        comments = [
+            text
+            for line in lines
+            if _is_comment(line) and not any(statements(HeadLine(0, line), delimiter))
+            if (text := line.strip().lstrip("#% "))
+        ]
+        above = [
+            fitting(split_line(text, delimiter)) for text in comments[-2 if columns > 1 else -1 :]
+        ]
+        if above and any(is_number(cell, ".") for cell in above[-1] or ()):
+            above = []
+    names = above[-1] if above else None
+    if names is None:
+        return without, without
+    if len(above) > 1 and above[-2] is not None and _are_units(names, above[-2]):
+        return above[-2], names
+    return names, without
+
+
+def _are_units(row: Sequence[str], names: Sequence[str]) -> bool:
+    """Tell whether a row below the names has their units: known ones, in brackets, or words for none."""
+    known = unknown = 0
+    for cell, name in zip(row, names, strict=True):
+        if _BRACKETED.fullmatch(cell) or parse_unit(cell) is not None:
+            known += 1
+        elif cell.lower() in _COUNTERS or (cell and cell.lower() in name.lower()):
+            unknown += 1
+        elif not says_nothing(cell):
+            return False
+    return known > unknown

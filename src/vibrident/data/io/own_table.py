@@ -9,7 +9,8 @@ import numpy as np
 
 from vibrident.base.errors import InputError
 from vibrident.data.io.columns import library
-from vibrident.data.io.csv_layout import BLANKS, detect_layout
+from vibrident.data.io.csv_layout import detect_layout, open_text
+from vibrident.data.io.plain_text import BLANKS
 from vibrident.data.io.guess import guess_columns
 from vibrident.data.io.reader import open_columns, sha256
 from vibrident.data.io.record_files import timed
@@ -113,9 +114,10 @@ def _excel(path: Path, target: Path, columns: Mapping[str, FloatArray]) -> None:
 
 
 def _text(path: Path, target: Path, columns: Mapping[str, FloatArray]) -> None:
-    layout = detect_layout(path, str(path))
+    text = open_text(path, str(path))
+    layout = detect_layout(text, str(path))
     gap = " " if layout.delimiter == BLANKS else layout.delimiter
-    lines = path.read_bytes().decode(layout.encoding).splitlines()
+    lines = text.read().decode(layout.encoding).splitlines()
     head, data = lines[: layout.first_line - 1], lines[layout.first_line - 1 :]
     filled = [n for n, line in enumerate(data) if line.strip()]
     _require_rows(len(filled), columns, path)
