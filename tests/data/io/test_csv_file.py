@@ -70,7 +70,9 @@ LAYOUTS = {
     "a dash of Windows for a minus": text().replace("-", "\u2013").encode("cp1252"),
     "blanks behind the signs": text(form="{:+}").replace("+", "+ ").replace("-", "-  ").replace("e+ ", "e+"),
     "blanks behind the signs, between blanks": text("   ", form="{:+}")
-    .replace("+", "+ ").replace("-", "- ").replace("e+ ", "e+"),
+    .replace("+", "+ ")
+    .replace("-", "- ")
+    .replace("e+ ", "e+"),
     "exponents of Fortran": text("  ", form="{:.17E}").replace("E", "D"),
     "exponents of Fortran, true minus": text(form="{:.17E}").replace("E", "D").replace("-", "\u2212"),
     "no final line end": text().rstrip("\n"),

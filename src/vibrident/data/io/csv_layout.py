@@ -6,8 +6,9 @@ import contextlib
 import csv
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -18,8 +19,8 @@ from vibrident.data.io.text_head import (
     HeadFacts,
     HeadLine,
     is_key,
+    is_statement,
     read_head,
-    statements,
 )
 from vibrident.data.io.units import parse_unit, says_nothing
 
@@ -73,6 +74,7 @@ class CsvLayout:
     encoding: str  # of the plain bytes
     has_comments: bool  # a remark may follow the cells of a row
     facts: HeadFacts  # what the head states of each column
+    read_head: Callable[[Sequence[HeadLine]], HeadFacts]  # of another head in the same layout
 
 
 def split_line(line: str, delimiter: str) -> list[str]:
@@ -196,11 +198,7 @@ def _layout_of(lines: list[str], encoding: str, head: bytes, file: str) -> CsvLa
     data = [row for i, row in cells.items() if i >= first]
     above = [*head_cells.values()][-2:]
     columns = _columns(data, above, fields)
-    titles = {
-        i: row
-        for i, row in head_cells.items()
-        if not any(statements(HeadLine(i + 1, lines[i]), delimiter))
-    }
+    titles = {i: row for i, row in head_cells.items() if not is_statement(lines[i], delimiter)}
     names, units = _names(lines[:first], titles, delimiter, columns)
     offset = 0
     for _ in range(first):
@@ -214,11 +212,20 @@ def _layout_of(lines: list[str], encoding: str, head: bytes, file: str) -> CsvLa
         HeadLine(i + 1, delimiter.join(cells[i][:beside])) for i in rows if i >= first and beside
     ]
     x_column = next((i for i in numeric if _TIME_NAMES.match(names[i])), beside or None)
-    facts = read_head(head_lines, delimiter, decimal, columns, x_column, file)
+    read = partial(
+        read_head,
+        delimiter=delimiter,
+        decimal=decimal,
+        width=columns,
+        numeric=numeric,
+        x_column=x_column,
+        file=file,
+    )
     return CsvLayout(
         *(delimiter, decimal, fields, names, units, first + 1, offset, encoding),
         has_comments=has_comments,
-        facts=facts,
+        facts=read(head_lines),
+        read_head=read,
     )
 
 
@@ -240,11 +247,14 @@ def _first_row(
     decimal: str,
 ) -> int | None:
     """Return the first line of data; None where there is none."""
+    last = next(reversed(cells), 0)
     for i, row in cells.items():
         numbers = [len(row) > column and is_number(row[column], decimal) for column in numeric]
         if not any(numbers) or len(row) < fields or (len(row) > fields and not all(numbers)):
             continue
-        if all(numbers) or not any(statements(HeadLine(i + 1, lines[i]), delimiter)):
+        if row[0][:1].isalpha() and numeric[0] == 1 and not cells[last][0]:
+            continue  # a key above an empty first column (LabVIEW)
+        if all(numbers) or not is_statement(lines[i], delimiter):
             return _behind_names({j: r for j, r in cells.items() if j >= i}, numeric, decimal)
     return None
 
@@ -365,6 +375,8 @@ def _behind_names(rows: dict[int, list[str]], numeric: Sequence[int], decimal: s
     last: list[int] = []
     for line, row in rows.items():
         texts = _texts(row, numeric, decimal)
+        if not any(row):
+            continue
         if not texts:
             return line if last and len(last) == len(numeric) else next(iter(rows))
         last = texts
@@ -426,7 +438,7 @@ def _names(
         comments = [
             text
             for line in lines
-            if _is_comment(line) and not any(statements(HeadLine(0, line), delimiter))
+            if _is_comment(line) and not is_statement(line, delimiter)
             if (text := line.strip().lstrip("#% "))
         ]
         above = [

@@ -108,11 +108,10 @@ def _refusal(problem: str, cell: str, where: str) -> InputError:
 
 def _is_month_first(matches: Sequence[re.Match[str] | None], locate: Callable[[int], str]) -> bool:
     """Tell the order of day and month in dates with slashes, which one row above 12 decides."""
-    pairs = {
-        (int(m["first"]), int(m["second"])): row
-        for row, m in enumerate(matches)
-        if m and m["first"]
-    }
+    pairs: dict[tuple[int, int], int] = {}
+    for row, match in enumerate(matches):
+        if match and match["first"]:
+            pairs.setdefault((int(match["first"]), int(match["second"])), row)
     if any(first > 12 for first, _ in pairs):
         return False
     if all(first == second for first, second in pairs) or any(second > 12 for _, second in pairs):

@@ -9,7 +9,7 @@ from vibrident.base.errors import InputError
 from vibrident.data.io.columns import Clock
 from vibrident.data.io.csv_layout import CsvLayout, split_line
 from vibrident.data.io.plain_text import BLANKS, PlainText
-from vibrident.data.io.text_head import LABVIEW_END, HeadFacts, HeadLine, read_head
+from vibrident.data.io.text_head import LABVIEW_END, HeadFacts, HeadLine
 
 #: A segment that begins this close to the end of the one before, in sampling intervals, goes on.
 _SAME_PLACE = 0.01
@@ -58,9 +58,7 @@ def _without_heads(content: bytes, layout: CsvLayout, file: str) -> bytes:
             for i, line in enumerate(lines[top : end + 1])
         ]
         rows = sum(bool(line.strip()) for line in lines[begin:top])
-        following = read_head(
-            *(head, layout.delimiter, layout.decimal, len(layout.names), facts.x_column, file)
-        )
+        following = layout.read_head(head)
         _require_continuation(layout, facts, following, rows, names, f"{file}, line {number}")
         facts = following
         begin = end + 2

@@ -84,6 +84,7 @@ class Statement:
     values: tuple[str, ...]  # behind the key, without quotes and blanks around them
     unit: str  # beside the key
     is_row: bool  # a row of cells: value n belongs to column n + 1
+    is_first: bool  # the line begins with it
     line: HeadLine
 
 
@@ -94,13 +95,13 @@ class HeadFacts:
     units: tuple[str, ...]
     clocks: tuple[Clock | None, ...]
     over_frequency: tuple[bool, ...]
-    x_column: int | None  # of times, to which units of the ordinate do not belong
 
 
 @dataclass
 class _Column:
     """Clocks of one column as stated, each with its line."""
 
+    is_numeric: bool
     clocks: list[tuple[Clock, HeadLine]] = field(default_factory=list)
     unit: str = ""
     start: Start | None = None
@@ -125,7 +126,7 @@ def statements(line: HeadLine, delimiter: str) -> Iterator[Statement]:
             unit or any(number and number[2] for number in numbers)
         )  # may be of anything
         if (is_word and values[0]) or (any(numbers) and not is_bare):
-            yield Statement(kind, tuple(values), unit, is_row, line)
+            yield Statement(kind, tuple(values), unit, is_row, match.start() == 0, line)
 
 
 def _trimmed(values: list[str]) -> list[str]:
@@ -135,9 +136,14 @@ def _trimmed(values: list[str]) -> list[str]:
     return values
 
 
+def is_statement(text: str, delimiter: str) -> bool:
+    """Tell whether a line begins with a statement."""
+    return any(statement.is_first for statement in statements(HeadLine(0, text), delimiter))
+
+
 def is_key(cell: str) -> bool:
-    """Tell whether a cell is the name of a rate, interval or start."""
-    match = _STATEMENT.fullmatch(cell.strip() + ":")
+    """Tell whether a cell is the name of a rate, interval or start, with its value or without."""
+    match = _STATEMENT.match(cell.strip() + ":")
     return match is not None and any(match[kind] for kind in ("rate", "interval", "start"))
 
 
@@ -146,6 +152,7 @@ def read_head(
     delimiter: str,
     decimal: str,
     width: int,
+    numeric: Sequence[int],
     x_column: int | None,
     file: str,
 ) -> HeadFacts:
@@ -156,6 +163,7 @@ def read_head(
         delimiter: of the cells.
         decimal: sign of the numbers.
         width: number of columns.
+        numeric: columns of numbers.
         x_column: of times, to which units of the ordinate do not belong; None where there is none.
         file: for messages.
 
@@ -163,7 +171,7 @@ def read_head(
         InputError: a rate or interval has no usable number or unit, or two contradict each other.
     """
     found = [s for line in lines for s in statements(line, delimiter)]
-    columns = [_Column() for _ in range(width)]
+    columns = [_Column(index in numeric) for index in range(width)]
     time_unit = next((s.values[0] for s in found if s.kind == "time unit"), "")
     abscissa = parse_unit(time_unit)
     for column in columns:
@@ -182,15 +190,14 @@ def read_head(
         tuple(column.unit for column in columns),
         tuple(_agreed(column, file) for column in columns),
         tuple(column.is_over_frequency for column in columns),
-        x_column,
     )
 
 
 def _by_column(statement: Statement, columns: Sequence[_Column]) -> Iterator[tuple[_Column, str]]:
-    """Give each column with its value: one value for all, one a column, or one for each but the first."""
+    """Give each column with its value: one for all of numbers, or one a column, of all or but the first."""
     values = statement.values
     if len(values) == 1:
-        yield from ((column, values[0]) for column in columns)
+        yield from ((column, values[0] if column.is_numeric else "") for column in columns)
     elif len(values) == len(columns):
         yield from zip(columns, values, strict=True)
     elif len(values) < len(columns) and (statement.is_row or len(values) == len(columns) - 1):
@@ -225,8 +232,8 @@ def _take_clock(
     elif len(values) == 2 and values[1] and not _NUMBER.match(values[1]):
         values = (" ".join(values),)  # the unit in a cell of its own
     pairs = list(_by_column(replace(statement, values=values), columns))
-    if not pairs:
-        raise _unusable(statement, "one value, or one for each column", file)
+    if not pairs or (statement.kind == "rate" and len({*values} - {""}) > 1):
+        raise _unusable(statement, "one rate, or an interval for each column", file)
     for column, value in pairs:
         if value and not column.is_over_frequency:
             clock = _clock(statement, value, decimal, time_unit, file)
@@ -247,7 +254,7 @@ def _clock(statement: Statement, value: str, decimal: str, time_unit: str, file:
     digits, half_unit = _precision(text)
     size, half_unit = number * unit.factor, half_unit * unit.factor
     if len(digits.strip("0")) <= _EXACT_DIGITS[kind] or (kind == "rate" and half_unit >= 0.5):
-        return Clock(float(f"{size:.15g}") if kind == "rate" else 1.0 / float(f"{size:.15g}"))
+        return Clock(float(f"{size if kind == 'rate' else 1.0 / size:.15g}"))
     if kind == "rate":
         return plainest_clock(1.0 / size, half_unit / size**2)
     return plainest_clock(size, half_unit)
@@ -351,7 +358,7 @@ def _take_labview_starts(lines: Sequence[HeadLine], columns: list[_Column], deli
     is_absolute = rows.get("time_pref", [""])[0].lower() == "absolute"
     pairs = {}
     for statement, values in (("date", dates), ("time", times)):
-        stated = Statement(statement, tuple(_trimmed(values)), "", True, lines[0])
+        stated = Statement(statement, tuple(_trimmed(values)), "", True, True, lines[0])
         pairs[statement] = {id(column): value for column, value in _by_column(stated, columns)}
     for column in columns:
         x0_ns = 0 if column.start is None else column.start.ns
