@@ -9,20 +9,19 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import pairwise
 from pathlib import Path
 
 from vibrident.base.errors import InputError
 from vibrident.data.io.columns import LONGEST_LINE, unreadable
 from vibrident.data.io.plain_text import BLANKS, PlainText, respelled
-from vibrident.data.io.text_head import (
-    HeadFacts,
-    HeadLine,
-    is_key,
-    is_statement,
-    read_head,
+from vibrident.data.io.text_head import HeadFacts, HeadLine, is_statement, read_head
+from vibrident.data.io.title_rows import (
+    COMMENTS,
+    TIME_NAMES,
+    columns_of,
+    keys_over_values,
+    names_and_units,
 )
-from vibrident.data.io.units import parse_unit, says_nothing
 
 _HEAD_BYTES = LONGEST_LINE
 _HEAD_LINES = 400
@@ -34,6 +33,7 @@ _NUMBER = {
     ".": re.compile(rf"[+-]?(?:\d+\.?\d*|\.\d+){_EXPONENT}|[+-]?inf(?:inity)?", re.IGNORECASE),
     ",": re.compile(rf"[+-]?(?:\d+(?:,\d+)?|,\d+){_EXPONENT}|[+-]?inf(?:inity)?", re.IGNORECASE),
 }
+_ODD = re.compile(r'[^0-9.,;eE" \t\r+-]|[+-](?![0-9.,])')  # beside plain numbers
 _DECIMAL_COMMA = re.compile(r"\d,\d")
 _MISSING = frozenset({"", "nan", "-nan", "na", "n/a", "#n/a", "null", "none", "<na>"})
 #: Tried in this order; an earlier one wins a tie. The comma is both delimiter and decimal sign in quoted cells only.
@@ -43,20 +43,10 @@ _CANDIDATES = (
 )
 #: Two Chinese characters of GB 2312, which no text in Latin-1 holds side by side.
 _CHINESE = re.compile(r"[\u4e00-\u9fff]{2}")
-#: Names above a column that the rows do not have (LabVIEW).
-_COMMENTS = frozenset({"comment", "comments", "kommentar", "commentaire"})
 #: A number with separators of thousands: unmistakable by a second one, another sign behind, or a blank.
 _GROUPED = re.compile(
     r"[+-]?\d{1,3}(?:([,.' \u00a0\u202f])\d{3}(?:(?:\1\d{3})+(?:[.,]\d+)?|(?!\1)[.,]\d+)"
     r"|[' \u00a0\u202f]\d{3})"
-)
-_BRACKETED = re.compile(r"\[.*\]|\(.*\)|<.*>")
-#: In a row of units, of a column that counts.
-_COUNTERS = frozenset(
-    {"sequence", "no.", "no", "nr", "nr.", "number", "index", "samples", "points", "ticks", "tick"}
-)
-_TIME_NAMES = re.compile(
-    r"(?:x|t|x[ _-]?(?:value|axis|achse)|time\w*|zeit|seconds?|source)\b", re.IGNORECASE
 )
 
 
@@ -80,9 +70,7 @@ class CsvLayout:
 def split_line(line: str, delimiter: str) -> list[str]:
     """Split one line into its cells, without quotes and without blanks around them."""
     if '"' in line:
-        with contextlib.suppress(
-            csv.Error
-        ):  # a cell beyond the csv module's limits is not a number
+        with contextlib.suppress(csv.Error):  # a cell beyond its limits is not a number
             plain = line.strip(" \r\n").replace("\r", " ")
             plain = plain.replace("\t", " ") if delimiter == BLANKS else plain
             return [
@@ -174,7 +162,7 @@ def _national(data: bytes) -> tuple[str, str]:
 
 
 def _layout_of(lines: list[str], encoding: str, head: bytes, file: str) -> CsvLayout:
-    plain = respelled("\n".join(lines), ",;\t ", ".,").split("\n")
+    plain = [respelled(line, ",;\t ", ".,") if _ODD.search(line) else line for line in lines]
     rows = [i for i, line in enumerate(plain) if line.strip() and not _is_comment(line)]
     sample = rows[len(rows) // 2 :][-_SAMPLE_LINES:]
     delimiter, decimal, fields = _dialect([plain[i] for i in sample], [plain[i] for i in rows])
@@ -184,7 +172,7 @@ def _layout_of(lines: list[str], encoding: str, head: bytes, file: str) -> CsvLa
     _refuse_thousands({i: cells[i] for i in sample}, decimal, file)
     numeric = _numeric([row for i in sample if len(row := cells[i]) == fields], fields, decimal)
     has_comments = any(
-        len(row) == fields + 1 and row[-1].lower() in _COMMENTS for row in cells.values()
+        len(row) == fields + 1 and row[-1].lower() in COMMENTS for row in cells.values()
     )
     if has_comments:
         cells = {i: row[:fields] for i, row in cells.items()}
@@ -196,10 +184,16 @@ def _layout_of(lines: list[str], encoding: str, head: bytes, file: str) -> CsvLa
     _refuse_commas_of_two_kinds([cells[i] for i in head_cells], delimiter, fields, where)
     _refuse_mixed_first_row(cells[first], numeric, decimal, where)
     data = [row for i, row in cells.items() if i >= first]
-    above = [*head_cells.values()][-2:]
-    columns = _columns(data, above, fields)
-    titles = {i: row for i, row in head_cells.items() if not is_statement(lines[i], delimiter)}
-    names, units = _names(lines[:first], titles, delimiter, columns)
+    columns = columns_of(data, [*head_cells.values()][-2:], fields)
+    titles = [row for i, row in head_cells.items() if not is_statement(lines[i], delimiter)]
+    if not titles:
+        titles = [
+            split_line(line.lstrip("#% "), delimiter)
+            for line in lines[:first]
+            if _is_comment(line) and line.strip("#% \r") and not is_statement(line, delimiter)
+        ]
+        titles = [] if any(is_number(cell, ".") for row in titles[-1:] for cell in row) else titles
+    names, units = names_and_units(titles, delimiter, columns)
     offset = 0
     for _ in range(first):
         offset = head.index(b"\n", offset) + 1
@@ -207,20 +201,13 @@ def _layout_of(lines: list[str], encoding: str, head: bytes, file: str) -> CsvLa
         offset = len(_BOM)
     beside = numeric[0] if numeric[0] > 1 and not any(cells[sample[-1]][: numeric[0]]) else 0
     head_lines = [HeadLine(i + 1, line) for i, line in enumerate(lines[:first])]
-    head_lines += _keys_over_values(head_cells, columns)
+    head_lines += keys_over_values(head_cells, columns)
     head_lines += [
         HeadLine(i + 1, delimiter.join(cells[i][:beside])) for i in rows if i >= first and beside
     ]
-    x_column = next((i for i in numeric if _TIME_NAMES.match(names[i])), beside or None)
-    read = partial(
-        read_head,
-        delimiter=delimiter,
-        decimal=decimal,
-        width=columns,
-        numeric=numeric,
-        x_column=x_column,
-        file=file,
-    )
+    x_column = next((i for i in numeric if TIME_NAMES.match(names[i])), beside or None)
+    known = {"delimiter": delimiter, "decimal": decimal, "width": columns, "file": file}
+    read = partial(read_head, **known, numeric=numeric, x_column=x_column)
     return CsvLayout(
         *(delimiter, decimal, fields, names, units, first + 1, offset, encoding),
         has_comments=has_comments,
@@ -250,7 +237,8 @@ def _first_row(
     last = next(reversed(cells), 0)
     for i, row in cells.items():
         numbers = [len(row) > column and is_number(row[column], decimal) for column in numeric]
-        if not any(numbers) or len(row) < fields or (len(row) > fields and not all(numbers)):
+        is_longer = len(row) > fields and delimiter != BLANKS and all(numbers)
+        if not any(numbers) or not (len(row) == fields or is_longer):
             continue
         if row[0][:1].isalpha() and numeric[0] == 1 and not cells[last][0]:
             continue  # a key above an empty first column (LabVIEW)
@@ -267,37 +255,6 @@ def _no_rows(lines: Sequence[str], file: str) -> InputError:
         where=f"{file}, first line: {lines[0].strip()[:60]!r}" if lines else file,
         remedy="export the data again; the file may hold the header alone",
     )
-
-
-def _columns(data: Sequence[list[str]], above: Sequence[list[str]], fields: int) -> int:
-    """Return the number of columns: fields without those behind the last separators of the rows.
-
-    These have neither values nor a name, but for a key of the head (Rigol) or "Comment" (LabVIEW).
-    """
-    columns = fields
-    while columns > 1:
-        last = columns - 1
-        titles = [row[last] for row in above if len(row) > last]
-        if any(len(row) > last and row[last] for row in data):
-            break
-        if not all(
-            not t or t.lower() in _COMMENTS or is_key(t) or is_number(t, ".") for t in titles
-        ):
-            break
-        columns = last
-    return columns
-
-
-def _keys_over_values(rows: dict[int, list[str]], columns: int) -> list[HeadLine]:
-    """Return statements of a head with keys beside the names and their values below (Rigol)."""
-    found = []
-    for (i, row), (_, below) in pairwise(rows.items()):
-        found += [
-            HeadLine(i + 1, f"{key}: {value}")
-            for key, value in zip(row[columns:], below[columns:], strict=False)
-            if is_key(key) and value
-        ]
-    return found
 
 
 def _refuse_thousands(rows: dict[int, list[str]], decimal: str, file: str) -> None:
@@ -412,56 +369,3 @@ def _refuse_mixed_first_row(
             where=where,
             remedy="repair the value; or, if the line belongs to the header, put # in front of it",
         )
-
-
-def _names(
-    lines: Sequence[str], rows: dict[int, list[str]], delimiter: str, columns: int
-) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return names and units from the lines above the data, or from the last comments.
-
-    ``rows``: line → cells of the lines above that state nothing else.
-    """
-    without = ("",) * columns
-
-    def fitting(row: list[str]) -> tuple[str, ...] | None:
-        if columns == 1 and delimiter == BLANKS:
-            return (" ".join(row),)  # the name of a single column may contain blanks
-        others = row[columns:]
-        fits = not others or all(
-            not cell or cell.lower() in _COMMENTS or is_key(cell) or is_number(cell, ".")
-            for cell in others
-        )
-        return tuple(row[:columns]) if len(row) >= columns and fits else None
-
-    above = [fitting(row) for row in [*rows.values()][-2:]]
-    if not rows:
-        comments = [
-            text
-            for line in lines
-            if _is_comment(line) and not is_statement(line, delimiter)
-            if (text := line.strip().lstrip("#% "))
-        ]
-        above = [
-            fitting(split_line(text, delimiter)) for text in comments[-2 if columns > 1 else -1 :]
-        ]
-        if above and any(is_number(cell, ".") for cell in above[-1] or ()):
-            above = []
-    names = above[-1] if above else None
-    if names is None:
-        return without, without
-    if len(above) > 1 and above[-2] is not None and _are_units(names, above[-2]):
-        return above[-2], names
-    return names, without
-
-
-def _are_units(row: Sequence[str], names: Sequence[str]) -> bool:
-    """Tell whether a row below the names has their units: known ones, in brackets, or words for none."""
-    known = unknown = 0
-    for cell, name in zip(row, names, strict=True):
-        if _BRACKETED.fullmatch(cell) or parse_unit(cell) is not None:
-            known += 1
-        elif cell.lower() in _COUNTERS or (cell and cell.lower() in name.lower()):
-            unknown += 1
-        elif not says_nothing(cell):
-            return False
-    return known > unknown

@@ -125,7 +125,8 @@ def statements(line: HeadLine, delimiter: str) -> Iterator[Statement]:
         is_bare = match[0].strip(_SEPARATORS + "\t#%*! ").lower() == "rate" and not (
             unit or any(number and number[2] for number in numbers)
         )  # may be of anything
-        if (is_word and values[0]) or (any(numbers) and not is_bare):
+        is_unit = kind == "dimension" or any(parse_unit(value) is not None for value in values)
+        if (is_word and is_unit) or (not is_word and any(numbers) and not is_bare):
             yield Statement(kind, tuple(values), unit, is_row, match.start() == 0, line)
 
 

@@ -193,7 +193,7 @@ class CsvFile(ColumnFile):
         changed = clean(self._text, self._layout, self.file)
         if changed:
             for name in ("_row_lines", "_numbers", "_first_row"):
-                self.__dict__.pop(name, None)
+                vars(self).pop(name, None)
         return changed
 
     def in_seconds(self, position: int) -> bool:
