@@ -191,7 +191,7 @@ MAKERS = {
         ),
     ),
     "DASYLab, a row of units": (
-        "DASYLab - V 9.0\nBlock length;1024\nDelta;1.0E-3\nUnit;g;V\nTime;acc;volt\n"
+        "DASYLab - V 9.0\nBlock length;1024\nDelta;1.0E-3 sec\nUnit;g;V\nTime;acc;volt\n"
         + table(times(1e-3), ACC, VOLT, gap=";"),
         Expected(("Time", "acc", "volt"), ("", "g", "V"), 1000.0, {1: ACC, 2: VOLT}),
     ),
@@ -246,6 +246,8 @@ PEOPLE = {
     "Chinese": ("采样率：2000 Hz\nt,a,v\n".replace("：", ":"), ",", 2000.0),
     "Russian": ("# Частота дискретизации: 2000 Гц\nt,a,v\n", ",", 2000.0),
     "a rate of something": ("Baud rate: 9600\nRate: 5\nHeart rate: 60 Hz\nt,a,v\n", ",", None),
+    "without the word rate": ("# Sampling: 2 kHz\nt,a,v\n", ",", 2000.0),
+    "words of anything": ("# Delta: 5\n# delta: 5 %\n# interval: 3 mm\n# increment = 1\nt,a,v\n", ",", None),
     "a device's capability": ("# Max sample rate: 100 MHz\nt,a,v\n", ",", None),
 }
 
@@ -354,6 +356,7 @@ UNITS = {
     "in a comment": ("# units: s, m/s^2, mV\nt,a,v\n", ("s", "m/s^2", "mV")),
     "in the last comment": ("# t,a,v\n# s,m/s²,mV\n", ("s", "m/s²", "mV")),
     "a sensitivity": ("t,a,v\ns,g,mV/(m/s²)\n", ("s", "g", "mV/(m/s²)")),
+    "one for two ordinates": ("# unit: V\nt,a,v\n", ("", "", "")),
     "some columns": ("t,a,v\ns,-,V\n", ("s", "-", "V")),
     "a title above": ("Run,Monday,Room\nt,a,v\n", ("", "", "")),
     "symbols under a title": ("Sensor,Alice,Bob\nt,V,A\n", ("", "", "")),

@@ -90,12 +90,15 @@ GROUPED = {
 def test_separators_of_thousands_are_refused(tmp_path, refused, cell):
     gap = GROUPED[cell]
     content = f"t{gap}v\n" + "".join(f"{n}{gap}{cell}\n" for n in range(9))
-    refused(lambda: opened(tmp_path, content).load([1]), problem="thousands", found=cell[-4:], where="column 2")
+    refused(lambda: opened(tmp_path, content).load([1]), problem="thousands", found=cell[-4:], where="line 2, column 2")
+    np.testing.assert_array_equal(opened(tmp_path, content).load([0])[0], np.arange(9.0))
 
 
 def test_quoted_numbers_with_separators_of_thousands_are_refused(tmp_path, refused):
     content = "t,v\n" + "".join(f'{n},"1,234.50"\n' for n in range(9))
-    refused(lambda: opened(tmp_path, content), problem="thousands", found="'1,234.50'", where="line 6")
+    refused(lambda: opened(tmp_path, content).load([1]), problem="thousands", found="'1,234.50'", where="line 2")
+    content = "v,w\n" + '"1,234.50","2,345.00"\n' * 9
+    refused(lambda: opened(tmp_path, content), problem="thousands", found="'1,234.50'", where="line")
 
 
 @pytest.mark.usefixtures("_way")

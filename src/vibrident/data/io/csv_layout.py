@@ -162,14 +162,13 @@ def _national(data: bytes) -> tuple[str, str]:
 
 
 def _layout_of(lines: list[str], encoding: str, head: bytes, file: str) -> CsvLayout:
-    plain = [respelled(line, ",;\t ", ".,") if _ODD.search(line) else line for line in lines]
+    plain = [respelled(line, ",;\t ") if _ODD.search(line) else line for line in lines]
     rows = [i for i, line in enumerate(plain) if line.strip() and not _is_comment(line)]
     sample = rows[len(rows) // 2 :][-_SAMPLE_LINES:]
     delimiter, decimal, fields = _dialect([plain[i] for i in sample], [plain[i] for i in rows])
     if decimal == "." and delimiter != ",":
         decimal = _decimal_of([plain[i] for i in rows], delimiter)
     cells = {i: split_line(plain[i], delimiter) for i in rows}
-    _refuse_thousands({i: cells[i] for i in sample}, decimal, file)
     numeric = _numeric([row for i in sample if len(row := cells[i]) == fields], fields, decimal)
     has_comments = any(
         len(row) == fields + 1 and row[-1].lower() in COMMENTS for row in cells.values()
@@ -178,6 +177,9 @@ def _layout_of(lines: list[str], encoding: str, head: bytes, file: str) -> CsvLa
         cells = {i: row[:fields] for i, row in cells.items()}
     first = _first_row(cells, lines, numeric, fields, delimiter, decimal)
     if first is None:
+        for i in sample:
+            for cell in cells[i]:
+                refuse_thousands(cell, f"{file}, line {i + 1}")
         raise _no_rows([lines[i] for i in rows], file)
     where = f"{file}, line {first + 1}"
     head_cells = {i: split_line(lines[i], delimiter) for i in rows if i < first}
@@ -257,18 +259,16 @@ def _no_rows(lines: Sequence[str], file: str) -> InputError:
     )
 
 
-def _refuse_thousands(rows: dict[int, list[str]], decimal: str, file: str) -> None:
-    """Refuse numbers with separators of thousands: their signs have two meanings."""
-    for i, row in rows.items():
-        for column, cell in enumerate(row):
-            if _GROUPED.fullmatch(cell) and not is_number(cell, decimal):
-                raise InputError(
-                    "A number has separators of thousands.",
-                    expected="numbers without them, such as 1234.5 or 1234,5",
-                    found=repr(cell),
-                    where=f"{file}, line {i + 1}, column {column + 1}",
-                    remedy="export the data without separators of thousands",
-                )
+def refuse_thousands(cell: str, where: str) -> None:
+    """Refuse a number with separators of thousands: its signs have two readings."""
+    if _GROUPED.fullmatch(cell):
+        raise InputError(
+            "A number has separators of thousands.",
+            expected="numbers without them, such as 1234.5 or 1234,5",
+            found=repr(cell),
+            where=where,
+            remedy="export the data without separators of thousands",
+        )
 
 
 def _is_comment(line: str) -> bool:

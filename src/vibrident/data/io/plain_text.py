@@ -39,6 +39,9 @@ OVERFLOWS = (
     *("#n/v", "#value!", "#num!", "invalid", "---", "--"),
 )
 _REPEATED = r"\+{3,}|-{3,}|\*{3,}|#{3,}"
+_WORD_LIKE = re.compile(r"[A-Za-z#*][A-Za-z#*./ ]|[+-]{2}")
+_PLAIN = b"0123456789.,;+-eE\" \t\r\n"
+_LOOSE_SIGN = re.compile(rb"[+-][^0-9.,]")
 _WORDS = "|".join(re.escape(word).replace(r"\ ", " +") for word in OVERFLOWS)
 #: Minus sign, en dash, figure dash, and the en dash of Windows-1252 as it is decoded here.
 _MINUS = "\u2212\u2013\u2012\udc96\x96"
@@ -67,16 +70,26 @@ class PlainText:
             self._content = _without_end(self._decoded())
         return io.BytesIO(self._content)
 
-    def respell(self, delimiter: str, decimal: str) -> bool:
+    def respell(self, delimiter: str) -> bool:
         """Rewrite numbers in another spelling and words for overflows; False if there were none.
 
         Lines stay where they are.
         """
-        text = self.read().decode("utf-8", errors="surrogateescape")
-        plain = respelled(text, delimiter, decimal)
-        if plain != text:
-            self.replace(plain.encode("utf-8", errors="surrogateescape"))
-        return plain != text
+        content = self.read()
+        blocks: list[bytes] = []
+        begin = 0
+        while begin < len(content):
+            end = content.find(b"\n", begin + _BLOCK_BYTES) + 1 or len(content)
+            block = content[begin:end]
+            if block.translate(None, _PLAIN) or _LOOSE_SIGN.search(block):
+                text = respelled(block.decode(errors="surrogateescape"), delimiter)
+                block = text.encode(errors="surrogateescape")
+            blocks.append(block)
+            begin = end
+        plain = b"".join(blocks)
+        if plain != content:
+            self.replace(plain)
+        return plain != content
 
     def read(self) -> bytes:
         """Return the whole content."""
@@ -99,41 +112,28 @@ class PlainText:
             return b"".join([*parts, decoder.decode(b"", final=True).encode()])
 
 
-def respelled(text: str, delimiter: str, decimal: str) -> str:
-    """Return text with its numbers in plain spelling: ``−1``, ``1.0D+00``, ``+ 0.08``, ``∞``, ``OVLD``.
+def respelled(text: str, delimiter: str) -> str:
+    """Return text with its numbers in plain spelling: −1, 1.0D+00, + 0.08, ∞, OVLD.
 
-    ``delimiter``, ``decimal``: several characters each for the head of a file, where they are not known.
+    ``delimiter``: of cells, or all that it may be.
     """
-    tabs = "" if "\t" in delimiter else "\t"
-    edge = re.escape(delimiter) + ("\\t" if delimiter == BLANKS else "") + '"'
-    blanks = f"[ {tabs}]*"
-    sign = re.escape(decimal)
-    mantissa = f"(?:\\d+[{sign}]?\\d*|[{sign}]\\d+)"
-    pattern = re.compile(
-        f"(?:^|(?<=[{edge}])){blanks}(?:"
-        f"(?P<word>[+-]?(?:{_WORDS})|{_REPEATED})"
-        f"|(?P<infinite>[+\\-{_MINUS}]?)(?:∞|1\\.#inf)"
-        f"|(?P<number>[+-]?{mantissa}(?:D[+\\-{_MINUS}]|E[{_MINUS}])\\d+)"
-        f"|(?P<sign>[{_MINUS}]|[+-](?=[ \t])){blanks}"
-        f"(?P<digits>{mantissa}(?:[ED][+\\-{_MINUS}]?\\d+)?)"
-        f")(?={blanks}(?:[{edge}\\r\\n]|\\Z))",
-        re.IGNORECASE | re.MULTILINE,
-    )
-    return pattern.sub(_plain_cell, text)
+    edge = re.escape(delimiter) + ("\\t" if delimiter == BLANKS else "") + r'\r\n"'
+    blank = " " if "\t" in delimiter else r"[ \t]"
+    for sign in _MINUS:
+        if sign in text:
+            text = re.sub(f"{sign}(?<![^{edge} eEdD]{sign})", "-", text)
+    text = re.sub(rf"(?<=[\d.,])[dD](?=[+-]\d+{blank}*(?:[{edge}]|\Z))", "e", text)
+    text = text.replace("∞", "inf")
+    text = re.sub(rf"([+-])(?<![^{edge} ][+-]){blank}+(?=[\d.,])", r"\1", text)
+    if _WORD_LIKE.search(text):
+        cell = rf"(?<![^{edge}]){blank}*(?:([+-]?)1\.#inf|[+-]?(?:{_WORDS})|{_REPEATED})"
+        cell += rf"(?={blank}*(?:[{edge}]|\Z))"
+        text = re.sub(cell, _plain_word, text, flags=re.IGNORECASE)
+    return text
 
 
-def _plain_cell(match: re.Match[str]) -> str:
-    if match["word"] is not None:
-        return "nan"
-    if match["infinite"] is not None:
-        return ("-" if _is_minus(match["infinite"]) else "") + "inf"
-    number = re.sub(f"[{_MINUS}]", "-", match["number"] or match["digits"])
-    number = re.sub(r"D(?=[+-])", "e", number, flags=re.IGNORECASE)
-    return ("-" if _is_minus(match["sign"] or "") else "") + number
-
-
-def _is_minus(sign: str) -> bool:
-    return sign != "" and sign in "-" + _MINUS
+def _plain_word(match: re.Match[str]) -> str:
+    return "nan" if match[1] is None else match[1] + "inf"
 
 
 def _wide_encoding(head: bytes) -> str:

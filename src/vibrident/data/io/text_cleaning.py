@@ -22,7 +22,7 @@ def clean(text: PlainText, layout: CsvLayout, file: str) -> bool:
     the one before, or begins at another time than that ends.
     """
     before = text.read()
-    text.respell(layout.delimiter, layout.decimal)
+    text.respell(layout.delimiter)
     content = text.read()
     if layout.has_comments and layout.delimiter != BLANKS:
         gap = re.escape(layout.delimiter)

@@ -21,13 +21,13 @@ _KEYS = {
     "rate": (
         "sample rate", "sampling rate", "sample frequency", "sampling frequency", "sample freq", "sampling freq",
         "samp rate", "samples per second", "samples per sec", "scan rate", "acquisition rate", "sps", "srate", "fs",
-        "abtastrate", "abtastfrequenz", "messrate", "rate", "fréquence d'échantillonnage", "frequence d'echantillonnage",
+        "samples/sec", "samples/s", "abtastrate", "abtastfrequenz", "messrate", "rate", "sampling", "abtastung", "fréquence d'échantillonnage", "frequence d'echantillonnage",
         "frecuencia de muestreo", "frequenza di campionamento", "采样率", "采样频率", "サンプリング周波数",
         "サンプリングレート", "частота дискретизации",
     ),
     "interval": (
         "sample interval", "sampling interval", "sample period", "sampling period", "scan interval", "delta x",
-        "delta t", "delta", "Δt", "dt", "x increment", "time increment", "increment", "x incr", "t inc", "time step",
+        "delta t", "delta", "interval", "intervall", "Δt", "dt", "x increment", "time increment", "increment", "x incr", "t inc", "time step",
         "abtastintervall", "abtastperiode", "abtastzeit", "zeitschritt", "schrittweite", "période d'échantillonnage",
         "pas de temps", "periodo de muestreo", "采样间隔", "采样周期", "サンプリング周期", "サンプリング間隔",
         "период дискретизации", "интервал дискретизации",
@@ -40,6 +40,10 @@ _KEYS = {
     "time unit": ("horizontal units", "x units", "x unit"),
     "dimension": ("x dimension",),
 }  # fmt: skip
+#: Of a sampling if they have a unit of it.
+_OF_ANYTHING = frozenset(
+    {"rate", "sampling", "abtastung", "delta", "increment", "interval", "intervall"}
+)
 _SEPARATORS = ":=,;\t"
 _STATEMENT = re.compile(
     r"(?:^|[,;|\t(]|//|\s{2})[\s#%*!]*(?:"
@@ -122,9 +126,9 @@ def statements(line: HeadLine, delimiter: str) -> Iterator[Statement]:
         values = _trimmed([cell.strip() for cell in re.split(gap, rest)])
         unit = (match["bracket"] or match["word"] or "").strip()
         numbers = [_NUMBER.match(value) for value in values]
-        is_bare = match[0].strip(_SEPARATORS + "\t#%*! ").lower() == "rate" and not (
-            unit or any(number and number[2] for number in numbers)
-        )  # may be of anything
+        is_bare = match[0].strip(_SEPARATORS + "|(/#%*! ").lower() in _OF_ANYTHING and not (
+            unit or any(number and _unit(number[2]) for number in numbers)
+        )
         is_unit = kind == "dimension" or any(parse_unit(value) is not None for value in values)
         if (is_word and is_unit) or (not is_word and any(numbers) and not is_bare):
             yield Statement(kind, tuple(values), unit, is_row, match.start() == 0, line)
@@ -206,11 +210,13 @@ def _by_column(statement: Statement, columns: Sequence[_Column]) -> Iterator[tup
 
 
 def _take_units(statement: Statement, columns: list[_Column], x_column: int | None) -> None:
-    is_single = len(statement.values) == 1
-    if is_single and parse_unit(statement.values[0]) is None:
-        return  # a remark, such as "metric"
-    for index, (column, value) in enumerate(_by_column(statement, columns)):
-        if not (is_single and index == x_column) and not says_nothing(value):
+    """Set the units of columns; a single one is of a single ordinate."""
+    pairs = list(_by_column(statement, columns))
+    if len(statement.values) == 1:
+        pairs = [pair for n, pair in enumerate(pairs) if pair[0].is_numeric and n != x_column]
+        pairs = pairs if len(pairs) == 1 else []
+    for column, value in pairs:
+        if not says_nothing(value):
             column.unit = column.unit or without_brackets(value)
 
 
@@ -287,7 +293,7 @@ def _unit(text: str) -> Unit | None:
     samples = _SAMPLES_PER_SECOND.match(text)
     if samples:
         return Unit(_PREFIXES[samples["prefix"].lower()], (("s", -1),))
-    plain = text.split()[0].strip(".,;)]") if text.split() else ""
+    plain = (text.split() or [""])[0].strip("()[].,; ")
     parsed = None if plain == "mhz" else parse_unit(re.sub(r"^K(?=Hz)", "k", plain))
     return parsed if parsed and parsed.dimension in ((("s", 1),), (("s", -1),)) else None
 

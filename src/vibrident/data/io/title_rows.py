@@ -18,9 +18,9 @@ _BRACKETED = re.compile(r"\[.*\]|\(.*\)|<.*>")
 _COUNTERS = frozenset(
     {"sequence", "no.", "no", "nr", "nr.", "number", "index", "samples", "points", "ticks", "tick"}
 )
-#: Of a column of times.
+#: Of an abscissa.
 TIME_NAMES = re.compile(
-    r"(?:x|t|x[ _-]?(?:value|axis|achse)|time\w*|zeit|seconds?|source)\b", re.IGNORECASE
+    r"(?:x|t|x[ _-]?(?:value|axis|achse)|time\w*|zeit|seconds?|source|f|freq\w*)\b", re.IGNORECASE
 )
 
 
@@ -42,11 +42,11 @@ def columns_of(data: Sequence[list[str]], above: Sequence[list[str]], fields: in
 
 
 def keys_over_values(rows: dict[int, list[str]], columns: int) -> list[HeadLine]:
-    """Return statements of a head with keys beside the names and their values below (Rigol)."""
+    """Return statements of a head with keys beside the names and their values below, in s (Rigol)."""
     found = []
     for (i, row), (_, below) in pairwise(rows.items()):
         found += [
-            HeadLine(i + 1, f"{key}: {value}")
+            HeadLine(i + 1, f"{key}: {value} s")
             for key, value in zip(row[columns:], below[columns:], strict=False)
             if is_key(key) and value
         ]

@@ -20,6 +20,7 @@ from vibrident.data.io.csv_layout import (
     detect_layout,
     is_number,
     open_text,
+    refuse_thousands,
     split_line,
     too_long_a_line,
 )
@@ -370,11 +371,13 @@ class CsvFile(ColumnFile):
             for position in positions:
                 cell = cells[position]
                 if cell not in _NO_VALUE and not is_number(cell, sign):
+                    where = f"{self.file}, line {line}, {self._column(position)}"
+                    refuse_thousands(cell, where)
                     return InputError(
                         "A cell that must hold a number holds text.",
                         expected=f"a number, with decimal sign {sign!r}",
                         found=repr(cell[:40]),
-                        where=f"{self.file}, line {line}, {self._column(position)}",
+                        where=where,
                         remedy="repair the cell, or name another column",
                     )
         return InputError(
