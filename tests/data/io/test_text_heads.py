@@ -246,6 +246,7 @@ PEOPLE = {
     "Chinese": ("采样率：2000 Hz\nt,a,v\n".replace("：", ":"), ",", 2000.0),
     "Russian": ("# Частота дискретизации: 2000 Гц\nt,a,v\n", ",", 2000.0),
     "a rate of something": ("Baud rate: 9600\nRate: 5\nHeart rate: 60 Hz\nt,a,v\n", ",", None),
+    "JSON": ('# {"n": 40, "fs": 1000}\nt,a,v\n', ",", 1000.0),
     "without the word rate": ("# Sampling: 2 kHz\nt,a,v\n", ",", 2000.0),
     "words of anything": ("# Delta: 5\n# delta: 5 %\n# interval: 3 mm\n# increment = 1\nt,a,v\n", ",", None),
     "a device's capability": ("# Max sample rate: 100 MHz\nt,a,v\n", ",", None),

@@ -147,6 +147,23 @@ def test_stamps_pass_noon_and_midnight(tmp_path):
     np.testing.assert_array_equal(source.load([0])[0], [0.0, 0.5, np.nan, 1.0])
 
 
+SPLIT_STAMPS = {
+    "date and time": ("2026-11-22,10:00:00.5,1.5\n", 1, NS_2026 + 500_000_000, True),
+    "blanks": ("2026-11-22  10:00:00.5  1.5\n", 1, NS_2026 + 500_000_000, True),
+    "AM between blanks": ("11/22/2026 10:00:00.5 AM 1.5\n", 1, NS_2026 + 500_000_000, True),
+    "PM alone": ("10:00:00.5;PM;1.5\n", 0, 79_200_500_000_000, False),
+}
+
+
+@pytest.mark.parametrize("kind", SPLIT_STAMPS)
+def test_date_and_time_in_two_columns_are_one_stamp(tmp_path, kind):
+    row, position, ns, epoch = SPLIT_STAMPS[kind]
+    source = opened(tmp_path, row * 9)
+    assert source.in_seconds(position)
+    assert source.start(position) == Start(ns, epoch=epoch)
+    np.testing.assert_array_equal(source.load([position])[0], np.zeros(9))
+
+
 BAD_STAMPS = {
     "two readings": (["03/04/2026 10:00:00", "03/04/2026 10:00:01"], "line 2", "3 Apr, or 4 Mar"),
     "no such day": (["2026-02-30 10:00:00"] * 2, "line 2", "2026-02-30"),

@@ -40,7 +40,7 @@ OVERFLOWS = (
 )
 _REPEATED = r"\+{3,}|-{3,}|\*{3,}|#{3,}"
 _WORD_LIKE = re.compile(r"[A-Za-z#*][A-Za-z#*./ ]|[+-]{2}")
-_PLAIN = b"0123456789.,;+-eE\" \t\r\n"
+_PLAIN = b'0123456789.,;+-eE" \t\r\n'
 _LOOSE_SIGN = re.compile(rb"[+-][^0-9.,]")
 _WORDS = "|".join(re.escape(word).replace(r"\ ", " +") for word in OVERFLOWS)
 #: Minus sign, en dash, figure dash, and the en dash of Windows-1252 as it is decoded here.

@@ -1,6 +1,7 @@
-"""What the lines above the data of a text file state: sampling rate, interval, start and units of its columns.
+"""What the lines above the data of a text file state: rate, interval, start and units of columns.
 
-One rule for all makers: a line holds a key and its values, and the key is sought in one table, in the usual languages.
+One rule for all makers: a line holds a key and its values, and the key is sought in one table, in
+the usual languages.
 """
 
 from __future__ import annotations
@@ -16,37 +17,35 @@ from vibrident.data.io.sampling import plainest_clock
 from vibrident.data.io.stamps import has_fraction, is_stamp, parse_stamps
 from vibrident.data.io.units import Unit, parse_unit, says_nothing
 
-#: Keys of a statement, by what they state; a blank stands for any of "_", "-", "." and blanks, or none.
+#: Keys of a statement, by what they state; a blank stands for "_", "-", "." and blanks, or none.
 _KEYS = {
-    "rate": (
-        "sample rate", "sampling rate", "sample frequency", "sampling frequency", "sample freq", "sampling freq",
-        "samp rate", "samples per second", "samples per sec", "scan rate", "acquisition rate", "sps", "srate", "fs",
-        "samples/sec", "samples/s", "abtastrate", "abtastfrequenz", "messrate", "rate", "sampling", "abtastung", "fréquence d'échantillonnage", "frequence d'echantillonnage",
-        "frecuencia de muestreo", "frequenza di campionamento", "采样率", "采样频率", "サンプリング周波数",
-        "サンプリングレート", "частота дискретизации",
-    ),
-    "interval": (
-        "sample interval", "sampling interval", "sample period", "sampling period", "scan interval", "delta x",
-        "delta t", "delta", "interval", "intervall", "Δt", "dt", "x increment", "time increment", "increment", "x incr", "t inc", "time step",
-        "abtastintervall", "abtastperiode", "abtastzeit", "zeitschritt", "schrittweite", "période d'échantillonnage",
-        "pas de temps", "periodo de muestreo", "采样间隔", "采样周期", "サンプリング周期", "サンプリング間隔",
-        "период дискретизации", "интервал дискретизации",
-    ),
-    "start": ("start time", "start", "x zero", "x0", "t0", "startzeit", "开始时间"),
-    "units": (
-        "y unit label", "vertical units", "y units", "units", "unit", "einheiten", "einheit", "unités", "unidades",
-        "单位", "単位", "единицы",
-    ),
-    "time unit": ("horizontal units", "x units", "x unit"),
-    "dimension": ("x dimension",),
-}  # fmt: skip
+    kind: keys.split(", ")
+    for kind, keys in {
+        "rate": "sample rate, sampling rate, sample frequency, sampling frequency, sample freq, "
+        "sampling freq, samp rate, samples per second, samples per sec, samples/sec, samples/s, sps, "
+        "scan rate, acquisition rate, srate, fs, rate, sampling, abtastrate, abtastfrequenz, "
+        "abtastung, messrate, fréquence d'échantillonnage, frecuencia de muestreo, "
+        "frequenza di campionamento, 采样率, 采样频率, サンプリング周波数, サンプリングレート, "
+        "частота дискретизации",
+        "interval": "sample interval, sampling interval, sample period, sampling period, "
+        "scan interval, time increment, time step, delta x, delta t, delta, Δt, dt, x increment, "
+        "x incr, increment, interval, t inc, abtastintervall, intervall, abtastperiode, abtastzeit, "
+        "zeitschritt, schrittweite, période d'échantillonnage, periodo de muestreo, 采样间隔, "
+        "采样周期, サンプリング周期, サンプリング間隔, период дискретизации, интервал дискретизации",
+        "start": "start time, start, x zero, x0, t0, startzeit, 开始时间",
+        "units": "y unit label, vertical units, y units, units, unit, einheiten, einheit, unités, "
+        "unidades, 单位, 単位, единицы",
+        "time unit": "horizontal units, x units, x unit",
+        "dimension": "x dimension",
+    }.items()
+}
 #: Of a sampling if they have a unit of it.
 _OF_ANYTHING = frozenset(
     {"rate", "sampling", "abtastung", "delta", "increment", "interval", "intervall"}
 )
 _SEPARATORS = ":=,;\t"
 _STATEMENT = re.compile(
-    r"(?:^|[,;|\t(]|//|\s{2})[\s#%*!]*(?:"
+    r"(?:^|[,;|\t({]|//|\s{2})[\s#%*!]*(?:"
     + "|".join(
         f"(?P<{kind.replace(' ', '_')}>"
         + "|".join(
@@ -62,12 +61,15 @@ _STATEMENT = re.compile(
 _NUMBER = re.compile(r"([+-]?\.?\d[\d.,']*(?:[eE][+-]?\d+)?)\s*(.*)")
 _GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}(?:[,.']\d{3})+")
 _SAMPLES_PER_SECOND = re.compile(
-    r"(?P<prefix>[kMG]?)(?:(?:samples?|sa|smp|points|pts|scans|s)\s*(?:/|per)\s*s(?:ec(?:ond)?)?|sps)\b",
+    r"(?P<prefix>[kMG]?)"
+    r"(?:(?:samples?|sa|smp|points|pts|scans|s)\s*(?:/|per)\s*s(?:ec(?:ond)?)?|sps)\b",
     re.IGNORECASE,
 )
+_IN_BRACKETS = re.compile(r"\[[^\[\]]*\]|\([^()]*\)|\{[^{}]*\}|<[^<>]*>")
 _PREFIXES = {"": 1.0, "k": 1e3, "m": 1e6, "g": 1e9}
-#: Digits from which on a number of a program may be rounded: of an interval, often the reciprocal of a round number.
+#: A number of more digits may be rounded; an interval is often the reciprocal of a round number.
 _EXACT_DIGITS = {"rate": 5, "interval": 3}
+_MAX_RATE_HZ = 1e15  # far beyond any converter; a larger one is damage
 LABVIEW_END = "***End_of_Header***"
 _LABVIEW_EPOCH_S = -2_082_844_800  # 1904-01-01 since 1970-01-01
 
@@ -126,7 +128,7 @@ def statements(line: HeadLine, delimiter: str) -> Iterator[Statement]:
         values = _trimmed([cell.strip() for cell in re.split(gap, rest)])
         unit = (match["bracket"] or match["word"] or "").strip()
         numbers = [_NUMBER.match(value) for value in values]
-        is_bare = match[0].strip(_SEPARATORS + "|(/#%*! ").lower() in _OF_ANYTHING and not (
+        is_bare = match[0].strip(_SEPARATORS + "|({/#%*! ").lower() in _OF_ANYTHING and not (
             unit or any(number and _unit(number[2]) for number in numbers)
         )
         is_unit = kind == "dimension" or any(parse_unit(value) is not None for value in values)
@@ -199,7 +201,7 @@ def read_head(
 
 
 def _by_column(statement: Statement, columns: Sequence[_Column]) -> Iterator[tuple[_Column, str]]:
-    """Give each column with its value: one for all of numbers, or one a column, of all or but the first."""
+    """Give each column with its value: one for all, one for each, or for each but the first."""
     values = statement.values
     if len(values) == 1:
         yield from ((column, values[0] if column.is_numeric else "") for column in columns)
@@ -222,11 +224,7 @@ def _take_units(statement: Statement, columns: list[_Column], x_column: int | No
 
 def without_brackets(unit: str) -> str:
     """Return a unit without brackets around the whole of it."""
-    return (
-        unit[1:-1].strip()
-        if re.fullmatch(r"\[[^\[\]]*\]|\([^()]*\)|\{[^{}]*\}|<[^<>]*>", unit)
-        else unit
-    )
+    return unit[1:-1].strip() if _IN_BRACKETS.fullmatch(unit) else unit
 
 
 def _take_clock(
@@ -252,15 +250,16 @@ def _clock(statement: Statement, value: str, decimal: str, time_unit: str, file:
     written = _NUMBER.match(value)
     text = written[1].rstrip(".,'") if written else ""
     number = _number(text, decimal)
-    stated = (written[2] if written else "").strip("()[] .;") or statement.unit
+    stated = (written[2] if written else "").strip("()[]{} .;") or statement.unit
     default = "Hz" if statement.kind == "rate" else time_unit or "s"
     unit = _unit(stated or default)
-    if number is None or number <= 0 or unit is None:
+    if number is None or unit is None or not 1 / _MAX_RATE_HZ < number * unit.factor < _MAX_RATE_HZ:
         raise _unusable(statement, "a number above 0, in Hz or s or a multiple", file)
     kind = "rate" if unit.dimension == (("s", -1),) else "interval"
     digits, half_unit = _precision(text)
-    size, half_unit = number * unit.factor, half_unit * unit.factor
-    if len(digits.strip("0")) <= _EXACT_DIGITS[kind] or (kind == "rate" and half_unit >= 0.5):
+    size = number * unit.factor
+    half_unit *= unit.factor
+    if digits <= _EXACT_DIGITS[kind] or (kind == "rate" and half_unit >= 0.5):
         return Clock(float(f"{size if kind == 'rate' else 1.0 / size:.15g}"))
     if kind == "rate":
         return plainest_clock(1.0 / size, half_unit / size**2)
@@ -279,13 +278,12 @@ def _number(text: str, decimal: str) -> float | None:
         return None
 
 
-def _precision(text: str) -> tuple[str, float]:
-    """Return the significant digits of a number as written, and half a unit of its last place."""
+def _precision(text: str) -> tuple[int, float]:
+    """Return the number of significant digits as written, and half a unit of the last place."""
     mantissa, _, exponent = text.lower().replace(",", ".").partition("e")
     places = len(mantissa.partition(".")[2])
-    return mantissa.lstrip("+-").replace(".", "").lstrip("0"), 0.5 * 10.0 ** (
-        int(exponent or 0) - places
-    )
+    digits = mantissa.lstrip("+-").replace(".", "").strip("0")
+    return len(digits), 0.5 * 10.0 ** (int(exponent or 0) - places)
 
 
 def _unit(text: str) -> Unit | None:
@@ -293,7 +291,7 @@ def _unit(text: str) -> Unit | None:
     samples = _SAMPLES_PER_SECOND.match(text)
     if samples:
         return Unit(_PREFIXES[samples["prefix"].lower()], (("s", -1),))
-    plain = (text.split() or [""])[0].strip("()[].,; ")
+    plain = (text.split() or [""])[0].strip("()[]{}.,; ")
     parsed = None if plain == "mhz" else parse_unit(re.sub(r"^K(?=Hz)", "k", plain))
     return parsed if parsed and parsed.dimension in ((("s", 1),), (("s", -1),)) else None
 
@@ -347,34 +345,29 @@ def _take_starts(
             written = _NUMBER.match(value)
             number = _number(written[1].rstrip(".,'"), decimal) if written else None
             unit = _unit((written[2] if written else "") or statement.unit or "s")
-            if number is not None and unit is not None:
+            if number is not None and unit is not None and abs(number) < _MAX_RATE_HZ:
                 column.start = Start.on_own_clock(number * unit.factor)
     if any(line.text.strip().startswith(LABVIEW_END) for line in lines):
         _take_labview_starts(lines, columns, delimiter)
 
 
 def _take_labview_starts(lines: Sequence[HeadLine], columns: list[_Column], delimiter: str) -> None:
-    """Add the date and time of a LabVIEW measurement, which X0 counts from, or 1904 (Time_Pref Absolute)."""
-    rows: Mapping[str, list[str]] = {
-        cells[0].strip().lower(): [cell.strip() for cell in cells[1:]]
-        for line in lines
-        if len(cells := line.text.strip("\r\n").split("\t" if delimiter == BLANKS else delimiter))
-        > 1
-    }
-    dates, times = rows.get("date", []), rows.get("time", [])
-    is_absolute = rows.get("time_pref", [""])[0].lower() == "absolute"
-    pairs = {}
-    for statement, values in (("date", dates), ("time", times)):
-        stated = Statement(statement, tuple(_trimmed(values)), "", True, True, lines[0])
-        pairs[statement] = {id(column): value for column, value in _by_column(stated, columns)}
-    for column in columns:
+    """Add the date and time that X0 of a LabVIEW measurement counts from, or 1904 (Time_Pref)."""
+    gap = None if delimiter == BLANKS else delimiter
+    cells = [[cell.strip() for cell in line.text.rstrip().split(gap)] for line in lines]
+    rows = {key.lower(): values for key, *values in cells if values}  # of the last head
+
+    def cell(key: str, column: int) -> str:
+        values = rows.get(key, [""])
+        return values[0] if len(values) == 1 else "".join(values[max(column - 1, 0) :][:1])
+
+    for index, column in enumerate(columns):
         x0_ns = 0 if column.start is None else column.start.ns
-        if is_absolute and x0_ns:
-            column.start = Start(x0_ns + _LABVIEW_EPOCH_S * 10**9, epoch=True)
-            continue
-        stamp = f"{pairs['date'].get(id(column), '')} {pairs['time'].get(id(column), '')}"
+        stamp = f"{cell('date', index)} {cell('time', index)}"
         begin = _epoch(stamp) if is_stamp(stamp) else None
-        if begin is not None:
+        if x0_ns and cell("time_pref", index).lower() == "absolute":
+            column.start = Start(x0_ns + _LABVIEW_EPOCH_S * 10**9, epoch=True)
+        elif begin is not None:
             column.start = Start(begin.ns + x0_ns, epoch=True)
 
 

@@ -230,7 +230,10 @@ class CsvFile(ColumnFile):
         if wanted:
             size = self._row_lines.size  # which refuses uneven rows
             rows = numbered_rows(self._text, self._layout)
-            columns = [*zip(*([cells[p] for p in wanted] for _, cells in rows), strict=True)]
+            spans = [self._span(position) for position in wanted]
+            columns = [
+                *zip(*([" ".join(cells[s]) for s in spans] for _, cells in rows), strict=True)
+            ]
             for position, cells in zip(wanted, columns, strict=True):
                 if len(cells) != size:
                     raise self._torn(len(cells))
@@ -238,6 +241,16 @@ class CsvFile(ColumnFile):
                     cells, _NO_VALUE, lambda row, position=position: self.locate(position, row)
                 )
         return [self._parsed[position] for position in positions]
+
+    def _span(self, position: int) -> slice:
+        """Return the cells of a stamp: that of the time, of a date before it, of AM or a zone behind it."""
+        row = self._first_row
+        begin, end = position, position + 1
+        if position and is_stamp(f"{row[position - 1]} {row[position]}"):
+            begin -= 1
+        if row[end:] and row[end].isalpha() and is_stamp(f"{row[position]} {row[end]}"):
+            end += 1
+        return slice(begin, end)
 
     def _torn(self, found: int) -> InputError:
         return InputError(
