@@ -1,4 +1,4 @@
-"""Times of day as text, with a date or without: ISO 8601, German and US notation, AM and PM, time zones."""
+"""Times of day as text, with a date or without: ISO 8601, German and US dates, AM and PM, zones."""
 
 from __future__ import annotations
 
@@ -14,21 +14,17 @@ from numpy.typing import NDArray
 from vibrident.base.errors import InputError
 from vibrident.data.records import FloatArray
 
-_DAY_NS, _SECOND_NS = 86_400 * 10**9, 10**9
+_DAY_NS = 86_400 * 10**9
+_SECOND_NS = 10**9
 _DIGITS = 9  # of a fraction that count: nanoseconds
 _MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
-_ZONES = frozenset({"", "z", "utc", "gmt"})
+_FIRST_YEAR, _LAST_YEAR = 1678, 2261  # whole years of 64-bit nanoseconds since 1970
 _STAMP = re.compile(
-    r"(?:(?:(?P<year>\d{4})[-/.](?P<month>\d\d?)[-/.](?P<day>\d\d?)"
-    r"|(?P<d>\d\d?)\.(?P<m>\d\d?)\.(?P<y>\d{4})"
-    r"|(?P<first>\d\d?)/(?P<second>\d\d?)/(?P<slashed>\d{4})"
-    r"|(?P<name_d>\d\d?)[- ](?P<name>[A-Za-z]{3})[- ](?P<name_y>\d{4})"
-    r")(?:,? +|T))?"
-    r"(?P<hour>\d\d?):(?P<minute>\d\d):(?P<seconds>\d\d)(?:[.,](?P<fraction>\d+))?"
-    r"(?: ?(?P<half>[AaPp])\.?[Mm]\.?)?"
-    r"(?: ?(?P<zone>Z|UTC|GMT|[+-]\d\d(?::?\d\d)?))?",
+    r"(?:(?P<date>\d{4}[-/.]\d\d?[-/.]\d\d?|\d\d?\.\d\d?\.\d{4}|\d\d?/\d\d?/\d{4}"
+    r"|\d\d?[- ][A-Za-z]{3}[- ]\d{4})(?:,? +|T))?"
+    r"(?P<hour>\d\d?):(?P<minute>\d\d):(?P<second>\d\d)(?:[.,](?P<fraction>\d+))?"
+    r"(?: ?(?P<half>[AaPp])\.?[Mm]\.?)?(?: ?(?:Z|UTC|GMT|(?P<zone>[+-]\d\d(?::?\d\d)?)))?"
 )
-_REMEDY = "repair the cell, or give rate_hz if only the time stamps are wrong"
 
 
 @dataclass(frozen=True)
@@ -74,26 +70,24 @@ def parse_stamps(
             such as 03/04/2026 has two readings in every row.
     """
     matches = [_STAMP.fullmatch(cell) for cell in cells]
-    month_first = _is_month_first(matches, locate)
+    dates = {match["date"]: row for row, match in reversed([*enumerate(matches)]) if match}
+    month_first = _is_month_first(dates, locate)
     ns = np.zeros(len(cells), dtype=np.int64)
-    is_missing = np.zeros(len(cells), dtype=bool)
-    dated: bool | None = None
-    for row, match in enumerate(matches):
-        if match is None and cells[row] in missing:
-            is_missing[row] = True
-            continue
+    is_missing = np.array([cell in missing for cell in cells], dtype=bool)
+    for row in np.flatnonzero(~is_missing).tolist():
+        match = matches[row]
         value = None if match is None else _nanoseconds(match, month_first)
-        if match is None or value is None:
+        if value is None:
             raise _refusal("A cell is not an existing time.", cells[row], locate(row))
-        has_date = _date(match, month_first) is not None
-        if dated not in (None, has_date):
-            raise _refusal("Only some of the times have a date.", cells[row], locate(row))
-        ns[row], dated = value, has_date
-    if not dated:
+        ns[row] = value
+    if None in dates and len(dates) > 1:
+        row = max(dates[None], min(row for date, row in dates.items() if date))
+        raise _refusal("Only some of the times have a date.", cells[row], locate(row))
+    if None in dates:
         present = ns[~is_missing]
         present[1:] += _DAY_NS * np.cumsum(np.diff(present) < -_DAY_NS // 2)
         ns[~is_missing] = present
-    return Stamps(ns, is_missing, bool(dated))
+    return Stamps(ns, is_missing, None not in dates)
 
 
 def _refusal(problem: str, cell: str, where: str) -> InputError:
@@ -102,79 +96,68 @@ def _refusal(problem: str, cell: str, where: str) -> InputError:
         expected="times of day such as 10:00:00.125, or 2026-11-22T10:00:00.125 in every row",
         found=repr(cell[:40]),
         where=where,
-        remedy=_REMEDY,
+        remedy="repair the cell, or give rate_hz if only the time stamps are wrong",
     )
 
 
-def _is_month_first(matches: Sequence[re.Match[str] | None], locate: Callable[[int], str]) -> bool:
-    """Tell the order of day and month in dates with slashes, which one row above 12 decides."""
-    pairs: dict[tuple[int, int], int] = {}
-    for row, match in enumerate(matches):
-        if match and match["first"]:
-            pairs.setdefault((int(match["first"]), int(match["second"])), row)
-    if any(first > 12 for first, _ in pairs):
+def _is_month_first(dates: dict[str | None, int], locate: Callable[[int], str]) -> bool:
+    """Tell the order of day and month in dates with slashes, which a number above 12 decides.
+
+    ``dates``: as written → first row.
+    """
+    slashed = {date: row for date, row in dates.items() if date and date[:3].count("/") == 1}
+    pairs = {date: [int(part) for part in date.split("/")[:2]] for date in slashed}
+    if any(first > 12 for first, _ in pairs.values()):
         return False
-    if all(first == second for first, second in pairs) or any(second > 12 for _, second in pairs):
+    if any(second > 12 for _, second in pairs.values()):
         return True
-    (first, second), row = next((pair, row) for pair, row in pairs.items() if pair[0] != pair[1])
-    raise InputError(
-        "A date has two readings.",
-        expected="dates such as 2026-11-22, or with a day above 12 in one row",
-        found=f"{first:02d}/{second:02d}: {first} {_MONTHS[second - 1].title()}, "
-        f"or {second} {_MONTHS[first - 1].title()}",
-        where=locate(row),
-        remedy="export the times with dates as year-month-day, or give rate_hz",
-    )
-
-
-def _date(match: re.Match[str], month_first: bool) -> tuple[int, int, int] | None:
-    """Return year, month and day; None without a date."""
-    if match["year"]:
-        return int(match["year"]), int(match["month"]), int(match["day"])
-    if match["y"]:
-        return int(match["y"]), int(match["m"]), int(match["d"])
-    if match["name"]:
-        name = match["name"].lower()
-        month = _MONTHS.index(name) + 1 if name in _MONTHS else 0
-        return int(match["name_y"]), month, int(match["name_d"])
-    if match["slashed"]:
-        first, second = int(match["first"]), int(match["second"])
-        month, day = (first, second) if month_first else (second, first)
-        return int(match["slashed"]), month, day
-    return None
+    for date, (first, second) in pairs.items():
+        if first != second and 0 not in (first, second):
+            one = f"{first} {_MONTHS[second - 1].title()}"
+            raise InputError(
+                "A date has two readings.",
+                expected="dates such as 2026-11-22, or with a day above 12 in one row",
+                found=f"{date}: {one}, or {second} {_MONTHS[first - 1].title()}",
+                where=locate(slashed[date]),
+                remedy="export the times with dates as year-month-day, or give rate_hz",
+            )
+    return False
 
 
 @functools.lru_cache(maxsize=64)
-def _days(date: tuple[int, int, int]) -> int | None:
+def _days(date: str, month_first: bool) -> int | None:
     """Return the days since 1970; None for a day that does not exist or overflows nanoseconds."""
+    parts = re.split("[-/. ]", date.lower())
+    year, month, day = parts if len(parts[0]) == 4 else parts[::-1]
+    if month_first and "/" in date and len(parts[0]) < 4:
+        month, day = day, month
+    if month in _MONTHS:
+        month = _MONTHS.index(month) + 1
     try:
-        days = (datetime.date(*date) - datetime.date(1970, 1, 1)).days
+        days = (datetime.date(int(year), int(month), int(day)) - datetime.date(1970, 1, 1)).days
     except ValueError:
         return None
-    return days if 1678 <= date[0] <= 2261 else None
+    return days if _FIRST_YEAR <= int(year) <= _LAST_YEAR else None
 
 
 def _nanoseconds(match: re.Match[str], month_first: bool) -> int | None:
     """Return the nanoseconds since 1970 UTC or midnight; None for a time that does not exist."""
-    hour, minute, second = int(match["hour"]), int(match["minute"]), int(match["seconds"])
+    hour, minute, second = int(match["hour"]), int(match["minute"]), int(match["second"])
     if match["half"]:
         if not 1 <= hour <= 12:
             return None
         hour = hour % 12 + (12 if match["half"] in "Pp" else 0)
-    date = _date(match, month_first)
-    days = 0 if date is None else _days(date)
+    days = _days(match["date"], month_first) if match["date"] else 0
     if days is None or hour > 23 or minute > 59 or second > 59:
         return None
     fraction = (match["fraction"] or "")[:_DIGITS].ljust(_DIGITS, "0")
-    seconds = 3600 * hour + 60 * minute + second - _offset_s(match["zone"] or "")
+    seconds = 3600 * hour + 60 * minute + second - _ahead_s(match["zone"] or "+00")
     return days * _DAY_NS + seconds * _SECOND_NS + int(fraction)
 
 
 @functools.lru_cache(maxsize=16)
-def _offset_s(zone: str) -> int:
+def _ahead_s(zone: str) -> int:
     """Return the seconds by which a zone is ahead of UTC."""
-    if zone.lower() in _ZONES:
-        return 0
     digits = zone[1:].replace(":", "").ljust(4, "0")
-    offset_s = 3600 * int(digits[:2]) + 60 * int(digits[2:])
-    return -offset_s if zone[0] == "-" else offset_s
+    ahead_s = 3600 * int(digits[:2]) + 60 * int(digits[2:])
+    return -ahead_s if zone[0] == "-" else ahead_s

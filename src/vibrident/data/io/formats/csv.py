@@ -132,25 +132,8 @@ LIGHT_BYTES = 1 << 20  # files up to this size are read without pandas: loading 
 PLAIN = b"0123456789+-eE\n"  # numbers and lines, beside delimiter and decimal sign
 #: What pandas takes for a missing value.
 _NO_VALUE = frozenset(
-    {
-        *(
-            "",
-            "NaN",
-            "nan",
-            "-NaN",
-            "-nan",
-            "NA",
-            "N/A",
-            "n/a",
-            "NULL",
-            "null",
-            "None",
-            "<NA>",
-            "#N/A",
-            "#NA",
-        ),
-        *("#N/A N/A", "1.#IND", "-1.#IND", "1.#QNAN", "-1.#QNAN"),
-    }
+    ",NaN,nan,-NaN,-nan,NA,N/A,n/a,NULL,null,None,<NA>,#N/A,#NA,#N/A N/A,"
+    "1.#IND,-1.#IND,1.#QNAN,-1.#QNAN".split(",")
 )
 
 
