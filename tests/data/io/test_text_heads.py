@@ -374,7 +374,9 @@ def test_a_row_of_units(tmp_path, head):
 
 def test_a_line_of_the_head_is_not_the_first_row(tmp_path, refused):
     source = opened(tmp_path, "fs;1000\n" + table(ACC, VOLT, gap=";"))
-    assert source.clock(0).rate_hz == 1000.0
+    clock = source.clock(0)
+    assert clock is not None
+    assert clock.rate_hz == 1000.0
     np.testing.assert_array_equal(source.load([0])[0], ACC)
     content = "t,v\n" + table(times(1e-3), VOLT).replace("\n", ",a note\n", 1)
     refused(lambda: opened(tmp_path, content).load([1]), where="line 2", found="3 fields")

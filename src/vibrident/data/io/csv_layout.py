@@ -1,4 +1,4 @@
-"""Layout of a text file of numbers, from its head: delimiter, decimal sign, header, first data line."""
+"""Layout of a text file of numbers, from its head: delimiter, decimal sign, titles, first row."""
 
 from __future__ import annotations
 
@@ -36,14 +36,14 @@ _NUMBER = {
 _ODD = re.compile(r'[^0-9.,;eE" \t\r+-]|[+-](?![0-9.,])')  # beside plain numbers
 _DECIMAL_COMMA = re.compile(r"\d,\d")
 _MISSING = frozenset({"", "nan", "-nan", "na", "n/a", "#n/a", "null", "none", "<na>"})
-#: Tried in this order; an earlier one wins a tie. The comma is both delimiter and decimal sign in quoted cells only.
+#: Tried in this order; an earlier one wins a tie. The comma is both signs in quoted cells only.
 _CANDIDATES = (
     *((";", "."), (";", ","), ("\t", "."), ("\t", ","), (",", "."), (BLANKS, "."), (BLANKS, ",")),
     (",", ","),
 )
 #: Two Chinese characters of GB 2312, which no text in Latin-1 holds side by side.
 _CHINESE = re.compile(r"[\u4e00-\u9fff]{2}")
-#: A number with separators of thousands: unmistakable by a second one, another sign behind, or a blank.
+#: A number with separators of thousands: two of them, another sign behind, or a blank tell.
 _GROUPED = re.compile(
     r"[+-]?\d{1,3}(?:([,.' \u00a0\u202f])\d{3}(?:(?:\1\d{3})+(?:[.,]\d+)?|(?!\1)[.,]\d+)"
     r"|[' \u00a0\u202f]\d{3})"
@@ -96,7 +96,7 @@ def open_text(path: Path, file: str) -> PlainText:
 
 
 def detect_layout(text: PlainText, file: str) -> CsvLayout:
-    """Find the layout of a text file from its first lines; InputError where it has no rows of numbers."""
+    """Find the layout of a text file from its first lines; InputError without rows of numbers."""
     try:
         with text.open() as stream:
             head = stream.read(_HEAD_BYTES)
@@ -276,7 +276,7 @@ def _is_comment(line: str) -> bool:
 
 
 def _dialect(sample: list[str], lines: list[str]) -> tuple[str, str, int]:
-    """Return delimiter, decimal sign and number of fields that make most of the sample's cells numbers.
+    """Return delimiter, decimal sign and fields a line that make most cells of the sample numbers.
 
     One field a line is the last resort: "1,5" may be one number or two, usually two.
     """
@@ -300,7 +300,7 @@ def _dialect(sample: list[str], lines: list[str]) -> tuple[str, str, int]:
 
 
 def _usual_length(sample: list[list[str]], lines: list[str], delimiter: str) -> int:
-    """Return the most frequent length in the sample; of equally frequent ones, that in all lines."""
+    """Return the most frequent length in the sample; of equal ones, that in all lines."""
     in_sample = Counter(map(len, sample))
     if len(in_sample) == 1:
         return next(iter(in_sample))
@@ -328,7 +328,7 @@ def _texts(row: Sequence[str], numeric: Sequence[int], decimal: str) -> list[int
 
 
 def _behind_names(rows: dict[int, list[str]], numeric: Sequence[int], decimal: str) -> int:
-    """The first data line: behind a row of names, if each line above has text among its numbers ("Channels, 2")."""
+    """Return the first data line: behind names, if each line above has text among its numbers."""
     last: list[int] = []
     for line, row in rows.items():
         texts = _texts(row, numeric, decimal)
@@ -352,7 +352,7 @@ def _refuse_commas_of_two_kinds(
             expected=f"{names} numbers in a row, as there are names above",
             found=f"{fields} cells between commas; the comma is the decimal sign, too",
             where=where,
-            remedy="export the data with semicolons or tabs between the columns, or with decimal points",
+            remedy="export the data with semicolons or tabs between columns, or decimal points",
         )
 
 

@@ -1,4 +1,4 @@
-"""A user's own table (CSV, Parquet, Excel): a signal from it, and the same table with further columns."""
+"""A user's own table (CSV, Parquet, Excel): a signal from it, the table with further columns."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import numpy as np
 from vibrident.base.errors import InputError
 from vibrident.data.io.columns import library
 from vibrident.data.io.csv_layout import detect_layout, open_text
-from vibrident.data.io.plain_text import BLANKS
 from vibrident.data.io.guess import guess_columns
+from vibrident.data.io.plain_text import BLANKS
 from vibrident.data.io.reader import open_columns, sha256
 from vibrident.data.io.record_files import timed
 from vibrident.data.records import FloatArray, Provenance, Record
@@ -22,11 +22,11 @@ ENDINGS = (".csv", ".txt", ".tsv", ".dat", ".parquet", ".pq", ".xlsx")
 def read_signal(
     path: Path, column: str, time: str | None, rate_hz: float | None, scale: float
 ) -> Record:
-    """A column of a table as a record without reference; InputError where nothing tells its sampling rate.
+    """Return a column of a table as a record without reference; InputError without its rate.
 
-    ``column``: name, or number from 1, of the signal; ``time``: the same of the times, in s or the unit in its name,
-    None for one whose name says so, if any; ``rate_hz``: where there are no times and the file states no rate;
-    ``scale``: response unit per unit of the column.
+    ``column``: name, or number from 1, of the signal; ``time``: the same of the times, in s or the
+    unit in its name, None for one whose name says so, if any; ``rate_hz``: where there are no times
+    and the file states no rate; ``scale``: response unit per unit of the column.
     """
     source = open_columns(path)
     place = source.position_of(_key(column), "--column")
@@ -57,9 +57,10 @@ def _key(text: str) -> int | str:
 
 
 def with_columns(path: Path, target: Path, columns: Mapping[str, FloatArray]) -> Path:
-    """Write the table with further columns into ``target``, in its own format; what it held stays as it was.
+    """Write the table with further columns into ``target``; what it held stays as it was.
 
-    ``columns``: heading to its values, one a row; InputError where the table has other rows, or such a column.
+    ``columns``: heading to its values, one a row; InputError where the table has other rows, or
+    such a column.
     """
     names = open_columns(path).names
     for name in columns:

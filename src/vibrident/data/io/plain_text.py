@@ -1,8 +1,8 @@
-"""The bytes of a text file as its parsers take them: no UTF-16, no Ctrl-Z, plain spellings of numbers.
+"""Bytes of a text file as its parsers take them: no UTF-16, no Ctrl-Z, numbers in plain spelling.
 
-An ordinary file is read from the disk as it is. Only one in UTF-16, with an end mark or with empty rows at its end is
-kept in memory; so is one with numbers in another spelling, which the quick parsers refuse and :meth:`PlainText.respell`
-then rewrites.
+An ordinary file is read from the disk as it is. One in UTF-16, with an end mark or with empty rows
+at its end is kept in memory; so is one with numbers in another spelling, which the quick parsers
+refuse and :meth:`PlainText.respell` then rewrites.
 """
 
 from __future__ import annotations
@@ -137,7 +137,7 @@ def _plain_word(match: re.Match[str]) -> str:
 
 
 def _wide_encoding(head: bytes) -> str:
-    """Return the encoding of text of two bytes a character, by its mark or by its zero bytes; else ""."""
+    """Return the encoding of text of two bytes a character, by its mark or its zeros; else ""."""
     if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return "utf-16"
     if len(head) < 4:

@@ -1,4 +1,4 @@
-"""Text that the quick parsers of columns do not take as it is: other spellings, remarks, heads between the rows."""
+"""Text that parsers do not take as it is: other spellings, remarks, heads between the rows."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ _SAME_PLACE = 0.01
 def clean(text: PlainText, layout: CsvLayout, file: str) -> bool:
     """Bring a text into the form that the quick parsers take; False if that changed nothing.
 
-    Every line stays in its place. InputError where a segment of a LabVIEW file does not go on with the channels of
-    the one before, or begins at another time than that ends.
+    Every line stays in its place. InputError where a segment of a LabVIEW file does not go on with
+    the channels of the one before, or begins at another time than that ends.
     """
     before = text.read()
     text.respell(layout.delimiter)
@@ -84,7 +84,7 @@ def _require_continuation(
     names: Sequence[str],
     where: str,
 ) -> None:
-    """Refuse a segment of other channels, units or rates, or that begins elsewhere than the last ended."""
+    """Refuse a segment of other channels, units or rate, or that begins elsewhere than expected."""
     if tuple(names[: len(layout.names)]) != layout.names or after.units != before.units:
         raise _refusal("other channels or units than those above", where)
     for old, new in zip(before.clocks, after.clocks, strict=True):

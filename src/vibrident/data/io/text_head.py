@@ -7,7 +7,7 @@ the usual languages.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 from vibrident.base.errors import InputError
@@ -22,16 +22,17 @@ _KEYS = {
     kind: keys.split(", ")
     for kind, keys in {
         "rate": "sample rate, sampling rate, sample frequency, sampling frequency, sample freq, "
-        "sampling freq, samp rate, samples per second, samples per sec, samples/sec, samples/s, sps, "
-        "scan rate, acquisition rate, srate, fs, rate, sampling, abtastrate, abtastfrequenz, "
+        "sampling freq, samp rate, samples per second, samples per sec, samples/sec, samples/s, "
+        "sps, scan rate, acquisition rate, srate, fs, rate, sampling, abtastrate, abtastfrequenz, "
         "abtastung, messrate, fréquence d'échantillonnage, frecuencia de muestreo, "
         "frequenza di campionamento, 采样率, 采样频率, サンプリング周波数, サンプリングレート, "
         "частота дискретизации",
         "interval": "sample interval, sampling interval, sample period, sampling period, "
         "scan interval, time increment, time step, delta x, delta t, delta, Δt, dt, x increment, "
-        "x incr, increment, interval, t inc, abtastintervall, intervall, abtastperiode, abtastzeit, "
-        "zeitschritt, schrittweite, période d'échantillonnage, periodo de muestreo, 采样间隔, "
-        "采样周期, サンプリング周期, サンプリング間隔, период дискретизации, интервал дискретизации",
+        "x incr, increment, interval, t inc, abtastintervall, intervall, abtastperiode, "
+        "abtastzeit, zeitschritt, schrittweite, période d'échantillonnage, periodo de muestreo, 采样间隔, "
+        "采样周期, サンプリング周期, サンプリング間隔, период дискретизации, "
+        "интервал дискретизации",
         "start": "start time, start, x zero, x0, t0, startzeit, 开始时间",
         "units": "y unit label, vertical units, y units, units, unit, einheiten, einheit, unités, "
         "unidades, 单位, 単位, единицы",

@@ -42,7 +42,7 @@ def columns_of(data: Sequence[list[str]], above: Sequence[list[str]], fields: in
 
 
 def keys_over_values(rows: dict[int, list[str]], columns: int) -> list[HeadLine]:
-    """Return statements of a head with keys beside the names and their values below, in s (Rigol)."""
+    """Return statements by keys beside the names, with their values in s below (Rigol)."""
     found = []
     for (i, row), (_, below) in pairwise(rows.items()):
         found += [
@@ -56,7 +56,7 @@ def keys_over_values(rows: dict[int, list[str]], columns: int) -> list[HeadLine]
 def names_and_units(
     rows: Sequence[list[str]], delimiter: str, columns: int
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return the names of the columns and their units, "" without, from the rows of cells above the data."""
+    """Return names and units of the columns, "" without, from the rows of cells above the data."""
     without = ("",) * columns
     above = [_fitting(row, delimiter, columns) for row in rows[-2:]]
     names = above[-1] if above else None
@@ -83,7 +83,7 @@ def _is_no_title(cell: str) -> bool:
 
 
 def _are_units(row: Sequence[str], names: Sequence[str]) -> bool:
-    """Tell whether a row below the names has their units: known ones, in brackets, or words for none."""
+    """Tell whether a row below the names has units: known ones, in brackets, or words for none."""
     known = unknown = 0
     for cell, name in zip(row, names, strict=True):
         if _BRACKETED.fullmatch(cell) or parse_unit(cell) is not None:

@@ -1,4 +1,4 @@
-"""Text files of columns: CSV and its relatives, at the speed of pandas; each row complete, each error with its line."""
+"""Text files of columns, at the speed of pandas; each row complete, each error with its line."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ from vibrident.data.io.csv_layout import (
 )
 from vibrident.data.io.plain_text import BLANKS, TAIL_BYTES, PlainText
 from vibrident.data.io.reader import Reader
-from vibrident.data.io.text_cleaning import clean
 from vibrident.data.io.stamps import Stamps, is_stamp, parse_stamps
+from vibrident.data.io.text_cleaning import clean
 from vibrident.data.io.text_head import without_brackets
 from vibrident.data.records import FloatArray
 
@@ -36,7 +36,7 @@ _NEWLINE = ord("\n")
 
 
 def row_lines(text: PlainText, file: str, layout: CsvLayout) -> NDArray[np.int64]:
-    """Line number, from 1, of every row, none of which is blank; InputError for one of other fields than the layout."""
+    """Return the line number, from 1, of every row; InputError for one of other fields."""
     numbers: list[NDArray[np.int64]] = []
     line = layout.first_line
     with text.open() as stream:
@@ -62,7 +62,7 @@ def row_lines(text: PlainText, file: str, layout: CsvLayout) -> NDArray[np.int64
 
 
 def numbered_rows(text: PlainText, layout: CsvLayout) -> Iterator[tuple[int, list[str]]]:
-    """Give line number, from 1, and cells of every row: slow, to locate an error of a fast reader."""
+    """Give line number, from 1, and cells of every row: slow, to locate an error of a parser."""
     with text.open() as stream:
         stream.seek(layout.offset)
         for number, line in enumerate(stream, start=layout.first_line):
@@ -119,7 +119,7 @@ def _fields(chunk: bytes, layout: CsvLayout) -> NDArray[np.int64]:
 
 
 def _complete_rows(bytes_: NDArray[np.uint8], layout: CsvLayout) -> int:
-    """Number of lines if each ends with a line end and has as many delimiters as the layout says; else 0."""
+    """Return the number of lines if each is complete and has the layout's fields; else 0."""
     delimiter = ord(layout.delimiter)
     marks = bytes_[(bytes_ == delimiter) | (bytes_ == _NEWLINE)]
     if marks.size % layout.fields or bytes_[-1] != _NEWLINE:
@@ -131,10 +131,10 @@ def _complete_rows(bytes_: NDArray[np.uint8], layout: CsvLayout) -> int:
 LIGHT_BYTES = 1 << 20  # files up to this size are read without pandas: loading it takes longer
 PLAIN = b"0123456789+-eE\n"  # numbers and lines, beside delimiter and decimal sign
 #: What pandas takes for a missing value.
-_NO_VALUE = frozenset(
-    ",NaN,nan,-NaN,-nan,NA,N/A,n/a,NULL,null,None,<NA>,#N/A,#NA,#N/A N/A,"
-    "1.#IND,-1.#IND,1.#QNAN,-1.#QNAN".split(",")
-)
+_NO_VALUE = frozenset({
+    "", "NaN", "nan", "-NaN", "-nan", "NA", "N/A", "n/a", "NULL", "null", "None", "<NA>", "#N/A",
+    "#NA", "#N/A N/A", "1.#IND", "-1.#IND", "1.#QNAN", "-1.#QNAN",
+})  # fmt: skip
 
 
 def _better_by_pandas(path: Path) -> bool:
@@ -143,7 +143,7 @@ def _better_by_pandas(path: Path) -> bool:
 
 
 class CsvFile(ColumnFile):
-    """A text file of columns; the layout comes from its first lines, the numbers from pandas' C parser."""
+    """A text file of columns: its layout from the first lines, its numbers from pandas' C parser."""
 
     word = "column"
 
@@ -173,7 +173,7 @@ class CsvFile(ColumnFile):
             return row_lines(self._text, self.file, self._layout)
 
     def _cleaned(self) -> bool:
-        """Bring the text into the form that the quick parsers take; False if that changed nothing."""
+        """Bring the text into the form that the parsers take; False if that changed nothing."""
         changed = clean(self._text, self._layout, self.file)
         if changed:
             for name in ("_row_lines", "_numbers", "_first_row"):
@@ -185,14 +185,17 @@ class CsvFile(ColumnFile):
         return position < len(self._first_row) and is_stamp(self._first_row[position])
 
     def start(self, position: int) -> Start | None:
-        """Return the time of a column's first row: its date and time of day, or the head's statement."""
+        """Return the time of a column's first row: its own stamp, or the head's statement."""
         if not self.in_seconds(position):
             return super().start(position)
         stamps = self._stamps([position])[0]
         return Start(int(stamps.ns[0]), epoch=stamps.dated)
 
     def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
-        """Parse these columns; each has shape (rows,). An empty cell is NaN, a time of day seconds since the first."""
+        """Parse these columns; each has shape (rows,).
+
+        An empty cell is NaN; a time of day is in seconds since the first.
+        """
         stamps = [position for position in positions if self.in_seconds(position)]
         numbers = [position for position in positions if position not in stamps]
         found = dict(zip(numbers, self._load_numbers(numbers) if numbers else (), strict=True))
@@ -226,7 +229,7 @@ class CsvFile(ColumnFile):
         return [self._parsed[position] for position in positions]
 
     def _span(self, position: int) -> slice:
-        """Return the cells of a stamp: that of the time, of a date before it, of AM or a zone behind it."""
+        """Return the cells of a stamp: a date, the time, and AM, PM or a zone."""
         row = self._first_row
         begin, end = position, position + 1
         if position and is_stamp(f"{row[position - 1]} {row[position]}"):
@@ -321,8 +324,8 @@ class CsvFile(ColumnFile):
         import pandas
 
         layout = self._layout
-        # Before 3.1 the default parser may miss the nearest float by one unit in the last place; since then it is
-        # exact, and the option is deprecated.
+        # Before 3.1 the default parser may miss the nearest float by one unit in the last place;
+        # since then it is exact, and the option is deprecated.
         old = tuple(int(part) for part in pandas.__version__.split(".")[:2]) < (3, 1)
         exact: dict[str, Any] = {"float_precision": "round_trip"} if old else {}
         with self._text.open() as stream:
@@ -342,7 +345,7 @@ class CsvFile(ColumnFile):
             )
 
     def _refuse_a_summary(self) -> None:
-        """Refuse a last row that begins with a word where the others begin with a number ("Mean, 0.1, 0.2")."""
+        """Refuse a last row that begins with a word where others begin with a number."""
         with self._text.open() as stream:
             size = stream.seek(0, 2)
             stream.seek(max(self._layout.offset, size - TAIL_BYTES))
