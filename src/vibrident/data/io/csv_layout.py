@@ -14,7 +14,13 @@ from pathlib import Path
 from vibrident.base.errors import InputError
 from vibrident.data.io.columns import LONGEST_LINE, unreadable
 from vibrident.data.io.plain_text import BLANKS, PlainText, respelled
-from vibrident.data.io.text_head import HeadFacts, HeadLine, is_statement, read_head
+from vibrident.data.io.text_head import (
+    LABVIEW_END,
+    HeadFacts,
+    HeadLine,
+    is_statement,
+    read_head,
+)
 from vibrident.data.io.title_rows import (
     COMMENTS,
     TIME_NAMES,
@@ -34,6 +40,7 @@ _NUMBER = {
     ",": re.compile(rf"[+-]?(?:\d+(?:,\d+)?|,\d+){_EXPONENT}|[+-]?inf(?:inity)?", re.IGNORECASE),
 }
 _ODD = re.compile(r'[^0-9.,;eE" \t\r+-]|[+-](?![0-9.,])')  # beside plain numbers
+_LETTER = re.compile(r"[\w%°]")  # a line of dashes below the titles has none
 _DECIMAL_COMMA = re.compile(r"\d,\d")
 _MISSING = frozenset({"", "nan", "-nan", "na", "n/a", "#n/a", "null", "none", "<na>"})
 #: Tried in this order; an earlier one wins a tie. The comma is both signs in quoted cells only.
@@ -187,7 +194,11 @@ def _layout_of(lines: list[str], encoding: str, head: bytes, file: str) -> CsvLa
     _refuse_mixed_first_row(cells[first], numeric, decimal, where)
     data = [row for i, row in cells.items() if i >= first]
     columns = columns_of(data, [*head_cells.values()][-2:], fields)
-    titles = [row for i, row in head_cells.items() if not is_statement(lines[i], delimiter)]
+    titles = [
+        row
+        for i, row in head_cells.items()
+        if not is_statement(lines[i], delimiter) and _LETTER.search(lines[i])
+    ]
     if not titles:
         titles = [
             split_line(line.lstrip("#% "), delimiter)
@@ -237,13 +248,14 @@ def _first_row(
 ) -> int | None:
     """Return the first line of data; None where there is none."""
     last = next(reversed(cells), 0)
+    is_labview = any(line.startswith(LABVIEW_END) for line in lines)
     for i, row in cells.items():
         numbers = [len(row) > column and is_number(row[column], decimal) for column in numeric]
         is_longer = len(row) > fields and delimiter != BLANKS and all(numbers)
         if not any(numbers) or not (len(row) == fields or is_longer):
             continue
-        if row[0][:1].isalpha() and numeric[0] == 1 and not cells[last][0]:
-            continue  # a key above an empty first column (LabVIEW)
+        if is_labview and row[0][:1].isalpha() and not cells[last][0]:
+            continue  # a key above an empty column
         if all(numbers) or not is_statement(lines[i], delimiter):
             return _behind_names({j: r for j, r in cells.items() if j >= i}, numeric, decimal)
     return None

@@ -30,9 +30,9 @@ _KEYS = {
         "interval": "sample interval, sampling interval, sample period, sampling period, "
         "scan interval, time increment, time step, delta x, delta t, delta, Δt, dt, x increment, "
         "x incr, increment, interval, t inc, abtastintervall, intervall, abtastperiode, "
-        "abtastzeit, zeitschritt, schrittweite, période d'échantillonnage, periodo de muestreo, 采样间隔, "
-        "采样周期, サンプリング周期, サンプリング間隔, период дискретизации, "
-        "интервал дискретизации",
+        "abtastzeit, zeitschritt, schrittweite, période d'échantillonnage, periodo de muestreo, "
+        "采样间隔, 采样周期, サンプリング周期, サンプリング間隔, "
+        "период дискретизации, интервал дискретизации",
         "start": "start time, start, x zero, x0, t0, startzeit, 开始时间",
         "units": "y unit label, vertical units, y units, units, unit, einheiten, einheit, unités, "
         "unidades, 单位, 単位, единицы",

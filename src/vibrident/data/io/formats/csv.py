@@ -143,7 +143,7 @@ def _better_by_pandas(path: Path) -> bool:
 
 
 class CsvFile(ColumnFile):
-    """A text file of columns: its layout from the first lines, its numbers from pandas' C parser."""
+    """A text file of columns: layout from its first lines, numbers from pandas' C parser."""
 
     word = "column"
 
