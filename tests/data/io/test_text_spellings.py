@@ -70,6 +70,11 @@ def test_an_overflow_is_refused_where_it_is_needed(tmp_path, refused, word):
     refused(lambda: source.require_finite(2, values[15:], 15, "repair"), where="line 22, column 3 ('v')")
 
 
+def test_an_overflow_in_the_last_row_is_no_summary(tmp_path):
+    values = opened(tmp_path, "a,v\n" + "1.5,2.5\n" * 9 + "OVLD,-\u221e\n").load([0, 1])
+    np.testing.assert_array_equal(np.array(values)[:, -1], [np.nan, -np.inf])
+
+
 TEXTS = ["high", "1d5", "3d2", "0x10", "1_000", "over there", "OLD", "1.5 V", "1,5", "1.5-", "--5", "+ +5", "1 2"]
 
 

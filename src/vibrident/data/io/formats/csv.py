@@ -24,7 +24,7 @@ from vibrident.data.io.csv_layout import (
     split_line,
     too_long_a_line,
 )
-from vibrident.data.io.plain_text import BLANKS, TAIL_BYTES, PlainText
+from vibrident.data.io.plain_text import BLANKS, TAIL_BYTES, PlainText, respelled
 from vibrident.data.io.reader import Reader
 from vibrident.data.io.stamps import Stamps, is_stamp, parse_stamps
 from vibrident.data.io.text_cleaning import clean
@@ -352,7 +352,8 @@ class CsvFile(ColumnFile):
             tail = stream.read().decode(self._layout.encoding, errors="replace").splitlines()
         last = next((line for line in reversed(tail) if line.strip()), "")
         first = self._first_row[0] if self._first_row else ""
-        word = split_line(last, self._layout.delimiter)[0] if last.strip() else ""
+        gap = self._layout.delimiter
+        word = split_line(respelled(last, gap), gap)[0] if last.strip() else ""
         numeric = is_number(first, self._layout.decimal) or is_stamp(first)
         if word[:1].isalpha() and word not in _NO_VALUE and numeric:
             raise InputError(
