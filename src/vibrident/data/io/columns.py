@@ -154,6 +154,10 @@ class ColumnFile(ABC):
         """Return the file's statement of this column's sampling."""
         return self._channels[position].clock
 
+    def stamps(self, position: int) -> FloatArray | None:
+        """Return the time of each sample in seconds, where the format gives a channel its own."""
+        return None
+
     def start(self, position: int) -> Start | None:
         """Return the time of a column's first sample: by its clock, or by its first date."""
         clock = self.clock(position)
@@ -211,6 +215,17 @@ class ColumnFile(ABC):
                 found=f"{'an empty cell or NaN' if np.isnan(value) else value}; {bad.size} such in this column",
                 where=self.locate(position, first_row + int(bad[0])),
                 remedy=remedy,
+            )
+
+    def require_over_time(self, position: int, key: str) -> None:
+        """Refuse a column over frequency where a signal over time is needed."""
+        if self._channels[position].over_frequency:
+            raise InputError(
+                f"The {self.word} {self.names[position]!r} cannot be used.",
+                expected=f"a {self.word} of real numbers over time",
+                found="values over frequency",
+                where=f"{self.file}, asked for by {key}",
+                remedy="name a signal over time, or describe a response under [table]",
             )
 
     def position_of(self, column: int | str, key: str) -> int:

@@ -9,8 +9,9 @@ from pathlib import Path
 
 from vibrident.base.errors import InputError
 from vibrident.data.io.columns import ColumnFile
-from vibrident.data.io.header_units import is_time, quantity_of, si_scale
+from vibrident.data.io.header_units import is_time
 from vibrident.data.io.reader import open_columns
+from vibrident.data.io.units import quantity_of
 
 _FREQUENCY = re.compile(r"f|freq.*|frequenz.*", re.IGNORECASE)
 _MAGNITUDE = re.compile(r"mag(nitude)?|abs.*|ampl.*|sens.*|betrag.*", re.IGNORECASE)
@@ -130,7 +131,6 @@ def guess_columns(path: Path) -> Columns:
     ):
         response_unit, unit = per.groups()
     quantity = quantity_of(unit) or quantity or "acceleration"
-    scale = si_scale(quantity, unit)
     chosen = dict(zip(_positions(source), columns, strict=True))
 
     def column(position: int | None) -> int | str | None:
@@ -145,7 +145,7 @@ def guess_columns(path: Path) -> Columns:
         response=column(response),
         **{name: column(position) for name, position in table.items()},
         quantity=quantity,
-        scale=1.0 if scale is None else scale,
+        scale=1.0,
         unit=unit,
         response_unit=response_unit or "V",
         excitation=next((name for name, words in _EXCITATIONS if words.search(path.stem)), None),

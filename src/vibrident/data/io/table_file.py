@@ -9,7 +9,7 @@ import numpy as np
 from vibrident.base.errors import InputError
 from vibrident.data.io.calibration_file import CalibrationFile
 from vibrident.data.io.columns import ColumnFile
-from vibrident.data.io.header_units import (
+from vibrident.data.io.old_units_tmp import (
     hertz_per_unit,
     require_magnitude_unit,
     require_phase_unit,
@@ -148,3 +148,10 @@ def _check(key: str, values: FloatArray, source: ColumnFile, position: int) -> N
             where=source.locate(position, int(bad[0])),
             remedy="repair or remove that row",
         )
+
+
+def table_response_unit(document, source):
+    from vibrident.data.io.old_units_tmp import unit_of_another_kind
+    if abs(document.response.scale) != 1.0:
+        return document.response.unit
+    return unit_of_another_kind(source, source.position_of(document.table.magnitude, "[table] magnitude"), document.response.unit) or document.response.unit
