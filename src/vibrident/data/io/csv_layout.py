@@ -1,4 +1,4 @@
-"""Layout of a text file of numbers, from its head: delimiter, decimal sign, header, first data line."""
+"""Layout of a text file of numbers, from its head: delimiter, decimal sign, titles, first row."""
 
 from __future__ import annotations
 
@@ -6,14 +6,28 @@ import contextlib
 import csv
 import re
 from collections import Counter
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from vibrident.base.errors import InputError
 from vibrident.data.io.columns import LONGEST_LINE, unreadable
-
-#: Stands for one or more blanks or tabs.
-BLANKS = " "
+from vibrident.data.io.plain_text import BLANKS, PlainText, respelled
+from vibrident.data.io.text_head import (
+    LABVIEW_END,
+    HeadFacts,
+    HeadLine,
+    is_statement,
+    read_head,
+)
+from vibrident.data.io.title_rows import (
+    COMMENTS,
+    TIME_NAMES,
+    columns_of,
+    keys_over_values,
+    names_and_units,
+)
 
 _HEAD_BYTES = LONGEST_LINE
 _HEAD_LINES = 400
@@ -25,20 +39,21 @@ _NUMBER = {
     ".": re.compile(rf"[+-]?(?:\d+\.?\d*|\.\d+){_EXPONENT}|[+-]?inf(?:inity)?", re.IGNORECASE),
     ",": re.compile(rf"[+-]?(?:\d+(?:,\d+)?|,\d+){_EXPONENT}|[+-]?inf(?:inity)?", re.IGNORECASE),
 }
+_ODD = re.compile(r'[^0-9.,;eE" \t\r+-]|[+-](?![0-9.,])')  # beside plain numbers
+_LETTER = re.compile(r"[\w%°]")  # a line of dashes below the titles has none
 _DECIMAL_COMMA = re.compile(r"\d,\d")
 _MISSING = frozenset({"", "nan", "-nan", "na", "n/a", "#n/a", "null", "none", "<na>"})
-#: Tried in this order; an earlier one wins a tie. The comma is both delimiter and decimal sign in quoted cells only.
+#: Tried in this order; an earlier one wins a tie. The comma is both signs in quoted cells only.
 _CANDIDATES = (
     *((";", "."), (";", ","), ("\t", "."), ("\t", ","), (",", "."), (BLANKS, "."), (BLANKS, ",")),
     (",", ","),
 )
 #: Two Chinese characters of GB 2312, which no text in Latin-1 holds side by side.
 _CHINESE = re.compile(r"[\u4e00-\u9fff]{2}")
-#: Names above a column that the rows do not have (LabVIEW).
-_NO_COLUMN = frozenset({"", "comment", "comments"})
-_UNIT = re.compile(
-    r"[\[(<].*[\])>]|-|%|°|°C|deg|rad|dB|[numkMµμ]?(?:s|Hz|V|A|g|m|N|Pa|C|Ohm|Ω)|counts?|LSB|ticks?"
-    r"|[numkµμ]?(?:m|g|V|C|A)\s*/.*|mV/.*"
+#: A number with separators of thousands: two of them, another sign behind, or a blank tell.
+_GROUPED = re.compile(
+    r"[+-]?\d{1,3}(?:([,.' \u00a0\u202f])\d{3}(?:(?:\1\d{3})+(?:[.,]\d+)?|(?!\1)[.,]\d+)"
+    r"|[' \u00a0\u202f]\d{3})"
 )
 
 
@@ -53,15 +68,16 @@ class CsvLayout:
     units: tuple[str, ...]  # the row of units below the names; all "" without one
     first_line: int  # number of the first data line, from 1
     offset: int  # position of that line, in bytes
-    encoding: str  # of the text
+    encoding: str  # of the plain bytes
+    has_comments: bool  # a remark may follow the cells of a row
+    facts: HeadFacts  # what the head states of each column
+    read_head: Callable[[Sequence[HeadLine]], HeadFacts]  # of another head in the same layout
 
 
 def split_line(line: str, delimiter: str) -> list[str]:
     """Split one line into its cells, without quotes and without blanks around them."""
     if '"' in line:
-        with contextlib.suppress(
-            csv.Error
-        ):  # a cell beyond the csv module's limits is not a number
+        with contextlib.suppress(csv.Error):  # a cell beyond its limits is not a number
             plain = line.strip(" \r\n").replace("\r", " ")
             plain = plain.replace("\t", " ") if delimiter == BLANKS else plain
             return [
@@ -78,10 +94,18 @@ def is_number(cell: str, decimal: str) -> bool:
     return _NUMBER[decimal].fullmatch(cell) is not None
 
 
-def detect_layout(path: Path, file: str) -> CsvLayout:
-    """Find the layout of a text file from its first lines; InputError where it holds no rows of numbers."""
+def open_text(path: Path, file: str) -> PlainText:
+    """Open a text file; InputError where it cannot be read."""
     try:
-        with path.open("rb") as stream:
+        return PlainText(path)
+    except OSError as error:
+        raise unreadable(file, error, "a text file of columns") from error
+
+
+def detect_layout(text: PlainText, file: str) -> CsvLayout:
+    """Find the layout of a text file from its first lines; InputError without rows of numbers."""
+    try:
+        with text.open() as stream:
             head = stream.read(_HEAD_BYTES)
             whole = not stream.read(1)
     except OSError as error:
@@ -112,8 +136,8 @@ def _head_lines(head: bytes, whole: bool, file: str) -> tuple[list[str], str]:
     if b"\0" in head:
         raise InputError(
             "The file is not plain text.",
-            expected="text in UTF-8 or Latin-1",
-            found="zero bytes, as in a binary file or UTF-16",
+            expected="text in UTF-8, UTF-16 or Latin-1",
+            found="zero bytes, as in a binary file",
             where=file,
             remedy="save it as UTF-8 text, or give the file its right ending",
         )
@@ -145,50 +169,118 @@ def _national(data: bytes) -> tuple[str, str]:
 
 
 def _layout_of(lines: list[str], encoding: str, head: bytes, file: str) -> CsvLayout:
-    rows = [i for i, line in enumerate(lines) if line.strip() and not _is_comment(line)]
-    sample = [lines[i] for i in rows[len(rows) // 2 :][-_SAMPLE_LINES:]]
-    delimiter, decimal, fields = _dialect(sample, [lines[i] for i in rows])
+    plain = [respelled(line, ",;\t ") if _ODD.search(line) else line for line in lines]
+    rows = [i for i, line in enumerate(plain) if line.strip() and not _is_comment(line)]
+    sample = rows[len(rows) // 2 :][-_SAMPLE_LINES:]
+    delimiter, decimal, fields = _dialect([plain[i] for i in sample], [plain[i] for i in rows])
     if decimal == "." and delimiter != ",":
-        decimal = _decimal_of([lines[i] for i in rows], delimiter)
-    regular = [row for line in sample if len(row := split_line(line, delimiter)) == fields]
-    numeric = [
-        n
-        for n in range(fields)
-        if 2 * sum(is_number(row[n], decimal) for row in regular) > len(regular)
-    ]
-    cells = {i: split_line(lines[i], delimiter) for i in rows}
-    first = next(
-        (
-            i
-            for i, row in cells.items()
-            if len(row) == fields and any(is_number(row[n], decimal) for n in numeric)
-        ),
-        None,
+        decimal = _decimal_of([plain[i] for i in rows], delimiter)
+    cells = {i: split_line(plain[i], delimiter) for i in rows}
+    numeric = _numeric([row for i in sample if len(row := cells[i]) == fields], fields, decimal)
+    has_comments = any(
+        len(row) == fields + 1 and row[-1].lower() in COMMENTS for row in cells.values()
     )
+    if has_comments:
+        cells = {i: row[:fields] for i, row in cells.items()}
+    first = _first_row(cells, lines, numeric, fields, delimiter, decimal)
     if first is None:
-        raise InputError(
-            "The file holds no rows of numbers.",
-            expected="rows of numbers, under a header line or without one",
-            found=f"{len(rows)} lines of text" if rows else "only comments",
-            where=f"{file}, first line: {lines[rows[0]].strip()[:60]!r}" if rows else file,
-            remedy="export the data again; the file may hold the header alone",
-        )
-    first = _behind_names({i: row for i, row in cells.items() if i >= first}, numeric, decimal)
-    head_cells = [row for i, row in cells.items() if i < first]
-    _refuse_commas_of_two_kinds(head_cells, delimiter, fields, f"{file}, line {first + 1}")
-    _refuse_mixed_first_row(cells[first], numeric, decimal, f"{file}, line {first + 1}")
-    data = (row for i, row in cells.items() if i >= first)
-    trailing = fields > 1 and all(
-        len(row) != fields or row[-1] == "" for row in data
-    )  # a separator at the end
-    columns = fields - 1 if trailing else fields
-    names, units = _names(lines[:first], head_cells, delimiter, columns)
+        for i in sample:
+            for cell in cells[i]:
+                refuse_thousands(cell, f"{file}, line {i + 1}")
+        raise _no_rows([lines[i] for i in rows], file)
+    where = f"{file}, line {first + 1}"
+    head_cells = {i: split_line(lines[i], delimiter) for i in rows if i < first}
+    _refuse_commas_of_two_kinds([cells[i] for i in head_cells], delimiter, fields, where)
+    _refuse_mixed_first_row(cells[first], numeric, decimal, where)
+    data = [row for i, row in cells.items() if i >= first]
+    columns = columns_of(data, [*head_cells.values()][-2:], fields)
+    titles = [
+        row
+        for i, row in head_cells.items()
+        if not is_statement(lines[i], delimiter) and _LETTER.search(lines[i])
+    ]
+    if not titles:
+        titles = [
+            split_line(line.lstrip("#% "), delimiter)
+            for line in lines[:first]
+            if _is_comment(line) and line.strip("#% \r") and not is_statement(line, delimiter)
+        ]
+        titles = [] if any(is_number(cell, ".") for row in titles[-1:] for cell in row) else titles
+    names, units = names_and_units(titles, delimiter, columns)
     offset = 0
     for _ in range(first):
         offset = head.index(b"\n", offset) + 1
     if first == 0 and head.startswith(_BOM):
         offset = len(_BOM)
-    return CsvLayout(delimiter, decimal, fields, names, units, first + 1, offset, encoding)
+    beside = numeric[0] if numeric[0] > 1 and not any(cells[sample[-1]][: numeric[0]]) else 0
+    head_lines = [HeadLine(i + 1, line) for i, line in enumerate(lines[:first])]
+    head_lines += keys_over_values(head_cells, columns)
+    head_lines += [
+        HeadLine(i + 1, delimiter.join(cells[i][:beside])) for i in rows if i >= first and beside
+    ]
+    x_column = next((i for i in numeric if TIME_NAMES.match(names[i])), beside or None)
+    known = {"delimiter": delimiter, "decimal": decimal, "width": columns, "file": file}
+    read = partial(read_head, **known, numeric=numeric, x_column=x_column)
+    return CsvLayout(
+        *(delimiter, decimal, fields, names, units, first + 1, offset, encoding),
+        has_comments=has_comments,
+        facts=read(head_lines),
+        read_head=read,
+    )
+
+
+def _numeric(rows: Sequence[list[str]], fields: int, decimal: str) -> list[int]:
+    """Return the columns in most of whose cells there is a number."""
+    return [
+        column
+        for column in range(fields)
+        if 2 * sum(is_number(row[column], decimal) for row in rows) > len(rows)
+    ]
+
+
+def _first_row(
+    cells: dict[int, list[str]],
+    lines: Sequence[str],
+    numeric: Sequence[int],
+    fields: int,
+    delimiter: str,
+    decimal: str,
+) -> int | None:
+    """Return the first line of data; None where there is none."""
+    last = next(reversed(cells), 0)
+    is_labview = any(line.startswith(LABVIEW_END) for line in lines)
+    for i, row in cells.items():
+        numbers = [len(row) > column and is_number(row[column], decimal) for column in numeric]
+        is_longer = len(row) > fields and delimiter != BLANKS and all(numbers)
+        if not any(numbers) or not (len(row) == fields or is_longer):
+            continue
+        if is_labview and row[0][:1].isalpha() and not cells[last][0]:
+            continue  # a key above an empty column
+        if all(numbers) or not is_statement(lines[i], delimiter):
+            return _behind_names({j: r for j, r in cells.items() if j >= i}, numeric, decimal)
+    return None
+
+
+def _no_rows(lines: Sequence[str], file: str) -> InputError:
+    return InputError(
+        "The file holds no rows of numbers.",
+        expected="rows of numbers, under a header line or without one",
+        found=f"{len(lines)} lines of text" if lines else "only comments",
+        where=f"{file}, first line: {lines[0].strip()[:60]!r}" if lines else file,
+        remedy="export the data again; the file may hold the header alone",
+    )
+
+
+def refuse_thousands(cell: str, where: str) -> None:
+    """Refuse a number with separators of thousands: its signs have two readings."""
+    if _GROUPED.fullmatch(cell):
+        raise InputError(
+            "A number has separators of thousands.",
+            expected="numbers without them, such as 1234.5 or 1234,5",
+            found=repr(cell),
+            where=where,
+            remedy="export the data without separators of thousands",
+        )
 
 
 def _is_comment(line: str) -> bool:
@@ -196,7 +288,7 @@ def _is_comment(line: str) -> bool:
 
 
 def _dialect(sample: list[str], lines: list[str]) -> tuple[str, str, int]:
-    """Return delimiter, decimal sign and number of fields that make most of the sample's cells numbers.
+    """Return delimiter, decimal sign and fields a line that make most cells of the sample numbers.
 
     One field a line is the last resort: "1,5" may be one number or two, usually two.
     """
@@ -207,7 +299,11 @@ def _dialect(sample: list[str], lines: list[str]) -> tuple[str, str, int]:
         rows = [split_line(line, delimiter) for line in sample]
         fields = _usual_length(rows, lines, delimiter)
         regular = [row for row in rows if len(row) == fields]
-        numbers = sum(is_number(cell, decimal) for row in regular for cell in row)
+        numbers = sum(
+            is_number(cell, decimal) or _GROUPED.fullmatch(cell) is not None
+            for row in regular
+            for cell in row
+        )
         filled = sum(cell != "" for row in regular for cell in row)
         score = numbers / max(filled, 1) * len(regular) / max(len(rows), 1)
         if fields > 1 and score > best_score:
@@ -216,7 +312,7 @@ def _dialect(sample: list[str], lines: list[str]) -> tuple[str, str, int]:
 
 
 def _usual_length(sample: list[list[str]], lines: list[str], delimiter: str) -> int:
-    """Return the most frequent length in the sample; of equally frequent ones, that in all lines."""
+    """Return the most frequent length in the sample; of equal ones, that in all lines."""
     in_sample = Counter(map(len, sample))
     if len(in_sample) == 1:
         return next(iter(in_sample))
@@ -232,7 +328,7 @@ def _decimal_of(lines: list[str], delimiter: str) -> str:
     return "," if commas > points else "."
 
 
-def _texts(row: list[str], numeric: list[int], decimal: str) -> list[int]:
+def _texts(row: Sequence[str], numeric: Sequence[int], decimal: str) -> list[int]:
     """Columns of numbers that hold text in this row."""
     return [
         column
@@ -243,11 +339,13 @@ def _texts(row: list[str], numeric: list[int], decimal: str) -> list[int]:
     ]
 
 
-def _behind_names(rows: dict[int, list[str]], numeric: list[int], decimal: str) -> int:
-    """The first data line: behind a row of names, if each line above has text among its numbers ("Channels, 2")."""
+def _behind_names(rows: dict[int, list[str]], numeric: Sequence[int], decimal: str) -> int:
+    """Return the first data line: behind names, if each line above has text among its numbers."""
     last: list[int] = []
     for line, row in rows.items():
         texts = _texts(row, numeric, decimal)
+        if not any(row):
+            continue
         if not texts:
             return line if last and len(last) == len(numeric) else next(iter(rows))
         last = texts
@@ -266,11 +364,13 @@ def _refuse_commas_of_two_kinds(
             expected=f"{names} numbers in a row, as there are names above",
             found=f"{fields} cells between commas; the comma is the decimal sign, too",
             where=where,
-            remedy="export the data with semicolons or tabs between the columns, or with decimal points",
+            remedy="export the data with semicolons or tabs between columns, or decimal points",
         )
 
 
-def _refuse_mixed_first_row(row: list[str], numeric: list[int], decimal: str, where: str) -> None:
+def _refuse_mixed_first_row(
+    row: Sequence[str], numeric: Sequence[int], decimal: str, where: str
+) -> None:
     """Refuse a line that is half header, half data: dropping or using it would be a guess."""
     text = _texts(row, numeric, decimal)
     if text:
@@ -281,35 +381,3 @@ def _refuse_mixed_first_row(row: list[str], numeric: list[int], decimal: str, wh
             where=where,
             remedy="repair the value; or, if the line belongs to the header, put # in front of it",
         )
-
-
-def _names(
-    lines: list[str], cells: list[list[str]], delimiter: str, columns: int
-) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Take names and units from the lines above the data, a row of units below the names; or from the last comment."""
-    without = ("",) * columns
-
-    def fitting(row: list[str]) -> tuple[str, ...] | None:
-        if columns == 1 and delimiter == BLANKS:
-            return (" ".join(row),)  # the name of a single column may contain blanks
-        trimmed = row[:-1] if len(row) == columns + 1 and row[-1].lower() in _NO_COLUMN else row
-        return tuple(trimmed) if len(trimmed) == columns else None
-
-    above = [fitting(row) for row in cells]
-    if above and above[-1] is not None:
-        names = above[-1]
-        filled = [cell for cell in names if cell]
-        units = bool(filled) and all(_UNIT.fullmatch(cell) for cell in filled)
-        if units and len(above) > 1 and above[-2] is not None:
-            return above[-2], names
-        return names, without
-    comments = [line for line in lines if _is_comment(line)]
-    if comments and not above:
-        names = fitting(split_line(comments[-1].strip().lstrip("#% "), delimiter))
-        if (
-            names is not None
-            and (columns > 1 or names[0])
-            and not any(is_number(name, ".") for name in names)
-        ):
-            return names, without
-    return without, without

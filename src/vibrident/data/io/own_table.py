@@ -1,4 +1,4 @@
-"""A user's own table (CSV, Parquet, Excel): a signal from it, and the same table with further columns."""
+"""A user's own table (CSV, Parquet, Excel): a signal from it, the table with further columns."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ from vibrident.data.io.alignment import Channel, align
 from vibrident.data.io.calibration_file import ResponseSection
 from vibrident.data.io.clocks import ClockReader
 from vibrident.data.io.columns import library
-from vibrident.data.io.csv_layout import BLANKS, detect_layout
+from vibrident.data.io.csv_layout import detect_layout, open_text
 from vibrident.data.io.header_units import response_conversion
+from vibrident.data.io.plain_text import BLANKS
 from vibrident.data.io.reader import open_columns, sha256
 from vibrident.data.records import FloatArray, Provenance, Record
 
@@ -71,9 +72,10 @@ def _key(text: str) -> int | str:
 
 
 def with_columns(path: Path, target: Path, columns: Mapping[str, FloatArray]) -> Path:
-    """Write the table with further columns into ``target``, in its own format; what it held stays as it was.
+    """Write the table with further columns into ``target``; what it held stays as it was.
 
-    ``columns``: heading to its values, one a row; InputError where the table has other rows, or such a column.
+    ``columns``: heading to its values, one a row; InputError where the table has other rows, or
+    such a column.
     """
     names = open_columns(path).names
     for name in columns:
@@ -128,9 +130,10 @@ def _excel(path: Path, target: Path, columns: Mapping[str, FloatArray]) -> None:
 
 
 def _text(path: Path, target: Path, columns: Mapping[str, FloatArray]) -> None:
-    layout = detect_layout(path, str(path))
+    text = open_text(path, str(path))
+    layout = detect_layout(text, str(path))
     gap = " " if layout.delimiter == BLANKS else layout.delimiter
-    lines = path.read_bytes().decode(layout.encoding).splitlines()
+    lines = text.read().decode(layout.encoding).splitlines()
     head, data = lines[: layout.first_line - 1], lines[layout.first_line - 1 :]
     filled = [n for n, line in enumerate(data) if line.strip()]
     _require_rows(len(filled), columns, path)

@@ -1,9 +1,8 @@
-"""Text files of columns: CSV and its relatives, at the speed of pandas; each row complete, each error with its line."""
+"""Text files of columns, at the speed of pandas; each row complete, each error with its line."""
 
 from __future__ import annotations
 
 import contextlib
-import re
 import sys
 from collections.abc import Iterator, Sequence
 from functools import cached_property
@@ -15,27 +14,32 @@ from numpy.typing import NDArray
 from pydantic_core import from_json
 
 from vibrident.base.errors import InputError
-from vibrident.data.io.columns import LONGEST_LINE, Channel, ColumnFile, unreadable
+from vibrident.data.io.columns import LONGEST_LINE, Channel, ColumnFile, Start, unreadable
 from vibrident.data.io.csv_layout import (
-    BLANKS,
     CsvLayout,
     detect_layout,
     is_number,
+    open_text,
+    refuse_thousands,
     split_line,
     too_long_a_line,
 )
+from vibrident.data.io.plain_text import BLANKS, TAIL_BYTES, PlainText, respelled
 from vibrident.data.io.reader import Reader
+from vibrident.data.io.stamps import Stamps, is_stamp, parse_stamps
+from vibrident.data.io.text_cleaning import clean
+from vibrident.data.io.text_head import without_brackets
 from vibrident.data.records import FloatArray
 
 _CHUNK_BYTES = 1 << 20  # counting needs ten times as much memory
 _NEWLINE = ord("\n")
 
 
-def row_lines(path: Path, file: str, layout: CsvLayout) -> NDArray[np.int64]:
-    """Line number, from 1, of every row, none of which is blank; InputError for one of other fields than the layout."""
+def row_lines(text: PlainText, file: str, layout: CsvLayout) -> NDArray[np.int64]:
+    """Return the line number, from 1, of every row; InputError for one of other fields."""
     numbers: list[NDArray[np.int64]] = []
     line = layout.first_line
-    with path.open("rb") as stream:
+    with text.open() as stream:
         stream.seek(layout.offset)
         for chunk in _chunks_of_lines(stream):
             if chunk is None:
@@ -57,9 +61,9 @@ def row_lines(path: Path, file: str, layout: CsvLayout) -> NDArray[np.int64]:
     return np.concatenate(numbers) if numbers else np.zeros(0, dtype=np.int64)
 
 
-def numbered_rows(path: Path, layout: CsvLayout) -> Iterator[tuple[int, list[str]]]:
-    """Give line number, from 1, and cells of every row: slow, to locate an error of a fast reader."""
-    with path.open("rb") as stream:
+def numbered_rows(text: PlainText, layout: CsvLayout) -> Iterator[tuple[int, list[str]]]:
+    """Give line number, from 1, and cells of every row: slow, to locate an error of a parser."""
+    with text.open() as stream:
         stream.seek(layout.offset)
         for number, line in enumerate(stream, start=layout.first_line):
             if line.strip():
@@ -115,7 +119,7 @@ def _fields(chunk: bytes, layout: CsvLayout) -> NDArray[np.int64]:
 
 
 def _complete_rows(bytes_: NDArray[np.uint8], layout: CsvLayout) -> int:
-    """Number of lines if each ends with a line end and has as many delimiters as the layout says; else 0."""
+    """Return the number of lines if each is complete and has the layout's fields; else 0."""
     delimiter = ord(layout.delimiter)
     marks = bytes_[(bytes_ == delimiter) | (bytes_ == _NEWLINE)]
     if marks.size % layout.fields or bytes_[-1] != _NEWLINE:
@@ -125,35 +129,12 @@ def _complete_rows(bytes_: NDArray[np.uint8], layout: CsvLayout) -> int:
 
 
 LIGHT_BYTES = 1 << 20  # files up to this size are read without pandas: loading it takes longer
-TAIL_BYTES = 1 << 14  # at the end of a file, in which its last row is sought
 PLAIN = b"0123456789+-eE\n"  # numbers and lines, beside delimiter and decimal sign
 #: What pandas takes for a missing value.
-_NO_VALUE = frozenset(
-    {
-        *(
-            "",
-            "NaN",
-            "nan",
-            "-NaN",
-            "-nan",
-            "NA",
-            "N/A",
-            "n/a",
-            "NULL",
-            "null",
-            "None",
-            "<NA>",
-            "#N/A",
-            "#NA",
-        ),
-        *("#N/A N/A", "1.#IND", "-1.#IND", "1.#QNAN", "-1.#QNAN"),
-    }
-)
-#: A time of day, with or without a date: year-month-day, or day.month.year.
-_STAMP = re.compile(
-    r"(?:(?P<year>\d{4})[-/.](?P<month>\d\d)[-/.](?P<day>\d\d)[ T]+|(?P<d>\d\d)\.(?P<m>\d\d)\.(?P<y>\d{4})[ T]+)?"
-    r"(?P<time>\d\d:\d\d:\d\d)(?:[.,](?P<fraction>\d{1,9}))?Z?"
-)
+_NO_VALUE = frozenset({
+    "", "NaN", "nan", "-NaN", "-nan", "NA", "N/A", "n/a", "NULL", "null", "None", "<NA>", "#N/A",
+    "#NA", "#N/A N/A", "1.#IND", "-1.#IND", "1.#QNAN", "-1.#QNAN",
+})  # fmt: skip
 
 
 def _better_by_pandas(path: Path) -> bool:
@@ -162,51 +143,100 @@ def _better_by_pandas(path: Path) -> bool:
 
 
 class CsvFile(ColumnFile):
-    """A text file of columns; the layout comes from its first lines, the numbers from pandas' C parser."""
+    """A text file of columns: layout from its first lines, numbers from pandas' C parser."""
 
     word = "column"
 
     def __init__(self, path: Path) -> None:
-        self._layout: CsvLayout = detect_layout(path, str(path))
-        units = (unit.strip("[](){}<> ") for unit in self._layout.units)
+        self._text = open_text(path, str(path))
+        self._layout: CsvLayout = detect_layout(self._text, str(path))
+        self._parsed: dict[int, Stamps] = {}
+        facts = self._layout.facts
         channels = [
-            Channel(name, unit=unit) for name, unit in zip(self._layout.names, units, strict=True)
+            Channel(
+                name,
+                clock=facts.clocks[column],
+                unit=without_brackets(self._layout.units[column]) or facts.units[column],
+                over_frequency=facts.over_frequency[column],
+            )
+            for column, name in enumerate(self._layout.names)
         ]
         super().__init__(path, channels, {})
 
     @cached_property
     def _row_lines(self) -> NDArray[np.int64]:
-        return row_lines(self._path, self.file, self._layout)
+        try:
+            return row_lines(self._text, self.file, self._layout)
+        except InputError:
+            if not self._cleaned():
+                raise
+            return row_lines(self._text, self.file, self._layout)
+
+    def _cleaned(self) -> bool:
+        """Bring the text into the form that the parsers take; False if that changed nothing."""
+        changed = clean(self._text, self._layout, self.file)
+        if changed:
+            for name in ("_row_lines", "_numbers", "_first_row"):
+                vars(self).pop(name, None)
+        return changed
 
     def in_seconds(self, position: int) -> bool:
         """Whether the column holds times of day, with or without dates."""
-        return position < len(self._first_row) and _is_stamp(self._first_row[position])
+        return position < len(self._first_row) and is_stamp(self._first_row[position])
+
+    def start(self, position: int) -> Start | None:
+        """Return the time of a column's first row: its own stamp, or the head's statement."""
+        if not self.in_seconds(position):
+            return super().start(position)
+        stamps = self._stamps([position])[0]
+        return Start(int(stamps.ns[0]), epoch=stamps.dated)
 
     def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
-        """Parse these columns; each has shape (rows,). An empty cell is NaN, a time of day seconds since the first."""
+        """Parse these columns; each has shape (rows,).
+
+        An empty cell is NaN; a time of day is in seconds since the first.
+        """
         stamps = [position for position in positions if self.in_seconds(position)]
         numbers = [position for position in positions if position not in stamps]
         found = dict(zip(numbers, self._load_numbers(numbers) if numbers else (), strict=True))
-        found.update(zip(stamps, self._load_stamps(stamps) if stamps else (), strict=True))
+        times = [parsed.elapsed_s for parsed in self._stamps(stamps)]
+        found.update(zip(stamps, times, strict=True))
         return tuple(found[position] for position in positions)
 
     @cached_property
     def _first_row(self) -> list[str]:
         try:
-            return next((cells for _, cells in numbered_rows(self._path, self._layout)), [])
+            return next((cells for _, cells in numbered_rows(self._text, self._layout)), [])
         except OSError as error:
             raise unreadable(self.file, error, "a text file of columns") from error
 
-    def _load_stamps(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
-        rows = [cells for _, cells in numbered_rows(self._path, self._layout)]
-        if len(rows) != self._row_lines.size:  # which refuses uneven rows
-            raise self._torn(len(rows))
-        try:
-            return tuple(
-                _seconds_of_stamps([cells[position] for cells in rows]) for position in positions
-            )
-        except ValueError as error:
-            raise unreadable(self.file, error, "times of day with existing dates") from error
+    def _stamps(self, positions: Sequence[int]) -> list[Stamps]:
+        """Return columns of times of day, which are kept."""
+        wanted = [position for position in positions if position not in self._parsed]
+        if wanted:
+            size = self._row_lines.size  # which refuses uneven rows
+            rows = numbered_rows(self._text, self._layout)
+            spans = [self._span(position) for position in wanted]
+            columns = [
+                *zip(*([" ".join(cells[s]) for s in spans] for _, cells in rows), strict=True)
+            ]
+            for position, cells in zip(wanted, columns, strict=True):
+                if len(cells) != size:
+                    raise self._torn(len(cells))
+                self._parsed[position] = parse_stamps(
+                    cells, _NO_VALUE, lambda row, position=position: self.locate(position, row)
+                )
+        return [self._parsed[position] for position in positions]
+
+    def _span(self, position: int) -> slice:
+        """Return the cells of a stamp: a date, the time, and AM, PM or a zone."""
+        row = self._first_row
+        begin, end = position, position + 1
+        if position and is_stamp(f"{row[position - 1]} {row[position]}"):
+            begin -= 1
+        if row[end:] and row[end].isalpha() and is_stamp(f"{row[position]} {row[end]}"):
+            end += 1
+        return slice(begin, end)
 
     def _torn(self, found: int) -> InputError:
         return InputError(
@@ -219,20 +249,25 @@ class CsvFile(ColumnFile):
 
     def _load_numbers(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
         try:
-            rows = self._row_lines.size
             self._refuse_a_summary()
-            found = self._plain(positions)
-            if found is not None:
-                return found
-            frame = self._parse(sorted(set(positions)))
+            try:
+                return self._quick(positions)
+            except (ValueError, TypeError, OverflowError) as error:
+                if not self._cleaned():
+                    raise self._text_in(positions, error) from error
+            return self._quick(positions)
         except OSError as error:
             raise unreadable(self.file, error, "a text file of columns") from error
-        except (
-            ValueError,
-            TypeError,
-            OverflowError,
-        ) as error:  # pandas.errors.ParserError is a ValueError
+        except (ValueError, TypeError, OverflowError) as error:
             raise self._text_in(positions, error) from error
+
+    def _quick(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
+        """Parse columns of numbers alone; ValueError and its like where there is other text."""
+        rows = self._row_lines.size
+        found = self._plain(positions)
+        if found is not None:
+            return found
+        frame = self._parse(sorted(set(positions)))  # pandas.errors.ParserError is a ValueError
         if len(frame) != rows:
             raise self._torn(len(frame))
         return tuple(frame[position].to_numpy() for position in positions)
@@ -261,7 +296,7 @@ class CsvFile(ColumnFile):
         layout = self._layout
         if _better_by_pandas(self._path):
             return None
-        data = self._path.read_bytes()[layout.offset :]
+        data = self._text.read()[layout.offset :]
         if b"\r" in data:  # one sign is sought far quicker than two
             data = data.replace(b"\r\n", b"\n")
         separator = layout.delimiter.encode()
@@ -289,11 +324,11 @@ class CsvFile(ColumnFile):
         import pandas
 
         layout = self._layout
-        # Before 3.1 the default parser may miss the nearest float by one unit in the last place; since then it is
-        # exact, and the option is deprecated.
+        # Before 3.1 the default parser may miss the nearest float by one unit in the last place;
+        # since then it is exact, and the option is deprecated.
         old = tuple(int(part) for part in pandas.__version__.split(".")[:2]) < (3, 1)
         exact: dict[str, Any] = {"float_precision": "round_trip"} if old else {}
-        with self._path.open("rb") as stream:
+        with self._text.open() as stream:
             stream.seek(layout.offset)
             return pandas.read_csv(
                 stream,
@@ -310,15 +345,16 @@ class CsvFile(ColumnFile):
             )
 
     def _refuse_a_summary(self) -> None:
-        """Refuse a last row that begins with a word where the others begin with a number ("Mean, 0.1, 0.2")."""
-        with self._path.open("rb") as stream:
+        """Refuse a last row that begins with a word where others begin with a number."""
+        with self._text.open() as stream:
             size = stream.seek(0, 2)
             stream.seek(max(self._layout.offset, size - TAIL_BYTES))
             tail = stream.read().decode(self._layout.encoding, errors="replace").splitlines()
         last = next((line for line in reversed(tail) if line.strip()), "")
         first = self._first_row[0] if self._first_row else ""
-        word = split_line(last, self._layout.delimiter)[0] if last.strip() else ""
-        numeric = is_number(first, self._layout.decimal) or _is_stamp(first)
+        gap = self._layout.delimiter
+        word = split_line(respelled(last, gap), gap)[0] if last.strip() else ""
+        numeric = is_number(first, self._layout.decimal) or is_stamp(first)
         if word[:1].isalpha() and word not in _NO_VALUE and numeric:
             raise InputError(
                 "The last row of the file is not like the others.",
@@ -331,15 +367,17 @@ class CsvFile(ColumnFile):
     def _text_in(self, positions: Sequence[int], error: Exception) -> InputError:
         """Find the first cell that the parser refused."""
         sign = self._layout.decimal
-        for line, cells in numbered_rows(self._path, self._layout):
+        for line, cells in numbered_rows(self._text, self._layout):
             for position in positions:
                 cell = cells[position]
                 if cell not in _NO_VALUE and not is_number(cell, sign):
+                    where = f"{self.file}, line {line}, {self._column(position)}"
+                    refuse_thousands(cell, where)
                     return InputError(
                         "A cell that must hold a number holds text.",
                         expected=f"a number, with decimal sign {sign!r}",
                         found=repr(cell[:40]),
-                        where=f"{self.file}, line {line}, {self._column(position)}",
+                        where=where,
                         remedy="repair the cell, or name another column",
                     )
         return InputError(
@@ -349,32 +387,6 @@ class CsvFile(ColumnFile):
             where=f"{self.file}, " + ", ".join(self._column(position) for position in positions),
             remedy="check these columns",
         )
-
-
-def _is_stamp(cell: str) -> bool:
-    return _STAMP.fullmatch(cell) is not None
-
-
-def _seconds_of_stamps(cells: Sequence[str]) -> FloatArray:
-    """Seconds since the first stamp, shape (cells,); NaN where a cell holds none. Midnight is passed forwards."""
-    texts, dated = ["NaT"] * len(cells), False
-    for index, cell in enumerate(cells):
-        found = _STAMP.fullmatch(cell)
-        if found is None:
-            continue
-        part = found.groupdict()
-        day = "1970-01-01"
-        if part["year"] or part["y"]:
-            day, dated = (
-                f"{part['year'] or part['y']}-{part['month'] or part['m']}-{part['day'] or part['d']}",
-                True,
-            )
-        texts[index] = f"{day}T{part['time']}.{part['fraction'] or '0'}"
-    stamps = np.array(texts, dtype="datetime64[ns]")
-    seconds = (stamps - stamps[:1]) / np.timedelta64(1, "s")  # subtracted first, to keep the digits
-    if not dated:
-        seconds[1:] += 86400.0 * np.cumsum(np.diff(seconds) < -43200.0)
-    return np.asarray(seconds, dtype=np.float64)
 
 
 CSV = Reader(

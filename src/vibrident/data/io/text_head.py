@@ -1,0 +1,381 @@
+"""What the lines above the data of a text file state: rate, interval, start and units of columns.
+
+One rule for all makers: a line holds a key and its values, and the key is sought in one table, in
+the usual languages.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+
+from vibrident.base.errors import InputError
+from vibrident.data.io.columns import Clock, Start
+from vibrident.data.io.plain_text import BLANKS
+from vibrident.data.io.sampling import plainest_clock
+from vibrident.data.io.stamps import has_fraction, is_stamp, parse_stamps
+from vibrident.data.io.units import Unit, parse_unit, says_nothing
+
+#: Keys of a statement, by what they state; a blank stands for "_", "-", "." and blanks, or none.
+_KEYS = {
+    kind: keys.split(", ")
+    for kind, keys in {
+        "rate": "sample rate, sampling rate, sample frequency, sampling frequency, sample freq, "
+        "sampling freq, samp rate, samples per second, samples per sec, samples/sec, samples/s, "
+        "sps, scan rate, acquisition rate, srate, fs, rate, sampling, abtastrate, abtastfrequenz, "
+        "abtastung, messrate, fréquence d'échantillonnage, frecuencia de muestreo, "
+        "frequenza di campionamento, 采样率, 采样频率, サンプリング周波数, サンプリングレート, "
+        "частота дискретизации",
+        "interval": "sample interval, sampling interval, sample period, sampling period, "
+        "scan interval, time increment, time step, delta x, delta t, delta, Δt, dt, x increment, "
+        "x incr, increment, interval, t inc, abtastintervall, intervall, abtastperiode, "
+        "abtastzeit, zeitschritt, schrittweite, période d'échantillonnage, periodo de muestreo, "
+        "采样间隔, 采样周期, サンプリング周期, サンプリング間隔, "
+        "период дискретизации, интервал дискретизации",
+        "start": "start time, start, x zero, x0, t0, startzeit, 开始时间",
+        "units": "y unit label, vertical units, y units, units, unit, einheiten, einheit, unités, "
+        "unidades, 单位, 単位, единицы",
+        "time unit": "horizontal units, x units, x unit",
+        "dimension": "x dimension",
+    }.items()
+}
+#: Of a sampling if they have a unit of it.
+_OF_ANYTHING = frozenset(
+    {"rate", "sampling", "abtastung", "delta", "increment", "interval", "intervall"}
+)
+_SEPARATORS = ":=,;\t"
+_STATEMENT = re.compile(
+    r"(?:^|[,;|\t({]|//|\s{2})[\s#%*!]*(?:"
+    + "|".join(
+        f"(?P<{kind.replace(' ', '_')}>"
+        + "|".join(
+            re.escape(key).replace(r"\ ", r"[ _.\-]*") for key in sorted(keys, key=len)[::-1]
+        )
+        + ")"
+        for kind, keys in _KEYS.items()
+    )
+    + r") *(?:[\[(] *(?P<bracket>[^\])]{1,20}?) *[\])]|(?:in +|_|(?<= ))(?P<word>k?hz|[mµu]?s))? *"
+    + rf"(?:[{_SEPARATORS}]|(?= [+-]?\.?\d))",
+    re.IGNORECASE,
+)
+_NUMBER = re.compile(r"([+-]?\.?\d[\d.,']*(?:[eE][+-]?\d+)?)\s*(.*)")
+_GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}(?:[,.']\d{3})+")
+_SAMPLES_PER_SECOND = re.compile(
+    r"(?P<prefix>[kMG]?)"
+    r"(?:(?:samples?|sa|smp|points|pts|scans|s)\s*(?:/|per)\s*s(?:ec(?:ond)?)?|sps)\b",
+    re.IGNORECASE,
+)
+_IN_BRACKETS = re.compile(r"\[[^\[\]]*\]|\([^()]*\)|\{[^{}]*\}|<[^<>]*>")
+_PREFIXES = {"": 1.0, "k": 1e3, "m": 1e6, "g": 1e9}
+#: A number of more digits may be rounded; an interval is often the reciprocal of a round number.
+_EXACT_DIGITS = {"rate": 5, "interval": 3}
+_MAX_RATE_HZ = 1e15  # far beyond any converter; a larger one is damage
+LABVIEW_END = "***End_of_Header***"
+_LABVIEW_EPOCH_S = -2_082_844_800  # 1904-01-01 since 1970-01-01
+
+
+@dataclass(frozen=True)
+class HeadLine:
+    """A line above the data: its number from 1, and its text."""
+
+    number: int
+    text: str
+
+
+@dataclass(frozen=True)
+class Statement:
+    """A key and its values in a line."""
+
+    kind: str
+    values: tuple[str, ...]  # behind the key, without quotes and blanks around them
+    unit: str  # beside the key
+    is_row: bool  # a row of cells: value n belongs to column n + 1
+    is_first: bool  # the line begins with it
+    line: HeadLine
+
+
+@dataclass(frozen=True)
+class HeadFacts:
+    """Statements of a head for each column."""
+
+    units: tuple[str, ...]
+    clocks: tuple[Clock | None, ...]
+    over_frequency: tuple[bool, ...]
+
+
+@dataclass
+class _Column:
+    """Clocks of one column as stated, each with its line."""
+
+    is_numeric: bool
+    clocks: list[tuple[Clock, HeadLine]] = field(default_factory=list)
+    unit: str = ""
+    start: Start | None = None
+    is_over_frequency: bool = False
+
+
+def statements(line: HeadLine, delimiter: str) -> Iterator[Statement]:
+    """Give the statements of a line."""
+    text = line.text.replace('"', "").rstrip("\r\n")
+    for match in _STATEMENT.finditer(text):
+        kind = next(kind for kind in _KEYS if match[kind.replace(" ", "_")] is not None)
+        is_row = match[0].endswith(delimiter) and delimiter != BLANKS
+        rest = text[match.end() :] if is_row else text[match.end() :].lstrip(_SEPARATORS + " ")
+        is_word = kind in ("units", "time unit", "dimension")
+        gap = delimiter if is_row or (delimiter not in (BLANKS, ",") and not is_word) else "[,;\t]"
+        if is_word and not re.search(gap, rest):
+            gap = r"\s+"
+        values = _trimmed([cell.strip() for cell in re.split(gap, rest)])
+        unit = (match["bracket"] or match["word"] or "").strip()
+        numbers = [_NUMBER.match(value) for value in values]
+        is_bare = match[0].strip(_SEPARATORS + "|({/#%*! ").lower() in _OF_ANYTHING and not (
+            unit or any(number and _unit(number[2]) for number in numbers)
+        )
+        is_unit = kind == "dimension" or any(parse_unit(value) is not None for value in values)
+        if (is_word and is_unit) or (not is_word and any(numbers) and not is_bare):
+            yield Statement(kind, tuple(values), unit, is_row, match.start() == 0, line)
+
+
+def _trimmed(values: list[str]) -> list[str]:
+    """Return cells without empty ones at the end, but the first."""
+    while len(values) > 1 and not values[-1]:
+        values = values[:-1]
+    return values
+
+
+def is_statement(text: str, delimiter: str) -> bool:
+    """Tell whether a line begins with a statement."""
+    return any(statement.is_first for statement in statements(HeadLine(0, text), delimiter))
+
+
+def is_key(cell: str) -> bool:
+    """Tell whether a cell is the name of a rate, interval or start, with its value or without."""
+    match = _STATEMENT.match(cell.strip() + ":")
+    return match is not None and any(match[kind] for kind in ("rate", "interval", "start"))
+
+
+def read_head(
+    lines: Sequence[HeadLine],
+    delimiter: str,
+    decimal: str,
+    width: int,
+    numeric: Sequence[int],
+    x_column: int | None,
+    file: str,
+) -> HeadFacts:
+    """Return what the head states of each column.
+
+    Args:
+        lines: above the data, and beside it.
+        delimiter: of the cells.
+        decimal: sign of the numbers.
+        width: number of columns.
+        numeric: columns of numbers.
+        x_column: of times, to which units of the ordinate do not belong; None where there is none.
+        file: for messages.
+
+    Raises:
+        InputError: a rate or interval has no usable number or unit, or two contradict each other.
+    """
+    found = [s for line in lines for s in statements(line, delimiter)]
+    columns = [_Column(index in numeric) for index in range(width)]
+    time_unit = next((s.values[0] for s in found if s.kind == "time unit"), "")
+    abscissa = parse_unit(time_unit)
+    for column in columns:
+        column.is_over_frequency = abscissa is not None and abscissa.dimension == (("s", -1),)
+    for statement in found:
+        if statement.kind == "dimension":
+            for column, value in _by_column(statement, columns):
+                column.is_over_frequency = value.lower().startswith("freq")
+    for statement in found:
+        if statement.kind == "units":
+            _take_units(statement, columns, x_column)
+        elif statement.kind in ("rate", "interval"):
+            _take_clock(statement, columns, decimal, time_unit, file)
+    _take_starts(found, lines, columns, delimiter, decimal)
+    return HeadFacts(
+        tuple(column.unit for column in columns),
+        tuple(_agreed(column, file) for column in columns),
+        tuple(column.is_over_frequency for column in columns),
+    )
+
+
+def _by_column(statement: Statement, columns: Sequence[_Column]) -> Iterator[tuple[_Column, str]]:
+    """Give each column with its value: one for all, one for each, or for each but the first."""
+    values = statement.values
+    if len(values) == 1:
+        yield from ((column, values[0] if column.is_numeric else "") for column in columns)
+    elif len(values) == len(columns):
+        yield from zip(columns, values, strict=True)
+    elif len(values) < len(columns) and (statement.is_row or len(values) == len(columns) - 1):
+        yield from zip(columns[1:], values, strict=False)
+
+
+def _take_units(statement: Statement, columns: list[_Column], x_column: int | None) -> None:
+    """Set the units of columns; a single one is of a single ordinate."""
+    pairs = list(_by_column(statement, columns))
+    if len(statement.values) == 1:
+        pairs = [pair for n, pair in enumerate(pairs) if pair[0].is_numeric and n != x_column]
+        pairs = pairs if len(pairs) == 1 else []
+    for column, value in pairs:
+        if not says_nothing(value):
+            column.unit = column.unit or without_brackets(value)
+
+
+def without_brackets(unit: str) -> str:
+    """Return a unit without brackets around the whole of it."""
+    return unit[1:-1].strip() if _IN_BRACKETS.fullmatch(unit) else unit
+
+
+def _take_clock(
+    statement: Statement, columns: list[_Column], decimal: str, time_unit: str, file: str
+) -> None:
+    """Add the clock of a rate or an interval to the columns that it is of."""
+    values = statement.values
+    if not statement.is_row:
+        values = values[:1]
+    elif len(values) == 2 and values[1] and not _NUMBER.match(values[1]):
+        values = (" ".join(values),)  # the unit in a cell of its own
+    pairs = list(_by_column(replace(statement, values=values), columns))
+    if not pairs or (statement.kind == "rate" and len({*values} - {""}) > 1):
+        raise _unusable(statement, "one rate, or an interval for each column", file)
+    for column, value in pairs:
+        if value and not column.is_over_frequency:
+            clock = _clock(statement, value, decimal, time_unit, file)
+            column.clocks.append((clock, statement.line))
+
+
+def _clock(statement: Statement, value: str, decimal: str, time_unit: str, file: str) -> Clock:
+    """Return the clock of a rate or interval; its unit decides which it is."""
+    written = _NUMBER.match(value)
+    text = written[1].rstrip(".,'") if written else ""
+    number = _number(text, decimal)
+    stated = (written[2] if written else "").strip("()[]{} .;") or statement.unit
+    default = "Hz" if statement.kind == "rate" else time_unit or "s"
+    unit = _unit(stated or default)
+    if number is None or unit is None or not 1 / _MAX_RATE_HZ < number * unit.factor < _MAX_RATE_HZ:
+        raise _unusable(statement, "a number above 0, in Hz or s or a multiple", file)
+    kind = "rate" if unit.dimension == (("s", -1),) else "interval"
+    digits, half_unit = _precision(text)
+    size = number * unit.factor
+    half_unit *= unit.factor
+    if digits <= _EXACT_DIGITS[kind] or (kind == "rate" and half_unit >= 0.5):
+        return Clock(float(f"{size if kind == 'rate' else 1.0 / size:.15g}"))
+    if kind == "rate":
+        return plainest_clock(1.0 / size, half_unit / size**2)
+    return plainest_clock(size, half_unit)
+
+
+def _number(text: str, decimal: str) -> float | None:
+    """Return a number of a head; None for one that has two readings."""
+    other = "." if decimal == "," else ","
+    if _GROUPED.fullmatch(text) and not re.fullmatch(rf"[+-]?\d+{re.escape(decimal)}\d+", text):
+        return None
+    text = text.replace(",", ".") if decimal == "," else text
+    try:
+        return None if other == "," and "," in text else float(text)
+    except ValueError:
+        return None
+
+
+def _precision(text: str) -> tuple[int, float]:
+    """Return the number of significant digits as written, and half a unit of the last place."""
+    mantissa, _, exponent = text.lower().replace(",", ".").partition("e")
+    places = len(mantissa.partition(".")[2])
+    digits = mantissa.lstrip("+-").replace(".", "").strip("0")
+    return len(digits), 0.5 * 10.0 ** (int(exponent or 0) - places)
+
+
+def _unit(text: str) -> Unit | None:
+    """Return a unit of rate or time; None for another."""
+    samples = _SAMPLES_PER_SECOND.match(text)
+    if samples:
+        return Unit(_PREFIXES[samples["prefix"].lower()], (("s", -1),))
+    plain = (text.split() or [""])[0].strip("()[]{}.,; ")
+    parsed = None if plain == "mhz" else parse_unit(re.sub(r"^K(?=Hz)", "k", plain))
+    return parsed if parsed and parsed.dimension in ((("s", 1),), (("s", -1),)) else None
+
+
+def _agreed(column: _Column, file: str) -> Clock | None:
+    """Return the least rounded of the clocks; InputError where two contradict each other."""
+    if not column.clocks or column.is_over_frequency:
+        return None
+    best, at = min(column.clocks, key=lambda pair: pair[0].rate_rounding)
+    for clock, line in column.clocks:
+        if abs(clock.rate_hz / best.rate_hz - 1.0) > clock.rate_rounding + best.rate_rounding:
+            raise InputError(
+                "The head of the file states two sampling rates.",
+                expected=f"{best.rate_hz:.9g} Hz, as by line {at.number}: {at.text.strip()[:60]!r}",
+                found=f"{clock.rate_hz:.9g} Hz by line {line.number}: {line.text.strip()[:60]!r}",
+                where=f"{file}, lines {at.number} and {line.number}",
+                remedy="correct or remove one of the two lines",
+            )
+    return Clock(best.rate_hz, best.rate_rounding, column.start)
+
+
+def _unusable(statement: Statement, expected: str, file: str) -> InputError:
+    return InputError(
+        f"The sampling {statement.kind} in the head of the file cannot be used.",
+        expected=expected,
+        found=repr(statement.line.text.strip()[:80]),
+        where=f"{file}, line {statement.line.number}",
+        remedy="correct or remove that line",
+    )
+
+
+def _take_starts(
+    found: Sequence[Statement],
+    lines: Sequence[HeadLine],
+    columns: list[_Column],
+    delimiter: str,
+    decimal: str,
+) -> None:
+    """Set the start of each column: in seconds, or as a time of day to fractions of a second."""
+    for statement in found:
+        if statement.kind != "start":
+            continue
+        stamp = " ".join(statement.values)
+        if is_stamp(stamp):
+            if has_fraction(stamp):
+                for column in columns:
+                    column.start = _epoch(stamp)
+            continue
+        single = statement.values if statement.is_row else statement.values[:1]
+        for column, value in _by_column(replace(statement, values=single), columns):
+            written = _NUMBER.match(value)
+            number = _number(written[1].rstrip(".,'"), decimal) if written else None
+            unit = _unit((written[2] if written else "") or statement.unit or "s")
+            if number is not None and unit is not None and abs(number) < _MAX_RATE_HZ:
+                column.start = Start.on_own_clock(number * unit.factor)
+    if any(line.text.strip().startswith(LABVIEW_END) for line in lines):
+        _take_labview_starts(lines, columns, delimiter)
+
+
+def _take_labview_starts(lines: Sequence[HeadLine], columns: list[_Column], delimiter: str) -> None:
+    """Add the date and time that X0 of a LabVIEW measurement counts from, or 1904 (Time_Pref)."""
+    gap = None if delimiter == BLANKS else delimiter
+    cells = [[cell.strip() for cell in line.text.rstrip().split(gap)] for line in lines]
+    rows = {key.lower(): values for key, *values in cells if values}  # of the last head
+
+    def cell(key: str, column: int) -> str:
+        values = rows.get(key, [""])
+        return values[0] if len(values) == 1 else "".join(values[max(column - 1, 0) :][:1])
+
+    for index, column in enumerate(columns):
+        x0_ns = 0 if column.start is None else column.start.ns
+        stamp = f"{cell('date', index)} {cell('time', index)}"
+        begin = _epoch(stamp) if is_stamp(stamp) else None
+        if x0_ns and cell("time_pref", index).lower() == "absolute":
+            column.start = Start(x0_ns + _LABVIEW_EPOCH_S * 10**9, epoch=True)
+        elif begin is not None:
+            column.start = Start(begin.ns + x0_ns, epoch=True)
+
+
+def _epoch(stamp: str) -> Start | None:
+    """Return the start that a single stamp states; None for a date with two readings."""
+    try:
+        parsed = parse_stamps([stamp], frozenset(), lambda row: "")
+    except InputError:
+        return None
+    return Start(int(parsed.ns[0]), epoch=parsed.dated)

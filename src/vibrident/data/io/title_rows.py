@@ -1,0 +1,95 @@
+"""Rows of names and units above the columns of a text file, and what makers write beside them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from itertools import pairwise
+
+from vibrident.data.io.plain_text import BLANKS
+from vibrident.data.io.text_head import HeadLine, is_key
+from vibrident.data.io.units import parse_unit, says_nothing
+
+#: Names above a column that the rows do not have (LabVIEW).
+COMMENTS = frozenset({"comment", "comments", "kommentar", "commentaire"})
+_NUMBER = re.compile(r"[+-]?\d*\.?\d+(?:[eE][+-]?\d+)?")
+_BRACKETED = re.compile(r"\[.*\]|\(.*\)|<.*>")
+#: In a row of units, of a column that counts.
+_COUNTERS = frozenset(
+    {"sequence", "no.", "no", "nr", "nr.", "number", "index", "samples", "points", "ticks", "tick"}
+)
+#: Of an abscissa.
+TIME_NAMES = re.compile(
+    r"(?:x|t|x[ _-]?(?:value|axis|achse)|time\w*|zeit|seconds?|source|f|freq\w*)\b", re.IGNORECASE
+)
+
+
+def columns_of(data: Sequence[list[str]], above: Sequence[list[str]], fields: int) -> int:
+    """Return the number of columns: fields without those behind the last separators of the rows.
+
+    These have neither values nor a name, but for a key of the head (Rigol) or "Comment" (LabVIEW).
+    """
+    columns = fields
+    while columns > 1:
+        last = columns - 1
+        titles = [row[last] for row in above if len(row) > last]
+        if any(len(row) > last and row[last] for row in data):
+            break
+        if not all(map(_is_no_title, titles)):
+            break
+        columns = last
+    return columns
+
+
+def keys_over_values(rows: dict[int, list[str]], columns: int) -> list[HeadLine]:
+    """Return statements by keys beside the names, with their values in s below (Rigol)."""
+    found = []
+    for (i, row), (_, below) in pairwise(rows.items()):
+        found += [
+            HeadLine(i + 1, f"{key}: {value} s")
+            for key, value in zip(row[columns:], below[columns:], strict=False)
+            if is_key(key) and value
+        ]
+    return found
+
+
+def names_and_units(
+    rows: Sequence[list[str]], delimiter: str, columns: int
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return names and units of the columns, "" without, from the rows of cells above the data."""
+    without = ("",) * columns
+    above = [_fitting(row, delimiter, columns) for row in rows[-2:]]
+    names = above[-1] if above else None
+    if names is None:
+        return without, without
+    if len(above) > 1 and above[-2] is not None and _are_units(names, above[-2]):
+        return above[-2], names
+    return names, without
+
+
+def _fitting(row: list[str], delimiter: str, columns: int) -> tuple[str, ...] | None:
+    """Return a row's cells above the columns; None if it is of another width."""
+    if columns == 1 and delimiter == BLANKS:
+        return (" ".join(row),)  # the name of a single column may contain blanks
+    fits = len(row) >= columns and all(map(_is_no_title, row[columns:]))
+    return tuple(row[:columns]) if fits else None
+
+
+def _is_no_title(cell: str) -> bool:
+    """Tell whether a cell above no column belongs to none."""
+    return (
+        not cell or cell.lower() in COMMENTS or is_key(cell) or _NUMBER.fullmatch(cell) is not None
+    )
+
+
+def _are_units(row: Sequence[str], names: Sequence[str]) -> bool:
+    """Tell whether a row below the names has units: known ones, in brackets, or words for none."""
+    known = unknown = 0
+    for cell, name in zip(row, names, strict=True):
+        if _BRACKETED.fullmatch(cell) or parse_unit(cell) is not None:
+            known += 1
+        elif cell.lower() in _COUNTERS or (cell and cell.lower() in name.lower()):
+            unknown += 1
+        elif not says_nothing(cell):
+            return False
+    return known > unknown
