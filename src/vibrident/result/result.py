@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import functools
 import json
+import logging
 import os
 from collections.abc import Mapping
-from dataclasses import MISSING, dataclass, field, fields
+from dataclasses import MISSING, dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,8 +16,19 @@ import numpy as np
 from vibrident.base.binding import bound
 from vibrident.base.errors import InputError
 from vibrident.base.files import whole
+from vibrident.base.warning_kinds import WARNING_CODES
 from vibrident.data.records import FloatArray
-from vibrident.result.document import SCHEMA, damaged, json_text, plain, refuse_constant, with_numbers
+from vibrident.result.document import (
+    SCHEMA,
+    UNKNOWN,
+    damaged,
+    json_text,
+    plain,
+    refuse_constant,
+    separated,
+    unknown_names,
+)
+from vibrident.result.earlier import excerpts_of_today
 from vibrident.result.parts import (
     Correlation,
     Curve,
@@ -23,9 +36,11 @@ from vibrident.result.parts import (
     Fit,
     MeasuredCurve,
     Parameter,
+    Part,
     ResultWarning,
     Signal,
     Training,
+    no_numbers,
 )
 
 if TYPE_CHECKING:
@@ -35,14 +50,16 @@ if TYPE_CHECKING:
     from vibrident.physics.models import SensorModel
     from vibrident.result.sensor import IdentifiedSensor
 
-MOST_BYTES = 200_000_000  # most bytes of a result file; one with hundreds of records has a few millions
+MOST_BYTES = (
+    200_000_000  # most bytes of a result file; one with hundreds of records has a few millions
+)
 
-
-_MAY_NOT_BE_FINITE = ("parameters", "correlation", "fit", "response", "measured")  # the parts that hold such numbers
+_MOST_NAMED = 8  # unknown fields in a message
+_log = logging.getLogger("vibrident.result")
 
 
 @dataclass(frozen=True)
-class Result:
+class Result(Part):
     """The outcome of one identification. See DESIGN's contract for each field's meaning.
 
     Attributes:
@@ -59,7 +76,7 @@ class Result:
         sensor: free text of the calibration file.
         reference: quantity and unit of the reference.
         response_unit: unit of the response channel.
-        signals: excerpts for pictures.
+        signals: how well each record is met, with excerpts for pictures.
         training: trace of the optimiser.
         weights: the identified network weights W1…W4 as nested lists (paper's Table 1), where a network was trained.
         certificate: what the calibration file states for a certificate; empty where it states nothing.
@@ -116,12 +133,21 @@ class Result:
         import pandas as pd
 
         rows = {
-            name: (each.value, each.unit, each.standard_uncertainty, *each.interval_95, each.identifiable, each.derived)
+            name: (
+                each.value,
+                each.unit,
+                each.standard_uncertainty,
+                *each.interval_95,
+                each.identifiable,
+                each.derived,
+            )
             for name, each in self.parameters.items()
         }
         numbers = ("value", "standard_uncertainty", "interval_95_low", "interval_95_high")
         heads = ("value", "unit", *numbers[1:], "identifiable", "derived")
-        frame = pd.DataFrame.from_dict(rows, orient="index", columns=list(heads)).rename_axis("parameter")
+        frame = pd.DataFrame.from_dict(rows, orient="index", columns=list(heads)).rename_axis(
+            "parameter"
+        )
         return frame.astype(dict.fromkeys(numbers, float))
 
     def plot(self, picture: str = "sensitivity") -> Figure:
@@ -213,13 +239,35 @@ class Result:
         """JSON text, RFC 8259: no NaN, no Infinity; floats round-trip exactly."""
         return json_text(self.to_dict())
 
-    def save(self, path: str | os.PathLike[str]) -> Path:
-        """Write ``result.json`` at ``path``, whole or not at all; return the path."""
+    def save(self, path: str | os.PathLike[str], *, excerpts: bool = True) -> Path:
+        """Write ``result.json`` at ``path``, whole or not at all; return the path.
+
+        ``excerpts``: whether with the samples of records that pictures show, which are most of it.
+        """
         target = Path(path)
         target.parent.mkdir(parents=True, exist_ok=True)
+        written = self if excerpts else self.without_excerpts()
         with whole(target) as partial:
-            partial.write_text(self.to_json(), encoding="utf-8")
+            partial.write_text(written.to_json(), encoding="utf-8")
         return target
+
+    def without_excerpts(self) -> Result:
+        """Return the result without samples of records; how well each is met stays."""
+        nothing = no_numbers()
+        signals = (replace(signal, measured=nothing, residual=nothing) for signal in self.signals)
+        return replace(self, signals=tuple(signals))
+
+    @property
+    def unknown(self) -> tuple[str, ...]:
+        """What this version does not know, and keeps: codes, and places of fields."""
+        told = (("warnings", self.warnings), ("findings", self.findings))
+        codes = dict.fromkeys(
+            f"{place}: {each.code}"
+            for place, parts in told
+            for each in parts
+            if each.code not in WARNING_CODES
+        )
+        return (*unknown_names(self), *codes)
 
     @classmethod
     def from_dict(cls, document: Mapping[str, Any]) -> Result:
@@ -239,8 +287,9 @@ class Result:
         from pydantic import TypeAdapter, ValidationError
 
         try:
-            measured = {key: with_numbers(document[key]) for key in _MAY_NOT_BE_FINITE}
-            result = TypeAdapter(cls).validate_python({**document, **measured})
+            known = {name: value for name, value in document.items() if name != "schema"}
+            parts = separated(cls, excerpts_of_today(known))
+            result = TypeAdapter(cls).validate_python(parts)
             result.require_consistent()
         except ValidationError as error:
             finding = error.errors()[0]
@@ -255,15 +304,19 @@ class Result:
         for name, curve in (("response", self.response), ("measured", self.measured)):
             points = len(curve.frequency_hz)
             for column in fields(curve):
+                if column.name == UNKNOWN:
+                    continue
                 length = len(getattr(curve, column.name))
                 optional = column.default is not MISSING or column.default_factory is not MISSING
                 if length != points and not (length == 0 and optional):
-                    raise ValueError(f"{name}.{column.name} has {length} values for {points} frequencies")
+                    raise ValueError(
+                        f"{name}.{column.name} has {length} values for {points} frequencies"
+                    )
         size = len(self.correlation.names)
         if [len(row) for row in self.correlation.matrix] != [size] * size:
             raise ValueError(f"the matrix of correlation is not {size} by {size}")
         for signal in self.signals:
-            if not len(signal.time_s) == len(signal.measured) == len(signal.predicted):
+            if signal.measured.size != signal.residual.size:
                 raise ValueError(f"the parts of the signal {signal.record!r} differ in length")
 
     @classmethod
@@ -278,20 +331,43 @@ class Result:
             if (size := file.stat().st_size) > MOST_BYTES:
                 raise ValueError(f"{size} bytes, which is more than any result has")
             document = json.loads(file.read_text(encoding="utf-8"), parse_constant=refuse_constant)
-        except (OSError, ValueError, RecursionError, MemoryError) as error:  # UnicodeDecodeError is a ValueError
+        except (
+            OSError,
+            ValueError,
+            RecursionError,
+            MemoryError,
+        ) as error:  # UnicodeDecodeError is a ValueError
             raise InputError(
                 "The result file cannot be read.",
                 expected="a JSON file written by `vibrident identify`",
-                found="no file of that name" if isinstance(error, FileNotFoundError) else str(error),
+                found="no file of that name"
+                if isinstance(error, FileNotFoundError)
+                else str(error),
                 where=str(path),
                 remedy="check the path",
             ) from error
-        return cls.from_dict(document)
+        result = cls.from_dict(document)
+        _say_unknown(str(file), result.unknown)
+        return result
+
+
+@functools.cache  # once a file
+def _say_unknown(file: str, names: tuple[str, ...]) -> None:
+    if names:
+        more = f" and {len(names) - _MOST_NAMED} more" if len(names) > _MOST_NAMED else ""
+        named = f"{', '.join(names[:_MOST_NAMED])}{more}"
+        _log.warning(f"{file} holds what this version of vibrident does not know; kept: {named}")
 
 
 def _values(result: Result, model: SensorModel) -> dict[str, float]:
-    found = {name: result.parameters[name].value for name in model.parameter_names if name in result.parameters}
-    missing = [n for n in model.parameter_names if found.get(n) is None or not np.isfinite(found[n])]
+    found = {
+        name: result.parameters[name].value
+        for name in model.parameter_names
+        if name in result.parameters
+    }
+    missing = [
+        n for n in model.parameter_names if found.get(n) is None or not np.isfinite(found[n])
+    ]
     if missing:
         raise InputError(
             "The result lacks parameters of its model.",
@@ -332,10 +408,16 @@ def _misfit(result: Result) -> float:
         return 0.0
 
     def squares(column: FloatArray, scale: FloatArray | float) -> FloatArray:
-        return (np.nan_to_num(column) * scale) ** 2 if column.size else np.zeros(measured.frequency_hz.size)
+        return (
+            (np.nan_to_num(column) * scale) ** 2
+            if column.size
+            else np.zeros(measured.frequency_hz.size)
+        )
 
     degree = np.pi / 180.0
-    found = squares(measured.deviation_percent, 0.01) + squares(measured.deviation_phase_deg, degree)
+    found = squares(measured.deviation_percent, 0.01) + squares(
+        measured.deviation_phase_deg, degree
+    )
     known = squares(measured.magnitude_uncertainty, 1.0 / np.abs(measured.magnitude))
     known += squares(measured.phase_deg_uncertainty, degree)
     return float(np.sqrt(max(np.mean(found - known), 0.0)))
