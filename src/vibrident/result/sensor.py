@@ -57,14 +57,18 @@ class IdentifiedSensor:
             f"{name}={self.values[name]:.8g}" + (f" ± {u:.2g}" if np.isfinite(u) else "")
             for name, u in zip(self.model.parameter_names, deviations, strict=True)
         )
-        band = "" if self.band_hz is None else f"; {self.band_hz[0]:.4g} to {self.band_hz[1]:.4g} Hz"
+        band = (
+            "" if self.band_hz is None else f"; {self.band_hz[0]:.4g} to {self.band_hz[1]:.4g} Hz"
+        )
         return f"<Sensor {self.model.name}: {values}{band}; {self.response_unit} per {self.input_unit}>"
 
     def _repr_html_(self) -> str:
         """In a notebook: the values with uncertainties, and the curve over the band of the data."""
         return bound("sensor_html")(self)
 
-    def frequency_response(self, frequency_hz: FloatArray, quantity: Quantity | None = None) -> ComplexArray:
+    def frequency_response(
+        self, frequency_hz: FloatArray, quantity: Quantity | None = None
+    ) -> ComplexArray:
         """Complex sensitivity for e^{+jωt}, shape (points,).
 
         Args:
@@ -72,17 +76,28 @@ class IdentifiedSensor:
             quantity: reference quantity; None: the sensor's own.
         """
         at = np.asarray(frequency_hz, dtype=float)
-        return np.asarray(self.model.frequency_response(self.values, at, quantity or self.quantity), dtype=complex)
+        return np.asarray(
+            self.model.frequency_response(self.values, at, quantity or self.quantity), dtype=complex
+        )
 
     def slopes(self, frequency_hz: FloatArray, quantity: Quantity | None = None) -> ComplexArray:
         """Derivative of the sensitivity by each parameter, shape (parameters, points)."""
-        return response_and_slopes(self.model, self.values, frequency_hz, quantity or self.quantity)[1]
+        return response_and_slopes(
+            self.model, self.values, frequency_hz, quantity or self.quantity
+        )[1]
 
-    def uncertainty(self, frequency_hz: FloatArray, quantity: Quantity | None = None) -> tuple[FloatArray, FloatArray]:
+    def uncertainty(
+        self, frequency_hz: FloatArray, quantity: Quantity | None = None
+    ) -> tuple[FloatArray, FloatArray]:
         """Standard uncertainties of magnitude, relative, and of phase, rad; each of shape (points,)."""
-        response, slopes = response_and_slopes(self.model, self.values, frequency_hz, quantity or self.quantity)
+        response, slopes = response_and_slopes(
+            self.model, self.values, frequency_hz, quantity or self.quantity
+        )
         relative = slopes / response
-        variance = [np.einsum("ik,ij,jk->k", part, self.covariance, part) for part in (relative.real, relative.imag)]
+        variance = [
+            np.einsum("ik,ij,jk->k", part, self.covariance, part)
+            for part in (relative.real, relative.imag)
+        ]
         return np.sqrt(np.maximum(variance[0], 0.0)), np.sqrt(np.maximum(variance[1], 0.0))
 
     def to_scipy(self) -> ZerosPolesGain:
@@ -102,7 +117,9 @@ class IdentifiedSensor:
         Raises:
             InputError: as :meth:`to_scipy`, or python-control is not installed.
         """
-        control = library("control", "control", "A sensor of python-control needs that library.", "to_control")
+        control = library(
+            "control", "control", "A sensor of python-control needs that library.", "to_control"
+        )
         return control.TransferFunction(*bound("zeros_and_poles")(self).polynomials())
 
     @property
@@ -115,7 +132,11 @@ class IdentifiedSensor:
         """Refuse a sensor whose parameters' covariance is not stated."""
         known = np.isfinite(self.covariance)
         if not known.all():
-            names = [name for name, row in zip(self.model.parameter_names, known, strict=True) if not row.all()]
+            names = [
+                name
+                for name, row in zip(self.model.parameter_names, known, strict=True)
+                if not row.all()
+            ]
             raise InputError(
                 "The result does not state the uncertainty of a parameter, or its correlation with another one.",
                 expected=f"standard uncertainty and correlation of {', '.join(self.model.parameter_names)}",

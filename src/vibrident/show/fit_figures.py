@@ -57,9 +57,7 @@ def signals(result: Result) -> Figure | None:
 def _signal(signal: Signal, frequency_hz: float | None, common: tuple[float, float]) -> Stack:
     time = signal.time_s
     part = time <= time[0] + PERIODS / frequency_hz if frequency_hz else slice(None)
-    measured, predicted, residual = (
-        values[part] for values in (signal.measured, signal.predicted, signal.residual)
-    )
+    measured, predicted, residual = (values[part] for values in (signal.measured, signal.predicted, signal.residual))
     time, clock = from_start(time[part])
     own = largest(measured), largest(residual)  # one unit for all records, but where one is far smaller
     size, small = (scaled(signal.unit, a if b > a / 500 else b) for a, b in zip(common, own, strict=True))
