@@ -46,6 +46,7 @@ from vibrident.result.parts import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
+    from pydantic import TypeAdapter
 
     from vibrident.physics.models import SensorModel
     from vibrident.result.sensor import IdentifiedSensor
@@ -284,12 +285,12 @@ class Result(Part):
                 found=repr(found),
                 remedy="give the result.json that `vibrident identify` wrote",
             )
-        from pydantic import TypeAdapter, ValidationError
+        from pydantic import ValidationError
 
         try:
             known = {name: value for name, value in document.items() if name != "schema"}
             parts = separated(cls, excerpts_of_today(known))
-            result = TypeAdapter(cls).validate_python(parts)
+            result = adapter().validate_python(parts)
             result.require_consistent()
         except ValidationError as error:
             finding = error.errors()[0]
@@ -349,6 +350,14 @@ class Result(Part):
         result = cls.from_dict(document)
         _say_unknown(str(file), result.unknown)
         return result
+
+
+@functools.cache  # making it is the slowest part of reading a result
+def adapter() -> TypeAdapter[Result]:
+    """Return what checks a document, and makes a result of it."""
+    from pydantic import TypeAdapter
+
+    return TypeAdapter(Result)
 
 
 @functools.cache  # once a file
