@@ -24,7 +24,7 @@ ROOMS = {
     "export": "",
     "lab": "many fleet|history",
     "paper": "",
-    "app": "workflow|doctor cli|web",
+    "app": "requirements workflow|doctor cli|web",
 }
 INNER = [
     (module, each)
