@@ -69,7 +69,7 @@ class Part:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class _OfNumbers(Part):
-    """A dataclass whose ``Numbers`` are arrays that cannot be written to; equal where all fields are, NaN to NaN."""
+    """A part whose ``Numbers`` are read-only arrays; equal where all fields are, NaN to NaN."""
 
     __repr__ = brief
 
@@ -136,9 +136,11 @@ class Correlation(Part):
 class Fit(Part):
     """How well the model's prediction meets the data.
 
-    For records the residual is measured minus predicted response in time, in the response unit; for a table it is
+    For records the residual is measured minus predicted response in time, in the response unit; for
+    a table it is
     the complex response in its unit. With e the residual and y the measured response:
-    rmse = √mean(e²), mae = mean|e|, mse = rmse², r2 = 1 − mse/var(y), rpd = sd(y)/rmse (population sd),
+    rmse = √mean(e²), mae = mean|e|, mse = rmse², r2 = 1 − mse/var(y), rpd = sd(y)/rmse (population
+    sd),
     nrmse = rmse/sd(y). ``chi2_reduced`` compares the deviation at the excited frequencies with its
     uncertainty; ``degrees_of_freedom`` belongs to it.
     """
@@ -158,7 +160,8 @@ class Fit(Part):
 class Curve(_OfNumbers):
     """Complex sensitivity over frequency: response per unit reference quantity, lag negative.
 
-    Each is an array of shape (points,), NaN where a number is not known; uncertainties are standard uncertainties
+    Each is an array of shape (points,), NaN where a number is not known; uncertainties are standard
+    uncertainties
     (k = 1).
     """
 
@@ -184,12 +187,15 @@ class MeasuredCurve(Curve):
     # model − measured phase; NaN where there is no measured phase
     deviation_phase_deg: Numbers = field(default_factory=no_numbers)
     record: tuple[str, ...] = ()  # name of the record of each point
-    # the part of ``magnitude_uncertainty`` that is noise of this point alone; the rest are the stated systematic
+    # the part of ``magnitude_uncertainty`` that is noise of this point alone; the rest are the
+    # stated systematic
     # effects, common to all points
     magnitude_noise: Numbers = field(default_factory=no_numbers)
     phase_deg_noise: Numbers = field(default_factory=no_numbers)  # the same of the phase
-    # standard uncertainty of ``deviation_percent``. The model was fitted to the same points and follows what is common
-    # to them, so it is not made of the uncertainties of both: it is the noise less its leverage, and of the effects
+    # standard uncertainty of ``deviation_percent``. The model was fitted to the same points and
+    # follows what is common
+    # to them, so it is not made of the uncertainties of both: it is the noise less its leverage,
+    # and of the effects
     # what the parameters cannot follow. NaN where the model meets the point whatever it is
     deviation_uncertainty_percent: Numbers = field(default_factory=no_numbers)
     deviation_phase_uncertainty_deg: Numbers = field(
@@ -202,7 +208,8 @@ class Signal(_OfNumbers):
     """How well one record is met, with a short excerpt of it for pictures.
 
     Sample ``i`` of the excerpt lies at ``start_s`` + ``i`` ``interval_s``. Values have six
-    significant digits; NaN is a sample that took no part in the fit. Without excerpt there are none.
+    significant digits; NaN is a sample that took no part in the fit. Without excerpt there are
+    none.
     """
 
     record: str
@@ -234,9 +241,10 @@ class Signal(_OfNumbers):
 
 @dataclass(frozen=True)
 class Training(Part):
-    """Course of the optimisation: mean squared weighted residual and parameters at each iteration of its optimiser.
+    """Course of the optimisation: mean squared weighted residual and parameters by iteration.
 
-    ``weighting_changes`` are the iterations from which on the residual has other weights: losses on both sides of one
+    ``weighting_changes`` are the iterations from which on the residual has other weights: losses on
+    both sides of one
     cannot be compared.
     """
 

@@ -1,4 +1,4 @@
-"""The one result of an identification: values only, schema ``vibrident.result/1``, to and from JSON."""
+"""The one result of an identification: values only, to and from JSON (``vibrident.result/1``)."""
 
 from __future__ import annotations
 
@@ -79,8 +79,10 @@ class Result(Part):
         response_unit: unit of the response channel.
         signals: how well each record is met, with excerpts for pictures.
         training: trace of the optimiser.
-        weights: the identified network weights W1…W4 as nested lists (paper's Table 1), where a network was trained.
-        certificate: what the calibration file states for a certificate; empty where it states nothing.
+        weights: the identified network weights W1…W4 as nested lists (paper's Table 1), where a
+            network was trained.
+        certificate: what the calibration file states for a certificate; empty where it states
+            nothing.
         findings: what departs from the fit significantly, whether it matters or not.
         uncertainty: ``covers``: which of ``noise``, ``gain`` and ``phase`` the uncertainties hold.
     """
@@ -118,17 +120,18 @@ class Result(Part):
         return f"<Result of {self.model} by {self.estimator}: {values}; {verdict}{warned}>"
 
     def summary(self) -> str:
-        """What ``vibrident identify`` prints: parameters with uncertainties, fit, warnings; plain text."""
+        """Return what ``vibrident identify`` prints: parameters, fit, warnings; plain text."""
         return bound("summary")(self)
 
     def _repr_html_(self) -> str:
-        """In a notebook: parameters with uncertainties, fit, warnings, and the sensitivity over frequency."""
+        """Show parameters, fit, warnings and the sensitivity over frequency in a notebook."""
         return bound("result_html")(self)
 
     def to_dataframe(self) -> DataFrame:
-        """The parameters, a row each, by name: value, unit, u, 95 % interval, whether identifiable, whether derived.
+        """Return the parameters, a row each, by name.
 
-        Columns: ``value``, ``unit``, ``standard_uncertainty``, ``interval_95_low``, ``interval_95_high`` (NaN where not
+        Columns: ``value``, ``unit``, ``standard_uncertainty``, ``interval_95_low``,
+            ``interval_95_high`` (NaN where not
         stated), ``identifiable``, ``derived``.
         """
         import pandas as pd
@@ -204,7 +207,7 @@ class Result(Part):
 
     @property
     def has_gain(self) -> bool:
-        """Whether there is a gain, and so a curve over frequency; free decays alone determine neither."""
+        """Whether there is a gain, and so a curve over frequency; free decays alone have none."""
         own = {name for name, parameter in self.parameters.items() if not parameter.derived}
         return own != {"natural_frequency", "damping_ratio"}
 
@@ -212,11 +215,13 @@ class Result(Part):
         """Refuse a result of free decays alone for a ``use`` (in words) that needs the gain."""
         if not self.has_gain:
             raise InputError(
-                f"The result has no gain, which {use} needs: free decays alone tell natural frequency and damping.",
+                f"The result has no gain, which {use} needs: "
+                "free decays alone tell natural frequency and damping.",
                 expected="a result of records with a reference, or of a table",
                 found=f"parameters {', '.join(self.parameters)}",
                 where="result.json, parameters",
-                remedy="identify records with a reference; decays may be among them, or in a calibration file beside",
+                remedy="identify records with a reference; decays may be among them, "
+                "or in a calibration file beside",
             )
 
     def require_linear(self) -> None:
@@ -229,7 +234,8 @@ class Result(Part):
                 expected="a result of a linear model",
                 found=repr(self.model),
                 where="result, model",
-                remedy="identify with a model without 'cubic', at the level of the motion to be corrected",
+                remedy="identify with a model without 'cubic', "
+                "at the level of the motion to be corrected",
             )
 
     def to_dict(self) -> dict[str, Any]:
@@ -411,7 +417,7 @@ def _band(result: Result) -> tuple[float, float] | None:
 
 
 def _misfit(result: Result) -> float:
-    """Rms relative deviation of a rejected model from the measured points, beyond their uncertainty."""
+    """Return the rms relative deviation of a rejected model from the points, beyond their u."""
     measured = result.measured
     if result.fit.adequate or not measured.frequency_hz.size:
         return 0.0

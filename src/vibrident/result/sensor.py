@@ -1,6 +1,7 @@
-"""An identified sensor to compute with: its model with values, their covariance, and the response with its uncertainty.
+"""An identified sensor to compute with: model, values, covariance, and response with uncertainty.
 
-A result gives it (:meth:`vibrident.Result.to_sensor`), and so does a fit. It serves correction, prediction, planning,
+A result gives it (:meth:`vibrident.Result.to_sensor`), and so does a fit. It serves correction,
+prediction, planning,
 report and export.
 """
 
@@ -31,13 +32,16 @@ class IdentifiedSensor:
     Attributes:
         model: the sensor model.
         values: name → value, SI units, frequencies in Hz.
-        covariance: of the values in the model's order, shape (parameters, parameters); NaN if not stated.
-        quantity: what the sensitivity is per: acceleration, or the drive that the sensor was identified with.
+        covariance: of the values in the model's order, shape (parameters, parameters); NaN if not
+            stated.
+        quantity: what the sensitivity is per: acceleration, or the drive that the sensor was
+            identified with.
         band_hz: lowest and highest frequency of the data; None where nothing tells.
         response_unit: unit of the response.
         input_unit: unit of ``quantity``.
         degrees_of_freedom: behind the covariance.
-        misfit: relative error of a model that its calibration rejected, as large as at the measured points; else 0.
+        misfit: relative error of a model that its calibration rejected, as large as at the measured
+            points; else 0.
     """
 
     model: SensorModel
@@ -60,7 +64,8 @@ class IdentifiedSensor:
         band = (
             "" if self.band_hz is None else f"; {self.band_hz[0]:.4g} to {self.band_hz[1]:.4g} Hz"
         )
-        return f"<Sensor {self.model.name}: {values}{band}; {self.response_unit} per {self.input_unit}>"
+        units = f"{self.response_unit} per {self.input_unit}"
+        return f"<Sensor {self.model.name}: {values}{band}; {units}>"
 
     def _repr_html_(self) -> str:
         """In a notebook: the values with uncertainties, and the curve over the band of the data."""
@@ -89,7 +94,7 @@ class IdentifiedSensor:
     def uncertainty(
         self, frequency_hz: FloatArray, quantity: Quantity | None = None
     ) -> tuple[FloatArray, FloatArray]:
-        """Standard uncertainties of magnitude, relative, and of phase, rad; each of shape (points,)."""
+        """Return standard uncertainties of magnitude (relative) and phase (rad), shape (points,)."""
         response, slopes = response_and_slopes(
             self.model, self.values, frequency_hz, quantity or self.quantity
         )
@@ -101,10 +106,11 @@ class IdentifiedSensor:
         return np.sqrt(np.maximum(variance[0], 0.0)), np.sqrt(np.maximum(variance[1], 0.0))
 
     def to_scipy(self) -> ZerosPolesGain:
-        """As a ``scipy.signal.ZerosPolesGain``, rad/s; a delay or an average over a window by poles and zeros.
+        """Return a ``scipy.signal.ZerosPolesGain``, rad/s; a delay by poles and zeros.
 
         Raises:
-            InputError: the model is not linear, or poles and zeros cannot hold it over the band of its data.
+            InputError: the model is not linear, or poles and zeros cannot hold it over the band of
+                its data.
         """
         from scipy.signal import ZerosPolesGain
 
@@ -112,7 +118,7 @@ class IdentifiedSensor:
         return ZerosPolesGain(found.zeros, found.poles, found.gain)
 
     def to_control(self) -> TransferFunction:
-        """As a ``control.TransferFunction`` of python-control (extra ``control``), like :meth:`to_scipy`.
+        """Return a ``control.TransferFunction`` (extra ``control``), like :meth:`to_scipy`.
 
         Raises:
             InputError: as :meth:`to_scipy`, or python-control is not installed.
@@ -138,8 +144,10 @@ class IdentifiedSensor:
                 if not row.all()
             ]
             raise InputError(
-                "The result does not state the uncertainty of a parameter, or its correlation with another one.",
-                expected=f"standard uncertainty and correlation of {', '.join(self.model.parameter_names)}",
+                "The result does not state the uncertainty of a parameter, "
+                "or its correlation with another one.",
+                expected="standard uncertainty and correlation of "
+                + ", ".join(self.model.parameter_names),
                 found="none for " + ", ".join(names),
                 where="result, parameters and correlation",
                 remedy="run `vibrident identify` again",

@@ -16,7 +16,6 @@ from vibrident.fit.judge.examined import told
 from vibrident.fit.judge.measured import fit_of_signals, fit_of_table, measured_curve
 from vibrident.fit.judge.provenance import provenance
 from vibrident.fit.judge.refits import PHASE_BY_SCATTER
-from vibrident.fit.problem import Evidence
 from vibrident.fit.uncertainty import correlation, curve, parameter_table, weakly_determined
 from vibrident.fit.uncertainty.budget import (
     DATA,
