@@ -94,7 +94,7 @@ class IdentifiedSensor:
     def uncertainty(
         self, frequency_hz: FloatArray, quantity: Quantity | None = None
     ) -> tuple[FloatArray, FloatArray]:
-        """Return standard uncertainties of magnitude (relative) and phase (rad), shape (points,)."""
+        """Return standard uncertainties of magnitude (relative) and phase (rad), (points,)."""
         response, slopes = response_and_slopes(
             self.model, self.values, frequency_hz, quantity or self.quantity
         )
