@@ -16,7 +16,7 @@ ROOMS = {
     "base": "",
     "data": "registry effects interferometer records io sources",
     "physics": "registry naming models discretisation network simulation",
-    "result": "document parts sensor result",
+    "result": "document earlier parts sensor result",
     "fit": "registry information response screening bins problem noise start descent estimators decay uncertainty "
     "departures judge repeats temperature identification joint",
     "use": "",

@@ -5,10 +5,13 @@ from __future__ import annotations
 import datetime
 import functools
 import json
+import logging
 import math
+import os
 import types
 from collections.abc import Iterator, Mapping
 from dataclasses import fields, is_dataclass
+from pathlib import Path
 from typing import Any, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -16,6 +19,9 @@ import numpy as np
 from vibrident.base.errors import InputError
 
 SCHEMA = "vibrident.result/1"
+MOST_BYTES = 200_000_000  # of a result file; one with hundreds of records has a few millions
+_MOST_NAMED = 8  # unknown fields in a message
+_log = logging.getLogger("vibrident.result")
 #: Name of the field of each part of a result that holds what this version does not know.
 UNKNOWN = "unknown_fields"
 
@@ -150,3 +156,39 @@ def damaged(found: str) -> InputError:
         found=found[:500],
         remedy="run `vibrident identify` again",
     )
+
+
+def read_document(path: str | os.PathLike[str]) -> Any:
+    """Return the JSON document of a result file.
+
+    Raises:
+        InputError: the file cannot be read, or is no JSON.
+    """
+    try:
+        file = Path(path)
+        if (size := file.stat().st_size) > MOST_BYTES:
+            raise ValueError(f"{size} bytes, which is more than any result has")
+        document = json.loads(file.read_text(encoding="utf-8"), parse_constant=refuse_constant)
+    except (
+        OSError,
+        ValueError,
+        RecursionError,
+        MemoryError,
+    ) as error:  # UnicodeDecodeError is a ValueError
+        raise InputError(
+            "The result file cannot be read.",
+            expected="a JSON file written by `vibrident identify`",
+            found="no file of that name" if isinstance(error, FileNotFoundError) else str(error),
+            where=str(path),
+            remedy="check the path",
+        ) from error
+    return document
+
+
+@functools.cache  # once a file
+def say_unknown(file: str, names: tuple[str, ...]) -> None:
+    """Say what a file holds that is not known."""
+    if names:
+        more = f" and {len(names) - _MOST_NAMED} more" if len(names) > _MOST_NAMED else ""
+        named = f"{', '.join(names[:_MOST_NAMED])}{more}"
+        _log.warning(f"{file} holds what this version of vibrident does not know; kept: {named}")

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import MISSING, dataclass, field, fields
 from typing import Annotated, Any, Self, get_args
 
 import numpy as np
@@ -13,6 +13,7 @@ from vibrident.base.brief import brief
 from vibrident.base.warning_kinds import WarningCode
 from vibrident.data.records import FloatArray
 from vibrident.data.records.basis import frozen
+from vibrident.result.document import UNKNOWN
 
 
 def no_numbers() -> FloatArray:
@@ -256,3 +257,26 @@ class Training(Part):
     weighting_changes: tuple[int, ...] = ()
 
     __repr__ = brief
+
+
+def require_consistent(
+    response: Curve, measured: MeasuredCurve, correlation: Correlation, signals: Sequence[Signal]
+) -> None:
+    """Check what the parts of a result say of each other; ValueError where they contradict."""
+    for name, curve in (("response", response), ("measured", measured)):
+        points = len(curve.frequency_hz)
+        for column in fields(curve):
+            if column.name == UNKNOWN:
+                continue
+            length = len(getattr(curve, column.name))
+            optional = column.default is not MISSING or column.default_factory is not MISSING
+            if length != points and not (length == 0 and optional):
+                raise ValueError(
+                    f"{name}.{column.name} has {length} values for {points} frequencies"
+                )
+    size = len(correlation.names)
+    if [len(row) for row in correlation.matrix] != [size] * size:
+        raise ValueError(f"the matrix of correlation is not {size} by {size}")
+    for signal in signals:
+        if signal.measured.size != signal.residual.size:
+            raise ValueError(f"the parts of the signal {signal.record!r} differ in length")

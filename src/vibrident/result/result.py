@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import functools
-import json
-import logging
 import os
 from collections.abc import Mapping
-from dataclasses import MISSING, dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,11 +18,11 @@ from vibrident.base.warning_kinds import WARNING_CODES
 from vibrident.data.records import FloatArray
 from vibrident.result.document import (
     SCHEMA,
-    UNKNOWN,
     damaged,
     json_text,
     plain,
-    refuse_constant,
+    read_document,
+    say_unknown,
     separated,
     unknown_names,
 )
@@ -41,6 +39,7 @@ from vibrident.result.parts import (
     Signal,
     Training,
     no_numbers,
+    require_consistent,
 )
 
 if TYPE_CHECKING:
@@ -50,13 +49,6 @@ if TYPE_CHECKING:
 
     from vibrident.physics.models import SensorModel
     from vibrident.result.sensor import IdentifiedSensor
-
-MOST_BYTES = (
-    200_000_000  # most bytes of a result file; one with hundreds of records has a few millions
-)
-
-_MOST_NAMED = 8  # unknown fields in a message
-_log = logging.getLogger("vibrident.result")
 
 
 @dataclass(frozen=True)
@@ -308,23 +300,7 @@ class Result(Part):
 
     def require_consistent(self) -> None:
         """Check what the fields say of each other."""
-        for name, curve in (("response", self.response), ("measured", self.measured)):
-            points = len(curve.frequency_hz)
-            for column in fields(curve):
-                if column.name == UNKNOWN:
-                    continue
-                length = len(getattr(curve, column.name))
-                optional = column.default is not MISSING or column.default_factory is not MISSING
-                if length != points and not (length == 0 and optional):
-                    raise ValueError(
-                        f"{name}.{column.name} has {length} values for {points} frequencies"
-                    )
-        size = len(self.correlation.names)
-        if [len(row) for row in self.correlation.matrix] != [size] * size:
-            raise ValueError(f"the matrix of correlation is not {size} by {size}")
-        for signal in self.signals:
-            if signal.measured.size != signal.residual.size:
-                raise ValueError(f"the parts of the signal {signal.record!r} differ in length")
+        require_consistent(self.response, self.measured, self.correlation, self.signals)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Result:
@@ -333,28 +309,9 @@ class Result(Part):
         Raises:
             InputError: the file cannot be read or is not a result.
         """
-        try:
-            file = Path(path)
-            if (size := file.stat().st_size) > MOST_BYTES:
-                raise ValueError(f"{size} bytes, which is more than any result has")
-            document = json.loads(file.read_text(encoding="utf-8"), parse_constant=refuse_constant)
-        except (
-            OSError,
-            ValueError,
-            RecursionError,
-            MemoryError,
-        ) as error:  # UnicodeDecodeError is a ValueError
-            raise InputError(
-                "The result file cannot be read.",
-                expected="a JSON file written by `vibrident identify`",
-                found="no file of that name"
-                if isinstance(error, FileNotFoundError)
-                else str(error),
-                where=str(path),
-                remedy="check the path",
-            ) from error
+        document = read_document(path)
         result = cls.from_dict(document)
-        _say_unknown(str(file), result.unknown)
+        say_unknown(str(path), result.unknown)
         return result
 
 
@@ -364,14 +321,6 @@ def adapter() -> TypeAdapter[Result]:
     from pydantic import TypeAdapter
 
     return TypeAdapter(Result)
-
-
-@functools.cache  # once a file
-def _say_unknown(file: str, names: tuple[str, ...]) -> None:
-    if names:
-        more = f" and {len(names) - _MOST_NAMED} more" if len(names) > _MOST_NAMED else ""
-        named = f"{', '.join(names[:_MOST_NAMED])}{more}"
-        _log.warning(f"{file} holds what this version of vibrident does not know; kept: {named}")
 
 
 def _values(result: Result, model: SensorModel) -> dict[str, float]:

@@ -22,6 +22,7 @@ _MODEL = (
     "Sensor model, in place of the file's, of {models}; add-ons with +. For several files one for all, or one each, "
     "joined by commas."
 )
+_EXCERPTS = "Keep in result.json the samples of records that pictures in reports show; most of its size."
 _DISCRETISATION = choice(
     "--discretisation",
     options.DISCRETISATIONS,
@@ -56,11 +57,7 @@ def identify(
     strict: bool = flag("--strict", help="Exit with 3 if the result carries a warning."),
     pictures: bool = flag("--pictures/--no-pictures", help="Draw pictures (PNG) into the folder.", value=True),
     plots: bool | None = flag("--plots/--no-plots", help="", hidden=True, value=None),  # the older name
-    excerpts: bool = flag(
-        "--excerpts/--no-excerpts",
-        help="Keep in result.json the samples of records that pictures in reports show; most of its size.",
-        value=True,
-    ),
+    excerpts: bool = flag("--excerpts/--no-excerpts", help=_EXCERPTS, value=True),
     weights: bool = flag("--weights", help="Print the network's weights, the paper's Table 1."),
     quiet: bool = flag("--quiet", "-q", help="Print nothing but errors and warnings."),
     discretisation: str | None = _DISCRETISATION,
