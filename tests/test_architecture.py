@@ -16,7 +16,7 @@ ROOMS = {
     "base": "",
     "data": "registry effects interferometer records io sources",
     "physics": "registry naming models discretisation network simulation",
-    "result": "document parts sensor result",
+    "result": "document earlier parts sensor result",
     "fit": "registry information response screening bins problem noise start descent estimators decay uncertainty "
     "departures judge repeats temperature identification joint",
     "use": "",
@@ -24,7 +24,7 @@ ROOMS = {
     "export": "",
     "lab": "many fleet|history",
     "paper": "",
-    "app": "workflow|doctor cli|web",
+    "app": "requirements workflow|doctor cli|web",
 }
 INNER = [
     (module, each)

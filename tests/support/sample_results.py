@@ -76,6 +76,12 @@ def _measured(f, model, u_relative, seed, records=None):
     )
 
 
+def excerpt(name, t, measured, predicted, unit="V", rmse=0.0, nrmse=0.0):
+    """Of evenly spaced times."""
+    residual = np.asarray(measured) - np.asarray(predicted)
+    return Signal(name, float(t[0]), float(t[1] - t[0]), measured, residual, unit, rmse, nrmse)
+
+
 def table2(seed=1, codes=()):
     """21 sine records of the Table 2 sensor with delay; clean unless codes are given."""
     rng = np.random.default_rng(seed)
@@ -89,7 +95,7 @@ def table2(seed=1, codes=()):
         y = np.real(accelerometer(hz) * STANDARD_GRAVITY * np.exp(2j * np.pi * hz * t))
         e = 0.004 * rng.normal(size=t.size) + 0.001 * np.sin(4 * np.pi * hz * t)
         rmse = float(np.sqrt(np.mean(e**2)))
-        signals.append(Signal(name, tuple(t), tuple(y + e), tuple(y), "V", rmse, rmse / float(np.std(y))))
+        signals.append(excerpt(name, t, y + e, y, "V", rmse, rmse / float(np.std(y))))
     steps = np.arange(9)
     parameters = {
         "sensitivity": _parameter(S0 * 1.0003, "V/(m/s^2)", 1.07e-4),
@@ -271,7 +277,7 @@ def exact():
         ("one",) * 6,
     )
     t = np.arange(40) / 1000
-    signal = Signal("one", tuple(t), tuple(np.sin(t)), tuple(np.sin(t)), "count", 0.0, 0.0)
+    signal = excerpt("one", t, np.sin(t), np.sin(t), "count")
     return replace(table2(), response=curve, measured=measured, signals=(signal,), response_unit="count")
 
 
@@ -286,7 +292,7 @@ def multisine():
             for i, hz in enumerate(THIRD_OCTAVES)
         )
         e = 0.002 * np.random.default_rng(k).normal(size=t.size)
-        signals.append(Signal(name, tuple(t), tuple(y + e), tuple(y), "V", 0.002, 0.002 / float(np.std(y))))
+        signals.append(excerpt(name, t, y + e, y, "V", 0.002, 0.002 / float(np.std(y))))
     names = tuple(s.record for s in signals)
     measured = replace(result.measured, record=tuple(names[i % 2] for i in range(21)))
     return replace(result, signals=tuple(signals), measured=measured)

@@ -5,13 +5,16 @@ from __future__ import annotations
 import importlib.metadata
 import os
 import platform
-import re
 import sys
 import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
 
+from vibrident.app.requirements import Requirements
+from vibrident.base.errors import InputError
 from vibrident.data.registry import READERS, SOURCES
 from vibrident.export.registry import EXPORTS
 from vibrident.fit.registry import DEPARTURES, ESTIMATORS
@@ -22,44 +25,91 @@ REGISTRIES = (MODELS, ESTIMATORS, DEPARTURES, READERS, SOURCES, EXPORTS)  # of w
 CLOSE = 4.0  # a sound estimate lies this close to the truth, in standard uncertainties
 
 
+Verdict = Literal["ok", "not installed", "cannot be used"]
+
+
 @dataclass(frozen=True)
 class Check:
     """One thing looked at."""
 
     subject: str  # what
-    found: str  # what was found
-    sound: bool = True  # False where results could be wrong or missing
-    remedy: str = ""  # what to do; also a hint where all is sound but could be better
+    found: str  # what was found; where it cannot be used, why
+    verdict: Verdict = "ok"
+    remedy: str = ""  # what to do; also a hint where all is well but could be better
+    vital: bool = True  # False where the installation is fit for use without it
+
+    @property
+    def fatal(self) -> bool:
+        """Whether results could be wrong or missing."""
+        return self.vital and self.verdict != "ok"
+
+
+def _judged(subject: str, found: str, *, usable: bool, remedy: str, vital: bool = True) -> Check:
+    """Return a check with its remedy where it is not usable."""
+    if usable:
+        return Check(subject, found)
+    return Check(subject, found, "cannot be used", remedy, vital)
 
 
 def examine() -> list[Check]:
     """Make every check, in order; one that fails does not keep the others from being made."""
-    checks: list[Callable[[], list[Check]]] = [_python, _packages, _extras, _plug_ins, _jax, _cache, _identification]
+    checks: list[Callable[[], list[Check]]] = [
+        _python,
+        _packages_and_extras,
+        _plug_ins,
+        _jax,
+        _cache,
+        _store,
+        _identification,
+    ]
     results: list[Check] = []
     for check in checks:
         try:
             results += check()
         except Exception as error:  # whatever is broken here is what the doctor is asked about
+            subject = check.__name__.strip("_").replace("_", " ").capitalize()
             found = f"{type(error).__name__}: {error}"
-            results.append(Check(check.__name__.strip("_"), found, False, "see the message; reinstall vibrident"))
+            remedy = "see the message; reinstall vibrident"
+            results.append(Check(subject, found, "cannot be used", remedy))
     return results
 
 
 def _python() -> list[Check]:
     fits = OLDEST <= sys.version_info[:2] <= NEWEST
     wanted = f"use Python {OLDEST[0]}.{OLDEST[1]} to {NEWEST[0]}.{NEWEST[1]}"
-    return [Check("Python", f"{platform.python_version()}, {platform.machine()}", fits, "" if fits else wanted)]
+    found = f"{platform.python_version()}, {platform.machine()}"
+    return [_judged("Python", found, usable=fits, remedy=wanted)]
 
 
-def _requirements() -> list[tuple[str, str]]:
-    """Package and extra (empty for the core) of every requirement of the installed vibrident."""
-    pairs = []
-    for line in importlib.metadata.requires("vibrident") or ():
-        name = re.match(r"[\w.-]+", line)
-        extra = re.search(r"extra\s*==\s*['\"]([\w.-]+)['\"]", line)
-        if name:
-            pairs.append((name.group(), extra.group(1) if extra else ""))
-    return pairs
+def _packages_and_extras() -> list[Check]:
+    """Look for the packages that all needs, then for those of each extra; each is loaded."""
+    requirements = Requirements.of_vibrident()
+    unusable = requirements.problems()
+    checks = [_packages(requirements.core(), unusable)]
+    for extra, packages in requirements.by_extra().items():
+        missing = [package for package in packages if _version(package) is None]
+        broken = [f"{package}: {unusable[package]}" for package in packages if package in unusable]
+        subject, install = f"Extra {extra}", f"pip install 'vibrident[{extra}]'"
+        if broken:
+            remedy = f"pip install --upgrade --force-reinstall 'vibrident[{extra}]'"
+            checks.append(Check(subject, "; ".join(broken), "cannot be used", remedy, vital=False))
+        elif missing:
+            found, remedy = ", ".join(missing), f"if you want it: {install}"
+            checks.append(Check(subject, found, "not installed", remedy, vital=False))
+        else:
+            checks.append(Check(subject, "installed"))
+    return checks
+
+
+def _packages(core: tuple[str, ...], unusable: dict[str, str]) -> Check:
+    missing = [package for package in core if _version(package) is None]
+    broken = [f"{package}: {unusable[package]}" for package in core if package in unusable]
+    if missing or broken:
+        found = "; ".join([*(f"{package}: missing" for package in missing), *broken])
+        names = [*missing, *(package for package in core if package in unusable)]
+        remedy = f"pip install --upgrade --force-reinstall {' '.join(names)}"
+        return Check("Packages", found, "cannot be used", remedy)
+    return Check("Packages", f"{len(core)} of {len(core)} present")
 
 
 def _version(package: str) -> str | None:
@@ -69,33 +119,15 @@ def _version(package: str) -> str | None:
         return None
 
 
-def _packages() -> list[Check]:
-    core = sorted({package for package, extra in _requirements() if not extra})
-    missing = [package for package in core if _version(package) is None]
-    if missing:
-        return [Check("Packages", f"missing: {', '.join(missing)}", False, f"pip install {' '.join(missing)}")]
-    return [Check("Packages", f"{len(core)} of {len(core)} present")]
-
-
-def _extras() -> list[Check]:
-    extras: dict[str, list[str]] = {}
-    for package, extra in _requirements():
-        if extra and extra not in ("dev", "test"):
-            extras.setdefault(extra, []).append(package)
-    checks = []
-    for extra, packages in sorted(extras.items()):
-        missing = [package for package in packages if _version(package) is None]
-        found = f"not installed: {', '.join(missing)}" if missing else "installed"
-        remedy = f"if you want it: pip install 'vibrident[{extra}]'" if missing else ""
-        checks.append(Check(f"Extra {extra}", found, True, remedy))
-    return checks
-
-
 def _plug_ins() -> list[Check]:
     """What other packages add; one that cannot be used leaves the rest working."""
     return [
-        Check(
-            "Plug-in", plug_in.line, True, f"correct, update or uninstall {plug_in.package}" if plug_in.problem else ""
+        _judged(
+            "Plug-in",
+            plug_in.line,
+            usable=not plug_in.problem,
+            remedy=f"correct, update or uninstall {plug_in.package}",
+            vital=False,
         )
         for registry in REGISTRIES
         for plug_in in registry.plug_ins()
@@ -105,10 +137,16 @@ def _plug_ins() -> list[Check]:
 def _jax() -> list[Check]:
     versions = {package: _version(package) or "missing" for package in ("jax", "jaxlib")}
     if "missing" in versions.values():
-        return [Check("JAX", "not installed; linear sensors need none")]
+        found = "linear sensors need none"
+        return [Check("JAX", found, "not installed", "", vital=False)]
     found = ", ".join(f"{package} {version}" for package, version in versions.items())
-    from vibrident.base import backend  # refuses to load where the arithmetic is wrong
-
+    try:
+        from vibrident.base import backend  # refuses to load where the arithmetic is wrong
+    except InputError as error:
+        return [Check("JAX", f"{error.problem} {error.found}", "cannot be used", error.remedy)]
+    except Exception as error:  # a native library may fail in any way
+        remedy = "pip install --upgrade --force-reinstall 'vibrident[network]'"
+        return [Check("JAX", f"{type(error).__name__}: {error}", "cannot be used", remedy)]
     install = f"pip install 'jax=={backend.TRUSTED}' 'jaxlib=={backend.TRUSTED}'"
     error = backend.arithmetic_error()
     right = error < backend.LEAST_ERROR
@@ -116,28 +154,67 @@ def _jax() -> list[Check]:
     device = backend.jax.devices()[0]
     return [
         Check("JAX", f"{found}, on {device.platform}"),
-        Check("Sum of matrix products", f"relative error {error:.1e}", right, "" if right else install),
-        Check("Precision", "float64" if wide else "float32", wide, "" if wide else "unset JAX_ENABLE_X64"),
+        _judged("Sum of matrix products", f"relative error {error:.1e}", usable=right, remedy=install),
+        _judged(
+            "Precision",
+            "float64" if wide else "float32",
+            usable=wide,
+            remedy="unset JAX_ENABLE_X64",
+        ),
     ]
 
 
 def _cache() -> list[Check]:
-    if _version("jax") is None:
-        return []
+    if _jax()[0].verdict != "ok":
+        return []  # it was said already
     from vibrident.base.backend import cache_folder
 
     folder = cache_folder()
     if folder is None:
-        return [Check("Kernel cache", "switched off", True, "unset VIBRIDENT_CACHE: repeated runs start faster")]
+        hint = "unset VIBRIDENT_CACHE: repeated runs start faster"
+        return [Check("Kernel cache", "switched off", "ok", hint)]
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as error:
         remedy = "set VIBRIDENT_CACHE to a folder that can be written; without it every run compiles anew"
-        return [Check("Kernel cache", f"{folder}: {error.strerror or error}", False, remedy)]
+        found = f"{folder}: {error.strerror or error}"
+        return [Check("Kernel cache", found, "cannot be used", remedy)]
     kernels = sum(1 for _ in os.scandir(folder))
     return [Check("Kernel cache", f"{folder}, {kernels} files")]
+
+
+def _store() -> list[Check]:
+    """Open the store of the history, where there is one; else see whether it could be begun."""
+    if _version("sqlalchemy") is None or _version("alembic") is None:
+        return []  # the extra says so
+    try:
+        from vibrident.lab.history.store import Store
+
+        with Store() as store:
+            if store.revision() is None:
+                return [_judged_place(store.shown)]
+            with store.reading():
+                return [Check("History", store.shown)]
+    except InputError as error:
+        found = f"{error.where}: {error.problem} {error.found}"
+        return [Check("History", found, "cannot be used", error.remedy, vital=False)]
+    except Exception as error:  # the driver of a database may fail in any way
+        found, remedy = f"{type(error).__name__}: {error}", "check VIBRIDENT_STORE"
+        return [Check("History", found, "cannot be used", remedy, vital=False)]
+
+
+def _judged_place(shown: str) -> Check:
+    """Judge the folder of a store that is not there yet."""
+    folder = next(parent for parent in Path(shown).absolute().parents if parent.exists())
+    return _judged(
+        "History",
+        f"none yet; it would be {shown}",
+        usable=folder.is_dir() and os.access(folder, os.W_OK),
+        remedy="set VIBRIDENT_STORE to a place that can be written",
+        vital=False,
+    )
 
 
 def _identification() -> list[Check]:
@@ -159,6 +236,7 @@ def _identification() -> list[Check]:
         off = deviations(result, SENSORS["paper"].parameters)
         far, name = max((float("inf") if d.in_u is None else abs(d.in_u), name) for name, d in off.items())
         found = f"at most {far:.1f} u from the truth ({name.replace('_', ' ')}), {elapsed:.1f} s"
-        remedy = "" if far < CLOSE else "reinstall vibrident; if it stays, report it as a bug"
-        checks.append(Check(f"Identification, {result.estimator}", found, far < CLOSE, remedy))
+        remedy = "reinstall vibrident; if it stays, report it as a bug"
+        subject = f"Identification, {result.estimator}"
+        checks.append(_judged(subject, found, usable=far < CLOSE, remedy=remedy))
     return checks

@@ -135,6 +135,14 @@ class Registry(Generic[T]):
             )
         return found
 
+    def package_of(self, name: str) -> str:
+        """Return the other package that adds this name, with its version; empty for a built-in one."""
+        return _package(self._added[name]) if name in self._added else ""
+
+    def built_in(self) -> tuple[str, ...]:
+        """Return the names of this package's own objects; nothing is loaded."""
+        return tuple(self._built_in)
+
     def find(self, name: str) -> T | None:
         """The object of this name; None if there is no such object.
 

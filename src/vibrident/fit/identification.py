@@ -11,6 +11,7 @@ import numpy as np
 
 from vibrident.base.errors import InputError
 from vibrident.base.memory import in_one_thread
+from vibrident.base.participants import watching
 from vibrident.data.records import Calibration
 from vibrident.fit.decay import decays_alone, with_free_decays
 from vibrident.fit.descent.optimise import Progress, silent
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
 
 
 @in_one_thread
+@watching()
 def identify(
     calibration: Calibration | str | os.PathLike[str],
     model: str | None = None,

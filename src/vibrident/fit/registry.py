@@ -6,6 +6,8 @@ from typing import Any
 
 from vibrident.base.errors import ModelError
 from vibrident.base.registry import Registry
+from vibrident.data.registry import READERS
+from vibrident.physics.registry import MODELS
 
 AUTO = "auto"  # in place of an estimator's name: the one that suits the data
 #: ``vibrident.fit.estimators.base.Estimator`` objects, each with its settings at their defaults.
@@ -26,3 +28,5 @@ DEPARTURES: Registry[Any] = Registry(
     "departure",
     ModelError,
 )
+#: All that another package can add and that takes part in an identification.
+TAKING_PART: tuple[Registry[Any], ...] = (MODELS, ESTIMATORS, READERS, DEPARTURES)

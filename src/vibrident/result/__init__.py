@@ -4,7 +4,7 @@ Reports, plots, exports and the page render from it alone, without the data and 
 """
 
 from vibrident.base.warning_kinds import WARNING_CODES, WarningCode
-from vibrident.result.document import SCHEMA
+from vibrident.result.document import MOST_BYTES, SCHEMA
 from vibrident.result.parts import (
     Correlation,
     Curve,
@@ -16,7 +16,7 @@ from vibrident.result.parts import (
     Signal,
     Training,
 )
-from vibrident.result.result import MOST_BYTES, Result
+from vibrident.result.result import Result
 
 __all__ = [
     "MOST_BYTES",

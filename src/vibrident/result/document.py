@@ -1,63 +1,146 @@
-"""A result as a document: plain values, and JSON text (RFC 8259)."""
+"""A result as a document: plain values, JSON text (RFC 8259), and the fields of later versions."""
 
 from __future__ import annotations
 
-import contextlib
 import datetime
+import functools
 import json
+import logging
 import math
-from collections.abc import Mapping
+import os
+import types
+from collections.abc import Iterator, Mapping
 from dataclasses import fields, is_dataclass
-from typing import Any
+from pathlib import Path
+from typing import Any, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
 from vibrident.base.errors import InputError
 
 SCHEMA = "vibrident.result/1"
-#: Fields in which JSON's null means a number that is not finite; in other fields it means that there is no value.
-_NUMBERS = {"value", "matrix", "rmse", "mae", "mse", "r2", "rpd", "nrmse"}
-
-
-def with_numbers(value: Any, key: str = "") -> Any:
-    """Plain values in which null is replaced by NaN in fields that require a number."""
-    if isinstance(value, Mapping):
-        return {name: with_numbers(item, str(name)) for name, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [with_numbers(item, key) for item in value]
-    return math.nan if value is None and key in _NUMBERS else value
+MOST_BYTES = 200_000_000  # of a result file; one with hundreds of records has a few millions
+_MOST_NAMED = 8  # unknown fields in a message
+_log = logging.getLogger("vibrident.result")
+#: Name of the field of each part of a result that holds what this version does not know.
+UNKNOWN = "unknown_fields"
 
 
 def plain(value: Any) -> Any:
-    """Plain types only; numbers that are not finite become None."""
+    """Return plain types only; numbers that are not finite become None."""
     if type(value) is float:  # by far the most
         return value if math.isfinite(value) else None
     if isinstance(value, np.ndarray):
         return [plain(item) for item in value.tolist()]
     if is_dataclass(value):
-        return {item.name: plain(getattr(value, item.name)) for item in fields(value)}
+        return _with_unknown(
+            {each.name: plain(getattr(value, each.name)) for each in fields(value)}
+        )
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
         return [plain(item) for item in value]
     if isinstance(value, bool) or value is None or isinstance(value, (str, int)):
         return value
-    if isinstance(value, datetime.date | datetime.time):  # a certificate's, in a calibration made in memory
+    if isinstance(
+        value, datetime.date | datetime.time
+    ):  # a certificate's, in a calibration made in memory
         return value.isoformat()
     number = float(value)
     return number if math.isfinite(number) else None
 
 
-def json_text(document: Any) -> str:
-    """A document as JSON, RFC 8259: no NaN, no Infinity; ``?`` for a byte of a file's name that is no UTF-8."""
-    from pydantic_core import PydanticSerializationError, to_json
+def _with_unknown(document: dict[str, Any]) -> dict[str, Any]:
+    """Put the unknown fields of a part beside those that it has."""
+    for name, value in document.pop(UNKNOWN, {}).items():
+        document[name] = document[name] | value if name in document else value
+    return document
 
-    with contextlib.suppress(PydanticSerializationError):  # in a twentieth of the time
-        text = to_json(document, indent=2).decode() + "\n"
-        if "NaN" not in text and "Infinity" not in text:
-            return text
-    text = json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+def separated(kind: Any, value: Any) -> Any:
+    """Return a document in which each part has its unknown fields under :data:`UNKNOWN`.
+
+    ``kind``: the type that the value is to become, a dataclass or made of some. An entry of a
+    mapping of texts that is no text is unknown, too. What does not fit the type stays as it is.
+    """
+    if is_dataclass(kind):
+        return _separated_fields(kind, value) if isinstance(value, Mapping) else value
+    inner = get_args(kind)
+    if get_origin(kind) in (Union, types.UnionType):
+        part = next((each for each in inner if is_dataclass(each)), None)
+        return value if part is None else separated(part, value)
+    if not any(map(is_dataclass, inner)):
+        return value
+    if get_origin(kind) is tuple and isinstance(value, list | tuple):
+        return [separated(inner[0], item) for item in value]
+    if isinstance(value, Mapping):
+        return {name: separated(inner[1], item) for name, item in value.items()}
+    return value
+
+
+def _separated_fields(kind: Any, value: Mapping[str, Any]) -> dict[str, Any]:
+    hints = _hints(kind)
+    known: dict[str, Any] = {}
+    unknown: dict[str, Any] = {}
+    for name, item in value.items():
+        if name == UNKNOWN or name not in hints:
+            unknown[name] = item
+        elif hints[name] == Mapping[str, str] and isinstance(item, Mapping):
+            known[name] = {key: text for key, text in item.items() if isinstance(text, str)}
+            if others := {key: other for key, other in item.items() if key not in known[name]}:
+                unknown[name] = others
+        else:
+            known[name] = separated(hints[name], item)
+    return known | ({UNKNOWN: unknown} if unknown else {})
+
+
+@functools.cache
+def _hints(kind: Any) -> dict[str, Any]:
+    return get_type_hints(kind)
+
+
+def unknown_names(value: Any, place: str = "") -> Iterator[str]:
+    """Yield the place of each unknown field of a part and of all parts in it, as ``fit.name``."""
+    if isinstance(value, Mapping | tuple):
+        items = value.items() if isinstance(value, Mapping) else enumerate(value)
+        for name, item in items:
+            yield from unknown_names(item, f"{place}{name}.")
+    if is_dataclass(value):
+        for each in fields(value):
+            item = getattr(value, each.name)
+            if each.name == UNKNOWN:
+                yield from (f"{place}{name}" for name in item)
+            else:
+                yield from unknown_names(item, f"{place}{each.name}.")
+
+
+def json_text(document: Any) -> str:
+    """Return a document as JSON, RFC 8259; a list of plain values stands on one line.
+
+    There is no NaN and no Infinity, and ``?`` stands for a byte of a file's name that is no UTF-8.
+    """
+    text = "".join(_laid_out(document, "\n")) + "\n"
     return text.encode(errors="replace").decode()
+
+
+def _laid_out(value: Any, margin: str) -> Iterator[str]:
+    """Yield the text in pieces; ``margin``: a line break and the blanks that begin a line."""
+    nested = Mapping | list | tuple
+    items: list[tuple[str, Any]] = []
+    if isinstance(value, Mapping):
+        items = [(f"{json.dumps(str(key), ensure_ascii=False)}: ", value[key]) for key in value]
+    elif isinstance(value, list | tuple):
+        items = [("", item) for item in value]
+    if not any(isinstance(item, nested) for _, item in items):
+        yield json.dumps(value, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+        return
+    deeper = f"{margin}  "
+    begin, end = "{}" if isinstance(value, Mapping) else "[]"
+    for head, item in items:
+        yield f"{begin}{deeper}{head}"
+        yield from _laid_out(item, deeper)
+        begin = ","
+    yield margin + end
 
 
 def refuse_constant(name: str) -> float:
@@ -66,10 +149,46 @@ def refuse_constant(name: str) -> float:
 
 
 def damaged(found: str) -> InputError:
-    """The error of a result file that lacks something, or holds what it may not."""
+    """Return the error of a result file that lacks something, or holds what it may not."""
     return InputError(
         "The result file is incomplete or damaged.",
         expected=f"all fields of {SCHEMA}",
         found=found[:500],
         remedy="run `vibrident identify` again",
     )
+
+
+def read_document(path: str | os.PathLike[str]) -> Any:
+    """Return the JSON document of a result file.
+
+    Raises:
+        InputError: the file cannot be read, or is no JSON.
+    """
+    try:
+        file = Path(path)
+        if (size := file.stat().st_size) > MOST_BYTES:
+            raise ValueError(f"{size} bytes, which is more than any result has")
+        document = json.loads(file.read_text(encoding="utf-8"), parse_constant=refuse_constant)
+    except (
+        OSError,
+        ValueError,
+        RecursionError,
+        MemoryError,
+    ) as error:  # UnicodeDecodeError is a ValueError
+        raise InputError(
+            "The result file cannot be read.",
+            expected="a JSON file written by `vibrident identify`",
+            found="no file of that name" if isinstance(error, FileNotFoundError) else str(error),
+            where=str(path),
+            remedy="check the path",
+        ) from error
+    return document
+
+
+@functools.cache  # once a file
+def say_unknown(file: str, names: tuple[str, ...]) -> None:
+    """Say what a file holds that is not known."""
+    if names:
+        more = f" and {len(names) - _MOST_NAMED} more" if len(names) > _MOST_NAMED else ""
+        named = f"{', '.join(names[:_MOST_NAMED])}{more}"
+        _log.warning(f"{file} holds what this version of vibrident does not know; kept: {named}")

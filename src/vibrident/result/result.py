@@ -1,11 +1,11 @@
-"""The one result of an identification: values only, schema ``vibrident.result/1``, to and from JSON."""
+"""The one result of an identification: values only, to and from JSON (``vibrident.result/1``)."""
 
 from __future__ import annotations
 
-import json
+import functools
 import os
 from collections.abc import Mapping
-from dataclasses import MISSING, dataclass, field, fields
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,8 +14,19 @@ import numpy as np
 from vibrident.base.binding import bound
 from vibrident.base.errors import InputError
 from vibrident.base.files import whole
+from vibrident.base.warning_kinds import WARNING_CODES
 from vibrident.data.records import FloatArray
-from vibrident.result.document import SCHEMA, damaged, json_text, plain, refuse_constant, with_numbers
+from vibrident.result.document import (
+    SCHEMA,
+    damaged,
+    json_text,
+    plain,
+    read_document,
+    say_unknown,
+    separated,
+    unknown_names,
+)
+from vibrident.result.earlier import excerpts_of_today
 from vibrident.result.parts import (
     Correlation,
     Curve,
@@ -23,26 +34,25 @@ from vibrident.result.parts import (
     Fit,
     MeasuredCurve,
     Parameter,
+    Part,
     ResultWarning,
     Signal,
     Training,
+    no_numbers,
+    require_consistent,
 )
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
+    from pydantic import TypeAdapter
 
     from vibrident.physics.models import SensorModel
     from vibrident.result.sensor import IdentifiedSensor
 
-MOST_BYTES = 200_000_000  # most bytes of a result file; one with hundreds of records has a few millions
-
-
-_MAY_NOT_BE_FINITE = ("parameters", "correlation", "fit", "response", "measured")  # the parts that hold such numbers
-
 
 @dataclass(frozen=True)
-class Result:
+class Result(Part):
     """The outcome of one identification. See DESIGN's contract for each field's meaning.
 
     Attributes:
@@ -59,10 +69,12 @@ class Result:
         sensor: free text of the calibration file.
         reference: quantity and unit of the reference.
         response_unit: unit of the response channel.
-        signals: excerpts for pictures.
+        signals: how well each record is met, with excerpts for pictures.
         training: trace of the optimiser.
-        weights: the identified network weights W1…W4 as nested lists (paper's Table 1), where a network was trained.
-        certificate: what the calibration file states for a certificate; empty where it states nothing.
+        weights: the identified network weights W1…W4 as nested lists (paper's Table 1), where a
+            network was trained.
+        certificate: what the calibration file states for a certificate; empty where it states
+            nothing.
         findings: what departs from the fit significantly, whether it matters or not.
         uncertainty: ``covers``: which of ``noise``, ``gain`` and ``phase`` the uncertainties hold.
     """
@@ -100,28 +112,38 @@ class Result:
         return f"<Result of {self.model} by {self.estimator}: {values}; {verdict}{warned}>"
 
     def summary(self) -> str:
-        """What ``vibrident identify`` prints: parameters with uncertainties, fit, warnings; plain text."""
+        """Return what ``vibrident identify`` prints: parameters, fit, warnings; plain text."""
         return bound("summary")(self)
 
     def _repr_html_(self) -> str:
-        """In a notebook: parameters with uncertainties, fit, warnings, and the sensitivity over frequency."""
+        """Show parameters, fit, warnings and the sensitivity over frequency in a notebook."""
         return bound("result_html")(self)
 
     def to_dataframe(self) -> DataFrame:
-        """The parameters, a row each, by name: value, unit, u, 95 % interval, whether identifiable, whether derived.
+        """Return the parameters, a row each, by name.
 
-        Columns: ``value``, ``unit``, ``standard_uncertainty``, ``interval_95_low``, ``interval_95_high`` (NaN where not
+        Columns: ``value``, ``unit``, ``standard_uncertainty``, ``interval_95_low``,
+            ``interval_95_high`` (NaN where not
         stated), ``identifiable``, ``derived``.
         """
         import pandas as pd
 
         rows = {
-            name: (each.value, each.unit, each.standard_uncertainty, *each.interval_95, each.identifiable, each.derived)
+            name: (
+                each.value,
+                each.unit,
+                each.standard_uncertainty,
+                *each.interval_95,
+                each.identifiable,
+                each.derived,
+            )
             for name, each in self.parameters.items()
         }
         numbers = ("value", "standard_uncertainty", "interval_95_low", "interval_95_high")
         heads = ("value", "unit", *numbers[1:], "identifiable", "derived")
-        frame = pd.DataFrame.from_dict(rows, orient="index", columns=list(heads)).rename_axis("parameter")
+        frame = pd.DataFrame.from_dict(rows, orient="index", columns=list(heads)).rename_axis(
+            "parameter"
+        )
         return frame.astype(dict.fromkeys(numbers, float))
 
     def plot(self, picture: str = "sensitivity") -> Figure:
@@ -177,7 +199,7 @@ class Result:
 
     @property
     def has_gain(self) -> bool:
-        """Whether there is a gain, and so a curve over frequency; free decays alone determine neither."""
+        """Whether there is a gain, and so a curve over frequency; free decays alone have none."""
         own = {name for name, parameter in self.parameters.items() if not parameter.derived}
         return own != {"natural_frequency", "damping_ratio"}
 
@@ -185,11 +207,13 @@ class Result:
         """Refuse a result of free decays alone for a ``use`` (in words) that needs the gain."""
         if not self.has_gain:
             raise InputError(
-                f"The result has no gain, which {use} needs: free decays alone tell natural frequency and damping.",
+                f"The result has no gain, which {use} needs: "
+                "free decays alone tell natural frequency and damping.",
                 expected="a result of records with a reference, or of a table",
                 found=f"parameters {', '.join(self.parameters)}",
                 where="result.json, parameters",
-                remedy="identify records with a reference; decays may be among them, or in a calibration file beside",
+                remedy="identify records with a reference; decays may be among them, "
+                "or in a calibration file beside",
             )
 
     def require_linear(self) -> None:
@@ -202,7 +226,8 @@ class Result:
                 expected="a result of a linear model",
                 found=repr(self.model),
                 where="result, model",
-                remedy="identify with a model without 'cubic', at the level of the motion to be corrected",
+                remedy="identify with a model without 'cubic', "
+                "at the level of the motion to be corrected",
             )
 
     def to_dict(self) -> dict[str, Any]:
@@ -213,13 +238,35 @@ class Result:
         """JSON text, RFC 8259: no NaN, no Infinity; floats round-trip exactly."""
         return json_text(self.to_dict())
 
-    def save(self, path: str | os.PathLike[str]) -> Path:
-        """Write ``result.json`` at ``path``, whole or not at all; return the path."""
+    def save(self, path: str | os.PathLike[str], *, excerpts: bool = True) -> Path:
+        """Write ``result.json`` at ``path``, whole or not at all; return the path.
+
+        ``excerpts``: whether with the samples of records that pictures show, which are most of it.
+        """
         target = Path(path)
         target.parent.mkdir(parents=True, exist_ok=True)
+        written = self if excerpts else self.without_excerpts()
         with whole(target) as partial:
-            partial.write_text(self.to_json(), encoding="utf-8")
+            partial.write_text(written.to_json(), encoding="utf-8")
         return target
+
+    def without_excerpts(self) -> Result:
+        """Return the result without samples of records; how well each is met stays."""
+        nothing = no_numbers()
+        signals = (replace(signal, measured=nothing, residual=nothing) for signal in self.signals)
+        return replace(self, signals=tuple(signals))
+
+    @property
+    def unknown(self) -> tuple[str, ...]:
+        """What this version does not know, and keeps: codes, and places of fields."""
+        told = (("warnings", self.warnings), ("findings", self.findings))
+        codes = dict.fromkeys(
+            f"{place}: {each.code}"
+            for place, parts in told
+            for each in parts
+            if each.code not in WARNING_CODES
+        )
+        return (*unknown_names(self), *codes)
 
     @classmethod
     def from_dict(cls, document: Mapping[str, Any]) -> Result:
@@ -236,11 +283,12 @@ class Result:
                 found=repr(found),
                 remedy="give the result.json that `vibrident identify` wrote",
             )
-        from pydantic import TypeAdapter, ValidationError
+        from pydantic import ValidationError
 
         try:
-            measured = {key: with_numbers(document[key]) for key in _MAY_NOT_BE_FINITE}
-            result = TypeAdapter(cls).validate_python({**document, **measured})
+            known = {name: value for name, value in document.items() if name != "schema"}
+            parts = separated(cls, excerpts_of_today(known))
+            result = adapter().validate_python(parts)
             result.require_consistent()
         except ValidationError as error:
             finding = error.errors()[0]
@@ -252,19 +300,7 @@ class Result:
 
     def require_consistent(self) -> None:
         """Check what the fields say of each other."""
-        for name, curve in (("response", self.response), ("measured", self.measured)):
-            points = len(curve.frequency_hz)
-            for column in fields(curve):
-                length = len(getattr(curve, column.name))
-                optional = column.default is not MISSING or column.default_factory is not MISSING
-                if length != points and not (length == 0 and optional):
-                    raise ValueError(f"{name}.{column.name} has {length} values for {points} frequencies")
-        size = len(self.correlation.names)
-        if [len(row) for row in self.correlation.matrix] != [size] * size:
-            raise ValueError(f"the matrix of correlation is not {size} by {size}")
-        for signal in self.signals:
-            if not len(signal.time_s) == len(signal.measured) == len(signal.predicted):
-                raise ValueError(f"the parts of the signal {signal.record!r} differ in length")
+        require_consistent(self.response, self.measured, self.correlation, self.signals)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Result:
@@ -273,25 +309,29 @@ class Result:
         Raises:
             InputError: the file cannot be read or is not a result.
         """
-        try:
-            file = Path(path)
-            if (size := file.stat().st_size) > MOST_BYTES:
-                raise ValueError(f"{size} bytes, which is more than any result has")
-            document = json.loads(file.read_text(encoding="utf-8"), parse_constant=refuse_constant)
-        except (OSError, ValueError, RecursionError, MemoryError) as error:  # UnicodeDecodeError is a ValueError
-            raise InputError(
-                "The result file cannot be read.",
-                expected="a JSON file written by `vibrident identify`",
-                found="no file of that name" if isinstance(error, FileNotFoundError) else str(error),
-                where=str(path),
-                remedy="check the path",
-            ) from error
-        return cls.from_dict(document)
+        document = read_document(path)
+        result = cls.from_dict(document)
+        say_unknown(str(path), result.unknown)
+        return result
+
+
+@functools.cache  # making it is the slowest part of reading a result
+def adapter() -> TypeAdapter[Result]:
+    """Return what checks a document, and makes a result of it."""
+    from pydantic import TypeAdapter
+
+    return TypeAdapter(Result)
 
 
 def _values(result: Result, model: SensorModel) -> dict[str, float]:
-    found = {name: result.parameters[name].value for name in model.parameter_names if name in result.parameters}
-    missing = [n for n in model.parameter_names if found.get(n) is None or not np.isfinite(found[n])]
+    found = {
+        name: result.parameters[name].value
+        for name in model.parameter_names
+        if name in result.parameters
+    }
+    missing = [
+        n for n in model.parameter_names if found.get(n) is None or not np.isfinite(found[n])
+    ]
     if missing:
         raise InputError(
             "The result lacks parameters of its model.",
@@ -326,16 +366,22 @@ def _band(result: Result) -> tuple[float, float] | None:
 
 
 def _misfit(result: Result) -> float:
-    """Rms relative deviation of a rejected model from the measured points, beyond their uncertainty."""
+    """Return the rms relative deviation of a rejected model from the points, beyond their u."""
     measured = result.measured
     if result.fit.adequate or not measured.frequency_hz.size:
         return 0.0
 
     def squares(column: FloatArray, scale: FloatArray | float) -> FloatArray:
-        return (np.nan_to_num(column) * scale) ** 2 if column.size else np.zeros(measured.frequency_hz.size)
+        return (
+            (np.nan_to_num(column) * scale) ** 2
+            if column.size
+            else np.zeros(measured.frequency_hz.size)
+        )
 
     degree = np.pi / 180.0
-    found = squares(measured.deviation_percent, 0.01) + squares(measured.deviation_phase_deg, degree)
+    found = squares(measured.deviation_percent, 0.01) + squares(
+        measured.deviation_phase_deg, degree
+    )
     known = squares(measured.magnitude_uncertainty, 1.0 / np.abs(measured.magnitude))
     known += squares(measured.phase_deg_uncertainty, degree)
     return float(np.sqrt(max(np.mean(found - known), 0.0)))

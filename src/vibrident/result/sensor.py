@@ -1,6 +1,7 @@
-"""An identified sensor to compute with: its model with values, their covariance, and the response with its uncertainty.
+"""An identified sensor to compute with: model, values, covariance, and response with uncertainty.
 
-A result gives it (:meth:`vibrident.Result.to_sensor`), and so does a fit. It serves correction, prediction, planning,
+A result gives it (:meth:`vibrident.Result.to_sensor`), and so does a fit. It serves correction,
+prediction, planning,
 report and export.
 """
 
@@ -31,13 +32,16 @@ class IdentifiedSensor:
     Attributes:
         model: the sensor model.
         values: name → value, SI units, frequencies in Hz.
-        covariance: of the values in the model's order, shape (parameters, parameters); NaN if not stated.
-        quantity: what the sensitivity is per: acceleration, or the drive that the sensor was identified with.
+        covariance: of the values in the model's order, shape (parameters, parameters); NaN if not
+            stated.
+        quantity: what the sensitivity is per: acceleration, or the drive that the sensor was
+            identified with.
         band_hz: lowest and highest frequency of the data; None where nothing tells.
         response_unit: unit of the response.
         input_unit: unit of ``quantity``.
         degrees_of_freedom: behind the covariance.
-        misfit: relative error of a model that its calibration rejected, as large as at the measured points; else 0.
+        misfit: relative error of a model that its calibration rejected, as large as at the measured
+            points; else 0.
     """
 
     model: SensorModel
@@ -57,14 +61,19 @@ class IdentifiedSensor:
             f"{name}={self.values[name]:.8g}" + (f" ± {u:.2g}" if np.isfinite(u) else "")
             for name, u in zip(self.model.parameter_names, deviations, strict=True)
         )
-        band = "" if self.band_hz is None else f"; {self.band_hz[0]:.4g} to {self.band_hz[1]:.4g} Hz"
-        return f"<Sensor {self.model.name}: {values}{band}; {self.response_unit} per {self.input_unit}>"
+        band = (
+            "" if self.band_hz is None else f"; {self.band_hz[0]:.4g} to {self.band_hz[1]:.4g} Hz"
+        )
+        units = f"{self.response_unit} per {self.input_unit}"
+        return f"<Sensor {self.model.name}: {values}{band}; {units}>"
 
     def _repr_html_(self) -> str:
         """In a notebook: the values with uncertainties, and the curve over the band of the data."""
         return bound("sensor_html")(self)
 
-    def frequency_response(self, frequency_hz: FloatArray, quantity: Quantity | None = None) -> ComplexArray:
+    def frequency_response(
+        self, frequency_hz: FloatArray, quantity: Quantity | None = None
+    ) -> ComplexArray:
         """Complex sensitivity for e^{+jωt}, shape (points,).
 
         Args:
@@ -72,24 +81,36 @@ class IdentifiedSensor:
             quantity: reference quantity; None: the sensor's own.
         """
         at = np.asarray(frequency_hz, dtype=float)
-        return np.asarray(self.model.frequency_response(self.values, at, quantity or self.quantity), dtype=complex)
+        return np.asarray(
+            self.model.frequency_response(self.values, at, quantity or self.quantity), dtype=complex
+        )
 
     def slopes(self, frequency_hz: FloatArray, quantity: Quantity | None = None) -> ComplexArray:
         """Derivative of the sensitivity by each parameter, shape (parameters, points)."""
-        return response_and_slopes(self.model, self.values, frequency_hz, quantity or self.quantity)[1]
+        return response_and_slopes(
+            self.model, self.values, frequency_hz, quantity or self.quantity
+        )[1]
 
-    def uncertainty(self, frequency_hz: FloatArray, quantity: Quantity | None = None) -> tuple[FloatArray, FloatArray]:
-        """Standard uncertainties of magnitude, relative, and of phase, rad; each of shape (points,)."""
-        response, slopes = response_and_slopes(self.model, self.values, frequency_hz, quantity or self.quantity)
+    def uncertainty(
+        self, frequency_hz: FloatArray, quantity: Quantity | None = None
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return standard uncertainties of magnitude (relative) and phase (rad), (points,)."""
+        response, slopes = response_and_slopes(
+            self.model, self.values, frequency_hz, quantity or self.quantity
+        )
         relative = slopes / response
-        variance = [np.einsum("ik,ij,jk->k", part, self.covariance, part) for part in (relative.real, relative.imag)]
+        variance = [
+            np.einsum("ik,ij,jk->k", part, self.covariance, part)
+            for part in (relative.real, relative.imag)
+        ]
         return np.sqrt(np.maximum(variance[0], 0.0)), np.sqrt(np.maximum(variance[1], 0.0))
 
     def to_scipy(self) -> ZerosPolesGain:
-        """As a ``scipy.signal.ZerosPolesGain``, rad/s; a delay or an average over a window by poles and zeros.
+        """Return a ``scipy.signal.ZerosPolesGain``, rad/s; a delay by poles and zeros.
 
         Raises:
-            InputError: the model is not linear, or poles and zeros cannot hold it over the band of its data.
+            InputError: the model is not linear, or poles and zeros cannot hold it over the band of
+                its data.
         """
         from scipy.signal import ZerosPolesGain
 
@@ -97,12 +118,14 @@ class IdentifiedSensor:
         return ZerosPolesGain(found.zeros, found.poles, found.gain)
 
     def to_control(self) -> TransferFunction:
-        """As a ``control.TransferFunction`` of python-control (extra ``control``), like :meth:`to_scipy`.
+        """Return a ``control.TransferFunction`` (extra ``control``), like :meth:`to_scipy`.
 
         Raises:
             InputError: as :meth:`to_scipy`, or python-control is not installed.
         """
-        control = library("control", "control", "A sensor of python-control needs that library.", "to_control")
+        control = library(
+            "control", "control", "A sensor of python-control needs that library.", "to_control"
+        )
         return control.TransferFunction(*bound("zeros_and_poles")(self).polynomials())
 
     @property
@@ -115,10 +138,16 @@ class IdentifiedSensor:
         """Refuse a sensor whose parameters' covariance is not stated."""
         known = np.isfinite(self.covariance)
         if not known.all():
-            names = [name for name, row in zip(self.model.parameter_names, known, strict=True) if not row.all()]
+            names = [
+                name
+                for name, row in zip(self.model.parameter_names, known, strict=True)
+                if not row.all()
+            ]
             raise InputError(
-                "The result does not state the uncertainty of a parameter, or its correlation with another one.",
-                expected=f"standard uncertainty and correlation of {', '.join(self.model.parameter_names)}",
+                "The result does not state the uncertainty of a parameter, "
+                "or its correlation with another one.",
+                expected="standard uncertainty and correlation of "
+                + ", ".join(self.model.parameter_names),
                 found="none for " + ", ".join(names),
                 where="result, parameters and correlation",
                 remedy="run `vibrident identify` again",

@@ -40,26 +40,25 @@ MOST_RECORDS = 60  # most records to choose from
 def signals(result: Result) -> Figure | None:
     """Measured and predicted response in time by record, residual underneath on its own scale."""
     frequencies = record_frequencies(result)
-    ordered = sorted(result.signals, key=lambda signal: frequencies.get(signal.record, 0.0))
+    with_samples = [signal for signal in result.signals if signal.measured.size]
+    ordered = sorted(with_samples, key=lambda signal: frequencies.get(signal.record, 0.0))
     if not ordered:
         return None
     ordered = [ordered[i] for i in spread(len(ordered), MOST_RECORDS)]
-    common = largest(*(one.measured for one in ordered)), largest(*(one.measured - one.predicted for one in ordered))
+    common = largest(*(one.measured for one in ordered)), largest(*(one.residual for one in ordered))
     stacks = tuple(_signal(signal, frequencies.get(signal.record), common) for signal in ordered)
     caption = "Measured and predicted response of a part of each record, and the residual on a scale of its own."
-    if len(ordered) < len(result.signals):
-        caption += f" Of {len(result.signals)} records these are {len(ordered)}, spread evenly."
+    if len(ordered) < len(with_samples):
+        caption += f" Of {len(with_samples)} records these are {len(ordered)}, spread evenly."
     title = "Measured and predicted response"
     return Figure("signals", title, stacks, subject(result.model, result.sensor), caption, choice=True)
 
 
 def _signal(signal: Signal, frequency_hz: float | None, common: tuple[float, float]) -> Stack:
-    time, measured, predicted = signal.time_s, signal.measured, signal.predicted
-    if frequency_hz and time.size:
-        part = time <= time[0] + PERIODS / frequency_hz
-        time, measured, predicted = time[part], measured[part], predicted[part]
-    time, clock = from_start(time)
-    residual = measured - predicted
+    time = signal.time_s
+    part = time <= time[0] + PERIODS / frequency_hz if frequency_hz else slice(None)
+    measured, predicted, residual = (values[part] for values in (signal.measured, signal.predicted, signal.residual))
+    time, clock = from_start(time[part])
     own = largest(measured), largest(residual)  # one unit for all records, but where one is far smaller
     size, small = (scaled(signal.unit, a if b > a / 500 else b) for a, b in zip(common, own, strict=True))
     few: Marker = "." if 0 < time.size <= 60 else ""
@@ -130,7 +129,7 @@ def _stems(x: Axis, places: FloatArray, percent: FloatArray, label: str, title: 
 
 
 def _in_own_rmse(signal: Signal) -> FloatArray:
-    residual = axes.usable(signal.measured - signal.predicted)
+    residual = axes.usable(signal.residual)
     size = math.sqrt(float(np.mean(residual**2))) if residual.size else 0.0
     return residual / size if size > 0 else residual[:0]
 

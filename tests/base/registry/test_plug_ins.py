@@ -90,6 +90,8 @@ for estimator in ("auto", "huber", "ipnn"):
         assert abs(p.value - true) < 5 * p.standard_uncertainty, (estimator, name, p)
     assert result.fit.adequate and not result.warnings, (estimator, result.warnings)
     out[estimator] = done.output
+    took_part = {"convective", "json-columns"} | ({"huber"} if estimator == "huber" else set())
+    assert result.provenance["plug_ins"] == dict.fromkeys(took_part, "vibrident-example 1.0"), result.provenance
 words = ["identify", "c.toml", "--estimator", "huber", "--no-pictures", "--out", "set", "--set"]
 wrong = {"limt=0.5": "did you mean 'limit'", "steps=9": "--steps", "limit": "NAME=VALUE"}
 for setting, found in {"limit=0.5": "", **wrong}.items():
@@ -98,7 +100,8 @@ for setting, found in {"limit=0.5": "", **wrong}.items():
 one, other = (vibrident.Result.load(f"{name}/result.json").parameters["sensitivity"].value for name in ("huber", "set"))
 assert one != other
 assert "cut-off frequency" in out["auto"] and "thermal time constant" in out["auto"]
-done = CliRunner().invoke(app, ["compare", "c.toml", "--out", "beside"], catch_exceptions=False)
+words = ["compare", "c.toml", "--out", "beside", "--estimators", "huber,ml"]
+done = CliRunner().invoke(app, words, catch_exceptions=False)
 assert done.exit_code == 0 and "huber" in done.output, done.output
 done = CliRunner().invoke(app, ["report", "auto/result.json", "--format", "md"], catch_exceptions=False)
 assert done.exit_code == 0, done.output
@@ -186,6 +189,68 @@ print(*sorted(p.line for r in REGISTRIES for p in r.plug_ins() if p.problem), se
         assert reason in line
     assert len(lines) == 5
     assert sorted(done.stderr.splitlines()) == [line for line in lines if "taken" not in line]  # each once
+
+
+#: A package whose model and estimator cannot be loaded, and whose departure can.
+UNNAMED = """\
+[vibrident.models]
+unasked-model = unasked.broken:THING
+
+[vibrident.estimators]
+unasked-estimator = unasked.broken:THING
+
+[vibrident.departures]
+unasked-departure = unasked.departure:THING
+"""
+DEPARTURE = """
+from vibrident.fit.departures.departure import Departure
+class Nothing(Departure):
+    name, code, pooled = "unasked-departure", "drift", False
+    def columns(self, part, scale):
+        return iter(())
+    def sentence(self, candidate, score):
+        return ""
+THING = Nothing()
+"""
+COMPARED = """
+import json, sys
+from pathlib import Path
+from typer.testing import CliRunner
+from vibrident.app.cli import app
+from vibrident.fit.registry import ESTIMATORS
+from vibrident.physics.simulation import simulate
+from vibrident.data.io.writer import write_calibration
+sines = {"frequencies_hz": (100.0, 300.0, 800.0), "samples": 2000}
+write_calibration(".", simulate("paper", response_noise=0.01, seed=1, **sines))
+words = ["compare", "calibration.toml", "--models", "accelerometer,accelerometer+delay"]
+done = CliRunner().invoke(app, words, catch_exceptions=False)
+assert done.exit_code == 0, done.output
+compared = json.loads(Path("vibrident-comparison/comparison.json").read_text())
+assert "unasked" not in str(compared), compared
+assert "unasked.broken" not in sys.modules
+done = CliRunner().invoke(app, [*words, "--discretisations", "euler,zoh"], catch_exceptions=False)
+assert done.exit_code == 0 and "unasked.broken" not in sys.modules, done.output
+import vibrident
+one = vibrident.Result.load("vibrident-comparison/ml-accelerometer.json")
+assert one.provenance["plug_ins"] == {"unasked-departure": "unasked 2.0"}, one.provenance
+assert "unasked-estimator" in ESTIMATORS.names()
+print("compared")
+"""
+
+
+def test_compare_asks_no_plug_in_that_was_not_named(tmp_path):
+    """Departures are tested in every fit, and are named in its provenance."""
+    package = tmp_path / "site" / "unasked"
+    package.mkdir(parents=True)
+    (package / "__init__.py").write_text("", encoding="utf-8")
+    (package / "broken.py").write_text("raise RuntimeError('asked')\n", encoding="utf-8")
+    (package / "departure.py").write_text(DEPARTURE, encoding="utf-8")
+    described(package.parent, "unasked", "2.0", UNNAMED)
+    (tmp_path / "run").mkdir()
+    done = run(COMPARED, package.parent, cwd=tmp_path / "run")
+    assert done.returncode == 0, done.stderr + done.stdout
+    assert done.stdout.endswith("compared\n")
+    assert "asked" not in done.stderr
 
 
 def test_nothing_is_loaded_before_it_is_asked_for(site):

@@ -3,6 +3,8 @@
 import os
 import subprocess
 import sys
+from types import SimpleNamespace
+from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -11,6 +13,7 @@ import pytest
 from tests.support.fleets import good
 
 from vibrident.base.errors import InputError
+from vibrident.lab.fleet import orders as of_workers
 from vibrident.lab.fleet import parts, row
 from vibrident.lab.fleet.coordinator import BATCH_S, Batches
 from vibrident.lab.fleet.key import fingerprint
@@ -220,6 +223,30 @@ def test_a_limits_file_that_is_wrong_says_where(tmp_path, text, said):
     assert "limits.toml" in refused.value.where
 
 
+class Point(NamedTuple):
+    """As an entry point is, as far as the key asks."""
+
+    dist: SimpleNamespace
+
+
+@pytest.mark.parametrize("group", ["models", "estimators", "readers", "departures"])
+def test_the_key_changes_with_a_plug_in_that_takes_part(tmp_path, monkeypatch, group):
+    file = str(good(tmp_path / "a", 1))
+
+    def key(**groups):
+        points = {
+            f"vibrident.{name}": [Point(SimpleNamespace(name="other", version=version))]
+            for name, version in groups.items()
+        }
+        monkeypatch.setattr(of_workers, "installed", lambda: points)
+        return fingerprint(file, Orders(str(tmp_path))).key
+
+    keys = [key(), key(**{group: "1.0"}), key(**{group: "1.1"})]
+    assert len(set(keys)) == 3
+    assert key(**{group: "1.0"}) == keys[1]
+    assert key(exports="1.0", sources="1.0") == keys[0]  # no result depends on these
+
+
 def test_a_process_may_hold_at_least_four_gigabytes_or_the_machine():
     assert memory_limit(Orders("", memory_limit_bytes=7)) == 7
     found = memory_limit(Orders(""))
@@ -230,6 +257,8 @@ def test_a_process_that_is_ready_has_loaded_what_identifies():
     """Else the time limit of its first calibration would hold the loading of the libraries."""
     code = """
 import sys
+from types import SimpleNamespace
+from typing import NamedTuple
 from vibrident.lab.fleet.worker import ready
 ready()
 print("vibrident.data.io" in sys.modules, "vibrident.fit.identification" in sys.modules)

@@ -50,7 +50,7 @@ def test_the_statements_of_a_query_do_not_grow_with_the_store(url):
     filled(url, 2, 3)
     few = _statements(url)
     with Store(url) as store:
-        assert sum(new for new, _ in add_all(store, [calibrated(serial=f"other {i}") for i in range(50)])) == 50
+        assert sum(one.new for one in add_all(store, [calibrated(serial=f"other {i}") for i in range(50)])) == 50
     assert _statements(url) == few
 
 

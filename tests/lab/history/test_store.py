@@ -12,10 +12,11 @@ import pytest
 import sqlalchemy as sa
 from tests.support.databases import count
 from tests.support.lives import at_reference, calibrated
+from tests.support.sample_results import table2
 
 from vibrident.base.errors import InputError
 from vibrident.lab import history
-from vibrident.lab.history import location, schema
+from vibrident.lab.history import entry, location, query, schema
 from vibrident.lab.history.store import Store
 
 
@@ -54,9 +55,72 @@ def test_a_result_without_name_or_date_is_refused_unless_both_are_given(tmp_path
     url = str(tmp_path / "h.db")
     with pytest.raises(InputError, match=option):
         history.add(url, [result])
-    assert history.add(url, [result], serial_number="4711", date=datetime.date(2020, 5, 1)) == 1
+    stated = datetime.date(2020, 1, 1) if result.certificate else datetime.date(2020, 5, 1)
+    assert history.add(url, [result], serial_number="4711", date=stated) == 1
     with pytest.raises(InputError, match="not that of the result"):
         history.add(url, [calibrated()], serial_number="12")
+
+
+def dated(url, day):
+    """What the store says of its only sensor, asked in its three ways."""
+    with Store(url) as store:
+        (overview,) = query.overviews(store)
+        ((known,),) = query.entries(store, overview.sensor.id).values()
+        (row,) = query.rows(store)
+    assert overview.first == overview.last == known.date == row["date"] == day
+    assert known.facts["date_stated"] is row["date_stated"] is True
+
+
+def test_the_date_of_a_stored_result_is_corrected_by_events_and_the_last_one_counts(tmp_path):
+    url, undated = str(tmp_path / "h.db"), calibrated(date=None)
+    first, second, third = (datetime.date(2020, month, 1) for month in (5, 7, 6))
+    assert history.add(url, [undated], date=first) == 1
+    for day in (first, second, third, third):
+        assert history.add(url, [undated], date=day) == 0
+        dated(url, day)
+    with Store(url) as store:
+        (events,) = query.events(store).values()
+        told = [(each.kind, each.date, each.note) for each in events]
+        assert query.result(store, 1) == undated
+    assert sorted(told) == [
+        ("redated", third, f"the date was {second}"),
+        ("redated", second, f"the date was {first}"),
+    ]
+    assert count(url, schema.calibration) == 1
+
+
+def test_a_date_that_contradicts_the_stated_one_is_refused(tmp_path):
+    url = str(tmp_path / "h.db")
+    for _ in range(2):  # a new result, and a stored one
+        with pytest.raises(InputError, match=r"(?s)The date is not that.*2020-01-01.*2021-02-03"):
+            history.add(url, [calibrated()], date=datetime.date(2021, 2, 3))
+        history.add(url, [calibrated()], date=datetime.date(2020, 1, 1))
+    dated(url, datetime.date(2020, 1, 1))
+
+
+def test_a_correction_needs_a_calibration_and_a_date(tmp_path):
+    url = str(tmp_path / "h.db")
+    history.add(url, [calibrated()])
+    with Store(url) as store:
+        sensor = query.find(store, "4711")
+        for lacking in ({"date": datetime.date(2021, 1, 1)}, {"calibration_id": 1}):
+            with pytest.raises(InputError, match="not said"):
+                entry.add_event(store, sensor, "redated", **lacking)
+        entry.add_event(store, sensor, "redated", date=datetime.date(2021, 1, 1), calibration_id=1)
+    dated(url, datetime.date(2021, 1, 1))
+
+
+def test_a_result_is_the_same_without_excerpts_and_where_an_earlier_version_stored_it(tmp_path):
+    url, result = str(tmp_path / "h.db"), table2()
+    with Store(url) as store:
+        store.begin()
+        rows = entry.rows_of(result)
+        older = rows.calibration | {"sha256": "of the text, as earlier versions hashed it"}
+        with store.writing() as connection:
+            entry._insert(store, connection, replace(rows, calibration=older), None)
+    assert history.add(url, [result, result.without_excerpts()]) == 0
+    assert history.add(url, [replace(result, estimator="ml"), table2(seed=2)]) == 2
+    assert history.add(url, [replace(result, estimator="ml").without_excerpts()]) == 0
 
 
 def test_rows_can_be_neither_changed_nor_removed_nor_replaced(tmp_path):

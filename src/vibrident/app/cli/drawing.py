@@ -57,14 +57,13 @@ def prepare() -> None:
     import matplotlib.backends.backend_agg
     import matplotlib.figure
     import matplotlib.style  # noqa: F401
-    from pydantic import TypeAdapter
 
-    from vibrident.result import Result
+    from vibrident.result.result import adapter
     from vibrident.show import plots  # noqa: F401
     from vibrident.show.media.drawing import content
     from vibrident.show.views import Figure
 
-    TypeAdapter(Result)  # the slowest part of reading a result
+    adapter()
     content(Figure("", "", ()), "png")  # loads fonts and encoder
 
 

@@ -284,8 +284,8 @@ def added_to_history(path: Path, store: str) -> dict[str, Any]:
     from vibrident.lab.history.entry import add_all
 
     def add(opened: Store, result: Result) -> str:
-        ((new, number),) = add_all(opened, [result])
-        return f"Calibration {number}{'' if new else ' was there already'}. "
+        (added,) = add_all(opened, [result])
+        return f"Calibration {added.number}{'' if added.new else ' was there already'}. "
 
     return _history(path, store, add)
 
@@ -295,9 +295,9 @@ def approved(path: Path, store: str, by: str) -> dict[str, Any]:
     from vibrident.lab.history.entry import add_all, approve
 
     def add(opened: Store, result: Result) -> str:
-        ((_, number),) = add_all(opened, [result])
-        approve(opened, number, by=by)
-        return f"Calibration {number} is approved. "
+        (added,) = add_all(opened, [result])
+        approve(opened, added.number, by=by)
+        return f"Calibration {added.number} is approved. "
 
     return _history(path, store, add)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from vibrident.base.errors import InputError, unknown
@@ -21,9 +21,10 @@ def estimator_names() -> tuple[str, ...]:
     return (AUTO, *ESTIMATORS.names())
 
 
-def estimators_with(setting: str) -> tuple[str, ...]:
-    """Names of the estimators that have a setting."""
-    return tuple(name for name, one in ESTIMATORS.all().items() if setting in one.settings)
+def estimators_with(setting: str, names: Iterable[str] | None = None) -> tuple[str, ...]:
+    """Return the names of the estimators that have a setting; ``names``: those to ask, None for all."""
+    asked = ESTIMATORS if names is None else names
+    return tuple(name for name in asked if setting in ESTIMATORS[name].settings)
 
 
 def _given(settings: Mapping[str, Any]) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from vibrident.base.backend import jax, jnp, optax
+from vibrident.base.participants import takes_part
 from vibrident.data.records import FloatArray
 from vibrident.fit.descent.optimise import Objective, Progress, Trace, silent
 
@@ -24,6 +25,7 @@ def adam(
 
     Adam's steps do not depend on the scale of the cost, so the mean and the sum of squares train alike.
     """
+    takes_part("optax")
     z = jnp.asarray(start, dtype=float)
     state = optax.adam(learning_rate).init(z)
     costs, path = [], []

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
@@ -126,9 +126,13 @@ class Estimator(ABC):
         return replace(self, **settings)
 
 
-def ranked() -> tuple[Estimator, ...]:
-    """Every estimator with its settings at their defaults, in the order in which methods are compared."""
-    return tuple(sorted(ESTIMATORS.all().values(), key=lambda one: (one.rank, one.name)))
+def ranked(names: Iterable[str] | None = None) -> tuple[Estimator, ...]:
+    """Return estimators in the order in which methods are compared, with settings at their defaults.
+
+    ``names``: of those to take; None for all.
+    """
+    chosen = ESTIMATORS.all().values() if names is None else map(ESTIMATORS.__getitem__, names)
+    return tuple(sorted(chosen, key=lambda one: (one.rank, one.name)))
 
 
 def choose(evidence: Evidence) -> tuple[Estimator, str]:

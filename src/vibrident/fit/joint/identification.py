@@ -13,6 +13,7 @@ import numpy as np
 from vibrident.base.amounts import amount
 from vibrident.base.errors import InputError, ModelError
 from vibrident.base.memory import in_one_thread
+from vibrident.base.participants import watching
 from vibrident.data.records import Calibration
 from vibrident.fit.decay import decays_alone
 from vibrident.fit.descent.optimise import Progress, silent
@@ -33,6 +34,7 @@ RESIDUAL = "its residual at the joint fit, noise and misfit (its own fit is not 
 
 
 @in_one_thread
+@watching()
 def identify_together(
     calibrations: Sequence[Calibration],
     model: str | Sequence[str | None] | None = None,

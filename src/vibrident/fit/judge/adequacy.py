@@ -34,6 +34,8 @@ from vibrident.result import Signal
 if TYPE_CHECKING:
     from vibrident.fit.decay.beside import DecayDeviation
 
+_EXCERPT_SAMPLES = 5_000  # of all records together; a picture is a few hundred wide
+
 
 @dataclass(frozen=True, eq=False)
 class Judgement:
@@ -253,12 +255,16 @@ def judge_table(evidence: Evidence, estimate: Estimate) -> Judgement:
 
 
 def _excerpts(evidence: Evidence, predicted: tuple[FloatArray, ...]) -> tuple[Signal, ...]:
-    """A piece of every record from where its response is largest, a few periods long: 12,000 samples together."""
+    """Return a piece of every record from where its response is largest, a few periods long.
+
+    They have :data:`_EXCERPT_SAMPLES` samples together. One that took no part in the fit is NaN.
+    """
     signals, tones = [], evidence.tones
-    most = int(np.clip(12_000 // max(len(predicted), 1), 24, 600))
+    most = int(np.clip(_EXCERPT_SAMPLES // max(len(predicted), 1), 24, 600))
     owners = {} if tones is None else dict(zip(tones.record, tones.frequency_hz, strict=True))
     for index, (record, series) in enumerate(zip(evidence.records, predicted, strict=True)):
-        used = np.flatnonzero(record.mask & np.isfinite(series))
+        takes_part = record.mask & np.isfinite(series)
+        used = np.flatnonzero(takes_part)
         if used.size < 2:
             continue
         residual = record.response[used] - series[used]
@@ -272,13 +278,17 @@ def _excerpts(evidence: Evidence, predicted: tuple[FloatArray, ...]) -> tuple[Si
             peak = int(np.argmax(np.abs(record.response[used] - np.median(record.response[used]))))
             span = min(used.size, max(64, used.size // 4))
             start = int(np.clip(peak - span // 3, 0, used.size - span))
-        piece = used[start : start + span : max(1, -(-span // most))]
+        first, last = int(used[start]), int(used[start + span - 1])
+        step = -(-(last - first + 1) // most)
+        piece = slice(first, last + 1, step)
+        measured = np.where(takes_part[piece], record.response[piece], np.nan)
         signals.append(
             Signal(
                 record.name,
-                record.time_s[piece],
-                record.response[piece],
-                series[piece],
+                first / record.sampling_rate_hz,
+                step / record.sampling_rate_hz,
+                measured,
+                measured - series[piece],
                 evidence.calibration.response_unit,
                 rmse,
                 rmse / deviation if deviation > 0 else 0.0,

@@ -2,26 +2,20 @@
 
 from __future__ import annotations
 
-import contextlib
-import datetime
-import functools
-import platform
 from collections.abc import Sequence
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any, Literal
 
 import numpy as np
 
-from vibrident.base.version import __version__
-from vibrident.data.records import Calibration, FloatArray, ResponseTable
+from vibrident.data.records import FloatArray, ResponseTable
 from vibrident.data.records.basis import distinct
 from vibrident.fit.estimators import Estimate
 from vibrident.fit.judge.attempts import Fitted
 from vibrident.fit.judge.doubts import second_thoughts
 from vibrident.fit.judge.examined import told
 from vibrident.fit.judge.measured import fit_of_signals, fit_of_table, measured_curve
+from vibrident.fit.judge.provenance import provenance
 from vibrident.fit.judge.refits import PHASE_BY_SCATTER
-from vibrident.fit.problem import Evidence
 from vibrident.fit.uncertainty import correlation, curve, parameter_table, weakly_determined
 from vibrident.fit.uncertainty.budget import (
     DATA,
@@ -78,7 +72,7 @@ def document(fitted: Fitted, rows: Sequence[BudgetRow], more: Sequence[ResultWar
             "estimator_choice": fitted.reason,
             **({"point_budget": points} if points else {}),
         },
-        provenance=_provenance(calibration, evidence),
+        provenance=provenance(fitted),
         parameters=table,
         correlation=correlation(model, total),
         fit=(fit_of_table if calibration.table else fit_of_signals)(fitted),
@@ -219,28 +213,3 @@ def _shown(
 ) -> tuple[tuple[float, dict[str, float]], ...]:
     """Mean squared weighted residual and parameters at each iterate."""
     return tuple((float(cost) / equations, point) for cost, point in zip(costs, path, strict=True))
-
-
-@functools.cache  # reading a library's metadata takes time
-def _versions() -> dict[str, str]:
-    """Of the libraries behind the numbers, as far as they are installed."""
-    found = {}
-    for name in ("jax", "jaxlib", "numpy", "scipy", "equinox"):
-        with contextlib.suppress(PackageNotFoundError):
-            found[name] = version(name)
-    return found
-
-
-def _provenance(calibration: Calibration, evidence: Evidence) -> dict[str, Any]:
-    sources = [r.provenance for r in evidence.records or calibration.records]
-    if calibration.table is not None:
-        sources = [calibration.table.provenance]
-    return {
-        "vibrident": __version__,
-        "python": platform.python_version(),
-        "libraries": _versions(),
-        "calibration_file": calibration.source,
-        "files": [{"file": s.file, "sha256": s.sha256, "history": list(s.history)} for s in sources],
-        "seed": None,
-        "time": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-    }

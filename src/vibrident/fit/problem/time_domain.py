@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from vibrident.base.backend import jax, jnp, release_kernels
+from vibrident.base.participants import takes_part
 from vibrident.data.records import FloatArray, Quantity, Record
 from vibrident.fit.bins import RecordBins, seen_by_network
 from vibrident.fit.problem.coordinates import Coordinates
@@ -74,6 +75,7 @@ class TimeProblem(NetworkProblem):
     @classmethod
     def of_frame(cls, records: tuple[Record, ...], frame: Frame) -> TimeProblem:
         """The records cut into lanes."""
+        takes_part("jax", "jaxlib")
         if next(_builds) % 100 == 0:  # now and then, the memory maps of compiled kernels are looked at
             release_kernels()
         model, method = frame.model, frame.method

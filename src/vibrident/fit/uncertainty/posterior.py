@@ -21,6 +21,7 @@ import numpy as np
 from vibrident.base import extras
 from vibrident.base.backend import jax, jnp
 from vibrident.base.errors import InputError
+from vibrident.base.participants import takes_part
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.estimators import Estimate
 from vibrident.fit.estimators.kinds.ml import solved_problem
@@ -56,6 +57,7 @@ def sampler(module: str = "numpyro") -> Any:
     Raises:
         InputError: it is not installed; the remedy installs it.
     """
+    takes_part("numpyro", "jax", "jaxlib")
     return extras.library(
         module, "bayes", "Sampling the posterior needs a library that is not installed.", "--posterior"
     )

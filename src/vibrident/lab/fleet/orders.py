@@ -11,16 +11,16 @@ from typing import Any
 
 from vibrident.base.registry import installed
 from vibrident.base.version import __version__
+from vibrident.fit.registry import TAKING_PART
 
 TIME_LIMIT_S = 300.0  # default time limit of one calibration, in seconds
-_GROUPS = ("vibrident.models", "vibrident.estimators", "vibrident.readers")
 _LEAST_BYTES = 4_000_000_000
 _SHARE = 0.8
 
 
 def plug_ins() -> tuple[str, ...]:
-    """Installed packages, with their versions, that add models, estimators or readers."""
-    points = (point for group in _GROUPS for point in installed().get(group, ()))
+    """Return the installed packages, with versions, that add what takes part in an identification."""
+    points = (point for kind in TAKING_PART for point in installed().get(kind.group, ()))
     return tuple(sorted({f"{point.dist.name} {point.dist.version}" for point in points if point.dist}))
 
 

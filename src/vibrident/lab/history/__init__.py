@@ -51,4 +51,4 @@ def add(
     from vibrident.lab.history.store import Store
 
     with Store(store_url) as store:
-        return sum(new for new, _ in add_all(store, results, serial_number=serial_number, date=date))
+        return sum(one.new for one in add_all(store, results, serial_number=serial_number, date=date))

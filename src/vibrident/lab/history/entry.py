@@ -11,7 +11,7 @@ import math
 import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import sqlalchemy as sa
 
@@ -53,16 +53,23 @@ def rows_of(result: Result, serial_number: str | None = None, date: datetime.dat
     Raises:
         InputError: the serial number or the date is in neither the result nor the arguments.
     """
-    text = result.to_json()
     sensor = {key: str(result.sensor.get(key) or "").strip() for key in _SENSOR_KEYS}
     sensor["serial_number"] = _serial_number(sensor["serial_number"], serial_number)
     stated, when = result.certificate.get("date_of_calibration"), date_of(result)
-    when = when if date is None or (stated is not None and when is not None) else date
+    if stated is not None and when is not None and date not in (None, when):
+        raise InputError(
+            "The date is not that of the result.",
+            expected=f"{when}, as its certificate states",
+            found=str(date),
+            where="--date",
+            remedy="leave the option away, or correct date_of_calibration in the calibration file and identify again",
+        )
+    when = when if date is None else date
     if when is None:
         key = '[certificate] date_of_calibration = "2025-03-31"'
         raise _missing("date of its calibration", key, "--date", "none" if stated is None else repr(stated))
     calibration = {
-        "sha256": hashlib.sha256(text.encode()).hexdigest(),
+        "sha256": identity(result),
         "date": when,
         "date_stated": stated is not None or date is not None,
         "model": result.model,
@@ -73,9 +80,16 @@ def rows_of(result: Result, serial_number: str | None = None, date: datetime.dat
         "laboratory": str(result.certificate.get("laboratory") or ""),
         "certificate_number": str(result.certificate.get("number") or ""),
         "data_files": json.dumps(_data_files(result)),
-        "document": zlib.compress(text.encode()),
+        "document": zlib.compress(result.to_json().encode()),
     }
     return ResultRows(sensor, calibration, _parameters(result), _points(result))
+
+
+def identity(result: Result) -> str:
+    """Return the SHA-256 of what a result says; neither its layout nor its excerpts are part of it."""
+    document = {name: value for name, value in result.to_dict().items() if name != "signals"}
+    text = json.dumps(document, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _serial_number(stated: str, given: str | None) -> str:
@@ -148,10 +162,22 @@ def _points(result: Result) -> list[DatabaseRow]:
     ]
 
 
+class Added(NamedTuple):
+    """What came of adding a result."""
+
+    new: bool  # False for one that the store holds already
+    number: int  # of the calibration in the store
+    # date until now of a calibration that the store holds and that was given another one; else None
+    former_date: datetime.date | None = None
+
+
 def add_all(
     store: Store, results: Iterable[Result], *, serial_number: str | None = None, date: datetime.date | None = None
-) -> Iterator[tuple[bool, int]]:
-    """Add results; yield for each whether it was new, and its calibration's number in the store.
+) -> Iterator[Added]:
+    """Add results, and yield what came of each.
+
+    A result that the store holds already stays as it is. Where a ``date`` is given that is not the one in the store,
+    the event ``redated`` corrects it.
 
     Raises:
         InputError: as :func:`rows_of`; the results before this one are then in the store.
@@ -160,26 +186,61 @@ def add_all(
     prepared = (rows_of(result, serial_number, date) for result in results)
     while batch := list(itertools.islice(prepared, _AT_ONCE)):
         with store.writing() as connection:
-            added = [_insert(store, connection, rows) for rows in batch]
+            added = [_insert(store, connection, rows, date) for rows in batch]
         yield from added
 
 
-def _insert(store: Store, connection: sa.Connection, rows: ResultRows) -> tuple[bool, int]:
+def _insert(store: Store, connection: sa.Connection, rows: ResultRows, date: datetime.date | None) -> Added:
     sensor_id = _sensor_id(store, connection, rows.sensor)
+    same = _stored(connection, sensor_id, rows.calibration)
+    if same is not None:
+        return Added(False, same, None if date is None else _redate(connection, sensor_id, same, date))
     key = connection.execute(
         store.insert(schema.calibration)
         .values(rows.calibration | {"sensor_id": sensor_id})
         .on_conflict_do_nothing()
         .returning(schema.calibration.c.id)
     ).scalar_one_or_none()
-    if key is None:
-        same = schema.calibration.c.sha256 == rows.calibration["sha256"]
-        return False, connection.execute(sa.select(schema.calibration.c.id).where(same)).scalar_one()
+    if key is None:  # another writer was faster
+        return _insert(store, connection, rows, date)
     for table, found in ((schema.parameter, rows.parameters), (schema.point, rows.points)):
         if found:
             connection.execute(sa.insert(table), [row | {"calibration_id": key} for row in found])
     record(connection, {"sensor_id": sensor_id, "calibration_id": key, "kind": "added"})
-    return True, key
+    return Added(True, key)
+
+
+def _stored(connection: sa.Connection, sensor_id: int, row: DatabaseRow) -> int | None:
+    """Return the number of the calibration that holds the same result; None if there is none."""
+    columns = calibration.c
+    same = connection.execute(sa.select(columns.id).where(columns.sha256 == row["sha256"])).scalar_one_or_none()
+    if same is not None:
+        return same
+    # earlier versions hashed the text: those of the same data are compared by what they say
+    alike = sa.and_(
+        columns.sensor_id == sensor_id,
+        columns.estimator == row["estimator"],
+        columns.data_files == row["data_files"],
+        columns.chi2_reduced.is_not_distinct_from(row["chi2_reduced"]),
+    )
+    for number, packed in connection.execute(sa.select(columns.id, columns.document).where(alike)):
+        if identity(Result.from_dict(json.loads(zlib.decompress(packed)))) == row["sha256"]:
+            return number
+    return None
+
+
+def _redate(connection: sa.Connection, sensor_id: int, number: int, date: datetime.date) -> datetime.date | None:
+    """Correct the date of a calibration by an event; return the former one, None if it is the same."""
+    asked = sa.select(query.corrected_date()).where(calibration.c.id == number)
+    former = connection.execute(asked).scalar_one()
+    if former == date:
+        return None
+    note = f"the date was {former}"
+    record(
+        connection,
+        {"sensor_id": sensor_id, "calibration_id": number, "kind": schema.REDATED, "date": date, "note": note},
+    )
+    return former
 
 
 def _sensor_id(store: Store, connection: sa.Connection, identity: Mapping[str, str]) -> int:
@@ -219,14 +280,24 @@ def add_event(
     by: str | None = None,
     note: str = "",
 ) -> None:
-    """Record that a sensor was repaired or recalled, or one of its calibrations recalled or superseded.
+    """Record what happened to a sensor, or to one of its calibrations.
+
+    ``kind``: ``repaired``, ``recalled``; of a calibration also ``superseded``, and ``redated``: its date is ``date``.
 
     Raises:
-        InputError: the calibration is not one of this sensor, or the kind needs one.
+        InputError: the calibration is not one of this sensor, or the kind needs one, or a date.
     """
-    if kind == "superseded" and calibration_id is None:
+    if kind == schema.REDATED and date is None:
         raise InputError(
-            "It is not said which calibration is superseded.",
+            "It is not said which date the calibration has.",
+            expected="a date such as 2025-03-31",
+            found="none",
+            where="--date",
+            remedy="give the date of the calibration",
+        )
+    if kind in ("superseded", schema.REDATED) and calibration_id is None:
+        raise InputError(
+            f"It is not said which calibration is {kind}.",
             expected="the number of a calibration",
             found="none",
             where="--calibration",

@@ -19,7 +19,15 @@ from vibrident.base.escaping import csv_cell
 from vibrident.base.extras import library
 from vibrident.base.nominal import SAME
 from vibrident.lab.history.life import Entry, Event
-from vibrident.lab.history.schema import REFERENCE_SENSITIVITY, calibration, event, parameter, point, sensor
+from vibrident.lab.history.schema import (
+    REDATED,
+    REFERENCE_SENSITIVITY,
+    calibration,
+    event,
+    parameter,
+    point,
+    sensor,
+)
 from vibrident.lab.history.store import Store
 from vibrident.result import Result
 from vibrident.show.numbers import sensor_name
@@ -61,7 +69,8 @@ class Overview:
 
 def overviews(store: Store, type_name: str | None = None) -> list[Overview]:
     """All sensors, by type and serial number."""
-    columns, date_min, date_max = sensor.c, sa.func.min(calibration.c.date), sa.func.max(calibration.c.date)
+    columns, date = sensor.c, corrected_date()
+    date_min, date_max = sa.func.min(date), sa.func.max(date)
     asked = (
         sa.select(*columns, sa.func.count().label("times"), date_min.label("first"), date_max.label("last"))
         .join(calibration, calibration.c.sensor_id == columns.id)
@@ -151,6 +160,25 @@ def entries(
     return found
 
 
+def corrected_date() -> Any:
+    """Return the date of a calibration, for a query of its table: that of the newest event that corrects it."""
+    return sa.func.coalesce(_correction(), calibration.c.date, type_=sa.Date())
+
+
+def _correction() -> Any:
+    """Return the date in the newest event that corrects that of a calibration; null without one."""
+    corrects = sa.and_(event.c.calibration_id == calibration.c.id, event.c.kind == REDATED)
+    newest = sa.select(event.c.date).where(corrects).order_by(event.c.id.desc()).limit(1)
+    return newest.correlate(calibration).scalar_subquery()
+
+
+def _facts(names: Sequence[str]) -> list[Any]:
+    """Return columns of a calibration; a corrected date is a stated one."""
+    c, corrected = calibration.c, {"date": corrected_date().label("date")}
+    corrected["date_stated"] = sa.or_(c.date_stated, _correction().is_not(None)).label("date_stated")
+    return [corrected.get(name, c[name]) for name in names]
+
+
 def _asked(quantity: str, frequency_hz: float | None, *, told: bool) -> Any:
     """Each calibration with value and uncertainty, its sources, and the value to which these refer."""
     c, p, at = calibration.c, parameter.c, point.c
@@ -160,8 +188,8 @@ def _asked(quantity: str, frequency_hz: float | None, *, told: bool) -> Any:
         near = at.nominal_hz.between(frequency_hz * (1 - SAME), frequency_hz * (1 + SAME))
         joined = joined.outerjoin(point, sa.and_(at.calibration_id == c.id, near))
         values = [at.magnitude, at.magnitude_uncertainty, p.unit, at.frequency_hz]
-    more = [c[name] for name in _TOLD] if told else []
-    kept = [c.sensor_id, c.id, c.date, c.data_files, *values, p.shared, p.value.label("base"), *more]
+    more = _facts(_TOLD) if told else []
+    kept = [c.sensor_id, c.id, *_facts(["date", "data_files"]), *values, p.shared, p.value.label("base"), *more]
     return sa.select(*kept).select_from(joined)
 
 
@@ -233,7 +261,7 @@ def no_calibration(store: Store, calibration_id: int) -> InputError:
 def rows(store: Store) -> Iterator[dict[str, Any]]:
     """One row per calibration for export: sensor, calibration, and every parameter as NAME and NAME_u."""
     c, s = calibration.c, sensor.c
-    kept = [column for column in c if column.name not in ("document", "data_files", "sensor_id")]
+    kept = _facts([column.name for column in c if column.name not in ("document", "data_files", "sensor_id")])
     named = [s.manufacturer, s.type, s.serial_number, s.axis]
     standings = _standings(store, None)
     with store.reading() as connection:
@@ -243,7 +271,11 @@ def rows(store: Store) -> Iterator[dict[str, Any]]:
             found |= {row.name: row.value, f"{row.name}_u": row.standard_uncertainty}
             if row.frequency_hz is not None:
                 found["reference_frequency_hz"] = row.frequency_hz
-        asked = sa.select(*named, *kept).join(calibration, c.sensor_id == s.id).order_by(s.serial_number, c.date, c.id)
+        asked = (
+            sa.select(*named, *kept)
+            .join(calibration, c.sensor_id == s.id)
+            .order_by(s.serial_number, corrected_date(), c.id)
+        )
         for row in connection.execute(asked).mappings():
             warnings = {"warnings": json.loads(row["warnings"]), "standing": standings.get(row["id"], "added")}
             yield dict(row) | warnings | values.get(row["id"], {})

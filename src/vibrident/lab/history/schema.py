@@ -14,6 +14,9 @@ VERSION_TABLE = "vibrident_schema"
 #: Name among the parameters of the magnitude of the sensitivity at the reference frequency.
 REFERENCE_SENSITIVITY = "reference_sensitivity"
 
+#: Kind of the event that corrects the date of a calibration: its ``date`` is the right one.
+REDATED = "redated"
+
 metadata = sa.MetaData()
 
 

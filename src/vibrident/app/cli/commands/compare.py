@@ -44,7 +44,7 @@ class Method:
 def compare(
     files: list[Path] = argument("CAL.toml | RESULT...", "A calibration file, or results."),
     estimators: str | None = option(
-        "--estimators", "A,B", "Of {estimators by name}.", default="all that suit the data"
+        "--estimators", "A,B", "Of {estimators by name}.", default="all of vibrident that suit the data"
     ),
     models: str | None = option("--models", "A,B", "Sensor models.", default="the file's"),
     discretisations: str | None = option(
@@ -61,7 +61,7 @@ def compare(
     named = options.listed("--estimators", ESTIMATORS.names)(estimators)
     steps = options.listed("--discretisations", options.DISCRETISATIONS)(discretisations)
     names = options.listed("--models")(models)
-    if steps and named and not set(estimators_with("discretisation")) & set(named):
+    if steps and named and not estimators_with("discretisation", named):
         wanted = f"--estimators with {' or '.join(estimators_with('discretisation'))}"
         raise misfit("--discretisations", wanted, f"--estimators {','.join(named)}")
     from vibrident.physics.models import parse
@@ -85,7 +85,9 @@ def compare(
             from vibrident.fit.estimators import ranked
 
             calibration = read_guarded(files[0])
-            methods = _methods(named or [one.name for one in ranked()], names or (None,), steps or (None,))
+            methods = _methods(
+                named or [one.name for one in ranked(ESTIMATORS.built_in())], names or (None,), steps or (None,)
+            )
             results = _identified(calibration, methods, must=bool(named))
             scores = _cross_validated(calibration, methods, results) if validate and len(results) > 1 else {}
             for name, result in results.items():
@@ -107,7 +109,7 @@ def compare(
 
 def _methods(estimators: list, models: tuple | list, steps: tuple | list) -> list[Method]:
     """Every valid combination: not every estimator has a discretisation."""
-    stepping = estimators_with("discretisation")
+    stepping = estimators_with("discretisation", estimators) if steps != (None,) else ()
     return [
         Method(name, model, step)
         for model, name in itertools.product(models, estimators)

@@ -8,6 +8,8 @@ from vibrident.app.cli.console import BAD_INPUT, err, out, say
 from vibrident.app.cli.progress import Busy
 from vibrident.base.escaping import terminal as printable
 
+_COLOURS = {"ok": "green", "not installed": "dim", "cannot be used": "yellow"}
+
 
 def doctor() -> None:
     """Check the installation: versions, arithmetic, cache, and an identification with known truth."""
@@ -23,13 +25,15 @@ def doctor() -> None:
     for heading in ("", "check", "found"):
         table.add_column(heading, overflow="fold")
     for check in checks:
-        verdict = Text("ok", "green") if check.sound else Text("FAIL", "bold red")
+        colour = "bold red" if check.fatal else _COLOURS[check.verdict]
+        verdict = Text(check.verdict, colour)
         text = Text(printable(check.found))
         if check.remedy:
-            text.append(f"\n→ {printable(check.remedy)}", "yellow" if check.sound else "bold")
+            text.append(f"\n→ {printable(check.remedy)}", "bold" if check.fatal else "yellow")
         table.add_row(verdict, Text(check.subject), text)
     out().print(table)
-    if failed := [check.subject for check in checks if not check.sound]:
+    if failed := [check.subject for check in checks if check.fatal]:
         err().print(f"Not fit for use: {', '.join(failed)}.", style="bold red")
         raise typer.Exit(BAD_INPUT)
-    say("Fit for use.")
+    without = [check.subject for check in checks if check.verdict == "cannot be used"]
+    say(f"Fit for use, without: {', '.join(without)}." if without else "Fit for use.")

@@ -59,9 +59,9 @@ def add(
     results: list[Path] = RESULT_FILES,
     store: str | None = _STORE,
     serial: str | None = option("--serial", "SERIAL", "For results without one."),
-    date: str | None = option("--date", "DATE", "Of the calibration, for results without one."),
+    date: str | None = option("--date", "DATE", "Of the calibration; corrects that of a stored one."),
 ) -> None:
-    """Add results. An existing result stays unchanged."""
+    """Add results. An existing result stays unchanged; another --date corrects its date by an event."""
     day = _date(date, "--date")
     from vibrident.lab.history.entry import add_all, rows_of
     from vibrident.show.views import count
@@ -74,9 +74,12 @@ def add(
             raise error.at(f"{path}, {error.where}") from error
     with _opened(store) as opened:
         added = list(add_all(opened, map(load_result, results), serial_number=serial, date=day))
-        for path, (new, number) in zip(results, added, strict=True):
-            say(f"{path}: calibration {number}{'' if new else ', already stored'}")
-        new_ones = sum(new for new, _ in added)
+        for path, one in zip(results, added, strict=True):
+            stored = "" if one.new else ", already stored"
+            if one.former_date is not None:
+                stored += f"; its date is now {day}, it was {one.former_date}"
+            say(f"{path}: calibration {one.number}{stored}")
+        new_ones = sum(one.new for one in added)
         note(f"{new_ones} of {count(len(added), 'result')} new in {opened.shown}")
 
 
@@ -183,7 +186,9 @@ def approve(
 @history.command("event")
 def event(
     serial: str = _SERIAL,
-    kind: str = choice("--kind", ("repaired", "recalled", "superseded"), "What happened.", ..., default=False),
+    kind: str = choice(
+        "--kind", ("repaired", "recalled", "superseded", "redated"), "What happened.", ..., default=False
+    ),
     date: str | None = option("--date", "DATE", "When.", default="today"),
     calibration: int | None = option("--calibration", "ID", "Of this calibration, not of the sensor."),
     note_text: str = _NOTE,
@@ -193,7 +198,7 @@ def event(
     axis: str | None = _AXIS,
     maker: str | None = _MAKER,
 ) -> None:
-    """Enter that a sensor was repaired or recalled, or one of its calibrations recalled or superseded."""
+    """Enter what happened to a sensor, or to one of its calibrations; redated: its date is --date."""
     day = _date(date, "--date")
     from vibrident.lab.history import entry, query
 

@@ -22,6 +22,7 @@ _MODEL = (
     "Sensor model, in place of the file's, of {models}; add-ons with +. For several files one for all, or one each, "
     "joined by commas."
 )
+_EXCERPTS = "Keep in result.json the samples of records that pictures in reports show; most of its size."
 _DISCRETISATION = choice(
     "--discretisation",
     options.DISCRETISATIONS,
@@ -56,6 +57,7 @@ def identify(
     strict: bool = flag("--strict", help="Exit with 3 if the result carries a warning."),
     pictures: bool = flag("--pictures/--no-pictures", help="Draw pictures (PNG) into the folder.", value=True),
     plots: bool | None = flag("--plots/--no-plots", help="", hidden=True, value=None),  # the older name
+    excerpts: bool = flag("--excerpts/--no-excerpts", help=_EXCERPTS, value=True),
     weights: bool = flag("--weights", help="Print the network's weights, the paper's Table 1."),
     quiet: bool = flag("--quiet", "-q", help="Print nothing but errors and warnings."),
     discretisation: str | None = _DISCRETISATION,
@@ -102,7 +104,8 @@ def identify(
     request = Request(estimator_name, settings, models, uncertainty, shared, posterior, weights)
     request.check(len(calibrations))
     with written_whole(folder) as output:
-        results = _identified(request, calibrations, output.path, pictures if plots is None else plots)
+        drawn = pictures if plots is None else plots
+        results = _identified(request, calibrations, output.path, drawn, excerpts)
     _show(results, output.files, quiet=quiet, weights=weights)
     codes = dict.fromkeys(code for result in results for code in result.warning_codes)
     if strict and codes:
@@ -110,7 +113,7 @@ def identify(
         raise typer.Exit(DOUBTFUL)
 
 
-def _identified(request: Request, files: list[Path], place: Path, plots: bool) -> list[Any]:
+def _identified(request: Request, files: list[Path], place: Path, plots: bool, excerpts: bool) -> list[Any]:
     from vibrident.data.io import read_guarded
 
     calibrations = [read_guarded(file) for file in files]
@@ -125,6 +128,8 @@ def _identified(request: Request, files: list[Path], place: Path, plots: bool) -
             if plots:
                 with Busy("Drawing"):
                     artist.draw(result, saved)
+            if not excerpts:  # the pictures were drawn with them
+                result.save(saved, excerpts=False)
     return results
 
 

@@ -42,6 +42,7 @@ def _fill(connection: sa.Connection) -> None:
     """Fill the new columns and tables for existing calibrations."""
     from vibrident.lab.history.entry import rows_of
     from vibrident.result import Result
+    from vibrident.show.history import date_of
 
     table = {name: sa.table(name, *map(sa.column, columns)) for name, columns in _COLUMNS.items()}
     calibration, parameter = table["calibration"], table["parameter"]
@@ -49,7 +50,7 @@ def _fill(connection: sa.Connection) -> None:
         packed = connection.execute(sa.select(calibration.c.document).where(calibration.c.id == key)).scalar_one()
         result = Result.from_dict(json.loads(zlib.decompress(packed)))
         unnamed = None if result.sensor.get("serial_number") else "unnamed"  # name and date may have been given with it
-        found = rows_of(result, unnamed, datetime.date.min)
+        found = rows_of(result, unnamed, datetime.date.min if date_of(result) is None else None)
         files = {"data_files": found.calibration["data_files"]}
         connection.execute(sa.update(calibration).where(calibration.c.id == key).values(files))
         connection.execute(sa.delete(parameter).where(parameter.c.calibration_id == key))

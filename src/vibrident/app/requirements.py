@@ -1,0 +1,140 @@
+"""The packages that vibrident and its extras require: present, new enough, and able to load.
+
+Each is loaded in another process: what it breaks there breaks nothing here.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import json
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from packaging.requirements import Requirement
+
+MAX_SECONDS = 600.0  # for all imports: twenty of processor time, on a machine that does other work too
+_NOT_FOR_USERS = ("dev", "test", "docs")
+#: What is loaded beside an extra's own packages, because it tests them.
+_SELF_TESTS: Mapping[str, str] = {"jax": "vibrident.base.backend"}
+
+#: Imports modules, given as [package, module] pairs, and prints a line of JSON for each.
+_IMPORT = """
+import contextlib, importlib, io, json, sys, warnings
+warnings.simplefilter("ignore")
+out = sys.stdout
+for package, module in json.loads(sys.argv[1]):
+    print(json.dumps([package, None]), file=out, flush=True)
+    problem = ""
+    try:
+        with contextlib.redirect_stdout(io.StringIO()):
+            importlib.import_module(module)
+    except BaseException as error:
+        problem = " ".join(f"{type(error).__name__}: {error}".split())[:300]
+    print(json.dumps([package, problem]), file=out, flush=True)
+"""
+
+
+@dataclass(frozen=True)
+class Requirements:
+    """Requirements of an installed package, with the extra of each; empty for the core."""
+
+    pairs: tuple[tuple[Requirement, str], ...]
+
+    @classmethod
+    def of_vibrident(cls) -> Requirements:
+        """Return those that the metadata of the installed package states."""
+        pairs = []
+        for line in importlib.metadata.requires("vibrident") or ():
+            extra = re.search(r"extra\s*==\s*['\"]([\w.-]+)['\"]", line)
+            requirement = Requirement(line)
+            if requirement.name != "vibrident":  # an extra that has another one in it
+                pairs.append((requirement, extra.group(1) if extra else ""))
+        return cls(tuple(pairs))
+
+    def core(self) -> tuple[str, ...]:
+        """Return the packages that all needs."""
+        return tuple(sorted({each.name for each, extra in self.pairs if not extra}))
+
+    def by_extra(self) -> dict[str, list[str]]:
+        """Return extra → its packages, of the extras for users."""
+        extras: dict[str, list[str]] = {}
+        for requirement, extra in self.pairs:
+            if extra and extra not in _NOT_FOR_USERS:
+                extras.setdefault(extra, []).append(requirement.name)
+        return dict(sorted(extras.items()))
+
+    def problems(self) -> dict[str, str]:
+        """Return package → why it cannot be used, of those that are installed and cannot."""
+        found, loadable = {}, []
+        for requirement, extra in self.pairs:
+            if extra in _NOT_FOR_USERS:
+                continue
+            try:
+                version = importlib.metadata.version(requirement.name)
+            except importlib.metadata.PackageNotFoundError:
+                continue
+            if not requirement.specifier.contains(version, prereleases=True):
+                found[requirement.name] = f"{version}, but {requirement.specifier} is needed"
+            else:
+                loadable.append(requirement.name)
+        return _not_loading(list(dict.fromkeys(loadable))) | found
+
+
+def _not_loading(packages: list[str]) -> dict[str, str]:
+    """Return package → the error of its import, of those that do not load."""
+    wanted = [(package, module) for package in packages for module in _modules(package)]
+    problems: dict[str, str] = {}
+    while wanted:
+        done, crash = _imported(wanted)
+        for package, problem in done:
+            if problem:
+                problems.setdefault(package, problem)
+        wanted = wanted[len(done) :]
+        if wanted and crash:  # it ended in the middle of the next one
+            problems.setdefault(wanted[0][0], crash)
+            wanted = wanted[1:]
+    return problems
+
+
+def _imported(wanted: list[tuple[str, str]]) -> tuple[list[tuple[str, str]], str]:
+    """Import modules in another process; return those it ended with, and why it did not go on."""
+    words = [sys.executable, "-c", _IMPORT, json.dumps(wanted)]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+    try:
+        done = subprocess.run(
+            words,
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=MAX_SECONDS,
+            check=False,
+        )
+        text, crash = done.stdout, f"its import ended Python with status {done.returncode}"
+    except subprocess.TimeoutExpired as error:
+        text, crash = _text(error.stdout), f"its import took more than {MAX_SECONDS:g} s"
+    lines = [json.loads(line) for line in text.splitlines() if line.endswith("]")]
+    return [(package, problem) for package, problem in lines if problem is not None], crash
+
+
+def _text(output: str | bytes | None) -> str:
+    return output.decode(errors="replace") if isinstance(output, bytes) else output or ""
+
+
+def _modules(package: str) -> list[str]:
+    """Return the modules by which a package is loaded: that of its name, else all it has."""
+    tops = [
+        module
+        for module, owners in importlib.metadata.packages_distributions().items()
+        if not module.startswith("_") and _plain(package) in map(_plain, owners)
+    ]
+    named = [module for module in tops if _plain(module) == _plain(package)]
+    own = [module for module in named or sorted(tops) if module.isidentifier()]
+    return own + [module for name, module in _SELF_TESTS.items() if name == package]
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[-_.]+", "-", name).lower()

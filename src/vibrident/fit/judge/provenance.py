@@ -1,0 +1,98 @@
+"""What took part in an identification: data files, libraries, and packages that add to this one."""
+
+from __future__ import annotations
+
+import datetime
+import functools
+import platform
+from collections.abc import Iterable, Iterator, Mapping
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import PurePath
+from types import MappingProxyType
+from typing import Any
+
+from vibrident.base.participants import participants
+from vibrident.base.registry import Registry
+from vibrident.base.version import __version__
+from vibrident.data.registry import READERS
+from vibrident.fit.judge.attempts import Fitted
+from vibrident.fit.registry import DEPARTURES, ESTIMATORS
+from vibrident.physics.registry import MODELS
+
+_ALWAYS = ("numpy", "scipy")
+#: Reader → packages that read its files. NumPy and SciPy are named anyhow; a text file of numbers
+#: needs no other.
+LIBRARIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "csv": (),
+        "excel": ("openpyxl",),
+        "hdf5": ("h5py",),
+        "matlab": ("h5py",),
+        "mdf": ("asammdf",),
+        "miniseed": ("obspy",),
+        "parquet": ("pyarrow",),
+        "sac": ("obspy",),
+        "tdms": ("npTDMS",),
+        "uff": ("pyuff",),
+        "wav": ("soundfile",),
+    }
+)
+
+
+def provenance(fitted: Fitted) -> dict[str, Any]:
+    """Return versions, files and time of an identification, as plain values."""
+    evidence, calibration = fitted.evidence, fitted.evidence.calibration
+    sources = [record.provenance for record in evidence.records or calibration.records]
+    if calibration.table is not None:
+        sources = [calibration.table.provenance]
+    readers = _readers(source.file for source in sources)
+    read_by = {name for reader in readers for name in LIBRARIES.get(reader, ())}
+    packages = _plug_ins(fitted, readers)
+    return {
+        "vibrident": __version__,
+        "python": platform.python_version(),
+        "libraries": _versions((*_ALWAYS, *sorted(participants() | read_by))),
+        **({"plug_ins": packages} if packages else {}),
+        "calibration_file": calibration.source,
+        "files": [{"file": s.file, "sha256": s.sha256, "history": list(s.history)} for s in sources],
+        "seed": None,
+        "time": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+    }
+
+
+def _readers(files: Iterable[str]) -> tuple[str, ...]:
+    """Return the names of the readers of these files; one of another package is loaded last."""
+    endings = {PurePath(file).suffix.lower() for file in files} - {""}
+    names: list[str] = []
+    readers = READERS.one_by_one()
+    while endings and (reader := next(readers, None)) is not None:
+        if endings & set(reader.endings):
+            names.append(reader.name)
+            endings -= set(reader.endings)
+    return tuple(names)
+
+
+def _plug_ins(fitted: Fitted, readers: Iterable[str]) -> dict[str, str]:
+    """Return name → package with its version, of all that another package added."""
+    return {name: package for registry, name in _taking_part(fitted, readers) if (package := registry.package_of(name))}
+
+
+def _taking_part(fitted: Fitted, readers: Iterable[str]) -> Iterator[tuple[Registry[Any], str]]:
+    """Yield the parts of the model, the estimator, the readers, and every departure tested."""
+    yield from ((MODELS, name) for name in fitted.evidence.model.name.split("+"))
+    yield ESTIMATORS, fitted.estimate.estimator
+    yield from ((READERS, name) for name in readers)
+    if fitted.estimate.findings.decays is None:  # free decays have tests of their own
+        yield from ((DEPARTURES, name) for name in DEPARTURES.names())
+
+
+def _versions(packages: Iterable[str]) -> dict[str, str]:
+    return {package: _version(package) for package in packages}
+
+
+@functools.cache  # reading a package's metadata takes time
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "unknown"
