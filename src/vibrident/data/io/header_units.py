@@ -185,7 +185,7 @@ def reference_conversion(
     declared = _declared_unit(section, stated, source)
     text = declared or stated
     parsed = parse_unit(text)
-    if not text or (parsed is not None and not parsed.dimension):
+    if not text:
         return Conversion(1.0, stated)
     wanted = QUANTITY_UNITS[section.quantity]
     if parsed is not None and parsed.dimension == wanted.dimension:
@@ -279,8 +279,7 @@ def response_unit(source: ColumnFile, position: int, section: ResponseSection) -
     if parsed is None:
         return text if sure and not scaled else section.unit
     of_volts = parsed.dimension == (("V", 1),)
-    no_output = not parsed.dimension or parsed.dimension[-1][0] in ("rad", "dB")
-    if of_volts or no_output or (not sure and _is_time_like(parsed)):
+    if of_volts or (not sure and _is_time_like(parsed)):
         return section.unit
     if not scaled:
         return text
@@ -317,7 +316,7 @@ def _convert(
     """Return the conversion of a channel that has a unit of its own."""
     parsed = parse_unit(text)
     wanted = parse_unit(unit)
-    if not text or text == unit or (parsed is not None and not parsed.dimension):
+    if not text or text == unit:
         return Conversion(1.0, text)
     if parsed is not None and wanted is not None and parsed.dimension == wanted.dimension:
         factor = parsed.factor / wanted.factor

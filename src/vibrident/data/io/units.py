@@ -85,7 +85,7 @@ _NO_UNIT = frozenset(
         "au",
         "raw",
     }
-    | {"?", "[]", "()"}
+    | {"?", "[]", "()", "1"}
 )
 _AFTER_WORD = re.compile(r"^(.*\S)\s+(?:in|en)\s+(\S.*)$", re.IGNORECASE)
 _AFTER_SLASH = re.compile(r"^([^/]*[\w)\]|])\s*/\s*(\(.+\)|.+)$")
