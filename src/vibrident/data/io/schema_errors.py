@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import typing
 from collections.abc import Mapping
 from typing import Any, TypeVar
 
@@ -11,6 +10,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from vibrident.base.errors import InputError
+from vibrident.data.io.keys import Key, bracketed, keys_of, section_of
 
 _Document = TypeVar("_Document", bound=BaseModel)
 
@@ -18,7 +18,10 @@ _Document = TypeVar("_Document", bound=BaseModel)
 def validated(
     root: type[_Document], document: Mapping[str, Any], file: str, what: str = "calibration"
 ) -> _Document:
-    """The document of a ``what`` file, checked. InputError: a key is missing or unknown, or a value is not allowed."""
+    """Return the document of a ``what`` file, checked.
+
+    InputError: a key is missing or unknown, or a value is not allowed.
+    """
     try:
         return root.model_validate(document)
     except ValidationError as error:  # an unknown key precedes a missing one
@@ -35,9 +38,9 @@ def _unknown_key(finding: ErrorDetails, root: type[BaseModel], file: str) -> Inp
     section = _section_at(tuple(parents), root)
     keys = list(section.model_fields)
     elsewhere = [
-        _bracketed(name, field.annotation)
-        for name, field in root.model_fields.items()
-        if (other := _section_of(field.annotation)) and key in other.model_fields
+        bracketed(name, each.field)
+        for name, each in keys_of(root).items()
+        if each.section and key in each.section.model_fields
     ]
     nearest = difflib.get_close_matches(str(key), keys, n=1, cutoff=0.0)[0]
     likely = difflib.SequenceMatcher(None, str(key), nearest).ratio() >= 0.75
@@ -68,12 +71,7 @@ def _missing_key(finding: ErrorDetails, root: type[BaseModel], file: str) -> Inp
 
 def _bad_value(finding: ErrorDetails, root: type[BaseModel], file: str, what: str) -> InputError:
     location = _known_part(finding["loc"], root)
-    expected = _expected(location, root)
-    if not expected:
-        expected = (
-            finding["msg"].removeprefix("Input should be ").replace(" or ", ", ").replace("'", '"')
-        )
-        expected = expected if finding["type"] == "literal_error" else finding["msg"]
+    expected = _expected(location, root) or finding["msg"]
     text = repr(finding["input"])[:60]
     found = f"{location[-1]} = {text}" if location and isinstance(location[-1], str) else text
     return InputError(
@@ -93,7 +91,7 @@ def _known_part(location: tuple[Any, ...], root: type[BaseModel]) -> tuple[Any, 
             continue
         if section is None or part not in section.model_fields:
             return location[:place]
-        section = _section_of(section.model_fields[part].annotation)
+        section = section_of(section.model_fields[part].annotation)
     return location
 
 
@@ -101,41 +99,17 @@ def _section_at(location: tuple[Any, ...], root: type[BaseModel]) -> type[BaseMo
     section = root
     for part in location:
         if isinstance(part, str):
-            section = _section_of(section.model_fields[part].annotation) or section
+            section = section_of(section.model_fields[part].annotation) or section
     return section
 
 
-def _section_of(annotation: Any) -> type[BaseModel] | None:
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return annotation
-    return next(
-        (section for argument in typing.get_args(annotation) if (section := _section_of(argument))),
-        None,
-    )
-
-
-def _bracketed(name: str, annotation: Any) -> str:
-    return f"[[{name}]]" if typing.get_origin(annotation) is list else f"[{name}]"
-
-
 def _expected(location: tuple[Any, ...], root: type[BaseModel]) -> str:
-    """Return the description of the field: its own, or that of its annotated type."""
+    """Return what the key at a place takes."""
     names = [part for part in location if isinstance(part, str)]
     if not names:
         return "sections in brackets"
     section = _section_at(tuple(names[:-1]), root)
-    field = section.model_fields[names[-1]]
-    if field.description:
-        return field.description
-    for argument in typing.get_args(field.annotation):
-        for mark in getattr(argument, "__metadata__", ()):
-            if description := getattr(mark, "description", None):
-                return description
-    literal = typing.get_args(field.annotation)
-    if literal and all(isinstance(value, str) for value in literal):
-        return " | ".join(literal)
-    nested = _section_of(field.annotation)
-    return f"a section {_bracketed(names[-1], field.annotation)}" if nested else ""
+    return Key(names[-1], section.model_fields[names[-1]]).expected
 
 
 def _where(file: str, location: tuple[Any, ...], root: type[BaseModel]) -> str:
@@ -143,7 +117,7 @@ def _where(file: str, location: tuple[Any, ...], root: type[BaseModel]) -> str:
     if not location:
         return f"{file}, top level"
     name, *rest = location
-    text = _bracketed(str(name), root.model_fields[name].annotation)
+    text = bracketed(str(name), root.model_fields[name])
     for part in rest:
         text += f" entry {part + 1}" if isinstance(part, int) else f" {part}"
     return f"{file}, {text}"
