@@ -70,10 +70,10 @@ def test_edits_after_confirm_reach_identify_and_files_added_wipe_no_form(visit, 
     assert all(text in calibration(page) for text in ('serial_number = "4711"', "scale = 2.5"))
 
     field(page, "Response: units per unit of the file").fill("")
-    page.get_by_text("The scale of the response is empty.").wait_for()
+    page.get_by_text("“Response: units per unit of the file” is empty.").wait_for()
     assert page.locator("#start").is_disabled()
     field(page, "Response: units per unit of the file").fill("3")
-    page.get_by_text("The scale of the response is empty.").wait_for(state="detached")
+    page.get_by_text("“Response: units per unit of the file” is empty.").wait_for(state="detached")
     assert page.locator("#start").is_enabled()
 
     upload(page, tmp_path / "0.csv")  # it comes first now, and its names say something else

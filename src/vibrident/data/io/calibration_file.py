@@ -57,12 +57,12 @@ class SensorSection(FileSection):
     """[sensor]: the model, and free text for reports."""
 
     model_config = ConfigDict(extra="allow")
-    model: Text = basic(
-        "Model", default=USUAL_MODEL, about='With add-ons, such as "accelerometer+delay".'
-    )
     manufacturer: _Free = basic()
     type: _Free = basic()
     serial_number: _Free = basic()
+    model: Text = basic(
+        "Model", default=USUAL_MODEL, about='With add-ons, such as "accelerometer+delay".'
+    )
 
     @property
     def free(self) -> dict[str, Any]:
@@ -89,8 +89,8 @@ class ReferenceSection(FileSection):
         "Reference: u, relative", default=0.0, about="Systematic: of its calibration."
     )
     full_scale: Positive | None = key(
-        "Reference: full scale, in units of the file",
-        about="The largest magnitude that the recorder holds.",
+        "Reference: full scale",
+        about="The most that the recorder holds, in units of the file.",
     )
 
 
@@ -101,8 +101,8 @@ class ResponseSection(FileSection):
     scale: _Scale = basic("Response: units per unit of the file", default=1.0)
     unit: Text = basic("Response: unit", default="V")
     full_scale: Positive | None = key(
-        "Response: full scale, in units of the file",
-        about="The largest magnitude that the recorder holds.",
+        "Response: full scale",
+        about="The most that the recorder holds, in units of the file.",
     )
 
 
@@ -130,7 +130,7 @@ class RecordsEntry(FileSection):
         "File of the reference", about="Where it is not the response's."
     )
     rate_hz: Positive | None = key(
-        "Sampling rate of these records", "Hz", about="Where it differs by record."
+        "Rate of these records", "Hz", about="Where it differs by record."
     )
     start_time_s: Number | None = key("Clock time of the first sample", "s")
     run: _Label = key(default="", about="Which of several runs it belongs to.")
@@ -150,11 +150,15 @@ class TableSection(FileSection):
     """[table]: a tabulated response instead of records."""
 
     file: _File = expert(default=...)
-    frequency: Column = basic("Frequency, in Hz or the unit of its header", default=...)
+    frequency: Column = basic(default=..., about="In Hz, or the unit of its header.")
     magnitude: Column = basic(default=...)
     phase: Column | None = basic()
-    magnitude_uncertainty: Column | None = basic("Standard uncertainty of the magnitude")
-    phase_uncertainty: Column | None = basic("Standard uncertainty of the phase")
+    magnitude_uncertainty: Column | None = basic(
+        "u of the magnitude", about="Standard uncertainty (k = 1)."
+    )
+    phase_uncertainty: Column | None = basic(
+        "u of the phase", about="Standard uncertainty (k = 1)."
+    )
     phase_unit: Literal["deg", "rad"] = basic("Unit of the phase", default="deg")
     magnitude_unit: Literal["", "dB"] = key(
         "Unit of the magnitude",
@@ -172,7 +176,7 @@ class CalibrationFile(FileSection):
         "Reference by an interferometer's raw signals"
     )
     response: ResponseSection = key("Response: output of the sensor", default=ResponseSection())
-    sampling: SamplingSection = key(default=SamplingSection())
+    sampling: SamplingSection = key("Sampling and excitation", default=SamplingSection())
     records: list[RecordsEntry] = key("Records", default=[])
     table: TableSection | None = key("Columns of the table")
     certificate: CertificateSection = key(default=CertificateSection())

@@ -1,4 +1,4 @@
-"""The keys of a file, each stated once as a field: errors, forms and documentation are made from them."""
+"""The keys of a file, each stated once as a field, for errors, forms and documentation."""
 
 from __future__ import annotations
 
@@ -11,17 +11,16 @@ from typing import Any, Literal
 from pydantic import BaseModel, Field
 from pydantic.fields import FieldInfo
 
-#: A form shows ``basic`` keys first and ``more`` in a part that opens; ``expert`` keys are for the file alone.
+#: A form shows ``basic`` keys first and ``more`` in a part that opens; ``expert`` ones are for the
+#: file alone.
 Level = Literal["basic", "more", "expert"]
-Kind = Literal["column", "columns", "choice", "flag", "number", "whole", "date", "text", "lines",
-               "paragraphs", "entries", "section", "pairs"]  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Shown:
-    """Mark of a type that does not say by itself how it is asked for."""
+    """Mark of a type that does not say by itself how it is asked for; ``kind`` as of a key."""
 
-    kind: Kind
+    kind: str
 
 
 def key(
@@ -42,11 +41,11 @@ def key(
         level: where a form shows it.
         default: the value without it; ``...`` where it must be there.
         about: a further sentence for the documentation.
-        words: what a form calls each of the choices.
+        words: what a form calls each of the choices, or first their absence.
         in_form: the unit in which a form asks for it, and how many of that are one of ``unit``.
     """
-    more = {"unit": unit, "level": level, "about": about, "words": tuple(words)}
-    extra = more | {"in_form": in_form or (unit, 1.0)}
+    more = {"unit": unit, "level": level, "about": about, "words": [*words]}
+    extra: Any = more | {"in_form": [*(in_form or (unit, 1.0))]}
     return Field(default, title=label, json_schema_extra=extra)
 
 
@@ -64,8 +63,11 @@ class Key:
     @property
     def label(self) -> str:
         """Return what a form calls it, with its unit."""
+        return self.labelled(self.field.title or self.name.replace("_", " ").capitalize())
+
+    def labelled(self, words: str) -> str:
+        """Return the words with the unit in which a form asks for it."""
         unit, _ = self.stated("in_form") or ("", 1.0)
-        words = self.field.title or self.name.replace("_", " ").capitalize()
         return f"{words}, {unit}" if unit else words
 
     def stated(self, what: str) -> Any:
@@ -85,8 +87,17 @@ class Key:
         return next((typing.get_args(p) for p in parts if typing.get_origin(p) is Literal), ())
 
     @property
-    def kind(self) -> Kind:
-        """Return how a form asks for it."""
+    def options(self) -> dict[Any, str]:
+        """Return choice → what a form calls it; None first where it may be left out."""
+        choices = [choice for choice in self.choices if choice != ""]
+        words = self.stated("words") or [str(choice) for choice in choices]
+        options = dict(zip(reversed([None, *choices]), reversed(words), strict=False))
+        absent = {} if self.field.default else {None: options.pop(None, "not stated")}
+        return absent | dict(reversed(options.items()))
+
+    @property
+    def kind(self) -> str:
+        """Return how a form asks for it: choice, number, text, …; ``entries`` for a list."""
         parts = [*self.field.metadata, *_parts(self.field.annotation)]
         several = any(typing.get_origin(part) is list for part in parts)
         marked = next((part.kind for part in parts if isinstance(part, Shown)), None)
@@ -96,15 +107,10 @@ class Key:
             return "entries" if several else "section"
         if self.choices:
             return "choice"
-        kinds: dict[Any, Kind] = {
-            list: "paragraphs",
-            float: "number",
-            bool: "flag",
-            str: "text",
-            int: "whole",
-        }
-        present = [list] if several else parts
-        return next((kind for each, kind in kinds.items() if each in present), "text")
+        if several:
+            return "paragraphs"
+        kinds = {float: "number", bool: "flag", str: "text", int: "whole"}
+        return next((kind for each, kind in kinds.items() if each in parts), "text")
 
     @property
     def expected(self) -> str:
@@ -137,5 +143,6 @@ def bracketed(name: str, field: FieldInfo) -> str:
 def _parts(annotation: Any) -> Iterator[Any]:
     """Yield what an annotation is made of, from the outside: types, choices, marks."""
     yield annotation
+    yield from getattr(annotation, "__metadata__", ())
     for argument in typing.get_args(annotation):
         yield from _parts(argument)

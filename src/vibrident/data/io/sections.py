@@ -91,7 +91,7 @@ class InterferometerSection(FileSection):
     kind: Signals = basic(
         "Photodetector signals",
         default=...,
-        words=("two in quadrature, cos and sin", "one on a carrier"),
+        words=("none", "two in quadrature, cos and sin", "one on a carrier"),
     )
     columns: Annotated[
         list[Column],
@@ -101,17 +101,19 @@ class InterferometerSection(FileSection):
     wavelength_m: Positive = basic(
         "Wavelength in the medium", "m", default=..., in_form=("nm", 1e9)
     )
-    wavelength_relative_uncertainty: NotNegative = key("Wavelength: relative u", default=0.0)
+    wavelength_relative_uncertainty: NotNegative = basic("Wavelength: u, relative", default=0.0)
     passes: Annotated[int, Field(ge=1, le=1000, description="a whole number, 1 or above")] = basic(
         "Passes to the target and back", default=1
     )
     carrier_hz: Positive | None = basic("Carrier, approximately", "Hz")
     direction: Annotated[
         Literal[1, -1] | None, Field(description="1 or -1: the sign of x for growing phase")
-    ] = basic("Direction of x", words=("x grows with the phase", "x falls with the phase"))
-    delay_s: Number = key("Optical channel later by", "s", default=0.0)
-    delay_standard_uncertainty_s: NotNegative = key("u of this delay", "s", default=0.0)
-    rate_hz: Positive | None = key("Optical sampling rate, if another", "Hz")
+    ] = basic(
+        "Direction of x", words=("not known", "x grows with the phase", "x falls with the phase")
+    )
+    delay_s: Number = basic("Optical channel later by", "s", default=0.0)
+    delay_standard_uncertainty_s: NotNegative = basic("u of this delay", "s", default=0.0)
+    rate_hz: Positive | None = basic("Optical sampling rate, if another", "Hz")
 
     @property
     def setting(self) -> Interferometer:
