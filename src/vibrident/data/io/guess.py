@@ -132,7 +132,7 @@ def guess_columns(path: Path) -> Columns:
     }
     return Columns(
         columns=tuple(chosen.values()),
-        labels=tuple(_label(names[p], c) for p, c in chosen.items()),
+        labels=tuple(_label(names[p], c) for p, c in chosen.items() if p is not None),
         rate_hz=None if clock is None else clock.rate_hz,
         document={
             section: {key: value for key, value in keys.items() if value is not None}
@@ -143,7 +143,8 @@ def guess_columns(path: Path) -> Columns:
 
 def _choices(source: ColumnFile) -> dict[int | None, int | str]:
     """Return position → name, or number where names are not unique, of what can be chosen."""
-    names, chosen = source.names, {}
+    names = source.names
+    chosen: dict[int | None, int | str] = {}
     for position, name in enumerate(names):
         if name and names.count(name) == 1:
             chosen[position] = name

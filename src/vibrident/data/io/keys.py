@@ -61,9 +61,14 @@ class Key:
     field: FieldInfo
 
     @property
+    def title(self) -> str:
+        """Return what a form calls it."""
+        return self.field.title or self.name.replace("_", " ").capitalize()
+
+    @property
     def label(self) -> str:
-        """Return what a form calls it, with its unit."""
-        return self.labelled(self.field.title or self.name.replace("_", " ").capitalize())
+        """Return what a form calls it, with the unit in which it asks."""
+        return self.labelled(self.title)
 
     def labelled(self, words: str) -> str:
         """Return the words with the unit in which a form asks for it."""

@@ -49,9 +49,9 @@ def entry(
     )
 
 
-def filled(key: Key, value: Any) -> Any:
+def filled(key: Key, entered: Any) -> Any:
     """Return what is in the element of a key as its file holds it; None for nothing."""
-    value = value.strip() if isinstance(value, str) else value
+    value: Any = entered.strip() if isinstance(entered, str) else entered
     if value in (None, "", []):
         return None
     if key.kind == "paragraphs":
