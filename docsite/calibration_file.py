@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pydantic import BaseModel
-from pydantic_core import PydanticUndefined
 
 from docsite.tables import page, table
 from vibrident.data.io.calibration_file import CalibrationFile
@@ -35,8 +34,8 @@ def _keys(section: type[BaseModel]) -> str:
     rows = [
         (
             f"`{name}`",
-            " ".join(filter(None, (_words(key, printed), key.stated("about")))),
-            key.stated("unit") or "–",
+            " ".join(filter(None, (_words(key, printed), key.about))),
+            key.unit or "–",
             key.expected,
             _default(key),
         )
@@ -51,7 +50,7 @@ def _words(key: Key, printed: bool) -> str:
 
 
 def _default(key: Key) -> str:
-    default = key.field.default
-    if default is PydanticUndefined:
+    default = key.default
+    if default is ...:
         return "required"
     return "–" if default in (None, "") else f"`{default!r}`".replace("'", '"')

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import typing
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Literal
@@ -58,91 +58,74 @@ class Key:
     """A key as its field states it."""
 
     name: str
-    field: FieldInfo
-
-    @property
-    def title(self) -> str:
-        """Return what a form calls it."""
-        return self.field.title or self.name.replace("_", " ").capitalize()
+    default: Any  # the value without it; ``...`` where it is required
+    kind: str  # how a form asks for it: choice, number, text, …; ``entries`` for a list of sections
+    options: Mapping[Any, str]  # of a choice: value → what a form calls it, None first if optional
+    section: type[BaseModel] | None  # the section that it holds, be it one of a list
+    expected: str  # what it takes, in words
+    title: str  # what a form calls it
+    unit: str = ""
+    level: str = ""
+    about: str = ""
+    in_form: tuple[str, float] = ("", 1.0)  # the unit in which a form asks, and its number in one
 
     @property
     def label(self) -> str:
-        """Return what a form calls it, with the unit in which it asks."""
-        return self.labelled(self.title)
-
-    def labelled(self, words: str) -> str:
-        """Return the words with the unit in which a form asks for it."""
-        unit, _ = self.stated("in_form") or ("", 1.0)
-        return f"{words}, {unit}" if unit else words
-
-    def stated(self, what: str) -> Any:
-        """Return ``unit``, ``level``, ``about`` or ``words`` of the field."""
-        more = self.field.json_schema_extra
-        return more.get(what) if isinstance(more, dict) else None
+        """The title with the unit in which a form asks."""
+        return self.title + (f", {self.in_form[0]}" if self.in_form[0] else "")
 
     @property
-    def section(self) -> type[BaseModel] | None:
-        """Return the section that it holds, be it optional or one of a list."""
-        return section_of(self.field.annotation)
-
-    @property
-    def choices(self) -> tuple[Any, ...]:
-        """Return the values that it may have; empty where they cannot be listed."""
-        parts = _parts(self.field.annotation)
-        return next((typing.get_args(p) for p in parts if typing.get_origin(p) is Literal), ())
-
-    @property
-    def options(self) -> dict[Any, str]:
-        """Return choice → what a form calls it; None first where it may be left out."""
-        choices = [choice for choice in self.choices if choice != ""]
-        words = self.stated("words") or [str(choice) for choice in choices]
-        options = dict(zip(reversed([None, *choices]), reversed(words), strict=False))
-        absent = {} if self.field.default else {None: options.pop(None, "not stated")}
-        return absent | dict(reversed(options.items()))
-
-    @property
-    def kind(self) -> str:
-        """Return how a form asks for it: choice, number, text, …; ``entries`` for a list."""
-        parts = [*self.field.metadata, *_parts(self.field.annotation)]
-        several = any(typing.get_origin(part) is list for part in parts)
-        marked = next((part.kind for part in parts if isinstance(part, Shown)), None)
-        if marked is not None:
-            return marked
-        if self.section is not None:
-            return "entries" if several else "section"
-        if self.choices:
-            return "choice"
-        if several:
-            return "paragraphs"
-        kinds = {float: "number", bool: "flag", str: "text", int: "whole"}
-        return next((kind for each, kind in kinds.items() if each in parts), "text")
-
-    @property
-    def expected(self) -> str:
-        """Return what the key takes: its own description, that of its type, or its choices."""
-        marks = (part for part in _parts(self.field.annotation) if isinstance(part, FieldInfo))
-        described = self.field.description or next(filter(None, (m.description for m in marks)), "")
-        if described or self.section is None:
-            return described or " | ".join(map(str, filter(None, self.choices)))
-        heading = bracketed(self.name, self.field)
-        several = self.kind == "entries"
-        return f"one or more {heading}, in double brackets" if several else f"a section {heading}"
+    def heading(self) -> str:
+        """The name of a section in brackets, double ones where there may be several."""
+        return f"[[{self.name}]]" if self.kind == "entries" else f"[{self.name}]"
 
 
 def keys_of(section: type[BaseModel]) -> dict[str, Key]:
     """Return the keys of a section by their names, in order."""
-    return {name: Key(name, field) for name, field in section.model_fields.items()}
+    return {name: _key(name, field) for name, field in section.model_fields.items()}
 
 
-def section_of(annotation: Any) -> type[BaseModel] | None:
-    """Return the section that an annotation holds, be it optional or one of a list."""
-    sections = (p for p in _parts(annotation) if isinstance(p, type) and issubclass(p, BaseModel))
-    return next(sections, None)
+def _key(name: str, field: FieldInfo) -> Key:
+    parts = [*field.metadata, *_parts(field.annotation)]
+    extra: Any = field.json_schema_extra
+    stated = dict(extra) if isinstance(extra, dict) else {}
+    default = ... if field.is_required() else field.default
+    section = next((p for p in parts if isinstance(p, type) and issubclass(p, BaseModel)), None)
+    choices = next((typing.get_args(p) for p in parts if typing.get_origin(p) is Literal), ())
+    kind = _kind(parts, section is not None, bool(choices))
+    described = [mark.description for mark in parts if isinstance(mark, FieldInfo)]
+    heading = f"one or more [[{name}]], in double brackets" if kind == "entries" else f"[{name}]"
+    words = heading if section else " | ".join(str(choice) for choice in choices if choice)
+    return Key(
+        name,
+        default,
+        kind,
+        _options(choices, stated.pop("words", ()), default),
+        section,
+        next(filter(None, (field.description, *described)), words),
+        field.title or name.replace("_", " ").capitalize(),
+        **stated,
+    )
 
 
-def bracketed(name: str, field: FieldInfo) -> str:
-    """Return the heading of a section: in double brackets where there may be several."""
-    return f"[[{name}]]" if typing.get_origin(field.annotation) is list else f"[{name}]"
+def _kind(parts: list[Any], section: bool, choices: bool) -> str:
+    several = any(typing.get_origin(part) is list for part in parts)
+    marked = next((part.kind for part in parts if isinstance(part, Shown)), None)
+    if marked or choices:
+        return marked or "choice"
+    if several:
+        return "entries" if section else "paragraphs"
+    kinds = {float: "number", bool: "flag", str: "text", int: "whole"}
+    plain = next((kind for each, kind in kinds.items() if each in parts), "text")
+    return "section" if section else plain
+
+
+def _options(choices: tuple[Any, ...], words: Sequence[str], default: Any) -> dict[Any, str]:
+    """Return choice → words, these from the last; None first where it may be left out."""
+    there = [choice for choice in choices if choice != ""]
+    words = words or [str(choice) for choice in there]
+    options = dict(zip([None, *there][-len(words) :], words, strict=True)) if words else {}
+    return options if default or None in options else {None: "not stated", **options}
 
 
 def _parts(annotation: Any) -> Iterator[Any]:

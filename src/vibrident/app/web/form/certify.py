@@ -122,8 +122,8 @@ class CertificateForm:
         with frame.group(title, 4):
             for one in asked:
                 if one.key not in lists:
-                    key, star = _KEYS[one.key], " *" if one.required else ""
-                    label = key.labelled(one.label) + star
+                    key = replace(_KEYS[one.key], title=one.label)
+                    label = key.label + (" *" if one.required else "")
                     self.entries[one.key] = entry(key, stated.get(one.key), label=label)
         for name, one in lists.items():
             section, values = _KEYS[name].section, stated.get(name) or []

@@ -217,7 +217,7 @@ class ColumnsStep:
     async def _group(self, sections: Sequence[str], level: str, heading: int) -> None:
         """Ask for the keys of sections that are of a level."""
         mine = [path for path in KEYS if path.partition(".")[0] in sections]
-        paths = [path for path in mine if KEYS[path].stated("level") == level]
+        paths = [path for path in mine if KEYS[path].level == level]
         if not paths:
             return
         title = SECTIONS[sections[0]].label if level == "basic" else "Channels and records"
@@ -269,7 +269,7 @@ class ColumnsStep:
         columns = self.form.guess.columns
         if self.form.guess.all_columns > len(columns.columns):
             return None
-        optional = path not in NEEDED and not KEYS[path].field.is_required()
+        optional = path not in NEEDED and KEYS[path].default is not ...
         listed = dict(zip(columns.columns, columns.labels, strict=True))
         return {None: "none", **listed} if optional else listed
 

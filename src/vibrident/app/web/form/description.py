@@ -173,12 +173,12 @@ def _filled(given: Description, section: str) -> dict[str, Any]:
     filled = {}
     for key in ENTRIES[section]:
         name, path = key.name, f"{section}.{key.name}"
-        if key.stated("level") == "expert" or not given.applies(path):
+        if key.level == "expert" or not given.applies(path):
             continue
         value = given.get(path) if name != "columns" else [*given.signals]
         if value in (None, "") or (isinstance(value, list) and None in value):
-            cleared = name in given.document.get(section, {}) and key.field.default
-            if key.field.is_required() or cleared or path in NEEDED:
+            cleared = name in given.document.get(section, {}) and key.default
+            if key.default is ... or cleared or path in NEEDED:
                 raise _refused(f"“{key.label}” is empty.", key.expected, "nothing", "fill it in")
             continue
         filled[name] = value

@@ -25,7 +25,7 @@ def entry(
         label: in place of the key's.
         options: value → words, to choose from in place of the key's choices.
     """
-    label, kind, usual = label or key.label, key.kind, key.field.default
+    label, kind, usual = label or key.label, key.kind, key.default
     options = options if options is not None else key.options if kind == "choice" else None
     if options is not None:
         chosen = usual if value is None and usual in options else value
@@ -51,7 +51,9 @@ def entry(
 
 def filled(key: Key, entered: Any) -> Any:
     """Return what is in the element of a key as its file holds it; None for nothing."""
-    value: Any = entered.strip() if isinstance(entered, str) else entered
+    value: Any = entered
+    if isinstance(entered, str):
+        value = entered.strip()
     if value in (None, "", []):
         return None
     if key.kind == "paragraphs":
@@ -64,7 +66,7 @@ def filled(key: Key, entered: Any) -> Any:
 
 
 def _in_form(key: Key) -> float:
-    return (key.stated("in_form") or ("", 1.0))[1]
+    return key.in_form[1]
 
 
 class Rows:
@@ -111,7 +113,6 @@ class Rows:
         """The rows that are filled in."""
         found = [{n: filled(self.keys[n], e.value) for n, e in row.items()} for row in self.rows]
         stated = [
-            {n: v for n, v in row.items() if v not in (None, self.keys[n].field.default)}
-            for row in found
+            {n: v for n, v in row.items() if v not in (None, self.keys[n].default)} for row in found
         ]
         return [row for row in stated if row]
