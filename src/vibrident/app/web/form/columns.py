@@ -40,10 +40,6 @@ _GROUPS = (
     ("table",),
     ("sensor",),
 )
-_SIGNALS = {
-    "interferometer.columns.0": "First signal: cos, or carrier",
-    "interferometer.columns.1": "Second signal: sin",
-}
 _PART = "Reference files: more in names"
 #: Lists of entries: their section, what they are called, and what one is.
 _ENTRIES = {
@@ -123,11 +119,10 @@ class ColumnsStep:
                 self._as_it_stands(name, text)
                 await frame.looked(self.user, self.errors, readable, session.data, name)
                 return True
-            try:
+            with contextlib.suppress(_Outdated):
                 await self._ask()
-            except _Outdated:
-                return False
-        return True
+                return True
+        return False
 
     def _as_it_stands(self, name: str, text: str) -> None:
         """Show the uploaded calibration file."""
@@ -229,8 +224,7 @@ class ColumnsStep:
                     await self._model()
                 else:
                     offered = self._offered(path) if path in ROLES else None
-                    value, label = self.form.get(path), _SIGNALS.get(path, "")
-                    element = entry(KEYS[path], value, label=label, options=offered)
+                    element = entry(KEYS[path], self.form.get(path), options=offered)
                     await self._placed(path, element, KEYS[path])
             if "records.excitation" in paths and len(self.user.session.files) > 1:
                 value = self.form.given.optical_part
@@ -276,9 +270,8 @@ class ColumnsStep:
     async def _model(self) -> None:
         """Ask for the model's core and its add-ons, which are one key."""
         core, *add_ons = (self.form.get("sensor.model") or "").split("+")
-        cores = ui.select([*CORES], value=core, label="Model").props(
-            f"{PLAIN} options-dense id=core"
-        )
+        cores = ui.select([*CORES], value=core, label="Model")
+        cores.props(f"{PLAIN} options-dense id=core")
         more = ui.select([*ADD_ONS], value=add_ons, label="Add-ons", multiple=True)
         more.props(f"{PLAIN} options-dense use-chips id=add-ons")
         for element in (cores, more):

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from vibrident.base.errors import InputError
 from vibrident.data.io.calibration_file import CalibrationFile, checked_calibration
 from vibrident.data.io.guess import Columns
-from vibrident.data.io.keys import keys_of
+from vibrident.data.io.keys import Key, keys_of
 from vibrident.data.io.sections import CHANNEL_KEYS
 from vibrident.data.io.toml_text import toml_document
 from vibrident.data.records import USUAL_MODEL
@@ -24,18 +24,25 @@ ENTRIES = {
     for name, section in SECTIONS.items()
     if section.section
 }
-#: An interferometer's two columns are asked for one by one.
-_SIGNALS = ("interferometer.columns.0", "interferometer.columns.1")
-_COLUMN = next(key for key in ENTRIES["response"] if key.kind == "column")
-KEYS = {
-    path: _COLUMN if path in _SIGNALS else key
-    for section, keys in ENTRIES.items()
-    for key in keys
-    for path in (_SIGNALS if key.kind == "columns" else (f"{section}.{key.name}",))
-}
+
+
+def _asked() -> Iterator[tuple[str, Key]]:
+    """Yield path and key of each entry; an interferometer's two columns are two."""
+    for section, keys in ENTRIES.items():
+        for key in keys:
+            if key.kind == "columns":
+                for place, title in enumerate(
+                    ("First signal: cos, or carrier", "Second signal: sin")
+                ):
+                    yield f"{section}.{key.name}.{place}", replace(key, title=title, kind="column")
+            else:
+                yield f"{section}.{key.name}", key
+
+
+KEYS = dict(_asked())
 ROLES = [path for path, key in KEYS.items() if key.kind == "column"]
 #: Keys that a calibration file need not have in every case, and has where they apply.
-NEEDED = ("reference.column", "response.column", "interferometer.carrier_hz", *_SIGNALS)
+NEEDED = ("reference.column", "response.column", "interferometer.carrier_hz")
 
 
 @dataclass
@@ -157,11 +164,14 @@ def _document(given: Description, files: Sequence[str]) -> Iterator[tuple[str, A
         if section == "table":
             yield section, {"file": files[0], **_filled(given, section)}
         elif section == "records":
-            shared = _filled(given, section)
-            own = {entry.get("file"): entry for entry in given.different}
-            pairs = given.pairs(files)
-            each = [{"file": file, "reference_file": other, **shared} for file, other in pairs]
-            yield section, [{**entry, **own.get(entry["file"], {})} for entry in each]
+            shared, pairs = _filled(given, section), given.pairs(files)
+            each = {file: {"file": file, "reference_file": o, **shared} for file, o in pairs}
+            for entry in given.different:
+                if "file" not in entry:
+                    expected = "the file of a record that differs"
+                    raise _refused("“File” is empty.", expected, "nothing", "choose one")
+                each.get(entry["file"], {}).update(entry)
+            yield section, [*each.values()]
         elif heading.kind == "entries":
             yield section, given.get(section) or []
         elif filled := _filled(given, section):
@@ -243,11 +253,8 @@ def _partners(files: Sequence[str], part: str) -> list[tuple[str, str | None]] |
 
 
 def _added(short: str, long: str) -> str:
-    """What a name has beyond another, in one place; empty if they differ otherwise."""
+    """Return what a name has beyond another, in one place; empty if they differ otherwise."""
     pairs = enumerate(zip(short, long, strict=False))
     same = next((i for i, (a, b) in pairs if a != b), len(short))
     more = len(long) - len(short)
-    for start in range(same, -1, -1):
-        if more and long[:start] + long[start + more :] == short:
-            return long[start : start + more]
-    return ""
+    return long[same : same + more] if long[:same] + long[same + more :] == short else ""

@@ -17,13 +17,9 @@ PLAIN = "dense outlined stack-label"  # the style of all entries
 def entry(
     key: Key, value: Any, *, label: str = "", options: Mapping[Any, str] | None = None
 ) -> Any:
-    """Return an element to fill a key in.
+    """Return an element to fill a key in; ``label`` and ``options`` go before the key's own.
 
-    Args:
-        key: the key.
-        value: what is in it; None for nothing.
-        label: in place of the key's.
-        options: value → words, to choose from in place of the key's choices.
+    ``value``: what is in it, None for nothing; ``options``: value → words.
     """
     label, kind, usual = label or key.label, key.kind, key.default
     options = options if options is not None else key.options if kind == "choice" else None
@@ -36,7 +32,7 @@ def entry(
     if kind == "flag":
         return ui.checkbox(label, value=bool(value))
     if kind in ("number", "whole"):
-        shown = None if value is None else value * _in_form(key)
+        shown = None if value is None else value * key.in_form[1]
         usual = f"{usual:g}" if isinstance(usual, int | float) else ""
         element = ui.number(label, value=shown, placeholder=usual, format="%.12g")
         return element.props(f"{PLAIN} step=any")
@@ -44,16 +40,13 @@ def entry(
     if kind in ("lines", "paragraphs"):
         return ui.textarea(label, value=text).props(f"{PLAIN} autogrow rows=1")
     hint = "name, or number from 1" if kind == "column" else ""
-    return ui.input(label, value=text, placeholder=hint).props(
-        f"{PLAIN} type=date" if kind == "date" else PLAIN
-    )
+    element = ui.input(label, value=text, placeholder=hint)
+    return element.props(f"{PLAIN} type=date" if kind == "date" else PLAIN)
 
 
 def filled(key: Key, entered: Any) -> Any:
     """Return what is in the element of a key as its file holds it; None for nothing."""
-    value: Any = entered
-    if isinstance(entered, str):
-        value = entered.strip()
+    value = entered.strip() if isinstance(entered, str) else entered
     if value in (None, "", []):
         return None
     if key.kind == "paragraphs":
@@ -62,11 +55,7 @@ def filled(key: Key, entered: Any) -> Any:
         return int(value)
     if key.kind == "whole":
         return int(value) if float(value).is_integer() else value
-    return value / _in_form(key) if key.kind == "number" else value
-
-
-def _in_form(key: Key) -> float:
-    return key.in_form[1]
+    return float(value) / key.in_form[1] if key.kind == "number" else value
 
 
 class Rows:
@@ -96,7 +85,7 @@ class Rows:
         with self.place, frame.group(f"{self.name} {number}", 0):
             for name, key in self.keys.items():
                 row[name] = entry(key, value.get(name), options=self.options.get(name))
-                row[name].on_value_change(self.on_change)
+                row[name].on_value_change(lambda: self.on_change())
             button = ui.button(icon="close", on_click=partial(self._remove, row))
             button.props("flat round size=sm").props["aria-label"] = (
                 f"remove {self.name.lower()} {number}"
