@@ -53,6 +53,10 @@ _File = Annotated[
 ]
 
 
+_FULL_SCALE = "The most that the recorder holds, in units of the file."
+_STANDARD = "Standard uncertainty (k = 1)."
+
+
 class SensorSection(FileSection):
     """[sensor]: the model, and free text for reports."""
 
@@ -60,9 +64,7 @@ class SensorSection(FileSection):
     manufacturer: _Free = basic()
     type: _Free = basic()
     serial_number: _Free = basic()
-    model: Text = basic(
-        "Model", default=USUAL_MODEL, about='With add-ons, such as "accelerometer+delay".'
-    )
+    model: Text = basic(default=USUAL_MODEL, about='With add-ons: "accelerometer+delay".')
 
     @property
     def free(self) -> dict[str, Any]:
@@ -81,17 +83,12 @@ class ReferenceSection(FileSection):
         default="acceleration",
         words=("acceleration, m/s²", "velocity, m/s", "displacement, m", "drive, its own unit"),
     )
-    scale: _Scale = basic(
-        "Reference: SI units per unit of the file", default=1.0, about="Of a drive its own."
-    )
+    scale: _Scale = basic("Reference: SI units per unit of the file", default=1.0)
     unit: _AnyText = basic("Reference: unit", default="")
     standard_uncertainty: NotNegative = basic(
         "Reference: u, relative", default=0.0, about="Systematic: of its calibration."
     )
-    full_scale: Positive | None = key(
-        "Reference: full scale",
-        about="The most that the recorder holds, in units of the file.",
-    )
+    full_scale: Positive | None = key("Reference: full scale", about=_FULL_SCALE)
 
 
 class ResponseSection(FileSection):
@@ -100,10 +97,7 @@ class ResponseSection(FileSection):
     column: Column | None = basic("Response: column")
     scale: _Scale = basic("Response: units per unit of the file", default=1.0)
     unit: Text = basic("Response: unit", default="V")
-    full_scale: Positive | None = key(
-        "Response: full scale",
-        about="The most that the recorder holds, in units of the file.",
-    )
+    full_scale: Positive | None = key("Response: full scale", about=_FULL_SCALE)
 
 
 class SamplingSection(FileSection):
@@ -121,23 +115,15 @@ class RecordsEntry(FileSection):
     frequency_hz: Positive | None = key(
         "Frequency of the sine", "Hz", about="A start value; it is found in the data otherwise."
     )
-    start_s: NotNegative | None = key(
-        "Part of the record: from", "s", about="From its first sample."
-    )
-    stop_s: Positive | None = key("Part of the record: to", "s", about="From its first sample.")
+    start_s: NotNegative | None = key("Part of the record: from", "s", about="0: its start.")
+    stop_s: Positive | None = key("Part of the record: to", "s", about="Not included.")
     name: Text | None = expert("Name in tables", about="For an entry with one file.")
-    reference_file: _File | None = expert(
-        "File of the reference", about="Where it is not the response's."
-    )
-    rate_hz: Positive | None = key(
-        "Rate of these records", "Hz", about="Where it differs by record."
-    )
+    reference_file: _File | None = expert("File of the reference", about="If it is another.")
+    rate_hz: Positive | None = key("Rate of these records", "Hz", about="If it is another.")
     start_time_s: Number | None = key("Clock time of the first sample", "s")
     run: _Label = key(default="", about="Which of several runs it belongs to.")
     mounting: _Label = key(default="", about="During which mounting of the sensor.")
-    axis: Literal["", "x", "y", "z"] = key(
-        "Axis of the motion", default="", about="Axis of the sensor along which it was moved."
-    )
+    axis: Literal["", "x", "y", "z"] = key("Axis of the motion", default="", about="Sensor's own.")
     temperature_c: Number | None = key("Temperature of the sensor", "°C")
 
     @property
@@ -153,12 +139,8 @@ class TableSection(FileSection):
     frequency: Column = basic(default=..., about="In Hz, or the unit of its header.")
     magnitude: Column = basic(default=...)
     phase: Column | None = basic()
-    magnitude_uncertainty: Column | None = basic(
-        "u of the magnitude", about="Standard uncertainty (k = 1)."
-    )
-    phase_uncertainty: Column | None = basic(
-        "u of the phase", about="Standard uncertainty (k = 1)."
-    )
+    magnitude_uncertainty: Column | None = basic("u of the magnitude", about=_STANDARD)
+    phase_uncertainty: Column | None = basic("u of the phase", about=_STANDARD)
     phase_unit: Literal["deg", "rad"] = basic("Unit of the phase", default="deg")
     magnitude_unit: Literal["", "dB"] = key(
         "Unit of the magnitude",
@@ -172,9 +154,7 @@ class CalibrationFile(FileSection):
 
     sensor: SensorSection = key("Sensor and model", default=SensorSection())
     reference: ReferenceSection = key("Reference: motion of the sensor", default=ReferenceSection())
-    interferometer: InterferometerSection | None = key(
-        "Reference by an interferometer's raw signals"
-    )
+    interferometer: InterferometerSection | None = key("Raw signals of an interferometer")
     response: ResponseSection = key("Response: output of the sensor", default=ResponseSection())
     sampling: SamplingSection = key("Sampling and excitation", default=SamplingSection())
     records: list[RecordsEntry] = key("Records", default=[])
@@ -244,9 +224,8 @@ def _check_content(calibration: CalibrationFile, where: str) -> None:
     require_one(calibration, names, "A calibration needs either records or a table.", where)
     if calibration.interferometer is not None:
         given = calibration.reference.model_fields_set
-        check_interferometer(
-            calibration.interferometer, given, calibration.table is not None, where
-        )
+        table = calibration.table is not None
+        check_interferometer(calibration.interferometer, given, table, where)
     if calibration.table is not None:
         return
     if calibration.response.column is None:

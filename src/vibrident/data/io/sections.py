@@ -276,16 +276,14 @@ def check_uncertainties(entries: Sequence[UncertaintyEntry], where: str) -> None
                 where=here,
                 remedy=f"remove {' and '.join(band[1:] if both else band)}",
             )
-        frequencies = [row[0] for row in entry.table or ()]
-        rising = all(one < other for one, other in itertools.pairwise(frequencies))
-        empty = (
-            entry.from_hz is not None and entry.to_hz is not None and entry.to_hz <= entry.from_hz
-        )
-        if not rising or empty or any(f <= 0 for f in frequencies):
+        rows = [row[0] for row in entry.table or ()]
+        frequencies = rows or [f for f in (entry.from_hz, entry.to_hz) if f is not None]
+        rising = all(one < other for one, other in itertools.pairwise([0.0, *frequencies]))
+        if not rising:
             raise InputError(
                 "The frequencies of a contribution do not rise.",
                 expected="frequencies above zero, each above the one before",
-                found=f"{frequencies or [entry.from_hz, entry.to_hz]}",
+                found=f"{frequencies}",
                 where=here,
                 remedy="put them in order",
             )
