@@ -59,7 +59,8 @@ def last_cell(text: str):
 
 def lengths_differ(file):
     short = file.with_name("reference.csv")
-    short.write_text("".join(file.with_name(RECORD).read_text().splitlines(keepends=True)[:1500]))
+    lines = file.with_name(RECORD).read_text().splitlines(keepends=True)
+    short.write_text("".join("," + line.partition(",")[2] for line in lines[:1500]))
     edit(file, f'file = "{RECORD}"', f'file = "{RECORD}"\nreference_file = "reference.csv"')
 
 

@@ -265,7 +265,7 @@ def guessed(tmp_path, header: str, name: str = "a.csv") -> Guess:
 def test_a_guess_sets_nothing_that_a_person_set(tmp_path):
     first = guessed(tmp_path, "t,ref [mm/s],out [pC],x")
     form = merged(None, first)
-    assert [form.get(f"reference.{key}") for key in ("column", "quantity", "scale")] == ["ref [mm/s]", "velocity", 1e-3]
+    assert [form.get(f"reference.{key}") for key in ("column", "quantity", "scale")] == ["ref [mm/s]", "velocity", 1.0]
     again = merged(form, guessed(tmp_path, "t,laser,coil"))  # untouched: the new guess holds
     assert [again.get(f"reference.{key}") for key in ("column", "quantity")] == ["laser", "displacement"]
 

@@ -35,6 +35,8 @@ def entry(file="a.csv", **keys) -> str:
 def save(path, time=TIME, reference=REFERENCE, response=RESPONSE):
     rows = [f"{t!r},{a!r},{b!r}" for t, a, b in zip(time.tolist(), reference.tolist(), response.tolist(), strict=True)]
     path.write_text("t,ref,resp\n" + "\n".join(rows) + "\n")
+    untimed = (row.partition(",")[2] for row in rows)
+    path.with_name("untimed.txt").write_text("ref,resp\n" + "\n".join(untimed) + "\n")
 
 
 @pytest.fixture
@@ -139,7 +141,7 @@ def test_wav_gives_the_rate(load, tmp_path, refused):
 
 
 def test_rate_of_one_entry(load, tmp_path):
-    save(tmp_path / "b.csv")
+    save(tmp_path / "b.csv", time=2 * TIME)
     calibration = load(HEAD + RATE + entry() + entry("b.csv", rate_hz=500.0, start_time_s=2.5))
 
     assert [r.sampling_rate_hz for r in calibration.records] == [1000.0, 500.0]
@@ -170,12 +172,12 @@ RECORD_MISTAKES = {
         HEAD + RATE + entry(frequency_hz=500.0),
         {"expected": "below 500 Hz", "where": "entry 1, frequency_hz"},
     ),
-    "no rate": (HEAD + entry(), {"problem": "not given", "where": "[sampling]", "remedy": "rate_hz"}),
+    "no rate": (HEAD + entry("untimed.txt"), {"problem": "not given", "where": "[sampling]", "remedy": "rate_hz"}),
     "start behind the end": (HEAD + RATE + entry(start_s=1.0), {"problem": "empty", "expected": "0 to 0.1 s"}),
     "too short": (HEAD + RATE + entry(stop_s=0.005), {"problem": "too short", "where": "a.csv"}),
     "no such column": (HEAD.replace('"ref"', '"reff"') + RATE + entry(), {"remedy": "'ref'", "where": "[reference]"}),
     "no such reference file": (HEAD + RATE + entry(reference_file="c.csv"), {"found": "no file", "where": "c.csv"}),
-    "unit in g": (HEAD.replace("scale = 2.0", 'unit = "g"') + RATE + entry(), {"remedy": "9.80665", "found": "'g'"}),
+    "unit in g": (HEAD.replace("scale = 2.0", 'unit = "g"\nscale = 2.0') + RATE + entry(), {"found": "'g'", "remedy": "unit"}),
     "unit of a velocity": (HEAD.replace("scale = 2.0", 'scale = 2.0\nunit = "m/s"') + RATE + entry(), {"found": "m/s"}),
 }
 
@@ -198,8 +200,13 @@ def test_same_name_twice(load, tmp_path, refused):
 
 
 def test_reference_file_of_another_length(load, tmp_path, refused):
-    save(tmp_path / "b.csv", TIME[:50], REFERENCE[:50], RESPONSE[:50])
-    refused(lambda: load(HEAD + RATE + entry(reference_file="b.csv")), expected="100", found="50", where="b.csv")
+    """With times in both files they are aligned; without, nothing says what belongs together."""
+    (tmp_path / "b").mkdir()
+    save(tmp_path / "b" / "b.csv", TIME[:50], REFERENCE[:50], RESPONSE[:50])
+    (record,) = load(HEAD + RATE + entry(reference_file="b/b.csv")).records
+    assert record.samples == 50
+    text = HEAD + RATE + entry("untimed.txt", reference_file="b/untimed.txt")
+    refused(lambda: load(text), expected="100", found="50", where="b/untimed.txt")
 
 
 def test_data_file_that_is_a_folder(load, tmp_path, refused):
@@ -215,8 +222,8 @@ def uneven(change):
 
 UNEVEN = {
     "back": (uneven(lambda t: t.__setitem__(40, 0.01)), {"problem": "do not increase", "where": "line 42"}),
-    "repeated": (uneven(lambda t: t.__setitem__(40, t[39])), {"problem": "do not increase", "where": "line 42"}),
-    "gap": (np.concatenate((TIME[:50], TIME[50:] + 1e-3)), {"problem": "gap", "found": "0.002", "where": "line 52"}),
+    "repeated": (uneven(lambda t: t.__setitem__(40, t[39])), {"problem": "same time", "where": "line 42"}),
+    "gap": (np.concatenate((TIME[:50], TIME[50:] + 1.0)), {"problem": "gap", "found": "1.001", "where": "line 52"}),
     "drift": (TIME + TIME**2, {"problem": "drifts", "found": "intervals", "where": "line"}),
     "nan": (uneven(lambda t: t.__setitem__(40, np.nan)), {"problem": "not a number", "where": "line 42, column 1"}),
 }

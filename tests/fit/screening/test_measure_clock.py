@@ -47,15 +47,6 @@ def test_right_rough_and_nominal_frequencies_are_no_fault():
     assert not judge_clocks(sines(EXACT[::2], NOMINAL[::2], rng))[1]
 
 
-def test_the_files_own_times_are_heard():
-    times = np.arange(1000) / RATE_HZ
-    motion = np.sin(600 * times)
-    record = Record("r", motion, motion, RATE_HZ, "random", contradicting_rate_hz=9765.625)
-    (finding,) = judge_clocks([record, record])[1]
-    assert finding.code == "clock_suspect"
-    assert "9765.62" in finding.message
-
-
 def test_a_wrong_clock_reaches_the_result_of_an_identification():
     from vibrident.data.records import Calibration
     from vibrident.fit.problem.evidence import Evidence

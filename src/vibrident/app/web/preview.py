@@ -32,7 +32,11 @@ def preview(given: Description, folder: Path, files: Sequence[str]) -> Chart:
     source = open_columns(folder / first)
     light = source if other is None else open_columns(folder / other)
     across = given.get("table.frequency" if given.table else "sampling.time_column")
-    drawn: tuple[int | str | None, ...] = (given.get("table.magnitude"), given.get("table.phase"))
+    drawn: tuple[int | str | None, ...] = tuple(
+        given.get(f"table.{key}") for key in ("magnitude", "phase", "real", "imaginary")
+    )
+    if name := given.get("table.complex"):
+        drawn = (f"{name}.real", f"{name}.imag")
     if not given.table:
         drawn = (given.get("response.column"),) if other else (*given.motion, given.get("response.column"))
     wanted = list(dict.fromkeys(column for column in drawn if column is not None))

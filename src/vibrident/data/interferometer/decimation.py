@@ -120,36 +120,55 @@ def spoilt_outputs(gaps: list[tuple[int, int]], samples: int, factor: int) -> Bo
     return bad
 
 
-def at_positions(values: FloatArray, positions: FloatArray, spacing: float) -> FloatArray:
+def at_positions(values: FloatArray, positions: FloatArray, spacing: float, length: int = HALF) -> FloatArray:
     """A signal at positions between its samples, low-passed for a new rate.
 
     ``values``: shape (n,); ``positions``: in samples, shape (m,); from ``reach(spacing)`` to n − 1 −
-    ``reach(spacing)``; ``spacing``: of the new samples, in old ones; 1 or more.
+    ``reach(spacing)``; ``spacing``: of the new samples, in old ones; 1 or more; ``length``: half the filter's, in new
+    intervals: a longer one has a narrower transition about half the new rate.
     """
-    half, table = reach(spacing), _table(spacing)
+    half = reach(spacing, length)
     offsets = np.arange(-half, half + 2)
     found = np.empty(positions.shape[0])
     for begin in range(0, positions.shape[0], 4096):
         part = positions[begin : begin + 4096]
-        base = np.minimum(np.floor(part).astype(int), values.shape[0] - 2 - half)
-        place = (part - base) * PLACES
-        index = np.minimum(place.astype(int), PLACES - 1)
-        share = place - index
+        base, low, high, share = _rows(part, values.shape[0] - 2 - half, spacing, length)
         near = values[np.clip(base[:, None] + offsets, 0, values.shape[0] - 1)]
-        low, high = np.einsum("ij,ij->i", table[index], near), np.einsum("ij,ij->i", table[index + 1], near)
-        found[begin : begin + 4096] = low + share * (high - low)
+        below = np.einsum("ij,ij->i", low, near)
+        found[begin : begin + 4096] = below + share * (np.einsum("ij,ij->i", high, near) - below)
     return found
 
 
-def reach(spacing: float) -> int:
+def weights_at(positions: FloatArray, spacing: float, length: int) -> tuple[np.ndarray, FloatArray]:
+    """Return the sample before each position, shape (m,), and the weights of the samples around it.
+
+    The weights have shape (m, 2 · half + 2), of samples from ``half`` before that one, with half =
+    ``reach(spacing, length)``; arguments as :func:`at_positions`.
+    """
+    base, low, high, share = _rows(positions, np.iinfo(np.int64).max, spacing, length)
+    return base, low + share[:, None] * (high - low)
+
+
+def _rows(
+    positions: FloatArray, most: int, spacing: float, length: int
+) -> tuple[np.ndarray, FloatArray, FloatArray, FloatArray]:
+    """Return the sample before each position, the two rows of the table beside it, and the share of the second."""
+    table = _table(spacing, length)
+    base = np.minimum(np.floor(positions).astype(int), most)
+    place = (positions - base) * PLACES
+    index = np.minimum(place.astype(int), PLACES - 1)
+    return base, table[index], table[index + 1], place - index
+
+
+def reach(spacing: float, length: int = HALF) -> int:
     """Samples on either side that :func:`at_positions` needs."""
-    return int(np.ceil(HALF * spacing))
+    return int(np.ceil(length * spacing))
 
 
 @functools.lru_cache(maxsize=2)
-def _table(spacing: float) -> FloatArray:
+def _table(spacing: float, length: int) -> FloatArray:
     """The filter at ``PLACES`` + 1 positions between two samples, a row each; do not write to it."""
-    half = reach(spacing)
+    half = reach(spacing, length)
     distance = np.arange(-half, half + 2)[None, :] - (np.arange(PLACES + 1) / PLACES)[:, None]
     inside = np.clip(1.0 - (distance / half) ** 2, 0.0, None)
     beta = signal.kaiser_beta(ATTENUATION_DB)

@@ -44,6 +44,7 @@ _Scale = Annotated[
     AfterValidator(_scale),
     Field(allow_inf_nan=False, description="a finite number other than 0"),
 ]
+_Name = Annotated[str, Field(min_length=1, description="the name of a complex array")]
 _AnyText = Annotated[str, Field(description="text in quotes")]
 #: Text, a number or a date: it is printed as it stands.
 _Free = Annotated[Any, Field(description="text, a number or a date")]
@@ -54,6 +55,7 @@ _File = Annotated[
 
 
 _FULL_SCALE = "The most that the recorder holds, in units of the file."
+_SCALE = "Multiplies what is there after the unit that the file states."
 _STANDARD = "Standard uncertainty (k = 1)."
 
 
@@ -83,7 +85,7 @@ class ReferenceSection(FileSection):
         default="acceleration",
         words=("acceleration, m/s²", "velocity, m/s", "displacement, m", "drive, its own unit"),
     )
-    scale: _Scale = basic("Reference: SI units per unit of the file", default=1.0)
+    scale: _Scale = basic("Reference: scale", default=1.0, about=_SCALE)
     unit: _AnyText = basic("Reference: unit", default="")
     standard_uncertainty: NotNegative = basic(
         "Reference: u, relative", default=0.0, about="Systematic: of its calibration."
@@ -95,7 +97,7 @@ class ResponseSection(FileSection):
     """[response]: the channel of the sensor under test."""
 
     column: Column | None = basic("Response: column")
-    scale: _Scale = basic("Response: units per unit of the file", default=1.0)
+    scale: _Scale = basic("Response: scale", default=1.0, about=_SCALE)
     unit: Text = basic("Response: unit", default="V")
     full_scale: Positive | None = key("Response: full scale", about=_FULL_SCALE)
 
@@ -133,20 +135,45 @@ class RecordsEntry(FileSection):
 
 
 class TableSection(FileSection):
-    """[table]: a tabulated response instead of records."""
+    """[table]: a tabulated response instead of records, in one of ``TABLE_WAYS``."""
 
     file: _File = expert(default=...)
-    frequency: Column = basic(default=..., about="In Hz, or the unit of its header.")
-    magnitude: Column = basic(default=...)
+    frequency: Column | None = basic(about="In Hz, or the unit of its header.")
+    magnitude: Column | None = basic()
     phase: Column | None = basic()
+    real: Column | None = key("Real part", about="With imaginary, in place of magnitude.")
+    imaginary: Column | None = key("Imaginary part")
+    complex: _Name | None = key("Complex array", about="In place of magnitude and phase.")
     magnitude_uncertainty: Column | None = basic("u of the magnitude", about=_STANDARD)
     phase_uncertainty: Column | None = basic("u of the phase", about=_STANDARD)
-    phase_unit: Literal["deg", "rad"] = basic("Unit of the phase", default="deg")
+    real_uncertainty: Column | None = key("u of the real part", about=_STANDARD)
+    imaginary_uncertainty: Column | None = key("u of the imaginary part", about=_STANDARD)
+    phase_unit: Literal["deg", "rad"] = basic(
+        "Unit of the phase", default="deg", about="Where the file does not state it."
+    )
     magnitude_unit: Literal["", "dB"] = key(
         "Unit of the magnitude",
         default="",
-        about="Magnitude and its uncertainty in dB, 20 lg, re 1 unit of the column.",
+        about="Where no header says dB: 20 lg, re 1 unit of the column.",
     )
+
+    @property
+    def response_column(self) -> tuple[Column, str]:
+        """The column whose unit is that of the response, and the key that names it."""
+        if self.complex is not None:
+            return f"{self.complex}.real", "[table] complex"
+        if self.real is not None:
+            return self.real, "[table] real"
+        assert self.magnitude is not None  # by the check of the file
+        return self.magnitude, "[table] magnitude"
+
+
+#: How a table may give the response: the keys of each way, and those that must be there.
+TABLE_WAYS = (
+    (("magnitude", "phase", "magnitude_unit"), ("magnitude",)),
+    (("real", "imaginary"), ("real", "imaginary")),
+    (("complex",), ("complex",)),
+)
 
 
 class CalibrationFile(FileSection):
@@ -227,6 +254,7 @@ def _check_content(calibration: CalibrationFile, where: str) -> None:
         table = calibration.table is not None
         check_interferometer(calibration.interferometer, given, table, where)
     if calibration.table is not None:
+        _check_table(calibration.table, f"{where}, [table]")
         return
     if calibration.response.column is None:
         raise _missing("[response] column", where)
@@ -240,6 +268,42 @@ def _check_content(calibration: CalibrationFile, where: str) -> None:
     require_one(calibration.sampling, names, twice, here, needed=False)
     for number, entry in enumerate(calibration.records, start=1):
         _check_entry(entry, f"{where}, [[records]] entry {number}")
+
+
+def _check_table(section: TableSection, where: str) -> None:
+    """Refuse a table that has no response or two, or keys that do not go together."""
+    given = section.model_fields_set
+    ways = [way for way, _ in TABLE_WAYS if given & set(way)]
+    is_polar = ways == [TABLE_WAYS[0][0]]
+    if len(ways) != 1 or not given >= set(dict(TABLE_WAYS)[ways[0]]):
+        raise InputError(
+            "A table gives its response in one way.",
+            expected="magnitude (and phase), or real and imaginary, or complex",
+            found=" and ".join(name for way in ways for name in way if name in given) or "none",
+            where=where,
+            remedy="give the keys of one way, all of them",
+        )
+    if section.frequency is None and section.complex is None:
+        raise _missing("[table] frequency", where.removesuffix(", [table]"))
+    parts = {"real_uncertainty", "imaginary_uncertainty"} & given
+    others = {"magnitude_uncertainty", "phase_uncertainty"} & given
+    if parts and (len(parts) == 1 or is_polar or others):
+        raise InputError(
+            "The uncertainties do not fit the response of the table.",
+            expected="real_uncertainty and imaginary_uncertainty, both and alone, of a response "
+            "in real and imaginary part; or magnitude_uncertainty and phase_uncertainty",
+            found=", ".join(sorted(parts | others)),
+            where=where,
+            remedy="give one of the two pairs",
+        )
+    if "phase_uncertainty" in given and is_polar and section.phase is None:
+        raise InputError(
+            "There is an uncertainty of the phase but no phase.",
+            expected="phase where phase_uncertainty is given",
+            found="phase_uncertainty alone",
+            where=where,
+            remedy="add phase = …, or remove phase_uncertainty",
+        )
 
 
 def _check_entry(entry: RecordsEntry, where: str) -> None:

@@ -18,6 +18,7 @@ import numpy as np
 
 from vibrident.base import extras, memory
 from vibrident.base.errors import InputError, did_you_mean
+from vibrident.data.io.units import split_brackets
 from vibrident.data.records import FloatArray
 
 MOST_COLUMNS = 10_000  # of a file
@@ -154,6 +155,10 @@ class ColumnFile(ABC):
         """Return the file's statement of this column's sampling."""
         return self._channels[position].clock
 
+    def stamps(self, position: int) -> FloatArray | None:
+        """Return the time of each sample in seconds, where the format gives a channel its own."""
+        return None
+
     def start(self, position: int) -> Start | None:
         """Return the time of a column's first sample: by its clock, or by its first date."""
         clock = self.clock(position)
@@ -213,11 +218,23 @@ class ColumnFile(ABC):
                 remedy=remedy,
             )
 
+    def require_over_time(self, position: int, key: str) -> None:
+        """Refuse a column over frequency where a signal over time is needed."""
+        if self._channels[position].over_frequency:
+            raise InputError(
+                f"The {self.word} {self.names[position]!r} cannot be used.",
+                expected=f"a {self.word} of real numbers over time",
+                found="values over frequency",
+                where=f"{self.file}, asked for by {key}",
+                remedy="name a signal over time, or describe a response under [table]",
+            )
+
     def position_of(self, column: int | str, key: str) -> int:
         """Return the position of a column that the calibration file names by number from 1, or name.
 
-        ``key``: the key that names it, such as "[response] column", for the message. InputError where the column does
-        not exist or was refused, or the name is not unique.
+        A name may leave out the unit in brackets. ``key``: the key that names it, such as
+        "[response] column", for the message. InputError where the column does not exist or was
+        refused, or the name is not unique.
         """
         where = f"{self.file}, asked for by {key}"
         wanted = self._plain_name(str(column))
@@ -232,6 +249,9 @@ class ColumnFile(ABC):
         if isinstance(column, int):
             return self._position_of_number(column, where)
         matches = [position for position, name in enumerate(self.names) if name == wanted]
+        if not matches:  # "S" for "S [mV/g]"
+            plain = [split_brackets(name)[0] for name in self.names]
+            matches = [position for position, name in enumerate(plain) if name == wanted]
         if len(matches) == 1:
             return matches[0]
         if matches:

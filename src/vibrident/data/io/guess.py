@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -10,15 +11,18 @@ from typing import Any
 
 from vibrident.base.errors import InputError
 from vibrident.data.io.columns import ColumnFile
-from vibrident.data.io.header_units import is_time, quantity_of, si_scale
+from vibrident.data.io.header_units import is_time
 from vibrident.data.io.reader import open_columns
+from vibrident.data.io.table_column import TableColumn
+from vibrident.data.io.table_units import stated_sensitivity
+from vibrident.data.io.units import quantity_of
 
 _FREQUENCY = re.compile(r"f|freq.*|frequenz.*", re.IGNORECASE)
 _MAGNITUDE = re.compile(r"mag(nitude)?|abs.*|ampl.*|sens.*|betrag.*", re.IGNORECASE)
 _PHASE = re.compile(r"(phase|phi|arg)", re.IGNORECASE)
 _UNCERTAIN = re.compile(r"unc|sigma|std|unsicherheit|(^|[_\s])(?-i:u)([_\s(]|$)", re.IGNORECASE)
-#: Not standard uncertainties, or not in the column's unit.
-_EXPANDED = re.compile(r"expanded|erweitert|%|(^|[_\s])(?-i:U)([_\s(/]|$)", re.IGNORECASE)
+#: Not standard uncertainties.
+_EXPANDED = re.compile(r"expanded|erweitert|(^|[_\s])(?-i:U)([_\s(/]|$)", re.IGNORECASE)
 #: Words in a reference's name, the surest first, and their quantities.
 _REFERENCES = (
     (re.compile(r"ref|bezug", re.IGNORECASE), None),
@@ -42,8 +46,6 @@ _RESPONSE = re.compile(
 #: Columns that number the rows.
 _INDEX = re.compile(r"(nr|no|nummer|number|index|samples?|row|zeile|#)\.?", re.IGNORECASE)
 _BRACKETS = re.compile(r"[\[(]((?:\([^()]*\)|[^\])])+)[\])]")
-#: A sensitivity's unit: of the response, and of the motion in SI.
-_SENSITIVITY = re.compile(r"(.+?)/\(?(m(?:/s(?:\^?2|²)?)?)\)?")
 #: In brackets, a channel's number is no unit.
 _CHANNEL = re.compile(
     r"(?:ch(?:an(?:nel)?)?|kanal|ai|in(?:put)?|no|nr|#)?[\s._:#/-]*\d+", re.IGNORECASE
@@ -108,16 +110,16 @@ def guess_columns(path: Path) -> Columns:
         reference, response = free[:2]
     table = _table(names)
     unit, response_unit = _unit(names, reference), _unit(names, response)
-    per = _SENSITIVITY.fullmatch(_unit(names, table.get("magnitude")))
-    if "frequency" in table and per:
-        response_unit, unit = per.groups()
+    if {"frequency", "magnitude"} <= table.keys():
+        response_unit, quantity = _sensitivity(source, table["magnitude"])
+        unit = ""
     quantity = quantity_of(unit) or quantity or "acceleration"
     radians = any("rad" in names[table[key]].lower() for key in table if key.startswith("phase"))
     document = {
         "reference": {
             "column": chosen.get(reference),
             "quantity": quantity,
-            "scale": si_scale(quantity, unit) or 1.0,
+            "scale": 1.0,
             "unit": unit,
         },
         "interferometer": {
@@ -139,6 +141,13 @@ def guess_columns(path: Path) -> Columns:
             for section, keys in document.items()
         },
     )
+
+
+def _sensitivity(source: ColumnFile, position: int) -> tuple[str, str]:
+    """Return unit of the response and quantity in a magnitude's unit; "" for what is unknown."""
+    with contextlib.suppress(InputError):
+        return stated_sensitivity(TableColumn(source, position, "magnitude"))
+    return "", ""
 
 
 def _choices(source: ColumnFile) -> dict[int | None, int | str]:

@@ -26,8 +26,11 @@ from vibrident.data.interferometer.rough import highest_frequency, rough_frequen
 from vibrident.data.interferometer.setting import FloatArray, Interferometer, Signals, held
 from vibrident.data.interferometer.summary import OpticalFinding
 from vibrident.data.interferometer.survey import Survey, survey
+from vibrident.data.io.alignment import REPAIR
 from vibrident.data.io.calibration_file import CalibrationFile
+from vibrident.data.io.clocks import ChannelClock, ClockReader
 from vibrident.data.io.columns import ColumnFile
+from vibrident.data.io.header_units import response_conversion
 from vibrident.data.io.optical_motion import (
     clocks_apart,
     part_outside,
@@ -36,20 +39,22 @@ from vibrident.data.io.optical_motion import (
 )
 from vibrident.data.io.reader import open_columns, sha256
 from vibrident.data.io.record_files import (
-    REPAIR,
     Part,
+    clock_reader,
     named_parts,
+    no_rate,
     read_record,
     scaled,
-    stated_sampling,
-    timed,
 )
-from vibrident.data.io.sampling import SAME_RATE, Sampling, agreed_rate, cut
+from vibrident.data.io.sampling import SAME_RATE, cut
 from vibrident.data.io.sections import InterferometerSection
 from vibrident.data.records import Provenance, Quantity, Record
 
 #: Samples of filtered signals that are kept in memory, of all records together.
 MOST_HELD = 1 << 23
+#: Optical signals may begin this far from the response, in samples of it; 1 % is a phase error of
+#: 0.7° at a fifth of the rate.
+MAX_APART_SAMPLES = 0.01
 #: A shock is kept at a rate that leaves no more of its response's power to the ends of the record.
 WELL_INSIDE = 2e-3
 
@@ -63,10 +68,11 @@ class _Opened:
     optical: Signals
     response: Signals
     step: str  # the response's, for the history
-    sampling: Sampling
+    clock: ChannelClock
     beside: bool
     doubts: tuple[OpticalFinding, ...]
     carrier_hz: float | None = None
+    factor: float = 1.0  # of the response's unit, before scale
 
 
 class Optical(NamedTuple):
@@ -116,7 +122,7 @@ def read_optical(calibration: CalibrationFile, folder: Path, where: str) -> Opti
             )
     records = {one.name: record for one, (_, record) in zip(opened, made, strict=True)}
     ordered = [
-        records.get(name) or read_record(part, name, calibration, folder, "m")
+        records.get(name) or read_record(part, name, calibration, folder, "m").record
         for part, name in parts
     ]
     answers = [found.answer for found, _ in made]
@@ -239,13 +245,13 @@ def _open(
     assert column is not None  # checked with the calibration file
     at = main.position_of(column, "[response] column")
     places = tuple(other.position_of(c, "[interferometer] columns") for c in section.columns)
-    time = calibration.sampling.time_column
-    if time is not None and part.entry.rate_hz is None:
-        place = main.position_of(time, "[sampling] time_column")
-        sampling = timed(main, place, *main.load([place]))
-    else:
-        sampling = stated_sampling(part, calibration, [(main, at)])
-    optical_hz = _optical_rate(section, other, places, sampling, part)
+    beside_response = [at, *places] if other is main else [at]
+    clock = clock_reader(part, calibration, main).clock_of(main, at, beside_response)
+    if clock is None:
+        raise no_rate(part.where)
+    sampling = clock.clock
+    _require_even(clock, main, part)
+    optical_hz = _optical_rate(section, calibration, other, places, clock, part)
     optical = _of_file(other, places, optical_hz, part)
     response = _of_file(main, (at,), sampling.rate_hz, part)
     beside = abs(optical_hz / sampling.rate_hz - 1.0) < SAME_RATE
@@ -264,8 +270,11 @@ def _open(
         most = MOST_OF_SHOCK if part.entry.excitation == "shock" else MOST_OF_ALL
         optical, carrier_hz = mixed_down(optical, carrier_hz, sampling.rate_hz, part.where, most)
     to = calibration.response
+    conversion = response_conversion(main, at, to, to.unit)
     step = f"response: {main.file}, column {at + 1} × {to.scale!r} → {to.unit}"
-    return _Opened(part, name, optical, response, step, sampling, beside, doubts, carrier_hz)
+    return _Opened(
+        part, name, optical, response, step, clock, beside, doubts, carrier_hz, conversion.factor
+    )
 
 
 def _of_file(source: ColumnFile, positions: tuple[int, ...], rate_hz: float, part: Part) -> Signals:
@@ -286,15 +295,29 @@ def _of_file(source: ColumnFile, positions: tuple[int, ...], rate_hz: float, par
 
 def _optical_rate(
     section: InterferometerSection,
+    calibration: CalibrationFile,
     other: ColumnFile,
     places: Sequence[int],
-    sampling: Sampling,
+    response: ChannelClock,
     part: Part,
 ) -> float:
-    agreed = agreed_rate(
-        section.rate_hz, [(other, place) for place in places], part.where, other.file
-    )
-    rate_hz = sampling.rate_hz if agreed is None else agreed.rate_hz
+    """Return the rate of the optical signals; InputError for one that contradicts or is too low."""
+    time_column = calibration.sampling.time_column if section.rate_hz is None else None
+    reader = ClockReader(section.rate_hz, time_column, part.where, other)
+    clock = reader.clock_of(other, places[0], places) or response
+    _require_even(clock, other, part)
+    sampling, rate_hz = response.clock, clock.clock.rate_hz
+    begin, other_begin = sampling.start, clock.clock.start
+    if begin is not None and other_begin is not None and begin.epoch == other_begin.epoch:
+        apart_s = (other_begin.ns - begin.ns) * 1e-9
+        if abs(apart_s) * sampling.rate_hz > MAX_APART_SAMPLES:
+            raise InputError(
+                "The channels do not begin at the same time.",
+                expected="optical signals that begin with the response",
+                found=f"{apart_s:+.9g} s, or {apart_s * sampling.rate_hz:+.3g} samples",
+                where=f"{part.where}, for {other.file}",
+                remedy="export both channels over the same samples, or state delay_s without times",
+            )
     if rate_hz < sampling.rate_hz * (1.0 - SAME_RATE):
         raise InputError(
             "The optical signals are sampled more slowly than the response.",
@@ -304,6 +327,25 @@ def _optical_rate(
             remedy="correct rate_hz of [interferometer] or of [sampling]",
         )
     return rate_hz
+
+
+def _begins_s(one: _Opened) -> float:
+    stated = one.part.entry.start_time_s
+    return one.clock.begins_s if stated is None else stated
+
+
+def _require_even(clock: ChannelClock, source: ColumnFile, part: Part) -> None:
+    """Refuse uneven, doubled or lost samples, which raw light cannot bear."""
+    timeline = clock.timeline
+    if timeline is not None and (timeline.is_uneven or timeline.doubled or timeline.lost):
+        raise InputError(
+            "The samples beside an interferometer's signals are not even.",
+            expected="even times, none of them missing or twice",
+            found=f"{timeline.lost} missing, {timeline.doubled} twice, "
+            + ("uneven" if timeline.is_uneven else "even"),
+            where=f"{part.where}, for {source.file}",
+            remedy="export the record at an even rate, or give rate_hz if only the times are wrong",
+        )
 
 
 def _record(
@@ -343,7 +385,7 @@ def _record(
             found, aligned = made(every)
         require_pulse(aligned, outside, one.name)
     require_motion(aligned, entry.excitation, one.name)
-    to_response = calibration.response
+    to_response = one.factor * calibration.response.scale
     what = "acceleration in m/s²" if moving else "displacement in m"
     unsure = (
         ""
@@ -359,14 +401,14 @@ def _record(
     record = Record(
         name=one.name,
         reference=aligned.displacement_m,
-        response=aligned.response * to_response.scale,
+        response=aligned.response * to_response,
         sampling_rate_hz=aligned.rate_hz,
         excitation=entry.excitation,
         frequency_hz=entry.frequency_hz,
         valid=aligned.valid,
-        start_time_s=one.sampling.start_time_s + one.part.start_s + aligned.start_s,
+        start_time_s=_begins_s(one) + one.part.start_s + aligned.start_s,
         provenance=Provenance(one.part.file, sha256(folder / one.part.file), history),
-        response_full_scale=scaled(to_response.full_scale, to_response.scale),
+        response_full_scale=scaled(calibration.response.full_scale, to_response),
         reference_noise_order=4 if moving else 0,
         circumstances=entry.circumstances,
         optical=replace(found.summary, findings=(*one.doubts, *found.summary.findings)),

@@ -8,38 +8,41 @@ from pathlib import Path
 import numpy as np
 
 from vibrident.base.errors import InputError
+from vibrident.data.io.alignment import Channel, align
+from vibrident.data.io.calibration_file import ResponseSection
+from vibrident.data.io.clocks import ClockReader
 from vibrident.data.io.columns import library
 from vibrident.data.io.csv_layout import BLANKS, detect_layout
-from vibrident.data.io.guess import guess_columns
+from vibrident.data.io.header_units import response_conversion
 from vibrident.data.io.reader import open_columns, sha256
-from vibrident.data.io.record_files import timed
 from vibrident.data.records import FloatArray, Provenance, Record
 
 ENDINGS = (".csv", ".txt", ".tsv", ".dat", ".parquet", ".pq", ".xlsx")
 
 
 def read_signal(
-    path: Path, column: str, time: str | None, rate_hz: float | None, scale: float
+    path: Path, column: str, time: str | None, rate_hz: float | None, scale: float, unit: str
 ) -> Record:
-    """A column of a table as a record without reference; InputError where nothing tells its sampling rate.
+    """Return a column of a table as a record without reference.
 
-    ``column``: name, or number from 1, of the signal; ``time``: the same of the times, in s or the unit in its name,
-    None for one whose name says so, if any; ``rate_hz``: where there are no times and the file states no rate;
-    ``scale``: response unit per unit of the column.
+    Args:
+        path: the table.
+        column: name, or number from 1, of the signal.
+        time: the same of the times; None for one whose name says so, if any.
+        rate_hz: where there are no times and the file states no rate.
+        scale: response unit per unit of the column, beside the factor of a unit that the file states.
+        unit: of the response.
+
+    Raises:
+        InputError: nothing tells the sampling rate, or the file contradicts rate or unit.
     """
     source = open_columns(path)
     place = source.position_of(_key(column), "--column")
     (values,) = source.load((place,))
-    clock = source.clock(place)
-    times_in = _key(time) if time is not None else None
-    if times_in is None and rate_hz is None and clock is None:
-        times_in = guess_columns(path).time
-    if times_in is not None:
-        at = source.position_of(times_in, "--time")
-        rate = timed(source, at, *source.load((at,))).rate_hz
-    elif rate_hz is not None or clock is not None:
-        rate = rate_hz if rate_hz is not None else clock.rate_hz  # type: ignore[union-attr]
-    else:
+    time_column = None if time is None else _key(time)
+    reader = ClockReader(None if time is not None else rate_hz, time_column, str(path), source)
+    clock = reader.clock_of(source, place, [place])
+    if clock is None:
         raise InputError(
             "Nothing tells the sampling rate of the table.",
             expected="--time with the column of the times, or --rate",
@@ -47,8 +50,20 @@ def read_signal(
             where=str(path),
             remedy="give one of the two",
         )
-    provenance = Provenance(path.name, sha256(path), (f"response: column {column} × {scale!r}",))
-    return Record(path.name, None, values * scale, rate, "decay", provenance=provenance)
+    conversion = response_conversion(source, place, ResponseSection(scale=scale, unit=unit), unit)
+    aligned = align(Channel(source, place, values, clock), None, None, None, str(path))
+    if aligned.response.size != values.size or aligned.valid is not None:
+        raise InputError(
+            "The rows of the table are not even in time.",
+            expected="a row a sample, at an even rate",
+            found=f"{aligned.response.size} even samples in {values.size} rows",
+            where=str(path),
+            remedy="correct it with a calibration file that names the table: vibrident correct RESULT CAL.toml",
+        )
+    step = f"response: column {column} × {conversion.factor * scale!r}"
+    provenance = Provenance(path.name, sha256(path), (step,))
+    response = aligned.response * (conversion.factor * scale)
+    return Record(path.name, None, response, aligned.rate_hz, "decay", provenance=provenance)
 
 
 def _key(text: str) -> int | str:

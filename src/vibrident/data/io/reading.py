@@ -8,14 +8,21 @@ from pathlib import Path
 from vibrident.base import sandbox
 from vibrident.base.errors import InputError
 from vibrident.base.process import Limits
+from vibrident.data.effects import SystematicEffect
 from vibrident.data.io.calibration_file import CalibrationFile, read_calibration_file
 from vibrident.data.io.columns import memory_for
-from vibrident.data.io.header_units import reference_unit, unit_of_another_kind
+from vibrident.data.io.header_units import file_unit, reference_unit, response_unit
 from vibrident.data.io.reader import by_ending, open_columns
-from vibrident.data.io.record_files import data_files, named_parts, read_record
+from vibrident.data.io.record_files import (
+    Part,
+    data_files,
+    named_parts,
+    read_record,
+    timing_effects,
+)
 from vibrident.data.io.sections import effects_at
-from vibrident.data.io.table_file import read_table
-from vibrident.data.records import Calibration
+from vibrident.data.io.table_file import read_table, table_response_unit
+from vibrident.data.records import Calibration, Record
 
 # Of a reading process: memory for its libraries, and more as a multiple of the numbers' limit; time, and more a byte.
 _LIBRARIES_BYTES, _COPIES = 600_000_000, 2
@@ -69,22 +76,26 @@ def read(path: str | os.PathLike[str]) -> Calibration:
 
 
 def calibration_of(document: CalibrationFile, folder: Path, where: str) -> Calibration:
-    """The calibration of a checked file, whose relative paths start at ``folder``; errors as :func:`read`."""
-    document = _with_unit_of_header(document, folder, where)
-    quantity, records, table, more = document.reference.quantity, (), None, ()
+    """Return the calibration of a checked file; relative paths start at ``folder``; errors as read."""
+    quantity = document.reference.quantity
+    records: tuple[Record, ...] = ()
+    table = None
+    more: tuple[SystematicEffect, ...] = ()
+    document = _with_response_unit(document, folder, where)
     if document.interferometer is not None:
-        from vibrident.data.io.optical_files import (
-            read_optical,
-        )  # loads SciPy, which others do not need
+        # loads SciPy, which others do not need
+        from vibrident.data.io.optical_files import read_optical
 
         records, quantity, unit, more = read_optical(document, folder, where)
+    elif document.table:
+        unit = reference_unit(document.reference, "")
+        table = read_table(document, folder, where)
     else:
-        unit = reference_unit(quantity, document.reference.unit, document.reference.scale, where)
-        if document.table:
-            table = read_table(document, folder, where)
-        else:
-            parts = named_parts(document, folder, where)
-            records = tuple(read_record(part, name, document, folder, unit) for part, name in parts)
+        parts = named_parts(document, folder, where)
+        unit = reference_unit(document.reference, _first_unit(document, parts[0][0], folder))
+        readings = [read_record(part, name, document, folder, unit) for part, name in parts]
+        records = tuple(reading.record for reading in readings)
+        more = timing_effects(readings)
     temperatures = [
         t for record in records if (t := record.circumstances.temperature_c) is not None
     ]
@@ -106,20 +117,29 @@ def calibration_of(document: CalibrationFile, folder: Path, where: str) -> Calib
     )
 
 
-def _with_unit_of_header(document: CalibrationFile, folder: Path, where: str) -> CalibrationFile:
-    """With the unit of the response in the header of its first file, where none is stated and that is no voltage."""
-    response, table = document.response, document.table
-    column, key = (
-        (response.column, "[response] column")
-        if table is None
-        else (table.magnitude, "[table] magnitude")
-    )
-    if column is None or "unit" in response.model_fields_set or abs(response.scale) != 1.0:
+def _first_unit(document: CalibrationFile, part: Part, folder: Path) -> str:
+    """Return the unit that the first file states of a drive; "" for none, or another quantity."""
+    column = document.reference.column
+    if document.reference.quantity != "drive" or column is None or part.entry.excitation == "decay":
+        return ""
+    source = open_columns(folder / (part.entry.reference_file or part.file))
+    return file_unit(source, source.position_of(column, "[reference] column"))[0]
+
+
+def _with_response_unit(document: CalibrationFile, folder: Path, where: str) -> CalibrationFile:
+    """Return the calibration file with the unit of the response decided, by the first data file."""
+    response = document.response
+    if "unit" in response.model_fields_set:
         return document
-    source = open_columns(folder / data_files(document, folder, where)[0])
-    found = unit_of_another_kind(source, source.position_of(column, key), response.unit)
-    return (
-        document.model_copy(update={"response": response.model_copy(update={"unit": found})})
-        if found
-        else document
-    )
+    first = data_files(document, folder, where)[0]
+    source = open_columns(folder / first)
+    if document.table is not None:
+        unit = table_response_unit(document, source)
+    else:
+        assert response.column is not None  # checked with the calibration file
+        position = source.position_of(response.column, "[response] column")
+        unit = response_unit(source, position, response)
+    if unit == response.unit:
+        return document
+    decided = response.model_copy(update={"unit": unit})
+    return document.model_copy(update={"response": decided})

@@ -7,31 +7,27 @@ import math
 import os
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from vibrident.base.errors import InputError
-from vibrident.data.io.calibration_file import CalibrationFile, RecordsEntry
+from vibrident.data.effects import SystematicEffect
+from vibrident.data.io.alignment import Channel, align
+from vibrident.data.io.calibration_file import (
+    CalibrationFile,
+    RecordsEntry,
+    ReferenceSection,
+    ResponseSection,
+)
+from vibrident.data.io.clocks import ClockReader
 from vibrident.data.io.columns import ColumnFile
-from vibrident.data.io.header_units import (
-    require_channel_unit,
-    require_response_unit,
-    seconds_per_unit,
-)
+from vibrident.data.io.header_units import Conversion, reference_conversion, response_conversion
 from vibrident.data.io.reader import open_columns, sha256
-from vibrident.data.io.sampling import (
-    SAME_RATE,
-    Sampling,
-    agreed_rate,
-    contradicting_rate,
-    cut,
-    require_same_start,
-    sampling_from_times,
-)
 from vibrident.data.records import FloatArray, Provenance, Record
 
 _GLOB_SIGNS = re.compile(r"[*?\[]")
-REPAIR = "repair the file, or leave that part out with start_s / stop_s"
 
 
 @dataclass(frozen=True)
@@ -154,181 +150,171 @@ def same_name(name: str, where: str) -> InputError:
 
 
 @dataclass(frozen=True)
-class _Channel:
-    """One column as in its file."""
+class ReadRecord:
+    """A record, and the standard uncertainty of the time between its channels by their stamps, s."""
 
-    source: ColumnFile
-    position: int
-    values: FloatArray
-
-    def physical(self, kept: slice, scale: float) -> FloatArray:
-        """Return the kept values, all finite, in physical units."""
-        values = self.values[kept]
-        self.source.require_finite(self.position, values, kept.start, REPAIR)
-        return values * scale
-
-    def step(self, channel: str, scale: float, unit: str) -> str:
-        """Describe the column's conversion for the history."""
-        name = self.source.names[self.position]
-        return (
-            f"{channel}: column {self.position + 1}"
-            + (f" ({name!r})" if name else "")
-            + f" × {scale!r} → {unit}"
-        )
+    record: Record
+    timing_u_s: float = 0.0
 
 
 def read_record(
     part: Part, name: str, calibration: CalibrationFile, folder: Path, reference_unit: str
-) -> Record:
-    """Read one record of a calibration file in ``folder``; InputError where its file cannot be used."""
-    entry, to_response, to_reference = part.entry, calibration.response, calibration.reference
-    channels = _load(part, calibration, folder)
-    response, reference = channels["response"], channels.get("reference")
-    if (time := channels.get("time")) is not None:
-        sampling = timed(time.source, time.position, time.values)
-    else:
-        sampling = stated_sampling(
-            part, calibration, [(c.source, c.position) for c in channels.values()]
-        )
-    _check_headers(calibration, channels, reference_unit)
+) -> ReadRecord:
+    """Read one record of a calibration file; InputError where its file cannot be used.
+
+    Args:
+        part: file and entry.
+        name: of the record.
+        calibration: whose [response] unit is decided.
+        folder: of the calibration file.
+        reference_unit: of the reference after conversion.
+    """
+    entry = part.entry
+    response, reference = _load(part, calibration, folder)
+    conversion = response_conversion(
+        response.source, response.position, calibration.response, calibration.response.unit
+    )
+    steps = [
+        _step("response", response, conversion, calibration.response, calibration.response.unit)
+    ]
+    to_response = conversion.factor * calibration.response.scale
+    to_reference = 1.0
     if reference is not None:
-        require_same_start(
-            (response.source, response.position), (reference.source, reference.position)
+        conversion = reference_conversion(
+            reference.source, reference.position, calibration.reference, reference_unit
         )
-    _check_frequency(part, sampling, response.source.file)
-    used = [channel.position for channel in channels.values() if channel.source is response.source]
-    kept = cut(response.values.size, sampling.rate_hz, entry.start_s, entry.stop_s, part.where)
-    history = [response.step("response", to_response.scale, to_response.unit)]
-    if reference is not None:
-        history += [
-            reference.step("reference", to_reference.scale, reference_unit),
-            *part.other_file(folder),
-        ]
-    if sampling.note:
-        history.append(sampling.note)
-    if kept != slice(0, response.values.size):
-        history.append(f"cut: samples {kept.start + 1} to {kept.stop} of {response.values.size}")
-    return Record(
+        to_reference = conversion.factor * calibration.reference.scale
+        step = _step("reference", reference, conversion, calibration.reference, reference_unit)
+        steps += [step, *part.other_file(folder)]
+    assert response.clock is not None
+    _check_frequency(part, response.clock.clock.rate_hz, response.source.file)
+    aligned = align(response, reference, entry.start_s, entry.stop_s, part.where)
+    begins_s = aligned.start_s
+    if entry.start_time_s is not None:
+        begins_s += entry.start_time_s - response.clock.begins_s
+    record = Record(
         name=name,
-        reference=None if reference is None else reference.physical(kept, to_reference.scale),
-        response=response.physical(kept, to_response.scale),
-        sampling_rate_hz=sampling.rate_hz,
+        reference=None if aligned.reference is None else _scaled(aligned.reference, to_reference),
+        response=_scaled(aligned.response, to_response),
+        sampling_rate_hz=aligned.rate_hz,
         excitation=entry.excitation,
         frequency_hz=entry.frequency_hz,
-        start_time_s=sampling.start_time_s + kept.start / sampling.rate_hz,
-        contradicting_rate_hz=None
-        if time is not None
-        else contradicting_rate(response.source, used, sampling.rate_hz),
-        provenance=Provenance(part.file, sha256(folder / part.file), tuple(history)),
-        reference_full_scale=None
-        if reference is None
-        else scaled(to_reference.full_scale, to_reference.scale),
-        response_full_scale=scaled(to_response.full_scale, to_response.scale),
+        valid=aligned.valid,
+        start_time_s=begins_s,
+        provenance=Provenance(part.file, sha256(folder / part.file), (*steps, *aligned.notes)),
+        reference_full_scale=scaled(calibration.reference.full_scale, to_reference),
+        response_full_scale=scaled(calibration.response.full_scale, to_response),
         circumstances=entry.circumstances,
     )
+    if reference is None:
+        record = replace(record, reference_full_scale=None)
+    return ReadRecord(record, aligned.timing_u_s)
 
 
-def _load(part: Part, calibration: CalibrationFile, folder: Path) -> dict[str, _Channel]:
-    """Load "response", "reference" (but for a decay) and "time" (where a time column is asked for)."""
+def timing_effects(readings: Sequence[ReadRecord]) -> tuple[SystematicEffect, ...]:
+    """Return the effect of stamps that align the channels, at the largest size of any record."""
+    largest = max((reading.timing_u_s for reading in readings), default=0.0)
+    return (SystematicEffect("time stamps of the channels", "timing", largest),) if largest else ()
+
+
+def _step(
+    name: str,
+    channel: Channel,
+    conversion: Conversion,
+    section: ReferenceSection | ResponseSection,
+    unit: str,
+) -> str:
+    """Describe the conversion of a column for the history."""
+    column = channel.source.names[channel.position]
+    label = f" ({column!r})" if column else ""
+    factor = f" in {conversion.unit} × {conversion.factor!r}" if conversion.factor != 1.0 else ""
+    return f"{name}: column {channel.position + 1}{label}{factor} × {section.scale!r} → {unit}"
+
+
+def _load(part: Part, calibration: CalibrationFile, folder: Path) -> tuple[Channel, Channel | None]:
+    """Load the response and, but for a decay, the reference, each with its clock."""
     main = open_columns(folder / part.file)
-    wanted = {"response": (main, calibration.response.column, "[response] column")}
+    wanted = [(main, calibration.response.column, "[response] column")]
     if part.entry.excitation != "decay":
         other = part.entry.reference_file
         source = main if other is None else open_columns(folder / other)
-        wanted["reference"] = (source, calibration.reference.column, "[reference] column")
-    if calibration.sampling.time_column is not None and part.entry.rate_hz is None:
-        wanted["time"] = (main, calibration.sampling.time_column, "[sampling] time_column")
-    channels: dict[str, _Channel] = {}
-    for source in dict.fromkeys(source for source, _, _ in wanted.values()):  # each file once
-        positions = {
-            channel: source.position_of(column, key)
-            for channel, (its_source, column, key) in wanted.items()
-            if its_source is source and column is not None
-        }
-        for (channel, position), values in zip(
-            positions.items(), source.load([*positions.values()]), strict=True
-        ):
-            channels[channel] = _Channel(source, position, values)
-    _require_same_length(channels)
-    return channels
+        wanted.append((source, calibration.reference.column, "[reference] column"))
+    channels: list[Channel] = []
+    for source, column, key in wanted:
+        assert column is not None  # checked with the calibration file
+        position = source.position_of(column, key)
+        source.require_over_time(position, key)
+        channels.append(Channel(source, position, np.empty(0)))
+    for source in dict.fromkeys(channel.source for channel in channels):  # each file once
+        places = [n for n, channel in enumerate(channels) if channel.source is source]
+        columns = source.load([channels[n].position for n in places])
+        for n, values in zip(places, columns, strict=True):
+            channels[n] = replace(channels[n], values=values)
+    return _with_clocks(part, calibration, main, channels)
 
 
-def _check_headers(
-    calibration: CalibrationFile, channels: dict[str, _Channel], reference_unit: str
-) -> None:
-    response, reference, at = calibration.response, calibration.reference, channels["response"]
-    require_channel_unit(
-        at.source, at.position, "[response]", unit=response.unit, scale=response.scale
+def _with_clocks(
+    part: Part, calibration: CalibrationFile, main: ColumnFile, channels: Sequence[Channel]
+) -> tuple[Channel, Channel | None]:
+    """Return response and reference with their clocks; a file without one has the other's."""
+    reader = clock_reader(part, calibration, main)
+    clocks = []
+    for channel in channels:
+        beside = [c.position for c in channels if c.source is channel.source]
+        clocks.append(reader.clock_of(channel.source, channel.position, beside))
+    known = next((clock for clock in clocks if clock is not None), None)
+    if known is None:
+        raise no_rate(part.where)
+    timed = [
+        replace(channel, clock=known if clock is None else clock)
+        for channel, clock in zip(channels, clocks, strict=True)
+    ]
+    return timed[0], timed[1] if len(timed) > 1 else None
+
+
+def clock_reader(part: Part, calibration: CalibrationFile, main: ColumnFile) -> ClockReader:
+    """Return what finds the clocks of the channels of a part."""
+    stated_hz = part.entry.rate_hz
+    time_column = None
+    if stated_hz is None:
+        stated_hz = calibration.sampling.rate_hz
+        time_column = calibration.sampling.time_column
+    return ClockReader(stated_hz, time_column, part.where, main)
+
+
+def no_rate(where: str) -> InputError:
+    """Return the error of a record whose sampling rate nothing states."""
+    return InputError(
+        "The sampling rate is not given.",
+        expected="rate_hz or time_column",
+        found="neither",
+        where=f"{where.split(', [[records]]')[0]}, [sampling]",
+        remedy="add rate_hz = … (samples per second) or time_column = … (seconds)",
     )
-    if "unit" in response.model_fields_set:
-        require_response_unit(at.source, at.position, "[response]", response.unit, response.scale)
-    if (at := channels.get("reference")) is not None:
-        stated = {"unit": reference_unit, "scale": reference.scale, "quantity": reference.quantity}
-        require_channel_unit(at.source, at.position, "[reference]", **stated)
-
-
-def timed(source: ColumnFile, position: int, times: FloatArray) -> Sampling:
-    """The sampling by a time column, in the unit of its header; InputError where times are missing or uneven."""
-    source.require_finite(position, times, 0, "repair the time column, or give rate_hz")
-    seconds = seconds_per_unit(source, position)
-    sampling = sampling_from_times(times, lambda row: source.locate(position, row))
-    if seconds == 1.0:
-        return sampling
-    note = (
-        f"time: column {position + 1} ({source.names[position]!r}) × {seconds!r} → s, by the header"
-    )
-    return Sampling(sampling.rate_hz / seconds, sampling.start_time_s * seconds, note)
 
 
 def scaled(full_scale: float | None, scale: float) -> float | None:
-    """A channel's full scale in its unit; None where it is not stated."""
+    """Return a channel's full scale in its unit; None where it is not stated."""
     return None if full_scale is None else full_scale * abs(scale)
 
 
-def stated_sampling(
-    part: Part, calibration: CalibrationFile, channels: Sequence[tuple[ColumnFile, int]]
-) -> Sampling:
-    """The sampling by the rate of the calibration file or of the data file; InputError for none, or two that differ."""
-    entry = part.entry
-    stated = entry.rate_hz if entry.rate_hz is not None else calibration.sampling.rate_hz
-    agreed = agreed_rate(stated, channels, part.where, part.file)
-    if agreed is None:
-        raise InputError(
-            "The sampling rate is not given.",
-            expected="rate_hz or time_column",
-            found="neither",
-            where=f"{part.where.split(', [[records]]')[0]}, [sampling]",
-            remedy="add rate_hz = … (samples per second) or time_column = … (seconds)",
-        )
-    note = f"sampling rate: {agreed.rate_hz!r} Hz, which the file states to {agreed.rate_rounding:.1g} (relative)"
-    return Sampling(
-        agreed.rate_hz, entry.start_time_s or 0.0, note if agreed.rate_rounding > SAME_RATE else ""
-    )
+def _scaled(values: FloatArray, factor: float) -> FloatArray:
+    """Return values times a factor as a read-only array, which a record takes without a copy."""
+    product = values * factor
+    product.flags.writeable = False
+    return product
 
 
-def _check_frequency(part: Part, sampling: Sampling, file: str) -> None:
+def _check_frequency(part: Part, rate_hz: float, file: str) -> None:
     frequency_hz = part.entry.frequency_hz
-    if frequency_hz is not None and frequency_hz >= sampling.rate_hz / 2:
+    if frequency_hz is not None and frequency_hz >= rate_hz / 2:
         raise InputError(
             "The frequency lies above half the sampling rate.",
-            expected=f"frequency_hz below {sampling.rate_hz / 2:.9g} Hz, half the sampling rate",
+            expected=f"frequency_hz below {rate_hz / 2:.9g} Hz, half the sampling rate",
             found=f"frequency_hz = {frequency_hz!r}",
             where=f"{part.where}, frequency_hz, for {file}",
             remedy="correct frequency_hz, or rate_hz / time_column under [sampling]",
         )
-
-
-def _require_same_length(channels: dict[str, _Channel]) -> None:
-    response = channels["response"]
-    for name, channel in channels.items():
-        if channel.values.size != response.values.size:
-            raise InputError(
-                f"The {name} channel and the response differ in length.",
-                expected=f"{response.values.size} samples, as the response has in {response.source.file}",
-                found=f"{channel.values.size} samples",
-                where=f"{channel.source.file}, {channel.source.names[channel.position] or 'the column'}",
-                remedy="give both channels over the same samples",
-            )
 
 
 #: A number or what is between two. One before "Hz", such as in ``0_05Hz`` or ``2.5 kHz``, may have a fraction.

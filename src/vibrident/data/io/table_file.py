@@ -2,43 +2,48 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
-from vibrident.base.errors import InputError
-from vibrident.data.io.calibration_file import CalibrationFile
+from vibrident.base.errors import InputError, did_you_mean
+from vibrident.data.io.calibration_file import CalibrationFile, TableSection
 from vibrident.data.io.columns import ColumnFile
-from vibrident.data.io.header_units import (
-    hertz_per_unit,
-    require_magnitude_unit,
-    require_phase_unit,
-    require_response_unit,
-    require_standard_uncertainty,
-)
 from vibrident.data.io.reader import open_columns, sha256
+from vibrident.data.io.table_column import TableColumn
+from vibrident.data.io.table_units import (
+    Conversion,
+    frequency_conversion,
+    phase_conversion,
+    require_same_unit,
+    require_standard_uncertainty,
+    sensitivity_conversion,
+    stated_sensitivity,
+    uncertainty_conversion,
+)
 from vibrident.data.records import FloatArray, Provenance, ResponseTable
 
-_KEYS = (
-    "frequency",
-    "magnitude",
-    "phase",
-    "magnitude_uncertainty",
-    "phase_uncertainty",
-)  # all positive but phase
+_RESPONSE = ("magnitude", "real", "imaginary")
+_DEVIATIONS = ("magnitude_uncertainty", "real_uncertainty", "imaginary_uncertainty")
+_KEYS = ("frequency", *_RESPONSE, "phase", *_DEVIATIONS, "phase_uncertainty")
+_SIGNED = ("phase", "real", "imaginary")
 
 
 def read_table(calibration: CalibrationFile, folder: Path, where: str) -> ResponseTable:
-    """Read the tabulated response; InputError where a column is missing or holds a value that cannot be used.
+    """Read the tabulated response; phases in rad, standard uncertainties (k = 1).
 
-    Magnitude and its uncertainty are multiplied by [response] scale and divided by [reference] scale: response unit
-    per SI unit of the reference. Phase and its uncertainty become rad. Uncertainties are standard ones (k = 1) in the
-    unit of their column.
+    Units of the file lead to the response's unit per SI unit of the reference; [response] scale
+    multiplies and [reference] scale divides what is left.
+
+    Raises:
+        InputError: a column is missing, contradicts the calibration file, or holds a value that
+            cannot be used.
     """
     section = calibration.table
     assert section is not None
     scale = calibration.response.scale / calibration.reference.scale
-    if scale < 0:
+    if scale < 0 and section.magnitude is not None:
         raise InputError(
             "The magnitude of a table cannot take a negative scale.",
             expected="[response] scale and [reference] scale of the same sign",
@@ -46,32 +51,141 @@ def read_table(calibration: CalibrationFile, folder: Path, where: str) -> Respon
             where=f"{where}, [response] scale",
             remedy="give the polarity as 180° in the phase column",
         )
-    if section.phase_uncertainty is not None and section.phase is None:
-        raise InputError(
-            "There is an uncertainty of the phase but no phase.",
-            expected="phase where phase_uncertainty is given",
-            found="phase_uncertainty alone",
-            where=f"{where}, [table]",
-            remedy="add phase = …, or remove phase_uncertainty",
-        )
     path = folder / section.file
     source = open_columns(path)
+    positions = _positions(section, source)
+    conversions = _conversions(calibration, source, positions)
+    columns, left_out = _load(section, source, positions)
+    values = {
+        key: conversions[key].of_values(columns[key]) * (scale if key in _RESPONSE else 1.0)
+        for key in ("frequency", "phase", *_RESPONSE)
+        if key in columns
+    }
+    if "real" in values:
+        values["magnitude"] = np.hypot(values["real"], values["imaginary"])
+        values["phase"] = np.arctan2(values["imaginary"], values["real"])
+    shown = "magnitude" if "magnitude" in columns else "real"
+    of = "magnitude" if "magnitude" in columns else "the magnitude of real and imaginary part"
+    _require_positive(of, values["magnitude"], columns[shown], source, positions[shown], left_out)
+    deviations = {
+        key: conversions[key].of_uncertainties(
+            columns[key], values[key.removesuffix("_uncertainty")], abs(scale)
+        )
+        for key in _DEVIATIONS
+        if key in columns
+    }
+    magnitude_u = deviations.get("magnitude_uncertainty")
+    phase_u = (
+        conversions["phase_uncertainty"].of_values(columns["phase_uncertainty"])
+        if "phase_uncertainty" in columns
+        else None
+    )
+    if "real_uncertainty" in deviations:
+        magnitude_u, phase_u = _rotated(
+            values, deviations["real_uncertainty"], deviations["imaginary_uncertainty"]
+        )
+    history = _history(calibration, source, positions, conversions)
+    if left_out:
+        history.append(f"left out: {left_out} row at 0 Hz")
+    return ResponseTable(
+        frequency_hz=values["frequency"],
+        magnitude=values["magnitude"],
+        phase_rad=values.get("phase"),
+        magnitude_uncertainty=magnitude_u,
+        phase_uncertainty_rad=phase_u,
+        provenance=Provenance(section.file, sha256(path), tuple(history)),
+    )
+
+
+def table_response_unit(calibration: CalibrationFile, source: ColumnFile) -> str:
+    """Return the unit of a table's response where [response] states none: the file's, else V.
+
+    A scale leads from the file's to V. InputError where a unit of the file is not known.
+    """
+    assert calibration.table is not None
+    if calibration.table.complex is not None:
+        _require_complex(calibration.table, source)
+    column, key = calibration.table.response_column
+    position = source.position_of(column, key)
+    label, _ = stated_sensitivity(TableColumn(source, position, key.removeprefix("[table] ")))
+    is_scaled = abs(calibration.response.scale) != 1.0
+    return calibration.response.unit if is_scaled else label or calibration.response.unit
+
+
+def _positions(section: TableSection, source: ColumnFile) -> dict[str, int]:
+    """Return the position of each column that the section names."""
     wanted = {key: getattr(section, key) for key in _KEYS}
-    positions = {
-        key: source.position_of(column, f"[table] {key}")
+    names = {key: f"[table] {key}" for key in _KEYS}
+    if section.complex is not None:
+        parts = {"real": "real", "imaginary": "imag", "frequency": "frequency"}
+        for key, part in parts.items():
+            if wanted[key] is None:
+                wanted[key] = f"{section.complex}.{part}"
+                names[key] = "[table] complex"
+        _require_complex(section, source)
+    return {
+        key: source.position_of(column, names[key])
         for key, column in wanted.items()
         if column is not None
     }
-    _check_headers(calibration, source, positions)
+
+
+def _require_complex(section: TableSection, source: ColumnFile) -> None:
+    """Refuse a name that is not of a complex array, and an array without an axis of its own."""
+    name = str(section.complex).strip("/ ")
+    where = f"{source.file}, asked for by [table] complex"
+    if f"{name}.real" not in source.names:
+        arrays = [each.removesuffix(".real") for each in source.names if each.endswith(".real")]
+        parts = "write its parts into two columns, and name them with real and imaginary"
+        raise InputError(
+            "There is no complex array of that name.",
+            expected=f"one of {', '.join(map(repr, arrays[:12]))}" if arrays else "a complex array",
+            found=f"{name!r}" + (", which is not complex" if name in source.names else ""),
+            where=where,
+            remedy=did_you_mean(name, arrays, "give one of these names") if arrays else parts,
+        )
+    if section.frequency is None and f"{name}.frequency" not in source.names:
+        raise InputError(
+            "The frequencies of the response are missing.",
+            expected=f"frequency, as the file states none for {name!r}",
+            found="nothing",
+            where=where,
+            remedy="add frequency = …, the column that holds them",
+        )
+
+
+def _conversions(
+    calibration: CalibrationFile, source: ColumnFile, positions: Mapping[str, int]
+) -> dict[str, Conversion]:
+    """Return what leads from the numbers of each column to the table's units."""
+    section = calibration.table
+    assert section is not None
+    columns = {key: TableColumn(source, position, key) for key, position in positions.items()}
+    found = {"frequency": frequency_conversion(columns["frequency"])}
+    for key in _RESPONSE:
+        if key in columns:
+            found[key] = sensitivity_conversion(columns[key], calibration)
+    if "real" in found:
+        require_same_unit(columns["real"], found["real"], found["imaginary"])
+        require_same_unit(columns["imaginary"], found["imaginary"], found["real"])
+    if "phase" in columns:
+        found["phase"] = phase_conversion(columns["phase"], section)
+    for key in _DEVIATIONS:
+        if key in columns:
+            of = found.get(key.removesuffix("_uncertainty")) or found["real"]
+            found[key] = uncertainty_conversion(columns[key], calibration, of)
+    if "phase_uncertainty" in columns:
+        column = columns["phase_uncertainty"]
+        require_standard_uncertainty(column)
+        found[column.key] = phase_conversion(column, section, found.get("phase"))
+    return found
+
+
+def _load(
+    section: TableSection, source: ColumnFile, positions: Mapping[str, int]
+) -> tuple[dict[str, FloatArray], int]:
+    """Return the checked columns, and how many rows at 0 Hz were left out of a file's own axis."""
     columns = dict(zip(positions, source.load(tuple(positions.values())), strict=True))
-    if section.magnitude_unit == "dB":  # of levels and their standard uncertainties
-        columns["magnitude"] = 10.0 ** (columns["magnitude"] / 20.0)
-        if "magnitude_uncertainty" in columns:
-            columns["magnitude_uncertainty"] = (
-                columns["magnitude_uncertainty"] * columns["magnitude"] * np.log(10.0) / 20.0
-            )
-    for key, values in columns.items():
-        _check(key, values, source, positions[key])
     lengths = {key: values.size for key, values in columns.items()}
     if len(set(lengths.values())) > 1:
         raise InputError(
@@ -81,70 +195,85 @@ def read_table(calibration: CalibrationFile, folder: Path, where: str) -> Respon
             where=source.file,
             remedy="give every column the same number of values",
         )
-    radians = np.pi / 180 if section.phase_unit == "deg" else 1.0
+    own_axis = section.complex is not None and section.frequency is None
+    skipped = int(own_axis and lengths["frequency"] > 1 and columns["frequency"][0] == 0.0)
+    columns = {key: values[skipped:] for key, values in columns.items()}
+    for key, values in columns.items():
+        source.require_finite(positions[key], values, skipped, "repair or remove that row")
+        if key not in _SIGNED and key != "magnitude":
+            _require_positive(key, values, values, source, positions[key], skipped)
+    return columns, skipped
+
+
+def _require_positive(
+    key: str,
+    values: FloatArray,
+    shown: FloatArray,
+    source: ColumnFile,
+    position: int,
+    first_row: int,
+) -> None:
+    """Refuse a value that is not above zero, or too large to be a number."""
+    bad = np.flatnonzero((values <= 0) | ~np.isfinite(values))
+    if bad.size:
+        is_large = bool(np.isinf(values[bad[0]]))
+        raise InputError(
+            f"A value of {key} is {'too large' if is_large else 'not above zero'}.",
+            expected="numbers above 0"
+            + ('; for dB state magnitude_unit = "dB"' if key == "magnitude" else ""),
+            found=repr(float(shown[bad[0]])),
+            where=source.locate(position, first_row + int(bad[0])),
+            remedy="repair or remove that row",
+        )
+
+
+def _rotated(
+    values: Mapping[str, FloatArray], real_u: FloatArray, imaginary_u: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the standard uncertainties of magnitude and phase, to first order (GUM 5.1.2).
+
+    Real and imaginary part are taken as uncorrelated.
+    """
+    magnitude = values["magnitude"]
+    cosine = values["real"] / magnitude
+    sine = values["imaginary"] / magnitude
+    along = np.hypot(cosine * real_u, sine * imaginary_u)
+    across = np.hypot(sine * real_u, cosine * imaginary_u)
+    return along, across / magnitude
+
+
+def _history(
+    calibration: CalibrationFile,
+    source: ColumnFile,
+    positions: Mapping[str, int],
+    conversions: Mapping[str, Conversion],
+) -> list[str]:
+    """Return what was done with each column, in words."""
+    scale = calibration.response.scale / calibration.reference.scale
     history = [
         f"{key}: column {position + 1} {source.names[position]!r}"
         for key, position in positions.items()
     ]
-    history.append(
-        f"magnitude × {scale!r} → {calibration.response.unit} per unit of {calibration.reference.quantity}"
-    )
-    if section.magnitude_unit == "dB":
-        history.append("magnitude read in dB re 1 unit of the column, 20 lg")
-    if section.phase is not None:
-        history.append(f"phase read in {section.phase_unit}")
-    hertz = hertz_per_unit(source, positions["frequency"])
-    if hertz != 1.0:
-        history.append(f"frequency × {hertz!r} → Hz, by the header")
-    return ResponseTable(
-        frequency_hz=columns["frequency"] * hertz,
-        magnitude=columns["magnitude"] * scale,
-        phase_rad=_times(columns.get("phase"), radians),
-        magnitude_uncertainty=_times(columns.get("magnitude_uncertainty"), scale),
-        phase_uncertainty_rad=_times(columns.get("phase_uncertainty"), radians),
-        provenance=Provenance(section.file, sha256(path), tuple(history)),
-    )
-
-
-def _check_headers(
-    calibration: CalibrationFile, source: ColumnFile, positions: dict[str, int]
-) -> None:
-    """Check the units in the header against the calibration file; see header_units."""
-    assert calibration.table is not None
-    stated = {
-        "unit": calibration.response.unit,
-        "scale": calibration.response.scale / calibration.reference.scale,
-        "quantity": calibration.reference.quantity,
-    }
-    for key, position in positions.items():
-        if key.endswith("uncertainty"):
-            require_standard_uncertainty(source, position, key)
-        if key.startswith("phase"):
-            require_phase_unit(source, position, key, calibration.table.phase_unit)
-        elif key.startswith("magnitude") and calibration.table.magnitude_unit != "dB":
-            require_magnitude_unit(source, position, key, **stated)
-            if (
-                "unit" in calibration.response.model_fields_set
-                and calibration.reference.quantity != "drive"
-            ):
-                require_response_unit(
-                    source, position, f"[table] {key}", stated["unit"], stated["scale"]
-                )
-
-
-def _times(values: FloatArray | None, factor: float) -> FloatArray | None:
-    return None if values is None else values * factor
-
-
-def _check(key: str, values: FloatArray, source: ColumnFile, position: int) -> None:
-    source.require_finite(position, values, 0, "repair or remove that row")
-    bad = np.flatnonzero(values <= 0)
-    if key != "phase" and bad.size:
-        raise InputError(
-            f"A value of {key} is not above zero.",
-            expected="numbers above 0"
-            + ('; for dB state magnitude_unit = "dB"' if key == "magnitude" else ""),
-            found=repr(float(values[bad[0]])),
-            where=source.locate(position, int(bad[0])),
-            remedy="repair or remove that row",
+    unit = f"{calibration.response.unit} per unit of {calibration.reference.quantity}"
+    for key in _RESPONSE:
+        if key in conversions:
+            found = conversions[key]
+            step = f"{key} × {found.factor * scale!r} → {unit}"
+            history.append(step + (f"; the file states {found.unit}" if found.unit else ""))
+            if found.kind == "level":
+                history.append(f"{key} read in {found.unit}, 20 lg; re 1 unit where none is stated")
+    frequency = conversions["frequency"]
+    if frequency.factor != 1.0:
+        history.append(f"frequency × {frequency.factor!r} → Hz; the file states {frequency.unit}")
+    for key in ("phase", "phase_uncertainty"):
+        if key in conversions:
+            found = conversions[key]
+            history.append(f"{key} read in {found.unit or 'deg, assumed: nothing states its unit'}")
+    for key in _DEVIATIONS:
+        if key in conversions and conversions[key].kind != "linear":
+            history.append(f"{key} read in {conversions[key].unit}, relative")
+    if "real_uncertainty" in conversions:
+        history.append(
+            "real and imaginary part taken as uncorrelated: their covariance is neglected"
         )
+    return history

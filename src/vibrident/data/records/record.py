@@ -100,7 +100,6 @@ class Record:
             not valid there; None: as ``valid``.
         start_time_s: time of the first sample on the file's own clock.
         reference_full_scale, response_full_scale: largest magnitude a channel can hold, in its unit; None if unknown.
-        contradicting_rate_hz: rate by the file's own time column where that is another; None where nothing contradicts.
         provenance: file, hash and history.
         reference_noise_order: the reference's own noise grows with this power of frequency (in power): 4 for an
             acceleration that was made of a displacement with white noise; 0 for white noise.
@@ -124,7 +123,6 @@ class Record:
     provenance: Provenance = field(default_factory=Provenance)
     reference_full_scale: float | None = None
     response_full_scale: float | None = None
-    contradicting_rate_hz: float | None = None
     reference_valid: BoolArray | None = None
     reference_noise_order: int = 0
     optical: OpticalSummary | None = field(default=None, repr=False)

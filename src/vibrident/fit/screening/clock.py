@@ -1,4 +1,4 @@
-"""Test of the sampling rate by the file's own times, and by the stated frequencies of tones."""
+"""Test of the sampling rate by the stated frequencies of tones."""
 
 from __future__ import annotations
 
@@ -23,34 +23,16 @@ MOST_OTHER = 0.3
 
 def judge_clocks(records: Sequence[Record]) -> tuple[tuple[Record, ...], tuple[Finding, ...]]:
     """Say where the sampling rate is contradicted; a start value that the tones contradict is no longer used."""
-    findings = _by_times(records)
     stated = [r for r in records if r.excitation == "sine" and r.frequency_hz is not None and r.reference is not None]
     ratio = _common_ratio(stated)
     if ratio is None:
-        return tuple(records), tuple(findings)
+        return tuple(records), ()
     text = (
         f"In {_named(stated)} the tone lies at {ratio:.6g} times the stated frequency_hz: the sampling rate, or "
         "frequency_hz, is wrong by that factor."
     )
     kept = tuple(dataclasses.replace(r, frequency_hz=None) if r.excitation == "sine" else r for r in records)
-    return kept, (*findings, Finding("clock_suspect", text))
-
-
-def _by_times(records: Sequence[Record]) -> list[Finding]:
-    """One finding for each pair of rates that contradict each other."""
-    pairs: dict[tuple[float, float], list[Record]] = {}
-    for record in records:
-        if record.contradicting_rate_hz is not None:
-            key = (record.sampling_rate_hz, float(f"{record.contradicting_rate_hz:.6g}"))
-            pairs.setdefault(key, []).append(record)
-    return [
-        Finding(
-            "clock_suspect",
-            f"{_named(which)}: {used:.9g} samples per second are used, but the file's own times say {other:.6g} Hz "
-            f"(ratio {other / used:.6g}).",
-        )
-        for (used, other), which in pairs.items()
-    ]
+    return kept, (Finding("clock_suspect", text),)
 
 
 def _common_ratio(records: Sequence[Record]) -> float | None:

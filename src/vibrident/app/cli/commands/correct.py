@@ -94,7 +94,9 @@ def _own_table(known: Any, path: Path, folder: Path, limits: Any, noise: float |
 
     with written_whole(folder) as output:
         with Busy("Correcting"):
-            data = Calibration((read_signal(path, column, time, rate, scale),), response_unit=known.response_unit)
+            data = Calibration(
+                (read_signal(path, column, time, rate, scale, known.response_unit),), response_unit=known.response_unit
+            )
             corrections = run(known, data, band_hz=limits, noise=noise)
         one, motion = corrections.corrections[0], corrections.motion
         new = {motion: one.acceleration, f"{motion}_standard_uncertainty": one.standard_uncertainty}

@@ -28,7 +28,7 @@ from vibrident.data.io.columns import (
     require_room,
 )
 from vibrident.data.io.reader import Reader
-from vibrident.data.io.sampling import clock_from_times
+from vibrident.data.io.timeline import clock_from_times
 from vibrident.data.records import FloatArray
 
 _EXPECTED = "an MDF file of measured signals, written to its end"

@@ -19,7 +19,8 @@ from vibrident.data.io.columns import (
     require_room,
 )
 from vibrident.data.io.reader import Reader
-from vibrident.data.io.sampling import clock_from_times, plainest_clock
+from vibrident.data.io.sampling import plainest_clock
+from vibrident.data.io.timeline import clock_from_times
 from vibrident.data.records import FloatArray
 
 _EXPECTED = "a universal file with data sets 58 (functions at nodal degrees of freedom)"

@@ -1,0 +1,261 @@
+"""The clock of each channel of a record: what its file states, by time stamps or in a header.
+
+The rate of the calibration file must agree with what the files state, each within its own rounding.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from decimal import Decimal
+
+import numpy as np
+
+from vibrident.base.errors import InputError
+from vibrident.data.io.columns import Clock, ColumnFile, Start
+from vibrident.data.io.header_units import header, is_time, seconds_per_unit
+from vibrident.data.io.timeline import SAME_RATE, Timeline, timeline_from, timeline_of
+from vibrident.data.records import FloatArray
+
+_MIN_STAMPS = 8  # fewer are no statement about a rate
+#: Seconds in a unit that a column of times without one may be in, beside a stated rate.
+_POSSIBLE_SECONDS = (1.0, 1e-3, 1e-6, 1e-9, 1e3, 60.0, 3600.0, 1 / 60, 1 / 3600)
+
+
+@dataclass(frozen=True, eq=False)
+class ChannelClock:
+    """The clock of a channel, and the time stamps that it is from, if any."""
+
+    clock: Clock
+    timeline: Timeline | None = None
+    note: str = ""
+
+    @property
+    def begins_s(self) -> float:
+        """Time of the first sample by its stamp, s; 0 without stamps."""
+        if self.timeline is None or self.clock.start is None:
+            return 0.0
+        return self.clock.start.ns * 1e-9
+
+
+@dataclass(eq=False)
+class ClockReader:
+    """Finds the clock of each channel of a record.
+
+    Attributes:
+        stated_hz: rate of the calibration file, or None.
+        time_column: column of times that the calibration file names, or None.
+        where: entry of the calibration file, for messages.
+        main: the record's file, whose column ``time_column`` is.
+    """
+
+    stated_hz: float | None
+    time_column: int | str | None
+    where: str
+    main: ColumnFile
+    _timelines: dict[tuple[int, int], Timeline | None] = field(default_factory=dict)
+
+    def clock_of(
+        self, source: ColumnFile, position: int, channels: Sequence[int]
+    ) -> ChannelClock | None:
+        """Return the clock of a channel; None where nothing states one.
+
+        Args:
+            source: the channel's file.
+            position: its column.
+            channels: columns of the file that are channels, none of which is a time column.
+
+        Raises:
+            InputError: two statements contradict each other, or time stamps cannot be used.
+        """
+        column, is_asked_for = self._time_column_of(source, position, channels)
+        clock = source.clock(position)
+        timeline = None
+        if column is not None:
+            needed = is_asked_for or (self.stated_hz is None and clock is None)
+            timeline = self._timeline(source, column, needed=needed)
+        elif (stamps := source.stamps(position)) is not None:
+            timeline = _timeline_of_stamps(source, position, stamps)
+            clock = None
+        stated = None if self.stated_hz is None else stated_clock(self.stated_hz)
+        if stated is not None and source is not self.main and clock is None and timeline is None:
+            return ChannelClock(stated)
+        if stated is not None and source is not self.main:
+            stated = None  # the rate of the record's file; another file states its own
+        by_stamps = None if timeline is None else timeline.clock
+        agreed = agree(
+            [
+                ("the calibration file", stated),
+                (source.file, clock),
+                (self._name(source, column), by_stamps),
+            ],
+            self.where,
+            source.file,
+        )
+        if agreed is None:
+            return None
+        if timeline is not None and timeline.is_uneven and not is_asked_for and stated is not None:
+            raise self._uneven_beside_rate(source, column)
+        notes = [timeline.note if timeline is not None else "", _rounding_note(agreed, stated)]
+        return ChannelClock(agreed, timeline, "; ".join(filter(None, notes)))
+
+    def _name(self, source: ColumnFile, column: int | None) -> str:
+        return source.file if column is None else f"{source.file}, column {source.names[column]!r}"
+
+    def _time_column_of(
+        self, source: ColumnFile, position: int, channels: Sequence[int]
+    ) -> tuple[int | None, bool]:
+        """Return the time column of a channel, and whether the calibration file names one."""
+        asked = self._asked_column(source, channels)
+        candidates = [
+            place
+            for place in range(len(source.names))
+            if place not in channels
+            and (is_time(header(source, place)) or source.in_seconds(place))
+        ]
+        if asked is not None and asked not in candidates:
+            candidates = sorted([*candidates, asked])
+        if not candidates:
+            return None, False
+        groups: list[list[int]] = []  # time columns side by side are one clock
+        for place in candidates:
+            if groups and place == groups[-1][-1] + 1:
+                groups[-1].append(place)
+            else:
+                groups.append([place])
+        group = next((g for g in reversed(groups) if g[0] < position), groups[0])
+        if asked is not None and (asked in group or len(groups) == 1):
+            return asked, True
+        if asked is None and source is self.main and len(groups) == 1 and len(group) > 1:
+            return group[0], False
+        return group[0], asked is not None
+
+    def _asked_column(self, source: ColumnFile, channels: Sequence[int]) -> int | None:
+        """Return the column that the calibration file names, in this file; None for none."""
+        if self.time_column is None:
+            return None
+        if source is self.main:
+            return source.position_of(self.time_column, "[sampling] time_column")
+        if isinstance(self.time_column, str):
+            return (
+                source.names.index(self.time_column) if self.time_column in source.names else None
+            )
+        place = self.time_column - 1
+        if place >= len(source.names) or place in channels:
+            return None
+        return place if is_time(header(source, place)) else None
+
+    def _timeline(self, source: ColumnFile, column: int, *, needed: bool) -> Timeline | None:
+        key = (id(source), column)
+        if key not in self._timelines:
+            self._timelines[key] = self._read_timeline(source, column, needed=needed)
+        return self._timelines[key]
+
+    def _read_timeline(self, source: ColumnFile, column: int, *, needed: bool) -> Timeline | None:
+        """Read a column of times; None where it is no statement about a rate that is known."""
+        if needed:
+            (times,) = source.load([column])
+            return timeline_of(source, column, times)
+        try:
+            (times,) = source.load([column])
+            seconds = seconds_per_unit(source, column)
+            if times.size < _MIN_STAMPS or not np.all(np.isfinite(times)):
+                return None
+            if seconds is None and self.stated_hz is not None:
+                return self._timeline_beside_rate(source, column, times)
+            return timeline_of(source, column, times)
+        except InputError:  # text, a counter, or times that go back: no clock
+            return None
+
+    def _timeline_beside_rate(
+        self, source: ColumnFile, column: int, times: FloatArray
+    ) -> Timeline | None:
+        """Return the timeline of a column without a unit, in the unit that suits the stated rate."""
+        assert self.stated_hz is not None
+        usual = float(np.median(np.diff(times)))
+        if np.all(np.diff(times) == 1.0) or usual <= 0.0:
+            return None
+        rate_hz = self.stated_hz
+        unit_s = min(_POSSIBLE_SECONDS, key=lambda seconds: abs(usual * seconds * rate_hz - 1.0))
+        return timeline_of(source, column, times, unit_s)
+
+    def _uneven_beside_rate(self, source: ColumnFile, column: int | None) -> InputError:
+        return InputError(
+            "The samples were not taken at an even rate.",
+            expected=f"even times, for rate_hz = {self.stated_hz!r}",
+            found="times that deviate from an even raster by more than their rounding",
+            where=self._name(source, column),
+            remedy="give time_column instead of rate_hz: the samples are then evened by their times",
+        )
+
+
+def _timeline_of_stamps(source: ColumnFile, position: int, stamps: FloatArray) -> Timeline:
+    """Return the timeline of stamps that a format gives each sample of a channel, in seconds."""
+    start = source.start(position) or Start.on_own_clock(float(stamps[0]))
+    resolution_s = float(np.spacing(np.max(np.abs(stamps))))
+
+    def locate(row: int) -> str:
+        return f"time stamp of {source.locate(position, row)}"
+
+    return timeline_from(stamps - stamps[0], resolution_s, start, locate)
+
+
+def stated_clock(rate_hz: float) -> Clock:
+    """Return the clock of a rate as typed, whose rounding is half a unit of its last decimal."""
+    exponent = Decimal(repr(rate_hz)).as_tuple().exponent
+    assert isinstance(exponent, int)  # finite
+    return Clock(rate_hz, max(0.5 * 10.0**exponent / rate_hz, SAME_RATE))
+
+
+def agree(statements: Sequence[tuple[str, Clock | None]], where: str, file: str) -> Clock | None:
+    """Return the rate that all statements agree on, each within its own rounding; None without any.
+
+    An earlier one is taken unless a later one refines it. The start is that of the last which has
+    one: time stamps say more than a header.
+
+    Args:
+        statements: whose, and the clock or None.
+        where: entry of the calibration file, for messages.
+        file: the record's file, for messages.
+    """
+    agreed: Clock | None = None
+    whose = ""
+    for name, clock in statements:
+        if clock is None:
+            continue
+        if agreed is None:
+            agreed, whose = clock, name
+            continue
+        apart = abs(clock.rate_hz / agreed.rate_hz - 1.0)
+        if apart > clock.rate_rounding + agreed.rate_rounding:
+            raise InputError(
+                "The sampling rate contradicts the file.",
+                expected=f"{_plain(clock.rate_hz)!r} samples per second, as {name} states",
+                found=f"{_plain(agreed.rate_hz)!r} in {whose}",
+                where=f"{where}, for {file}",
+                remedy="remove or correct rate_hz; of wrong time stamps, remove the column",
+            )
+        if apart > clock.rate_rounding:  # the later one refutes the earlier one's last digits
+            agreed, whose = replace(clock, start=clock.start or agreed.start), name
+        else:
+            agreed = replace(agreed, start=clock.start or agreed.start)
+    return agreed
+
+
+def _plain(rate_hz: float) -> float:
+    """Return a rate without the last digits of a regression."""
+    return float(f"{rate_hz:.12g}")
+
+
+def _rounding_note(agreed: Clock, stated: Clock | None) -> str:
+    if stated is not None or agreed.rate_rounding <= SAME_RATE:
+        return ""
+    rounding = f"{agreed.rate_rounding:.1g} (relative)"
+    return f"sampling rate: {agreed.rate_hz!r} Hz, which the file states to {rounding}"
+
+
+def is_same_rate(first: Clock, second: Clock) -> bool:
+    """Tell whether two rates agree within their rounding."""
+    allowed = first.rate_rounding + second.rate_rounding
+    return math.isclose(first.rate_hz, second.rate_hz, rel_tol=max(allowed, SAME_RATE))

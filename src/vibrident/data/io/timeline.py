@@ -1,0 +1,247 @@
+"""Time stamps of a column: their unit, their rounding, and the even raster they lie on or beside.
+
+A column of times is a statement about every sample. It is checked for a plausible unit, its doubled
+and lost samples are found, and what deviates from an even raster by more than the rounding of the
+stamps is uneven sampling.
+"""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibrident.base.errors import InputError
+from vibrident.data.io.columns import Clock, ColumnFile, Start
+from vibrident.data.io.header_units import header, seconds_per_unit
+from vibrident.data.records import FloatArray
+
+#: A stamp further from its place than this, in intervals, belongs to another place.
+MAX_JITTER = 0.5
+SAME_RATE = 1e-9  # rates closer than this, relatively, are the same
+#: Rounded times span a width about their true places, and turn the regression by at most three
+#: halves of it over the record.
+_MAX_SPAN = 2.5
+#: Of times without a unit, s: a longer one is of another unit, or a counter.
+MAX_INTERVAL_S = 1.0
+#: Seconds since 1970 of the years 2000 to 2100; multiples of a thousand of this span do not overlap.
+_EPOCH_S = (946_684_800.0, 4_102_444_800.0)
+_EPOCH_UNITS = {"s": 1.0, "ms": 1e-3, "µs": 1e-6, "ns": 1e-9}
+_MAX_LOST = 0.5  # part of the raster; with more, the raster itself is a guess
+_FEWEST_EPOCH_STEPS_S = 3600.0  # an hour between samples is no record of vibration
+_EXPECTED = "increasing times in seconds, at an even rate but for jitter below half an interval"
+_REMEDY = "cut the file there, or give rate_hz if only the time stamps are wrong"
+
+
+@dataclass(frozen=True, eq=False)
+class Timeline:
+    """Time stamps of the rows of a column.
+
+    Attributes:
+        clock: rate by regression over all stamps, its rounding, and the start.
+        rows: shape (m,), rows that count; a row whose stamp repeats the one before does not.
+        places: shape (m,), place of each on the even raster, from 0; lost samples leave holes.
+        offsets: shape (m,), deviation of each from its place, in intervals; zero where the
+            deviation is no more than the rounding of the stamps.
+        rounding_s: width of the rounding of a stamp, s.
+        note: what was understood, for the history; "" for plain seconds.
+    """
+
+    clock: Clock
+    rows: NDArray[np.int64]
+    places: NDArray[np.int64]
+    offsets: FloatArray
+    rounding_s: float
+    note: str = ""
+
+    @property
+    def is_uneven(self) -> bool:
+        """Whether samples were taken at uneven times."""
+        return bool(np.any(self.offsets))
+
+    @property
+    def doubled(self) -> int:
+        """Return the number of rows that repeat a time."""
+        return int(self.rows[-1]) + 1 - self.rows.size
+
+    @property
+    def lost(self) -> int:
+        """Return the number of samples that are missing."""
+        return int(self.places[-1]) + 1 - self.places.size
+
+
+def timeline_of(
+    source: ColumnFile, position: int, times: FloatArray, unit_s: float | None = None
+) -> Timeline:
+    """Return the timeline of a column of times, in the unit of its header.
+
+    Args:
+        source: the file.
+        position: of the column.
+        times: shape (rows,), as the file gives them.
+        unit_s: seconds in a unit of the times where that is known; None: by the header.
+
+    Raises:
+        InputError: a time is missing, the unit is not plausible, times go back, or no even raster is
+            within half an interval of all of them.
+    """
+    source.require_finite(position, times, 0, "repair the time column, or give rate_hz")
+
+    def locate(row: int) -> str:
+        return source.locate(position, row)
+
+    if times.size < 2:
+        raise _uneven("A time column needs two rows or more.", f"{times.size} times", locate(0))
+    seconds = seconds_per_unit(source, position) if unit_s is None else unit_s
+    note = ""
+    if seconds is None:
+        seconds, note = _plausible_unit(times, header(source, position), locate)
+    elif seconds != 1.0 and unit_s is None:
+        name = source.names[position]
+        note = f"time: column {position + 1} ({name!r}) × {seconds!r} → s, by the header"
+    start = source.start(position)
+    if start is None or not source.in_seconds(position):
+        first_s = float(times[0]) * seconds
+        start = Start(round(first_s * 1e9), epoch=_EPOCH_S[0] <= first_s < _EPOCH_S[1])
+    resolution = float(np.spacing(np.max(np.abs(times))))
+    return timeline_from((times - times[0]) * seconds, resolution * seconds, start, locate, note)
+
+
+def timeline_from(
+    elapsed_s: FloatArray,
+    resolution_s: float,
+    start: Start,
+    locate: Callable[[int], str],
+    note: str = "",
+) -> Timeline:
+    """Return the timeline of times since the first.
+
+    Args:
+        elapsed_s: shape (rows,), finite.
+        resolution_s: limit of the arithmetic of a time, s.
+        start: of the first row.
+        locate: description of a row's place, for messages.
+        note: passed on.
+
+    Raises:
+        InputError: as :func:`timeline_of`.
+    """
+    steps = np.diff(elapsed_s)
+    if (back := np.flatnonzero(steps < 0)).size:
+        row = int(back[0]) + 1
+        text = f"{elapsed_s[row] - elapsed_s[row - 1]:.9g} s from the row before"
+        raise _uneven("The times do not increase.", text, locate(row))
+    rows = np.concatenate([[0], np.flatnonzero(steps > 0) + 1])
+    if rows.size < 2 or rows.size < (1.0 - _MAX_LOST) * elapsed_s.size:
+        raise _uneven("The times do not increase.", "the same time in most rows", locate(1))
+    kept = elapsed_s[rows]
+    places, interval, origin = _raster(kept, lambda index: locate(int(rows[index])))
+    deviation = kept - origin - interval * places
+    rounding_s = _rounding(kept, resolution_s)
+    span = float(np.max(deviation) - np.min(deviation))
+    is_even = span <= _MAX_SPAN * rounding_s + 4.0 * resolution_s
+    offsets = np.zeros(kept.size) if is_even else deviation / interval
+    worst = float(np.max(np.abs(deviation - deviation.mean())))
+    spread = max(3.0 * worst / interval / kept.size, SAME_RATE) if is_even else SAME_RATE
+    begin = Start(start.ns + round(origin * 1e9), start.epoch)
+    clock = Clock(1.0 / interval, spread, begin)
+    return Timeline(clock, rows, places, offsets, max(rounding_s, resolution_s), note)
+
+
+def clock_from_times(times_s: FloatArray, locate: Callable[[int], str]) -> Clock | None:
+    """Return the clock of samples with times on a file's own clock; None for fewer than two."""
+    if times_s.size < 2:
+        return None
+    resolution_s = float(np.spacing(np.max(np.abs(times_s))))
+    start = Start.on_own_clock(float(times_s[0]))
+    return timeline_from(times_s - times_s[0], resolution_s, start, locate).clock
+
+
+def _raster(
+    times: FloatArray, locate: Callable[[int], str]
+) -> tuple[NDArray[np.int64], float, float]:
+    """Return place of each time on the even raster, its interval and its origin, by regression."""
+    places = np.arange(times.size)
+    interval, origin = _regression(places, times)
+    if np.max(np.abs(times - origin - interval * places)) <= MAX_JITTER * interval:
+        return places, interval, origin
+    steps = np.diff(times)
+    usual = float(np.median(steps))
+    places = np.concatenate([[0], np.cumsum(np.maximum(np.rint(steps / usual), 1.0))]).astype(
+        np.int64
+    )
+    interval, origin = _regression(places, times)
+    deviation = np.abs(times - origin - interval * places)
+    if np.max(deviation) > MAX_JITTER * interval:
+        at = int(np.argmax(deviation))
+        text = f"a time {deviation[at] / interval:.3g} intervals away from even spacing"
+        raise _uneven("The sampling rate drifts.", text, locate(at))
+    if times.size < (1.0 - _MAX_LOST) * (places[-1] + 1):
+        at = int(np.argmax(steps))
+        text = f"a step of {steps[at]:.9g} s where the others are {usual:.9g} s"
+        raise _uneven("The record has a gap.", text, locate(at + 1))
+    return places, interval, origin
+
+
+def _regression(places: NDArray[np.int64], times: FloatArray) -> tuple[float, float]:
+    """Return interval and origin of the straight line through times over places."""
+    centred = places - places.mean()
+    interval = float(centred @ times / (centred @ centred))
+    return interval, float(times.mean() - interval * places.mean())
+
+
+def _rounding(times: FloatArray, resolution_s: float) -> float:
+    """Return the width of the rounding of times: decimal places, single precision, or ticks.
+
+    Taken from the larger half of the times, as significant digits round these most.
+    """
+    late = times[times.size // 2 :]
+    largest = float(np.max(np.abs(late)))
+    if np.all(late == late.astype(np.float32)):
+        return float(np.spacing(np.float32(largest)))
+    widths = [resolution_s]
+    for exponent in range(0, -13, -1):
+        width = 10.0**exponent
+        multiples = late / width
+        if np.all(np.abs(multiples - np.rint(multiples)) < 1e-3 + 4.0 * resolution_s / width):
+            widths.append(width)
+            break
+    steps = np.diff(late)
+    low, high = float(np.min(steps)), float(np.max(steps))
+    exact = max(widths)
+    near_either = np.minimum(np.abs(steps - low), np.abs(steps - high))
+    if high > low and np.all(near_either <= exact + 4.0 * resolution_s):
+        widths.append(high - low)  # an even clock read in ticks has steps of two lengths
+    return max(widths)
+
+
+def _plausible_unit(
+    times: FloatArray, name: str, locate: Callable[[int], str]
+) -> tuple[float, str]:
+    """Return the seconds in a unit of times that state none, and a note about what was understood."""
+    first = float(times[0])
+    usual = float(np.median(np.diff(times)))
+    for unit, seconds in _EPOCH_UNITS.items():
+        is_of_epoch = _EPOCH_S[0] <= first * seconds < _EPOCH_S[1]
+        if is_of_epoch and 0.0 < usual * seconds < _FEWEST_EPOCH_STEPS_S:
+            day = datetime.datetime.fromtimestamp(first * seconds, datetime.UTC).date()
+            note = f"time: {name!r} taken for {unit} since 1970 (first sample on {day})"
+            return seconds, note
+    if usual >= MAX_INTERVAL_S:
+        is_counter = bool(np.all(np.diff(times) == 1.0))
+        raise InputError(
+            "The unit of the time column is not known.",
+            expected="seconds, or a unit in the header, such as 'time (ms)'",
+            found=f"{name!r} with steps of {usual:.9g}"
+            + (", as of a counter" if is_counter else ""),
+            where=locate(0),
+            remedy="write the unit into the header, or give rate_hz",
+        )
+    return 1.0, ""
+
+
+def _uneven(problem: str, found: str, where: str) -> InputError:
+    return InputError(problem, expected=_EXPECTED, found=found, where=where, remedy=_REMEDY)

@@ -1,0 +1,205 @@
+"""What files state of time is used or contradicted: each channel by its own clock, on one raster.
+
+The truth is a sum of tones of the reference, and the response of an accelerometer to each; channels
+are sampled from it wherever their clocks say.
+"""
+
+import numpy as np
+import pytest
+
+import vibrident
+from vibrident.base.errors import InputError
+from vibrident.data.io import read
+
+RATE = 2048.0
+NATURAL_HZ, DAMPING, SENSITIVITY = 300.0, 0.1, 0.1
+TONES = np.random.default_rng(8).uniform(5.0, 600.0, 60)
+PHASES = np.random.default_rng(9).uniform(0.0, 2 * np.pi, 60)
+
+
+def motion(time):
+    return np.cos(2 * np.pi * np.outer(time, TONES) + PHASES).sum(axis=1)
+
+
+def answer(time):
+    ratio = TONES / NATURAL_HZ
+    response = SENSITIVITY / (1 - ratio**2 + 2j * DAMPING * ratio)
+    return (np.exp(1j * (2 * np.pi * np.outer(time, TONES) + PHASES)) @ response).real
+
+
+def columns(path, **values):
+    rows = zip(*values.values(), strict=True)
+    text = ",".join(values) + "\n" + "".join(",".join(map(str, row)) + "\n" for row in rows)
+    path.write_text(text)
+
+
+def calibration(folder, *, sampling="", entry="", reference='"a"', response='"v"'):
+    (folder / "c.toml").write_text(
+        f"[reference]\ncolumn = {reference}\n[response]\ncolumn = {response}\n[sampling]\n{sampling}\n"
+        f'[[records]]\nfile = "x.csv"\nexcitation = "random"\n{entry}\n'
+    )
+    return folder / "c.toml"
+
+
+def require_truth(path, *, samples=2000, atol=1e-5):
+    """The channels are the motion and the answer at the same instants."""
+    (record,) = read(path).records
+    assert record.samples > samples
+    time = record.start_time_s + record.time_s
+    inside = record.mask
+    np.testing.assert_allclose(record.reference[inside], motion(time)[inside], atol=30 * atol)
+    np.testing.assert_allclose(record.response[inside], answer(time)[inside], atol=atol)
+    return record
+
+
+def decimals(values, places=9):
+    return [f"{value:.{places}f}" for value in values]
+
+
+@pytest.mark.parametrize("later", [0.0, 25.0, -17.0, 0.37, -3.21])
+def test_each_file_has_its_own_clock(tmp_path, later):
+    """By whole samples the channels are cut, by fractions resampled."""
+    time = np.arange(4096) / RATE
+    reference_time = time + later / RATE
+    columns(tmp_path / "r.csv", **{"t [s]": decimals(reference_time, 12), "a": motion(reference_time)})
+    columns(tmp_path / "x.csv", **{"t [s]": decimals(time, 12), "v": answer(time)})
+    path = calibration(tmp_path, sampling='time_column = "t [s]"', entry='reference_file = "r.csv"')
+    record = require_truth(path)
+    if float(later).is_integer():
+        assert record.samples == 4096 - abs(later)
+
+
+def test_a_second_time_column_is_the_clock_of_what_follows_it(tmp_path):
+    time = np.arange(4096) / RATE
+    other = time + 7.4 / RATE
+    stamps = {"t1 [s]": decimals(time, 12), "v": answer(time), "t2 [s]": decimals(other, 12), "a": motion(other)}
+    columns(tmp_path / "x.csv", **stamps)
+    for sampling in ('time_column = "t1 [s]"', ""):
+        require_truth(calibration(tmp_path, sampling=sampling))
+
+
+def test_two_time_columns_side_by_side_are_one_clock(tmp_path):
+    time = np.arange(4096) / RATE
+    dates = [f"2026-11-26T10:00:{second:09.6f}" for second in time]
+    columns(tmp_path / "x.csv", time=decimals(time), date=dates, v=answer(time), a=motion(time))
+    require_truth(calibration(tmp_path, sampling='time_column = "time"'))
+
+
+@pytest.mark.parametrize(("rate", "own"), [(5000.0, RATE), (RATE, 5000.0), (RATE, RATE * (1 + 3e-5))])
+def test_other_rasters_are_brought_to_the_slower(tmp_path, rate, own):
+    time, other = np.arange(int(2.5 * rate)) / rate, np.arange(int(2.6 * own)) / own - 0.0123
+    columns(tmp_path / "r.csv", time=decimals(other, 12), a=motion(other))
+    columns(tmp_path / "x.csv", time=decimals(time, 12), v=answer(time))
+    path = calibration(tmp_path, sampling='time_column = "time"', entry='reference_file = "r.csv"')
+    record = require_truth(path)
+    assert record.sampling_rate_hz == pytest.approx(min(rate, own), rel=1e-9)
+    assert any("resampled" in step for step in record.provenance.history)
+
+
+def test_channels_that_do_not_overlap_are_refused(tmp_path):
+    time = np.arange(4096) / RATE
+    columns(tmp_path / "r.csv", time=decimals(time + 5.0), a=motion(time))
+    columns(tmp_path / "x.csv", time=decimals(time), v=answer(time))
+    with pytest.raises(InputError, match="not recorded at the same time"):
+        read(calibration(tmp_path, entry='reference_file = "r.csv"'))
+
+
+@pytest.mark.parametrize("jitter", [0.03, 0.2, 0.45])
+def test_uneven_stamps_are_evened(tmp_path, rng, jitter):
+    """Taken as even the response would be off by its slope: 0.03 of an interval is 3 % at 300 Hz."""
+    time = (np.arange(6000) + rng.uniform(-jitter, jitter, 6000)) / RATE
+    columns(tmp_path / "x.csv", time=decimals(time, 12), a=motion(time), v=answer(time))
+    record = require_truth(calibration(tmp_path))
+    assert any("evened" in step for step in record.provenance.history)
+    with pytest.raises(InputError, match="not taken at an even rate"):
+        read(calibration(tmp_path, sampling=f"rate_hz = {RATE}"))
+
+
+def test_stamps_that_are_rounded_are_even(tmp_path):
+    """To a millisecond, twice the interval: nothing is known of the samples' own times."""
+    time = np.arange(6000) / RATE
+    columns(tmp_path / "x.csv", time=decimals(time, 3), a=motion(time), v=answer(time))
+    with pytest.raises(InputError, match="do not increase"):
+        read(calibration(tmp_path, sampling='time_column = "time"'))
+    for places in (4, 6):
+        columns(tmp_path / "x.csv", time=decimals(time, places), a=motion(time), v=answer(time))
+        (record,) = read(calibration(tmp_path)).records
+        assert record.samples == 6000
+        assert record.sampling_rate_hz == pytest.approx(RATE, rel=1e-5)
+
+
+@pytest.mark.parametrize("tick", [1 / 32768, 1e-4])
+def test_an_even_clock_read_in_ticks_is_even(tmp_path, tick):
+    time = np.arange(6000) / RATE
+    stamps = np.floor(time / tick) * tick
+    columns(tmp_path / "x.csv", time=decimals(stamps, 9), a=motion(time), v=answer(time))
+    (record,) = read(calibration(tmp_path)).records
+    assert (record.samples, record.valid.all()) == (6000, True)
+
+
+def test_lost_and_doubled_samples_are_found_by_their_stamps(tmp_path):
+    time = np.arange(6000) / RATE
+    rows = np.sort(np.concatenate([np.delete(np.arange(6000), [700, 701, 3000]), [50, 51, 52]]))
+    columns(tmp_path / "x.csv", time=decimals(time[rows]), a=motion(time[rows]), v=answer(time[rows]))
+    record = require_truth(calibration(tmp_path))
+    assert np.flatnonzero(~record.mask).tolist() == [700, 701, 3000]
+
+
+def test_two_values_at_one_time_are_refused(tmp_path):
+    time = np.arange(600) / RATE
+    stamps = time.copy()
+    stamps[40] = stamps[39]
+    columns(tmp_path / "x.csv", time=decimals(stamps), a=motion(time), v=answer(time))
+    with pytest.raises(InputError, match="same time"):
+        read(calibration(tmp_path))
+
+
+@pytest.mark.parametrize(("unit_s", "first"), [(1.0, 1.764e9), (1e-3, 1.764e12), (1e-6, 1.764e15)])
+def test_times_of_the_epoch_are_recognised(tmp_path, unit_s, first):
+    """Milliseconds since 1970 were 1,870 years of record."""
+    time = np.arange(6000) / 50.0
+    stamps = [f"{value:.3f}" for value in first + time / unit_s]
+    columns(tmp_path / "x.csv", timestamp=stamps, a=motion(time), v=answer(time))
+    (record,) = read(calibration(tmp_path, sampling='time_column = "timestamp"')).records
+    assert record.sampling_rate_hz == pytest.approx(50.0, rel=1e-6)
+    assert any("since 1970" in step for step in record.provenance.history)
+
+
+@pytest.mark.parametrize("step", [1.0, 20.0, 488.28125])
+def test_a_counter_or_another_unit_is_not_taken_for_seconds(tmp_path, step):
+    time = np.arange(600) / RATE
+    columns(tmp_path / "x.csv", t=np.arange(600) * step, a=motion(time), v=answer(time))
+    with pytest.raises(InputError, match="unit of the time column is not known"):
+        read(calibration(tmp_path, sampling='time_column = "t"'))
+
+
+def test_what_is_not_a_number_outside_the_part_does_no_harm(tmp_path):
+    time = np.arange(6000) / RATE
+    later = time + 0.1 / RATE
+    values = [*answer(later)[:-5], *["nan"] * 5]
+    columns(tmp_path / "x.csv", time=decimals(later, 12), v=values)
+    columns(tmp_path / "r.csv", time=decimals(time, 12), a=motion(time))
+    path = calibration(tmp_path, entry='reference_file = "r.csv"\nstop_s = 2.5')
+    assert require_truth(path).samples < 2.5 * RATE
+    with pytest.raises(InputError, match="not a number"):
+        read(calibration(tmp_path, entry='reference_file = "r.csv"'))
+
+
+def test_a_fraction_costs_the_sensor_nothing(tmp_path, rng):
+    """The delay of channels that begin 0.37 samples apart is zero within 4 u, and u knows the stamps."""
+    time = np.arange(6000) / RATE
+    other = time + 0.37 / RATE
+    noise = 1e-3 * rng.normal(size=time.size)
+    columns(tmp_path / "r.csv", time=decimals(other, 6), a=motion(other))
+    columns(tmp_path / "x.csv", time=decimals(time, 6), v=answer(time) + noise)
+    path = calibration(tmp_path, entry='reference_file = "r.csv"')
+    result = vibrident.identify(read(path), model="accelerometer+delay")
+    for name, truth in {
+        "sensitivity": SENSITIVITY,
+        "natural_frequency": NATURAL_HZ,
+        "damping_ratio": DAMPING,
+        "delay": 0.0,
+    }.items():
+        stated = result.parameters[name]
+        assert abs(stated.value - truth) < 4 * stated.standard_uncertainty
+    assert result.parameters["delay"].standard_uncertainty > 1e-6 / np.sqrt(12)
