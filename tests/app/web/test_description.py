@@ -156,7 +156,11 @@ def test_a_guess_is_a_description_that_can_be_corrected(tmp_path):
     path = tmp_path / "table.csv"
     path.write_text("frequency_hz,magnitude,phase_rad\n1,2,3\n2,2,3\n")
     given = described(guess_columns(path))
-    assert (given.table, given.get("table.phase_unit")) == (True, "rad")
+    assert (given.table, given.get("table.phase_unit")) == (True, None)  # the file states it
+    (tmp_path / "calibration.toml").write_text(calibration_text(given, ["table.csv"]))
+    table = vibrident.read(tmp_path / "calibration.toml").table
+    assert table is not None
+    assert list(table.phase_rad) == [3.0, 3.0]
     assert given.get("sensor.model") == "accelerometer+delay"
     path.write_text("frequency_hz,magnitude\n1,2\n2,2\n")
     assert described(guess_columns(path)).get("sensor.model") == "accelerometer"  # a magnitude alone knows no delay

@@ -87,7 +87,6 @@ def test_a_table(tmp_path):
         "phase": "phase_deg",
         "magnitude_uncertainty": "u_magnitude",
         "phase_uncertainty": "u_phase",
-        "phase_unit": "deg",
     }
 
 

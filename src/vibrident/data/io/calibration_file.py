@@ -149,7 +149,7 @@ class TableSection(FileSection):
     real_uncertainty: Column | None = key("u of the real part", about=_STANDARD)
     imaginary_uncertainty: Column | None = key("u of the imaginary part", about=_STANDARD)
     phase_unit: Literal["deg", "rad"] = basic(
-        "Unit of the phase", default="deg", about="Where the file does not state it."
+        "Unit of the phase", default="deg", words=("as the file states, or deg", "deg", "rad")
     )
     magnitude_unit: Literal["", "dB"] = key(
         "Unit of the magnitude",

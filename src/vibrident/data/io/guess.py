@@ -114,7 +114,6 @@ def guess_columns(path: Path) -> Columns:
         response_unit, quantity = _sensitivity(source, table["magnitude"])
         unit = ""
     quantity = quantity_of(unit) or quantity or "acceleration"
-    radians = any("rad" in names[table[key]].lower() for key in table if key.startswith("phase"))
     document = {
         "reference": {
             "column": chosen.get(reference),
@@ -129,8 +128,7 @@ def guess_columns(path: Path) -> Columns:
         "response": {"column": chosen.get(response), "scale": 1.0, "unit": response_unit or "V"},
         "sampling": {"time_column": chosen.get(time)},
         "records": {"excitation": next((e for e, w in _EXCITATIONS if w.search(path.stem)), None)},
-        "table": {key: chosen.get(position) for key, position in table.items()}
-        | {"phase_unit": "rad" if radians else "deg"},
+        "table": {key: chosen.get(position) for key, position in table.items()},
     }
     return Columns(
         columns=tuple(chosen.values()),

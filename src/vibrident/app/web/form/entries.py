@@ -24,7 +24,8 @@ def entry(
     label, kind, usual = label or key.label, key.kind, key.default
     options = options if options is not None else key.options if kind == "choice" else None
     if options is not None:
-        chosen = usual if value is None and usual in options else value
+        stated = value is not None or None in options or usual not in options
+        chosen = value if stated else usual
         if chosen is not None and chosen not in options:
             options = {**options, chosen: f"{chosen} (not in this file)"}
         element = ui.select(dict(options), value=chosen, label=label)
