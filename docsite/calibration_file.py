@@ -1,17 +1,14 @@
-"""The calibration file: an example in words, and every key from the schema that checks it."""
+"""The calibration file: an example in words, and every key from the fields that state it."""
 
 from __future__ import annotations
 
-import typing
-
 from pydantic import BaseModel
-from pydantic.fields import FieldInfo
-from pydantic_core import PydanticUndefined
 
 from docsite.tables import page, table
 from vibrident.data.io.calibration_file import CalibrationFile
-
-_LISTS_AS_TABLES = "[[{}]]"
+from vibrident.data.io.certificate import CertificateSection
+from vibrident.data.io.keys import Key, keys_of
+from vibrident.show.language import ENGLISH
 
 
 def calibration_file() -> str:
@@ -21,56 +18,39 @@ def calibration_file() -> str:
 
 def _sections(section: type[BaseModel], prefix: str) -> list[str]:
     parts: list[str] = []
-    for name, field in section.model_fields.items():
-        inner = _section_of(field.annotation)
-        if inner is None:
+    for name, key in keys_of(section).items():
+        if key.section is None:
             continue
-        repeated = "list" in str(field.annotation)
-        heading = (_LISTS_AS_TABLES if repeated else "[{}]").format(prefix + name)
-        about = (inner.__doc__ or "").split(": ", 1)[-1].split("; see ")[0].strip()
-        parts += [f"### {heading}", "" if about.startswith("[") else about[:1].upper() + about[1:], _keys(inner)]
-        parts += _sections(inner, f"{prefix}{name}.")
+        heading = f"[[{prefix}{name}]]" if key.kind == "entries" else f"[{prefix}{name}]"
+        about = (key.section.__doc__ or "").split(": ", 1)[-1].split("; see ")[0].strip()
+        said = "" if about.startswith("[") else about[:1].upper() + about[1:]
+        parts += [f"### {heading}", said, _keys(key.section)]
+        parts += _sections(key.section, f"{prefix}{name}.")
     return parts
 
 
 def _keys(section: type[BaseModel]) -> str:
+    printed = section is CertificateSection  # its words are in four languages
     rows = [
-        (f"`{name}`", _expected(field), _default(field))
-        for name, field in section.model_fields.items()
-        if _section_of(field.annotation) is None
+        (
+            f"`{name}`",
+            " ".join(filter(None, (_words(key, printed), key.about))),
+            key.unit or "–",
+            key.expected,
+            _default(key),
+        )
+        for name, key in keys_of(section).items()
+        if key.section is None
     ]
-    return table(("key", "value", "without it"), rows)
+    return table(("key", "meaning", "unit", "value", "without it"), rows)
 
 
-def _section_of(annotation: object) -> type[BaseModel] | None:
-    """The section that a field holds, be it optional or one of a list."""
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return annotation
-    for part in typing.get_args(annotation):
-        if (inner := _section_of(part)) is not None:
-            return inner
-    return None
+def _words(key: Key, printed: bool) -> str:
+    return str(ENGLISH("label", key.name)) + "." if printed else f"{key.title}."
 
 
-def _expected(field: FieldInfo) -> str:
-    return field.description or _described(field.annotation)
-
-
-def _described(annotation: object) -> str:
-    """The description that stands deeper in an annotation, as in ``Annotated[…] | None``; else the choices."""
-    for part in (*getattr(annotation, "__metadata__", ()), *typing.get_args(annotation)):
-        if isinstance(part, FieldInfo) and part.description:
-            return part.description
-        if isinstance(part, str):
-            return "one of " + ", ".join(f"`{choice}`" for choice in typing.get_args(annotation))
-        if part is not type(None) and (text := _described(part)):
-            return text
-    return ""
-
-
-def _default(field: FieldInfo) -> str:
-    if field.default is PydanticUndefined:
+def _default(key: Key) -> str:
+    default = key.default
+    if default is ...:
         return "required"
-    if field.default is None or field.default == "":
-        return "–"
-    return f"`{field.default!r}`".replace("'", '"')
+    return "–" if default in (None, "") else f"`{default!r}`".replace("'", '"')

@@ -6,13 +6,11 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
-from vibrident.data.io.certificate import CertificateData, CertificateSection, certificate_data
+from vibrident.data.io.certificate import CertificateData, certificate_data
 from vibrident.result import Result
 from vibrident.show.language import Say
-
-Kind = Literal["text", "lines", "paragraphs", "date", "number", "choice", "instruments", "requirements"]
 
 #: Keys that ISO/IEC 17025:2017, 7.8.2.1 and 7.8.4.1, asks of every certificate.
 REQUIRED = (
@@ -34,18 +32,6 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
     "conformity": ("requirements", "decision_rule"),
     "further": ("opinions", "remarks"),
 }
-_KINDS: Mapping[str, Kind] = {
-    **dict.fromkeys(("date_of_receipt", "date_of_calibration", "date_of_issue"), "date"),
-    **dict.fromkeys(("language", "second_language", "decision_rule"), "choice"),
-    **dict.fromkeys(("remarks", "deviations", "external_results", "opinions", "changes"), "paragraphs"),
-    **dict.fromkeys(("laboratory_address", "customer_address"), "lines"),
-    "instruments": "instruments",
-    "requirements": "requirements",
-}
-_CHOICES = {
-    **dict.fromkeys(("language", "second_language"), ("en", "de", "fr", "zh")),
-    "decision_rule": ("simple", "guarded"),
-}
 
 
 @dataclass(frozen=True)
@@ -55,21 +41,14 @@ class FormField:
     key: str  # of [certificate]
     label: str  # in words
     group: str  # heading above it, in words
-    kind: Kind  # what is entered; ``lines`` is one text of several lines, ``paragraphs`` a list of texts, a line each
     required: bool  # whether a certificate without it is a draft
-    choices: tuple[str, ...] = ()  # of kind ``choice``
 
 
 def form(language: str = "en") -> tuple[FormField, ...]:
     """The entries of a certificate, in the order of the form; what is entered is checked by ``certificate_section``."""
     say = Say(language)
-    found = []
-    for key, group in ((key, group) for group, keys in GROUPS.items() for key in keys):
-        number = "float" in str(CertificateSection.model_fields[key].annotation)
-        kind: Kind = _KINDS.get(key, "number" if number else "text")
-        words = say("label", key), say("group", group)
-        found.append(FormField(key, *words, kind, key in REQUIRED, _CHOICES.get(key, ())))
-    return tuple(found)
+    places = [(key, group) for group, keys in GROUPS.items() for key in keys]
+    return tuple(FormField(key, say("label", key), say("group", group), key in REQUIRED) for key, group in places)
 
 
 def missing(result: Result) -> tuple[str, ...]:

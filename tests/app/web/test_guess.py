@@ -23,24 +23,26 @@ def csv(folder, header: str, name: str = "data.csv"):
 
 
 @pytest.mark.parametrize(
-    ("header", "time", "reference", "response", "quantity", "unit", "scale"),
+    ("header", "time", "reference", "response", "quantity", "unit"),
     [
-        ("time_s,reference_acceleration,response", "time_s", 1, 2, "acceleration", "", 1.0),
-        ("Seconds,FuncGen,Laser", "Seconds", 1, 2, "drive", "", 1.0),
-        ("t,ref_vel [mm/s],dut [mV]", "t", 1, 2, "velocity", "mm/s", 1e-3),
-        ("sensor out,acceleration (m/s2)", None, 1, 0, "acceleration", "m/s2", 1.0),
-        ("laser displacement [um],U", None, 0, 1, "displacement", "um", 1e-6),
-        ("a,b", None, 0, 1, "acceleration", "", 1.0),
-        ("Nr,Zeit [s],Beschl. [g],Spannung [V]", "Zeit [s]", 2, 3, "acceleration", "g", 9.80665),
-        ("Zeit [s],Geschwindigkeit [mm/s],Ladung [pC]", "Zeit [s]", 1, 2, "velocity", "mm/s", 1e-3),
+        ("time_s,reference_acceleration,response", "time_s", 1, 2, "acceleration", ""),
+        ("Seconds,FuncGen,Laser", "Seconds", 1, 2, "drive", ""),
+        ("t,ref_vel [mm/s],dut [mV]", "t", 1, 2, "velocity", "mm/s"),
+        ("sensor out,acceleration (m/s2)", None, 1, 0, "acceleration", "m/s2"),
+        ("laser displacement [um],U", None, 0, 1, "displacement", "um"),
+        ("a,b", None, 0, 1, "acceleration", ""),
+        ("Nr,Zeit [s],Beschl. [g],Spannung [V]", "Zeit [s]", 2, 3, "acceleration", "g"),
+        ("Zeit [s],Geschwindigkeit [mm/s],Ladung [pC]", "Zeit [s]", 1, 2, "velocity", "mm/s"),
     ],
 )
-def test_records(tmp_path, header, time, reference, response, quantity, unit, scale):
+def test_records(tmp_path, header, time, reference, response, quantity, unit):
     guess, names = csv(tmp_path, header), header.split(",")
     assert not guess.is_table
-    assert (guess.time, guess.reference, guess.response) == (time, names[reference], names[response])
-    assert (guess.quantity, guess.unit) == (quantity, unit)
-    assert guess.scale == pytest.approx(scale, rel=1e-12)
+    stated = guess.document["reference"]
+    assert (guess.time, stated["column"]) == (time, names[reference])
+    assert guess.document["response"]["column"] == names[response]
+    assert (stated["quantity"], stated["unit"]) == (quantity, unit)
+    assert stated["scale"] == 1.0  # the unit is applied
 
 
 @pytest.mark.parametrize(
@@ -55,9 +57,10 @@ def test_records(tmp_path, header, time, reference, response, quantity, unit, sc
     ],
 )
 def test_the_photodetectors_of_an_interferometer(tmp_path, header, detectors, response):
-    guess = csv(tmp_path, header)
-    assert (guess.detectors, guess.response) == (detectors, response)
-    assert (guess.reference is None) == bool(detectors)
+    document = csv(tmp_path, header).document
+    assert tuple(document["interferometer"].get("columns", ())) == detectors
+    assert document["response"]["column"] == response
+    assert ("column" in document["reference"]) == (not detectors)
 
 
 def test_units_in_a_line_of_their_own(tmp_path):
@@ -65,19 +68,26 @@ def test_units_in_a_line_of_their_own(tmp_path):
         "Zeit;Laser;Prüfling\ns;m/s²;mV\n" + "".join(f"{i};{i},5;{i},2\n" for i in range(9))
     )
     guess = guess_columns(tmp_path / "a.csv")
-    assert (guess.time, guess.reference, guess.response) == ("Zeit", "Laser", "Prüfling")
-    assert (guess.quantity, guess.unit, guess.response_unit) == ("acceleration", "m/s²", "mV")
+    reference, response = guess.document["reference"], guess.document["response"]
+    assert (guess.time, reference["column"], response["column"]) == ("Zeit", "Laser", "Prüfling")
+    assert (reference["quantity"], reference["unit"], response["unit"]) == ("acceleration", "m/s²", "mV")
 
 
 def test_the_unit_of_the_response(tmp_path):
-    assert csv(tmp_path, "t,ref [m/s^2],response [pC]").response_unit == "pC"
-    assert csv(tmp_path, "t,ref [m/s^2],response").response_unit == "V"
+    assert csv(tmp_path, "t,ref [m/s^2],response [pC]").document["response"]["unit"] == "pC"
+    assert csv(tmp_path, "t,ref [m/s^2],response").document["response"]["unit"] == "V"
 
 
 def test_a_table(tmp_path):
     guess = csv(tmp_path, "frequency_hz,magnitude,u_magnitude,phase_deg,u_phase")
     assert guess.is_table
-    assert (guess.frequency, guess.magnitude, guess.phase) == ("frequency_hz", "magnitude", "phase_deg")
+    assert guess.document["table"] == {
+        "frequency": "frequency_hz",
+        "magnitude": "magnitude",
+        "phase": "phase_deg",
+        "magnitude_uncertainty": "u_magnitude",
+        "phase_uncertainty": "u_phase",
+    }
 
 
 @pytest.mark.parametrize(
@@ -93,8 +103,10 @@ def test_a_table(tmp_path):
 def test_the_units_of_a_table(tmp_path, header, uncertainty, quantity, unit):
     guess = csv(tmp_path, header)
     assert guess.is_table
-    assert guess.magnitude_uncertainty == (None if uncertainty is None else header.split(",")[uncertainty])
-    assert (guess.quantity, guess.response_unit) == (quantity, unit)
+    table, names = guess.document["table"], header.split(",")
+    assert table.get("magnitude_uncertainty") == (None if uncertainty is None else names[uncertainty])
+    assert guess.document["reference"]["quantity"] == quantity
+    assert guess.document["response"]["unit"] == unit
 
 
 @pytest.mark.parametrize(
@@ -109,14 +121,14 @@ def test_the_units_of_a_table(tmp_path, header, uncertainty, quantity, unit):
     ],
 )
 def test_the_excitation_by_the_name_of_the_file(tmp_path, name, excitation):
-    assert csv(tmp_path, "t,ref,response", f"{name}.csv").excitation == excitation
+    assert csv(tmp_path, "t,ref,response", f"{name}.csv").document["records"].get("excitation") == excitation
 
 
 def test_names_that_occur_twice_become_numbers(tmp_path):
     guess = csv(tmp_path, "t,signal,signal")
     assert guess.columns == ("t", 2, 3)
     assert guess.labels == ("t", "column 2 (signal)", "column 3 (signal)")
-    assert {guess.reference, guess.response} == {2, 3}
+    assert {guess.document[section]["column"] for section in ("reference", "response")} == {2, 3}
 
 
 def test_a_file_that_knows_its_rate_needs_no_time_column(tmp_path):
@@ -127,7 +139,8 @@ def test_a_file_that_knows_its_rate_needs_no_time_column(tmp_path):
         file.writeframes(np.arange(20, dtype="<i2").tobytes())
     guess = guess_columns(tmp_path / "a.wav")
     assert (guess.rate_hz, guess.time) == (48000.0, None)
-    assert (guess.reference, guess.response) == guess.columns == ("channel 1", "channel 2")
+    assert guess.columns == ("channel 1", "channel 2")
+    assert [guess.document[section]["column"] for section in ("reference", "response")] == [*guess.columns]
 
 
 def test_a_file_that_cannot_be_opened_is_said(tmp_path):
@@ -144,7 +157,7 @@ def test_the_excitation_by_the_motion_where_the_names_do_not_say(tmp_path, kind)
         data = np.stack([record.time_s, np.asarray(record.reference), record.response], axis=1)
         np.savetxt(tmp_path / file, data, delimiter=",", header="t,ref,response", comments="")
     guess = guess_columns(tmp_path / files[0])
-    assert guess.excitation is None
+    assert not guess.document["records"]
     assert likely_excitation(guess, tmp_path, files) == kind
     (tmp_path / files[0]).write_text("t,ref,response\n0,a,1\n")  # what cannot be read is said later
     assert likely_excitation(guess, tmp_path, files[:1]) == "sine"

@@ -13,7 +13,7 @@ from tests.support.sample_results import table2
 from tests.support.serving import WAIT_MS, choose, download, field, upload
 from tests.support.shell import printed
 
-from vibrident.app.web.certify import _PROFILE
+from vibrident.app.web.form.certify import _PROFILE
 from vibrident.data.io.certificate import CertificateSection
 
 LOGO = b'<svg xmlns="http://www.w3.org/2000/svg" width="40" height="20"><rect width="40" height="20"/></svg>'

@@ -64,16 +64,16 @@ def test_edits_after_confirm_reach_identify_and_files_added_wipe_no_form(visit, 
     page.locator("#confirm").click()
     page.get_by_text("The calibration file: as confirmed above").click()
     field(page, "Serial number").fill("4711")
-    field(page, "Response: units per unit of the file").fill("2.5")
+    field(page, "Response: scale").fill("2.5")
     choose(page, "Model", "velocity-pickup")
     page.wait_for_function("document.querySelector('#calibration-text').textContent.includes('velocity-pickup+delay')")
     assert all(text in calibration(page) for text in ('serial_number = "4711"', "scale = 2.5"))
 
-    field(page, "Response: units per unit of the file").fill("")
-    page.get_by_text("The scale of the response is empty.").wait_for()
+    field(page, "Response: scale").fill("")
+    page.get_by_text("“Response: scale” is empty.").wait_for()
     assert page.locator("#start").is_disabled()
-    field(page, "Response: units per unit of the file").fill("3")
-    page.get_by_text("The scale of the response is empty.").wait_for(state="detached")
+    field(page, "Response: scale").fill("3")
+    page.get_by_text("“Response: scale” is empty.").wait_for(state="detached")
     assert page.locator("#start").is_enabled()
 
     upload(page, tmp_path / "0.csv")  # it comes first now, and its names say something else
@@ -82,7 +82,7 @@ def test_edits_after_confirm_reach_identify_and_files_added_wipe_no_form(visit, 
     page.locator("#start").wait_for(state="hidden")
     page.locator("#confirm").wait_for()
     assert field(page, "Serial number").input_value() == "4711"
-    assert field(page, "Response: units per unit of the file").input_value() == "3"
+    assert field(page, "Response: scale").input_value() == "3"
     page.locator("#confirm").click()
     page.locator("#start").wait_for()
     text = calibration(page)

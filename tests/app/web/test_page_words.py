@@ -9,7 +9,7 @@ from tests.support.serving import alone
 from tests.support.sources import modules, tree
 
 from vibrident.app.web import frame, looks
-from vibrident.app.web.description import described
+from vibrident.app.web.form.description import described
 from vibrident.app.web.worker import Stopped, Worker
 from vibrident.base.errors import InputError
 from vibrident.data.io.guess import guess_columns
@@ -91,7 +91,7 @@ def test_a_process_that_was_killed_is_told_of_by_its_signal(tmp_path):
 )
 def test_a_channel_number_in_brackets_is_no_unit(tmp_path, name, unit):
     (tmp_path / "a.csv").write_text(f"time,ref [m/s^2],{name}\n0,1,2\n1,2,3\n")
-    assert guess_columns(tmp_path / "a.csv").response_unit == unit
+    assert guess_columns(tmp_path / "a.csv").document["response"]["unit"] == unit
 
 
 def test_every_file_is_examined_when_it_is_dropped(tmp_path):

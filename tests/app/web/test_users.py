@@ -17,8 +17,7 @@ from tests.support import tasks
 from tests.support.serving import alone
 
 from vibrident.app.web import held, looks, users, worker
-from vibrident.app.web.columns import merged
-from vibrident.app.web.description import Description
+from vibrident.app.web.form.columns import merged
 from vibrident.app.web.held import Job
 from vibrident.app.web.looks import Guess
 from vibrident.app.web.users import Users
@@ -158,7 +157,7 @@ def test_a_stopped_server_leaves_its_users_to_the_next(tmp_path):
     user.session.place_for("b.csv", 20).write_bytes(bytes(5))  # it was arriving
     (user.session.folder / "run-1").mkdir()
     user.form = merged(None, guessed(user.session.data, "t,ref [mm/s],out [pC]", "c.csv"))
-    user.form.set("scale", 2.0)
+    user.form.set("reference.scale", 2.0)
     (user.session.data / "c.csv").unlink()
     (tmp_path / "made.json").write_text("{}")
     user.keep("1: mine", tmp_path / "made.json", choices=held.Choices("calibration.toml"))
@@ -172,7 +171,7 @@ def test_a_stopped_server_leaves_its_users_to_the_next(tmp_path):
     assert again.session.names == ["a.csv"]
     assert not (again.session.folder / "run-1").exists()
     assert again.form is not None
-    assert (again.form.given, again.form.touched) == (user.form.given, {"scale"})
+    assert (again.form.given, again.form.touched) == (user.form.given, {"reference.scale"})
     assert again.results == user.results
     assert isinstance(again.job.error, worker.Stopped)
 
@@ -266,19 +265,22 @@ def guessed(tmp_path, header: str, name: str = "a.csv") -> Guess:
 def test_a_guess_sets_nothing_that_a_person_set(tmp_path):
     first = guessed(tmp_path, "t,ref [mm/s],out [pC],x")
     form = merged(None, first)
-    assert (form.given.reference, form.given.quantity, form.given.scale) == ("ref [mm/s]", "velocity", 1e-3)
+    assert [form.get(f"reference.{key}") for key in ("column", "quantity", "scale")] == ["ref [mm/s]", "velocity", 1.0]
     again = merged(form, guessed(tmp_path, "t,laser,coil"))  # untouched: the new guess holds
-    assert (again.given.reference, again.given.quantity) == ("laser", "displacement")
+    assert [again.get(f"reference.{key}") for key in ("column", "quantity")] == ["laser", "displacement"]
 
-    form.set("scale", 2.0)
+    form.set("reference.scale", 2.0)
     form.set("sensor.serial_number", "7")
     kept = merged(form, guessed(tmp_path, "t,ref [mm/s],out [pC],laser"))
     assert kept.given == form.given
-    assert kept.touched == {"scale", "sensor.serial_number"}
-    form.set("response", "x")
+    assert kept.touched == {"reference.scale", "sensor.serial_number"}
+    form.set("response.column", "x")
     other = merged(form, guessed(tmp_path, "t,laser,coil"))
-    assert (other.given.scale, other.given.response) == (2.0, "x")  # set by hand, so it is asked about
-    assert (other.given.reference, other.given.time) == ("laser", "t")  # not set, and no longer there
+    assert [other.get(path) for path in ("reference.scale", "response.column")] == [
+        2.0,
+        "x",
+    ]  # set by hand: asked about
+    assert [other.get(path) for path in ("reference.column", "sampling.time_column")] == ["laser", "t"]  # not set, gone
 
 
 def test_a_wide_file_offers_few_columns_and_those_that_were_guessed(tmp_path):
@@ -296,10 +298,3 @@ def test_charts_that_are_too_large_are_left_out():
     assert [(title, json.loads(text), height) for title, text, height in found] == [("a", drawn[0][1], 3)]
     assert left < 0
     assert len(looks._fitting(drawn, 10_000)[0]) == 3
-
-
-def test_an_empty_scale_is_no_scale_of_one():
-    from vibrident.app.web.description import calibration_text
-
-    with pytest.raises(InputError, match="scale of the reference is empty"):
-        calibration_text(Description(reference=1, response=2, scale=None), ["a.csv"])

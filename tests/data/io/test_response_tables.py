@@ -261,7 +261,8 @@ def test_what_a_person_is_offered_is_the_units_meaning(tmp_path, unit, quantity,
     write(tmp_path, f"f;magnitude ({unit});phase", [(1.0, 2.0, 3.0)], "mp")
     guess = guess_columns(tmp_path / "t.csv")
     assert guess.is_table
-    assert (guess.quantity, guess.response_unit) == (quantity, response)
+    assert guess.document["reference"]["quantity"] == quantity
+    assert guess.document["response"]["unit"] == response
 
 
 def test_the_unit_of_the_reference_says_what_a_bare_response_is_per(tmp_path):

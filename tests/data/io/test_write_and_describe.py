@@ -87,7 +87,7 @@ def test_a_failure_leaves_nothing_behind(tmp_path, refused, monkeypatch):
     def full_disk(*_args):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("vibrident.data.io.writer._toml", full_disk)
+    monkeypatch.setattr("vibrident.data.io.writer._document", full_disk)
     refused(lambda: write_calibration(tmp_path / "out", calibration), found="No space left", where="out")
     assert list(tmp_path.iterdir()) == []
 

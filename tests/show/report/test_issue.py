@@ -100,7 +100,6 @@ def test_the_form_has_every_entry_once():
     keys = [entry.key for entry in form()]
     assert sorted(keys) == sorted(CertificateSection.model_fields)
     assert {entry.key for entry in form() if entry.required} == set(REQUIRED)
-    assert {entry.kind for entry in form() if entry.choices} == {"choice"}
     assert certificate_section({"number": "1", "remarks": "x"}, "form") == {"number": "1", "remarks": ["x"]}
     with pytest.raises(InputError, match="logo"):
         certificate_section({"logo": "/etc/passwd"}, "form")

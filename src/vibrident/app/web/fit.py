@@ -10,7 +10,7 @@ import numpy as np
 from nicegui import ui
 
 from vibrident.app.web import frame
-from vibrident.app.web.description import calibration_text
+from vibrident.app.web.form.description import calibration_text
 from vibrident.app.web.held import Choices, Confirmed, Job
 from vibrident.app.web.looks import calibration
 from vibrident.app.web.users import User

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar
 
-from vibrident.app.web.description import Description
+from vibrident.app.web.form.description import Description
 from vibrident.app.web.looks import Guess
 from vibrident.app.workflow.estimators import AUTO, estimators_with
 from vibrident.base import parcel
@@ -66,19 +66,14 @@ class Form:
     given: Description
     touched: set[str] = field(default_factory=set)  # fields set by the user; a guess does not change them
 
-    def get(self, name: str) -> Any:
-        """Value of a field; those of the sensor are named ``sensor.NAME``."""
-        whole, _, part = name.partition(".")
-        return getattr(self.given, whole)[part] if part else getattr(self.given, whole)
+    def get(self, path: str) -> Any:
+        """Value of a field."""
+        return self.given.get(path)
 
-    def set(self, name: str, value: Any) -> None:
+    def set(self, path: str, value: Any) -> None:
         """Set a field to the user's value."""
-        self.touched.add(name)
-        whole, _, part = name.partition(".")
-        if part:
-            getattr(self.given, whole)[part] = value
-        else:
-            setattr(self.given, whole, value)
+        self.touched.add(path)
+        self.given.set(path, value)
 
 
 @dataclass

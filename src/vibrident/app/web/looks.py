@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vibrident.app.web.description import POINTS, Description, described, mark, paired
+from vibrident.app.web.form.description import ROLES, Description, described, mark, paired
 from vibrident.app.web.preview import preview
 from vibrident.app.web.session import refuse_outside
 from vibrident.base.errors import InputError, VibridentError
@@ -72,7 +72,7 @@ def guess(folder: Path, files: Sequence[str]) -> Guess:
     except MemoryError:  # the files may be too large for a guess
         excitation = None
     try:
-        drawn = chart(replace(described(columns, excitation or "sine"), optical_part=part), folder, files)
+        drawn = chart(described(columns, excitation or "sine", part), folder, files)
     except (VibridentError, MemoryError):  # reported when the page requests the chart
         drawn = b""
     return Guess(_few(columns), excitation, len(columns.columns), drawn, part)
@@ -83,19 +83,22 @@ def _columns(folder: Path, pairs: Sequence[tuple[str, str | None]]) -> tuple[Col
     first, other = pairs[0]
     columns = guess_columns(folder / first)
     light = columns if other is None else guess_columns(folder / other)
-    if light is columns or columns.detectors or not light.detectors:
+    signals = light.document["interferometer"]
+    if light is columns or columns.document["interferometer"] or not signals:
         return columns, False
     more = [pair for pair in zip(light.columns, light.labels, strict=True) if pair[0] not in columns.columns]
     names, labels = (tuple(part) for part in zip(*more, strict=True)) if more else ((), ())
     both = {"columns": (*columns.columns, *names), "labels": (*columns.labels, *labels)}
-    return replace(columns, **both, detectors=light.detectors), True
+    return replace(columns, **both, document={**columns.document, "interferometer": signals}), True
 
 
 def likely_excitation(columns: Columns, folder: Path, files: Sequence[str]) -> str:
     """The excitation of most files; a sine if undetermined."""
-    motion_in = columns.response if columns.detectors else columns.reference  # raw light turns round at any motion
-    if columns.excitation is not None or columns.is_table or motion_in is None:
-        return columns.excitation or "sine"
+    known = columns.document["records"].get("excitation")
+    # raw light turns round at any motion
+    motion_in = columns.document["response" if columns.document["interferometer"] else "reference"].get("column")
+    if known is not None or columns.is_table or motion_in is None:
+        return known or "sine"
     seen: Counter[str] = Counter()
     for file in files[:: -(-len(files) // _MOST_EXAMINED)]:
         try:
@@ -109,7 +112,8 @@ def likely_excitation(columns: Columns, folder: Path, files: Sequence[str]) -> s
 
 def _few(columns: Columns) -> Columns:
     """The columns to offer: the first ones and the guessed ones."""
-    guessed = {*(getattr(columns, role) for role in ("time", "reference", "response", *POINTS)), *columns.detectors}
+    given = described(columns)
+    guessed = [given.get(role) for role in ROLES]
     pairs = list(zip(columns.columns, columns.labels, strict=True))
     kept = [pair for i, pair in enumerate(pairs) if i < MOST_COLUMNS or pair[0] in guessed]
     names, labels = zip(*kept, strict=True)
@@ -132,13 +136,11 @@ def chart(given: Description, folder: Path, files: Sequence[str]) -> bytes:
 def faults(given: Description, folder: Path, files: Sequence[str]) -> list[dict[str, str]]:
     """What an identification would refuse in the chosen columns of any file: the fields of the message, one a file."""
     found, until = [], time.monotonic() + _MOST_SECONDS
-    motion = given.signals or (given.reference,)
+    points = [given.get(role) for role in ROLES if role.startswith("table.")]
+    response = (given.get("sampling.time_column"), given.get("response.column"))
     for file, other in given.pairs(files):
-        here = (given.time, given.response) if other else (given.time, *motion, given.response)
-        for name, columns in (
-            (file, [getattr(given, role) for role in POINTS] if given.table else here),
-            (other, motion),
-        ):
+        here = points if given.table else response if other else (*response, *given.motion)
+        for name, columns in ((file, here), (other, given.motion)):
             try:
                 if name is not None:
                     _require_numbers(folder / name, [column for column in columns if column is not None])

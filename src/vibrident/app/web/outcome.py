@@ -9,7 +9,7 @@ from typing import Any
 from nicegui import ui
 
 from vibrident.app.web import frame, looks
-from vibrident.app.web.certify import CertificateForm
+from vibrident.app.web.form.certify import CertificateForm
 from vibrident.app.web.held import Named
 from vibrident.app.web.session import RESULT
 from vibrident.app.web.users import User

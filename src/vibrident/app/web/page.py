@@ -10,11 +10,11 @@ from pathlib import Path
 from nicegui import ui
 
 from vibrident.app.web import frame
-from vibrident.app.web.columns import ColumnsStep
 from vibrident.app.web.compare import CompareStep
 from vibrident.app.web.data import DataStep
 from vibrident.app.web.door import SIGN_OUT
 from vibrident.app.web.fit import FitStep
+from vibrident.app.web.form.columns import ColumnsStep
 from vibrident.app.web.guard import ACCOUNT, OWNER
 from vibrident.app.web.outcome import OutcomeStep
 from vibrident.app.web.tools import ToolsStep

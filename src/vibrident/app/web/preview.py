@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from vibrident.app.web.description import Description
+from vibrident.app.web.form.description import Description
 from vibrident.base.errors import InputError
 from vibrident.data.io.columns import ColumnFile, require_room
 from vibrident.data.io.reader import open_columns
@@ -31,19 +31,21 @@ def preview(given: Description, folder: Path, files: Sequence[str]) -> Chart:
     first, other = given.pairs(files)[0]
     source = open_columns(folder / first)
     light = source if other is None else open_columns(folder / other)
-    across = given.frequency if given.table else given.time
-    drawn: tuple[int | str | None, ...] = (given.magnitude, given.phase)
+    across = given.get("table.frequency" if given.table else "sampling.time_column")
+    drawn: tuple[int | str | None, ...] = tuple(
+        given.get(f"table.{key}") for key in ("magnitude", "phase", "real", "imaginary")
+    )
+    if name := given.get("table.complex"):
+        drawn = (f"{name}.real", f"{name}.imag")
     if not given.table:
-        drawn = (*(given.signals or (given.reference,)), given.response)
-    if light is not source:
-        drawn = (given.response,)
+        drawn = (given.get("response.column"),) if other else (*given.motion, given.get("response.column"))
     wanted = list(dict.fromkeys(column for column in drawn if column is not None))
     if not given.signals:  # those of an interferometer are read in blocks
         whole = [source.position_of(column, "columns and units") for column in wanted]
         require_room(folder / first, sum(source.length(place) for place in whole))
     stacks = [*_light(light, given), _over(source, wanted, across, table=given.table)]
     if light is not source:
-        signals = [column for column in given.signals if column is not None]
+        signals = [column for column in given.motion if column is not None]
         stacks.insert(-1, _over(light, signals, None, table=False))
     ((_, chart),) = charts(Figure("preview", "", tuple(stacks), across=len(stacks)))
     return chart

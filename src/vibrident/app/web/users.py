@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from vibrident.app.web.confinement import confined
-from vibrident.app.web.description import calibration_text
 from vibrident.app.web.door import Door
+from vibrident.app.web.form.description import calibration_text
 from vibrident.app.web.held import Choices, Confirmed, Form, Job, Named, read_state, write_state
 from vibrident.app.web.looks import facts, prepare
 from vibrident.app.web.session import MEGABYTE, RESULT, Session

@@ -12,6 +12,7 @@ from pydantic import AfterValidator, ConfigDict, Field
 from vibrident.base.errors import InputError
 from vibrident.data.effects import Circumstances
 from vibrident.data.io.certificate import CertificateSection
+from vibrident.data.io.keys import basic, expert, key
 from vibrident.data.io.schema_errors import validated
 from vibrident.data.io.sections import (
     CapabilityEntry,
@@ -25,6 +26,8 @@ from vibrident.data.io.sections import (
     UncertaintyEntry,
     check_interferometer,
     check_uncertainties,
+    require_one,
+    require_only_with,
 )
 from vibrident.data.io.toml_text import read_toml
 from vibrident.data.records import USUAL_MODEL, Excitation, Quantity
@@ -41,62 +44,89 @@ _Scale = Annotated[
     AfterValidator(_scale),
     Field(allow_inf_nan=False, description="a finite number other than 0"),
 ]
+_Name = Annotated[str, Field(min_length=1, description="the name of a complex array")]
+_AnyText = Annotated[str, Field(description="text in quotes")]
+#: Text, a number or a date: it is printed as it stands.
+_Free = Annotated[Any, Field(description="text, a number or a date")]
 _Label = Annotated[str | int, Field(description="a number, or text in quotes")]
 _File = Annotated[
     str, Field(min_length=1, pattern=r"^[^\x00]*$", description="a file name in quotes")
 ]
 
 
+_FULL_SCALE = "The most that the recorder holds, in units of the file."
+_SCALE = "Multiplies what is there after the unit that the file states."
+_STANDARD = "Standard uncertainty (k = 1)."
+
+
 class SensorSection(FileSection):
     """[sensor]: the model, and free text for reports."""
 
     model_config = ConfigDict(extra="allow")
-    model: Text = USUAL_MODEL
+    manufacturer: _Free = basic()
+    type: _Free = basic()
+    serial_number: _Free = basic()
+    model: Text = basic(default=USUAL_MODEL, about='With add-ons: "accelerometer+delay".')
+
+    @property
+    def free(self) -> dict[str, Any]:
+        """The keys but the model, as far as they are stated."""
+        declared = type(self).model_fields.keys() & self.model_fields_set - {"model"}
+        stated = {name: getattr(self, name) for name in sorted(declared)}
+        return {**stated, **(self.model_extra or {})}
 
 
 class ReferenceSection(FileSection):
     """[reference]: the channel of the interferometer, reference transducer or drive."""
 
-    column: Column | None = None
-    quantity: Quantity = "acceleration"
-    scale: _Scale = 1.0
-    unit: str = Field(default="", description="text in quotes")
-    standard_uncertainty: NotNegative = 0.0
-    full_scale: Positive | None = None
+    column: Column | None = basic("Reference: column")
+    quantity: Quantity = basic(
+        "Reference: quantity",
+        default="acceleration",
+        words=("acceleration, m/s²", "velocity, m/s", "displacement, m", "drive, its own unit"),
+    )
+    scale: _Scale = basic("Reference: scale", default=1.0, about=_SCALE)
+    unit: _AnyText = basic("Reference: unit", default="")
+    standard_uncertainty: NotNegative = basic(
+        "Reference: u, relative", default=0.0, about="Systematic: of its calibration."
+    )
+    full_scale: Positive | None = key("Reference: full scale", about=_FULL_SCALE)
 
 
 class ResponseSection(FileSection):
     """[response]: the channel of the sensor under test."""
 
-    column: Column | None = None
-    scale: _Scale = 1.0
-    unit: Text = "V"
-    full_scale: Positive | None = None
+    column: Column | None = basic("Response: column")
+    scale: _Scale = basic("Response: scale", default=1.0, about=_SCALE)
+    unit: Text = basic("Response: unit", default="V")
+    full_scale: Positive | None = key("Response: full scale", about=_FULL_SCALE)
 
 
 class SamplingSection(FileSection):
     """[sampling]: a rate, or the column that holds the times."""
 
-    rate_hz: Positive | None = None
-    time_column: Column | None = None
+    rate_hz: Positive | None = basic("Sampling rate", "Hz", about="Else that of the file.")
+    time_column: Column | None = basic("Time column", "s")
 
 
 class RecordsEntry(FileSection):
     """One [[records]] entry: a file or a glob, and its excitation."""
 
-    file: _File
-    excitation: Excitation
-    frequency_hz: Positive | None = None
-    start_s: NotNegative | None = None
-    stop_s: Positive | None = None
-    name: Text | None = None
-    reference_file: _File | None = None
-    rate_hz: Positive | None = None
-    start_time_s: Number | None = None
-    run: _Label = ""
-    mounting: _Label = ""
-    axis: Literal["", "x", "y", "z"] = ""
-    temperature_c: Number | None = None
+    file: _File = expert(default=..., about="A name or a glob.")
+    excitation: Excitation = basic(default=...)
+    frequency_hz: Positive | None = key(
+        "Frequency of the sine", "Hz", about="A start value; it is found in the data otherwise."
+    )
+    start_s: NotNegative | None = key("Part of the record: from", "s", about="0: its start.")
+    stop_s: Positive | None = key("Part of the record: to", "s", about="Not included.")
+    name: Text | None = expert("Name in tables", about="For an entry with one file.")
+    reference_file: _File | None = expert("File of the reference", about="If it is another.")
+    rate_hz: Positive | None = key("Rate of these records", "Hz", about="If it is another.")
+    start_time_s: Number | None = key("Clock time of the first sample", "s")
+    run: _Label = key(default="", about="Which of several runs it belongs to.")
+    mounting: _Label = key(default="", about="During which mounting of the sensor.")
+    axis: Literal["", "x", "y", "z"] = key("Axis of the motion", default="", about="Sensor's own.")
+    temperature_c: Number | None = key("Temperature of the sensor", "°C")
 
     @property
     def circumstances(self) -> Circumstances:
@@ -107,21 +137,25 @@ class RecordsEntry(FileSection):
 class TableSection(FileSection):
     """[table]: a tabulated response instead of records, in one of ``TABLE_WAYS``."""
 
-    file: _File
-    frequency: Column | None = None
-    magnitude: Column | None = None
-    phase: Column | None = None
-    real: Column | None = None
-    imaginary: Column | None = None
-    complex: Annotated[
-        str | None, Field(min_length=1, description="the name of a complex array")
-    ] = None
-    magnitude_uncertainty: Column | None = None
-    phase_uncertainty: Column | None = None
-    real_uncertainty: Column | None = None
-    imaginary_uncertainty: Column | None = None
-    phase_unit: Literal["deg", "rad"] = "deg"
-    magnitude_unit: Literal["", "dB"] = ""
+    file: _File = expert(default=...)
+    frequency: Column | None = basic(about="In Hz, or the unit of its header.")
+    magnitude: Column | None = basic()
+    phase: Column | None = basic()
+    real: Column | None = key("Real part", about="With imaginary, in place of magnitude.")
+    imaginary: Column | None = key("Imaginary part")
+    complex: _Name | None = key("Complex array", about="In place of magnitude and phase.")
+    magnitude_uncertainty: Column | None = basic("u of the magnitude", about=_STANDARD)
+    phase_uncertainty: Column | None = basic("u of the phase", about=_STANDARD)
+    real_uncertainty: Column | None = key("u of the real part", about=_STANDARD)
+    imaginary_uncertainty: Column | None = key("u of the imaginary part", about=_STANDARD)
+    phase_unit: Literal["deg", "rad"] = basic(
+        "Unit of the phase", default="deg", words=("as the file states, or deg", "deg", "rad")
+    )
+    magnitude_unit: Literal["", "dB"] = key(
+        "Unit of the magnitude",
+        default="",
+        about="Where no header says dB: 20 lg, re 1 unit of the column.",
+    )
 
     @property
     def response_column(self) -> tuple[Column, str]:
@@ -145,36 +179,36 @@ TABLE_WAYS = (
 class CalibrationFile(FileSection):
     """A calibration file, checked; see the documentation for each key."""
 
-    sensor: SensorSection = SensorSection()
-    reference: ReferenceSection = ReferenceSection()
-    response: ResponseSection = ResponseSection()
-    sampling: SamplingSection = SamplingSection()
-    records: list[RecordsEntry] = Field(
-        default=[], description="one or more [[records]], in double brackets"
-    )
-    table: TableSection | None = None
-    interferometer: InterferometerSection | None = None
-    certificate: CertificateSection = CertificateSection()
-    uncertainty: list[UncertaintyEntry] = Field(
-        default=[], description="one or more [[uncertainty]], in double brackets"
-    )
-    cmc: list[CapabilityEntry] = Field(
-        default=[], description="one or more [[cmc]], in double brackets"
-    )
+    sensor: SensorSection = key("Sensor and model", default=SensorSection())
+    reference: ReferenceSection = key("Reference: motion of the sensor", default=ReferenceSection())
+    interferometer: InterferometerSection | None = key("Raw signals of an interferometer")
+    response: ResponseSection = key("Response: output of the sensor", default=ResponseSection())
+    sampling: SamplingSection = key("Sampling and excitation", default=SamplingSection())
+    records: list[RecordsEntry] = key("Records", default=[])
+    table: TableSection | None = key("Columns of the table")
+    certificate: CertificateSection = key(default=CertificateSection())
+    uncertainty: list[UncertaintyEntry] = key("Stated uncertainties", default=[])
+    cmc: list[CapabilityEntry] = key("Capability (CMC)", default=[])
 
     @property
     def sensor_text(self) -> dict[str, str]:
         """The free text of [sensor]."""
-        return {key: str(value) for key, value in (self.sensor.model_extra or {}).items()}
+        return {name: str(value) for name, value in self.sensor.free.items()}
 
 
 def read_calibration_file(path: Path) -> CalibrationFile:
-    """Read and check a calibration file; InputError where it is not TOML, or a key or value is not allowed."""
+    """Read and check a calibration file.
+
+    InputError where it is not TOML, or a key or value is not allowed.
+    """
     return checked_calibration(read_toml(path), str(path))
 
 
 def checked_calibration(document: Mapping[str, Any], where: str) -> CalibrationFile:
-    """The keys of a calibration file, checked; ``where`` names it. Errors as :func:`read_calibration_file`."""
+    """Return the keys of a calibration file, checked; ``where`` names it.
+
+    Errors as :func:`read_calibration_file`.
+    """
     for section in ("response", "reference"):
         if isinstance(document.get(section), list):
             raise InputError(
@@ -192,13 +226,13 @@ def checked_calibration(document: Mapping[str, Any], where: str) -> CalibrationF
 
 
 def _check_sensor(calibration: CalibrationFile, where: str) -> None:
-    """[sensor] allows any key, so a misspelt ``model`` would be free text and change the result."""
-    for key, value in (calibration.sensor.model_extra or {}).items():
-        if difflib.get_close_matches(key.lower(), ["model"], n=1, cutoff=0.8):
+    """Refuse a misspelt ``model``, which would be free text and change the result."""
+    for name, value in calibration.sensor.free.items():
+        if difflib.get_close_matches(name.lower(), ["model"], n=1, cutoff=0.8):
             raise InputError(
-                f"The key {key!r} looks like a misspelt 'model'.",
+                f"The key {name!r} looks like a misspelt 'model'.",
                 expected="model = …, or a key less similar to it",
-                found=f"{key} = {value!r}",
+                found=f"{name} = {value!r}",
                 where=f"{where}, [sensor]",
                 remedy="did you mean 'model'?",
             )
@@ -206,28 +240,19 @@ def _check_sensor(calibration: CalibrationFile, where: str) -> None:
             raise InputError(
                 "[sensor] holds text for reports, one line a key.",
                 expected="text, a number or a date",
-                found=f"{key} = {value!r}"[:80],
-                where=f"{where}, [sensor] {key}",
+                found=f"{name} = {value!r}"[:80],
+                where=f"{where}, [sensor] {name}",
                 remedy="write it as text",
             )
 
 
 def _check_content(calibration: CalibrationFile, where: str) -> None:
-    if bool(calibration.records) == (calibration.table is not None):
-        raise InputError(
-            "A calibration needs either records or a table.",
-            expected="[[records]] or [table]",
-            found="both" if calibration.records else "neither",
-            where=where,
-            remedy="keep one of the two"
-            if calibration.records
-            else "add [[records]] with file and excitation, or [table]",
-        )
+    names = {"records": "[[records]] with file and excitation", "table": "[table]"}
+    require_one(calibration, names, "A calibration needs either records or a table.", where)
     if calibration.interferometer is not None:
         given = calibration.reference.model_fields_set
-        check_interferometer(
-            calibration.interferometer, given, calibration.table is not None, where
-        )
+        table = calibration.table is not None
+        check_interferometer(calibration.interferometer, given, table, where)
     if calibration.table is not None:
         _check_table(calibration.table, f"{where}, [table]")
         return
@@ -238,15 +263,9 @@ def _check_content(calibration: CalibrationFile, where: str) -> None:
     )
     if calibration.reference.column is None and moved:
         raise _missing("[reference] column", where)
-    sampling = calibration.sampling
-    if sampling.rate_hz is not None and sampling.time_column is not None:
-        raise InputError(
-            "The sampling rate is given twice.",
-            expected="rate_hz or time_column",
-            found=f"rate_hz = {sampling.rate_hz!r} and time_column = {sampling.time_column!r}",
-            where=f"{where}, [sampling]",
-            remedy="keep the one that you trust",
-        )
+    names = {"rate_hz": "rate_hz", "time_column": "time_column"}
+    twice, here = "The sampling rate is given twice.", f"{where}, [sampling]"
+    require_one(calibration.sampling, names, twice, here, needed=False)
     for number, entry in enumerate(calibration.records, start=1):
         _check_entry(entry, f"{where}, [[records]] entry {number}")
 
@@ -296,14 +315,8 @@ def _check_entry(entry: RecordsEntry, where: str) -> None:
             where=where,
             remedy="correct one of the two",
         )
-    if entry.frequency_hz is not None and entry.excitation != "sine":
-        raise InputError(
-            "Only a sine has one frequency.",
-            expected='frequency_hz with excitation = "sine" alone',
-            found=f"frequency_hz = {entry.frequency_hz!r} with excitation = {entry.excitation!r}",
-            where=where,
-            remedy="remove frequency_hz, or correct the excitation",
-        )
+    problem = "Only a sine has one frequency."
+    require_only_with(entry, "frequency_hz", "excitation", "sine", problem, where, needed=False)
 
 
 def _missing(key: str, where: str) -> InputError:

@@ -1,4 +1,4 @@
-"""What a certificate states besides the numbers: [certificate], and a file of its own that is given after the fit."""
+"""[certificate]: what a certificate states besides the numbers, in a file of either kind."""
 
 from __future__ import annotations
 
@@ -12,11 +12,13 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, ConfigDict, Field, model_validator
 
 from vibrident.base.errors import InputError
+from vibrident.data.io.keys import Shown, key
 from vibrident.data.io.schema_errors import validated
 from vibrident.data.io.sections import FileSection, NotNegative, Number, Positive, Text
-from vibrident.data.io.toml_text import read_toml, toml_section
+from vibrident.data.io.toml_text import read_toml, toml_document
 
 Language = Literal["en", "de", "fr", "zh"]
+_LANGUAGES = ("English", "German", "French", "Chinese")
 
 
 def _text(value: Any) -> Any:
@@ -45,11 +47,20 @@ def _named(value: Any) -> Any:
 _Text = Annotated[
     str, BeforeValidator(_text), Field(min_length=1, description="text in quotes, not empty")
 ]
-_Date = Annotated[str, BeforeValidator(_date), Field(description="a date such as 2025-03-31")]
+_Address = Annotated[_Text, Shown("lines")]
+_Date = Annotated[
+    str,
+    BeforeValidator(_date),
+    Field(description="a date such as 2025-03-31"),
+    Shown("date"),
+]
 _Lines = Annotated[
     list[Annotated[str, Field(min_length=1)]],
     BeforeValidator(_lines),
     Field(min_length=1, description="text in quotes, or a list of such"),
+]
+_Country = Annotated[
+    str, Field(pattern="^[A-Z]{2}$", description="two capitals (ISO 3166-1), such as DE")
 ]
 _Percent = Annotated[float, Field(ge=0, le=100, description="a number from 0 to 100")]
 
@@ -68,15 +79,16 @@ class InstrumentSection(FileSection):
 class RequirementSection(FileSection):
     """A specification to judge conformity by: of a parameter, or of the sensitivity over a band.
 
-    ``quantity`` is a parameter's name with ``low`` and ``high`` in its unit; or ``sensitivity_deviation``, in percent
-    from the sensitivity at the reference frequency, at each measured frequency from ``from_hz`` to ``to_hz``.
+    ``quantity`` is a parameter's name with ``low`` and ``high`` in its unit; or
+    ``sensitivity_deviation``, in percent from the sensitivity at the reference frequency, at each
+    measured frequency from ``from_hz`` to ``to_hz``.
     """
 
     quantity: Text
-    low: Number | None = None
-    high: Number | None = None
-    from_hz: Positive | None = None
-    to_hz: Positive | None = None
+    low: Number | None = key("Low limit")
+    high: Number | None = key("High limit")
+    from_hz: Positive | None = key("From", "Hz")
+    to_hz: Positive | None = key("To", "Hz")
     source: _Text | None = None
 
     @model_validator(mode="after")
@@ -94,10 +106,10 @@ class CertificateSection(FileSection):
 
     number: _Text | None = None
     laboratory: _Text | None = None
-    laboratory_address: _Text | None = None
+    laboratory_address: _Address | None = None
     accreditation: _Text | None = None
     customer: _Text | None = None
-    customer_address: _Text | None = None
+    customer_address: _Address | None = None
     order_number: _Text | None = None
     date_of_receipt: _Date | None = None
     date_of_calibration: _Date | None = None
@@ -108,18 +120,18 @@ class CertificateSection(FileSection):
     direction: _Text | None = None
     amplitude: _Text | None = None
     conditioning: _Text | None = None
-    temperature_c: Number | None = None
-    temperature_uncertainty_c: NotNegative | None = None
-    relative_humidity_percent: _Percent | None = None
-    relative_humidity_uncertainty_percent: NotNegative | None = None
-    air_pressure_hpa: Positive | None = None
-    air_pressure_uncertainty_hpa: NotNegative | None = None
+    temperature_c: Number | None = key(unit="°C")
+    temperature_uncertainty_c: NotNegative | None = key(unit="°C")
+    relative_humidity_percent: _Percent | None = key(unit="%")
+    relative_humidity_uncertainty_percent: NotNegative | None = key(unit="%")
+    air_pressure_hpa: Positive | None = key(unit="hPa")
+    air_pressure_uncertainty_hpa: NotNegative | None = key(unit="hPa")
     procedure: _Text | None = None
     traceability: _Text | None = None
     instruments: list[_Instrument] = Field(
         default=[], description="a list of names, or [[certificate.instruments]]"
     )
-    reference_frequency_hz: Positive | None = None
+    reference_frequency_hz: Positive | None = key(unit="Hz")
     operator: _Text | None = None
     approved_by: _Text | None = None
     remarks: _Lines | None = None
@@ -133,14 +145,9 @@ class CertificateSection(FileSection):
     decision_rule: Literal["simple", "guarded"] | None = None
     replaces: _Text | None = None
     changes: _Lines | None = None
-    language: Language | None = None
-    second_language: Language | None = None
-    country: (
-        Annotated[
-            str, Field(pattern="^[A-Z]{2}$", description="two capitals (ISO 3166-1), such as DE")
-        ]
-        | None
-    ) = None
+    language: Language | None = key(words=_LANGUAGES)
+    second_language: Language | None = key(words=_LANGUAGES)
+    country: _Country | None = None
 
     def stated(self) -> Mapping[str, Any]:
         """What the file states, as plain values; dates as text."""
@@ -191,8 +198,8 @@ def certificate_data(files: Sequence[str | os.PathLike[str]]) -> CertificateData
     """Read certificate files; what a later one states replaces the same of an earlier one.
 
     Raises:
-        InputError: a file cannot be read, is not TOML, names a file that is not there, or holds a key or value that is
-            not allowed.
+        InputError: a file cannot be read, is not TOML, names a file that is not there, or holds a
+            key or value that is not allowed.
     """
     stated: dict[str, Any] = {}
     sensor: dict[str, str] = {}
@@ -202,23 +209,20 @@ def certificate_data(files: Sequence[str | os.PathLike[str]]) -> CertificateData
             _CertificateFile, read_toml(file, "certificate"), str(file), "certificate"
         )
         own = dict(found.certificate.stated())
-        for key in ("logo", "template", "before", "fonts"):
-            if key in own:
-                named[key] = _existing(file.parent / own.pop(key), key, str(file))
+        for kind in own.keys() & {"logo", "template", "before", "fonts"}:
+            named[kind] = _existing(file.parent / own.pop(kind), kind, str(file))
         stated |= own
-        sensor |= {key: str(value) for key, value in (found.sensor.model_extra or {}).items()}
+        sensor |= {name: str(text) for name, text in (found.sensor.model_extra or {}).items()}
     return CertificateData(stated, sensor, **named)
 
 
 def certificate_text(data: CertificateData) -> str:
-    """What is stated, as the text of a certificate file; without the files that it names."""
-    return "\n".join(
-        (toml_section("sensor", data.sensor), toml_section("certificate", data.certificate))
-    )
+    """Return what is stated as the text of a certificate file, without the files that it names."""
+    return toml_document({"sensor": data.sensor, "certificate": data.certificate})
 
 
 def certificate_section(values: Mapping[str, Any], where: str) -> Mapping[str, Any]:
-    """What a form was filled with, checked as [certificate] of a calibration file; ``where`` names the form."""
+    """Return what a form was filled with, checked as [certificate]; ``where`` names the form."""
     return validated(
         _Form, {"certificate": dict(values)}, where, "certificate"
     ).certificate.stated()

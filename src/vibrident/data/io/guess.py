@@ -1,12 +1,13 @@
-"""The possible meaning of a data file's columns, guessed from their names, for a person to confirm."""
+"""The meaning of a data file's columns, guessed from their names, for a person to confirm."""
 
 from __future__ import annotations
 
 import contextlib
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from vibrident.base.errors import InputError
 from vibrident.data.io.columns import ColumnFile
@@ -38,7 +39,8 @@ _DETECTORS = (
 )
 _CARRIER = re.compile(r"hetero|beat|carrier", re.IGNORECASE)
 _RESPONSE = re.compile(
-    r"resp|out|dut|sensor|volt|charge|signal|laser|pickup|antwort|ausgang|prüfling|spannung|ladung|\bu\b",
+    r"resp|out|dut|sensor|volt|charge|signal|laser|pickup|"
+    r"antwort|ausgang|prüfling|spannung|ladung|\bu\b",
     re.IGNORECASE,
 )
 #: Columns that number the rows.
@@ -60,63 +62,43 @@ _EXCITATIONS = (
 
 @dataclass(frozen=True)
 class Columns:
-    """Columns of a file, and their possible meaning; a column is its name, or its number if that is not unique."""
+    """Columns of a file, and the calibration document as far as their names fill it.
+
+    A column is its name, or its number if that is not unique. ``document``: section → key → value;
+    of [[records]] what all entries share. [table] is filled as far as there are such names.
+    """
 
     columns: tuple[int | str, ...]  # the choices, in the order of the file
     labels: tuple[str, ...]  # the same, for display
     rate_hz: float | None  # that the file itself states
-    # time, reference, response: of records
-    time: int | str | None
-    reference: int | str | None
-    response: int | str | None
-    # frequency, magnitude, phase, magnitude_uncertainty, phase_uncertainty: of a tabulated response, if frequency and
-    # magnitude are known
-    frequency: int | str | None
-    magnitude: int | str | None
-    phase: int | str | None
-    magnitude_uncertainty: int | str | None
-    phase_uncertainty: int | str | None
-    # quantity, scale, unit: of the reference; scale leads to SI
-    quantity: str
-    scale: float
-    unit: str
-    response_unit: str  # of the response
-    excitation: str | None  # by the file's name; None if undetermined
-    # photodetector signals of an interferometer: two in quadrature, one on a carrier, or none
-    detectors: tuple[int | str, ...] = ()
+    document: Mapping[str, Mapping[str, Any]]
 
     @property
     def is_table(self) -> bool:
         """Whether the names are those of a tabulated response."""
-        return self.frequency is not None and self.magnitude is not None
+        return {"frequency", "magnitude"} <= self.document["table"].keys()
+
+    @property
+    def time(self) -> int | str | None:
+        """The column of the times; None if there is none, or the file states its rate."""
+        return self.document["sampling"].get("time_column")
 
 
 def guess_columns(path: Path) -> Columns:
-    """Open a data file and guess the meaning of its columns from their names; its numbers are not read."""
+    """Open a data file and guess the meaning of its columns from their names, without its numbers.
+
+    InputError for a file that cannot be opened, or without a column that can be chosen.
+    """
     source = open_columns(path)
-    own = source.names
-    columns = tuple(
-        own[p] if own[p] and own.count(own[p]) == 1 else source.numbered.index(p) + 1
-        for p in _positions(source)
-    )
-    if not columns:
-        raise InputError(
-            "The file has no column that can be chosen.",
-            expected="columns of numbers with unique names",
-            found=f"{len(source.names)} columns without names",
-            where=source.file,
-            remedy="export the data with a header",
-        )
+    chosen = _choices(source)
     units = [source.stated_unit(p) for p in range(len(source.names))]
-    names = tuple(
+    names = [
         f"{name} [{unit}]" if unit else name for name, unit in zip(source.names, units, strict=True)
-    )
+    ]
     free = [p for p, name in enumerate(names) if not _INDEX.fullmatch(name.strip())]
-    table = _table(names)
     clock = next((c for c in map(source.clock, free) if c is not None), None)
     time = next((p for p in free if is_time(names[p])), None) if clock is None else None
-    if time is not None:
-        free = [position for position in free if position != time]
+    free = [position for position in free if position != time]
     detectors = _detectors(names, free)
     free = [position for position in free if position not in detectors]
     reference, quantity = (None, None) if detectors else _reference(names, free)
@@ -126,30 +108,36 @@ def guess_columns(path: Path) -> Columns:
         response = free[0]
     if reference is None and not detectors and len(free) > 1:
         reference, response = free[:2]
+    table = _table(names)
     unit, response_unit = _unit(names, reference), _unit(names, response)
-    if table["frequency"] is not None and (magnitude := table["magnitude"]) is not None:
-        response_unit, quantity = _sensitivity(source, magnitude)
+    if {"frequency", "magnitude"} <= table.keys():
+        response_unit, quantity = _sensitivity(source, table["magnitude"])
         unit = ""
     quantity = quantity_of(unit) or quantity or "acceleration"
-    chosen = dict(zip(_positions(source), columns, strict=True))
-
-    def column(position: int | None) -> int | str | None:
-        return None if position is None else chosen.get(position)
-
+    document = {
+        "reference": {
+            "column": chosen.get(reference),
+            "quantity": quantity,
+            "scale": 1.0,
+            "unit": unit,
+        },
+        "interferometer": {
+            "kind": {1: "heterodyne", 2: "quadrature"}.get(len(detectors)),
+            "columns": [chosen[position] for position in detectors] or None,
+        },
+        "response": {"column": chosen.get(response), "scale": 1.0, "unit": response_unit or "V"},
+        "sampling": {"time_column": chosen.get(time)},
+        "records": {"excitation": next((e for e, w in _EXCITATIONS if w.search(path.stem)), None)},
+        "table": {key: chosen.get(position) for key, position in table.items()},
+    }
     return Columns(
-        columns=columns,
-        labels=tuple(_label(names[p], c) for p, c in chosen.items()),
+        columns=tuple(chosen.values()),
+        labels=tuple(_label(names[p], c) for p, c in chosen.items() if p is not None),
         rate_hz=None if clock is None else clock.rate_hz,
-        time=column(time),
-        reference=column(reference),
-        response=column(response),
-        **{name: column(position) for name, position in table.items()},
-        quantity=quantity,
-        scale=1.0,
-        unit=unit,
-        response_unit=response_unit or "V",
-        excitation=next((name for name, words in _EXCITATIONS if words.search(path.stem)), None),
-        detectors=tuple(chosen[position] for position in detectors),
+        document={
+            section: {key: value for key, value in keys.items() if value is not None}
+            for section, keys in document.items()
+        },
     )
 
 
@@ -160,13 +148,24 @@ def _sensitivity(source: ColumnFile, position: int) -> tuple[str, str]:
     return "", ""
 
 
-def _positions(source: ColumnFile) -> list[int]:
+def _choices(source: ColumnFile) -> dict[int | None, int | str]:
+    """Return position → name, or number where names are not unique, of what can be chosen."""
     names = source.names
-    return [
-        p
-        for p in range(len(names))
-        if p in source.numbered or (names[p] and names.count(names[p]) == 1)
-    ]
+    chosen: dict[int | None, int | str] = {}
+    for position, name in enumerate(names):
+        if name and names.count(name) == 1:
+            chosen[position] = name
+        elif position in source.numbered:
+            chosen[position] = source.numbered.index(position) + 1
+    if not chosen:
+        raise InputError(
+            "The file has no column that can be chosen.",
+            expected="columns of numbers with unique names",
+            found=f"{len(names)} columns without names",
+            where=source.file,
+            remedy="export the data with a header",
+        )
+    return chosen
 
 
 def _label(name: str, column: int | str) -> str:
@@ -197,7 +196,7 @@ def _reference(names: Sequence[str], positions: Sequence[int]) -> tuple[int | No
 
 
 def _detectors(names: Sequence[str], positions: Sequence[int]) -> tuple[int, ...]:
-    """Two signals in quadrature, one on a carrier, or none; only columns that can be chosen by their names."""
+    """Return two signals in quadrature, one on a carrier, or none, of columns with unique names."""
     plain = {
         p: _BRACKETS.sub("", names[p][:_LONGEST_NAME]).strip()
         for p in positions
@@ -218,14 +217,16 @@ def _unit(names: Sequence[str], position: int | None) -> str:
     return next((text for text in map(str.strip, found) if not _CHANNEL.fullmatch(text)), "")
 
 
-def _table(names: Sequence[str]) -> dict[str, int | None]:
+def _table(names: Sequence[str]) -> dict[str, int]:
+    """Return key of [table] → position, as far as names say."""
     every = range(len(names))
     sure = [p for p in every if not (_UNCERTAIN.search(names[p]) or _EXPANDED.search(names[p]))]
     doubts = [p for p in every if _UNCERTAIN.search(names[p]) and not _EXPANDED.search(names[p])]
-    keys = {"frequency": _FREQUENCY, "magnitude": _MAGNITUDE, "phase": _PHASE}
-    found = {
-        key: next((p for p in sure if words.match(names[p])), None) for key, words in keys.items()
+    places = {
+        "frequency": next((p for p in sure if _FREQUENCY.match(names[p])), None),
+        "magnitude": next((p for p in sure if _MAGNITUDE.match(names[p])), None),
+        "phase": next((p for p in sure if _PHASE.match(names[p])), None),
+        "magnitude_uncertainty": next((p for p in doubts if _MAGNITUDE.search(names[p])), None),
+        "phase_uncertainty": next((p for p in doubts if _PHASE.search(names[p])), None),
     }
-    for key, words in (("magnitude", _MAGNITUDE), ("phase", _PHASE)):
-        found[f"{key}_uncertainty"] = next((p for p in doubts if words.search(names[p])), None)
-    return found
+    return {key: position for key, position in places.items() if position is not None}

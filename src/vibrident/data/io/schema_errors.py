@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import difflib
-import typing
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from vibrident.base.errors import InputError
+from vibrident.data.io.keys import Key, keys_of
 
 _Document = TypeVar("_Document", bound=BaseModel)
 
@@ -18,132 +18,69 @@ _Document = TypeVar("_Document", bound=BaseModel)
 def validated(
     root: type[_Document], document: Mapping[str, Any], file: str, what: str = "calibration"
 ) -> _Document:
-    """The document of a ``what`` file, checked. InputError: a key is missing or unknown, or a value is not allowed."""
+    """Return the document of a ``what`` file, checked.
+
+    InputError: a key is missing or unknown, or a value is not allowed.
+    """
     try:
         return root.model_validate(document)
     except ValidationError as error:  # an unknown key precedes a missing one
         finding = min(error.errors(), key=lambda finding: finding["type"] != "extra_forbidden")
-    if finding["type"] == "extra_forbidden":
-        raise _unknown_key(finding, root, file)
-    if finding["type"] == "missing":
-        raise _missing_key(finding, root, file)
-    raise _bad_value(finding, root, file, what)
+    raise _refusal(finding, root, file, what)
 
 
-def _unknown_key(finding: ErrorDetails, root: type[BaseModel], file: str) -> InputError:
-    *parents, key = finding["loc"]
-    section = _section_at(tuple(parents), root)
-    keys = list(section.model_fields)
-    elsewhere = [
-        _bracketed(name, field.annotation)
-        for name, field in root.model_fields.items()
-        if (other := _section_of(field.annotation)) and key in other.model_fields
-    ]
-    nearest = difflib.get_close_matches(str(key), keys, n=1, cutoff=0.0)[0]
-    likely = difflib.SequenceMatcher(None, str(key), nearest).ratio() >= 0.75
-    remedy = f"did you mean {nearest!r}?"
-    if elsewhere and not likely:
-        remedy = (
-            f"{key!r} belongs under {' or '.join(elsewhere)}; the nearest key here is {nearest!r}"
-        )
-    return InputError(
-        f"The key {key!r} is not known here.",
-        expected="one of " + ", ".join(keys),
-        found=str(key),
-        where=_where(file, tuple(parents), root),
-        remedy=remedy,
-    )
+def _refusal(finding: ErrorDetails, root: type[BaseModel], file: str, what: str) -> InputError:
+    place, keys, section = _walk(finding["loc"], root)
+    expected = keys[-1].expected if keys else "sections in brackets"
+    if finding["type"] == "extra_forbidden" and section is not None:
+        name = str(finding["loc"][-1])
+        problem, found = f"The key {name!r} is not known here.", name
+        expected, remedy = f"one of {', '.join(section.model_fields)}", _likely(name, section, root)
+    elif finding["type"] == "missing":
+        *place, name = place
+        problem, found, remedy = f"The key {name!r} is missing.", "nothing", f"add {name} = …"
+    else:
+        problem, remedy = f"A value in the {what} file cannot be used.", "correct the value"
+        found = repr(finding["input"])[:60]
+        if place and isinstance(place[-1], str):
+            found = f"{place[-1]} = {found}"
+    where = f"{file}, {_words(place, keys)}"
+    expected = expected or finding["msg"]
+    return InputError(problem, expected=expected, found=found, where=where, remedy=remedy)
 
 
-def _missing_key(finding: ErrorDetails, root: type[BaseModel], file: str) -> InputError:
-    *parents, key = finding["loc"]
-    return InputError(
-        f"The key {key!r} is missing.",
-        expected=_expected(tuple(finding["loc"]), root) or "a value",
-        found="nothing",
-        where=_where(file, tuple(parents), root),
-        remedy=f"add {key} = …",
-    )
+def _walk(
+    location: Sequence[Any], root: type[BaseModel]
+) -> tuple[Sequence[Any], list[Key], type[BaseModel] | None]:
+    """Return the part of a place that is known, its keys, and the section where it ends.
 
-
-def _bad_value(finding: ErrorDetails, root: type[BaseModel], file: str, what: str) -> InputError:
-    location = _known_part(finding["loc"], root)
-    expected = _expected(location, root)
-    if not expected:
-        expected = (
-            finding["msg"].removeprefix("Input should be ").replace(" or ", ", ").replace("'", '"')
-        )
-        expected = expected if finding["type"] == "literal_error" else finding["msg"]
-    text = repr(finding["input"])[:60]
-    found = f"{location[-1]} = {text}" if location and isinstance(location[-1], str) else text
-    return InputError(
-        f"A value in the {what} file cannot be used.",
-        expected=expected,
-        found=found,
-        where=_where(file, location, root),
-        remedy="correct the value",
-    )
-
-
-def _known_part(location: tuple[Any, ...], root: type[BaseModel]) -> tuple[Any, ...]:
-    """Drop pydantic's suffix for the branch of a union."""
+    What pydantic adds for the branch of a union is not known.
+    """
     section: type[BaseModel] | None = root
-    for place, part in enumerate(location):
+    keys: list[Key] = []
+    for number, part in enumerate(location):
         if isinstance(part, int):
             continue
         if section is None or part not in section.model_fields:
-            return location[:place]
-        section = _section_of(section.model_fields[part].annotation)
-    return location
+            return location[:number], keys, section
+        keys.append(keys_of(section)[part])
+        section = keys[-1].section
+    return location, keys, section
 
 
-def _section_at(location: tuple[Any, ...], root: type[BaseModel]) -> type[BaseModel]:
-    section = root
-    for part in location:
-        if isinstance(part, str):
-            section = _section_of(section.model_fields[part].annotation) or section
-    return section
+def _likely(name: str, section: type[BaseModel], root: type[BaseModel]) -> str:
+    """Return what to do about an unknown key: the nearest one, or the sections that have it."""
+    nearest = difflib.get_close_matches(name, section.model_fields, n=1, cutoff=0.0)[0]
+    sections = [key for key in keys_of(root).values() if key.section]
+    elsewhere = [key.heading for key in sections if name in keys_of(key.section)]  # type: ignore[arg-type]
+    if not elsewhere or difflib.SequenceMatcher(None, name, nearest).ratio() >= 0.75:
+        return f"did you mean {nearest!r}?"
+    return f"{name!r} belongs under {' or '.join(elsewhere)}; the nearest key here is {nearest!r}"
 
 
-def _section_of(annotation: Any) -> type[BaseModel] | None:
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return annotation
-    return next(
-        (section for argument in typing.get_args(annotation) if (section := _section_of(argument))),
-        None,
-    )
-
-
-def _bracketed(name: str, annotation: Any) -> str:
-    return f"[[{name}]]" if typing.get_origin(annotation) is list else f"[{name}]"
-
-
-def _expected(location: tuple[Any, ...], root: type[BaseModel]) -> str:
-    """Return the description of the field: its own, or that of its annotated type."""
-    names = [part for part in location if isinstance(part, str)]
-    if not names:
-        return "sections in brackets"
-    section = _section_at(tuple(names[:-1]), root)
-    field = section.model_fields[names[-1]]
-    if field.description:
-        return field.description
-    for argument in typing.get_args(field.annotation):
-        for mark in getattr(argument, "__metadata__", ()):
-            if description := getattr(mark, "description", None):
-                return description
-    literal = typing.get_args(field.annotation)
-    if literal and all(isinstance(value, str) for value in literal):
-        return " | ".join(literal)
-    nested = _section_of(field.annotation)
-    return f"a section {_bracketed(names[-1], field.annotation)}" if nested else ""
-
-
-def _where(file: str, location: tuple[Any, ...], root: type[BaseModel]) -> str:
-    """Name file, section and key."""
-    if not location:
-        return f"{file}, top level"
-    name, *rest = location
-    text = _bracketed(str(name), root.model_fields[name].annotation)
-    for part in rest:
-        text += f" entry {part + 1}" if isinstance(part, int) else f" {part}"
-    return f"{file}, {text}"
+def _words(place: Sequence[Any], keys: Sequence[Key]) -> str:
+    """Return section and key in words."""
+    if not place:
+        return "top level"
+    parts = [f"entry {part + 1}" if isinstance(part, int) else str(part) for part in place[1:]]
+    return " ".join([keys[0].heading, *parts])

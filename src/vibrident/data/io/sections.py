@@ -7,14 +7,16 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Collection, Sequence
-from typing import Annotated, Literal
+from collections.abc import Collection, Mapping, Sequence
+from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from vibrident.base.errors import InputError
 from vibrident.data.effects import Capability, StatedKind, SystematicEffect
-from vibrident.data.interferometer.setting import Interferometer, Kind
+from vibrident.data.interferometer.setting import Interferometer
+from vibrident.data.interferometer.setting import Kind as Signals
+from vibrident.data.io.keys import Shown, basic, expert, key
 
 
 class FileSection(BaseModel):
@@ -34,6 +36,7 @@ Column = Annotated[
     int | str,
     AfterValidator(_column),
     Field(description="a column number from 1, or a header name"),
+    Shown("column"),
 ]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False, description="a finite number above 0")]
 NotNegative = Annotated[
@@ -43,8 +46,41 @@ Number = Annotated[float, Field(allow_inf_nan=False, description="a finite numbe
 Text = Annotated[str, Field(min_length=1, description="text in quotes, not empty")]
 
 
+def require_one(
+    section: Any, names: Mapping[str, str], problem: str, where: str, *, needed: bool = True
+) -> None:
+    """Refuse two keys that exclude each other and, where one is needed, neither of them.
+
+    ``names``: key → how the message calls it.
+    """
+    stated = [name for key, name in names.items() if getattr(section, key) not in (None, [])]
+    if len(stated) != 1 and (stated or needed):
+        raise InputError(
+            problem,
+            expected=" or ".join(names.values()),
+            found=f"both, {' and '.join(stated)}" if stated else "neither",
+            where=where,
+            remedy="keep one of the two" if stated else f"add {', or '.join(names.values())}",
+        )
+
+
+def require_only_with(
+    section: Any, name: str, other: str, value: str, problem: str, where: str, *, needed: bool
+) -> None:
+    """Refuse a key unless ``other`` has this value; where it is needed, its absence then."""
+    fits, stated = getattr(section, other) == value, getattr(section, name) is not None
+    if stated != fits and (stated or needed):
+        raise InputError(
+            problem,
+            expected=f'{name} with {other} = "{value}" alone',
+            found=f"{other} = {getattr(section, other)!r}, {name} = {getattr(section, name)!r}",
+            where=where,
+            remedy=f"add {name} = …" if fits else f"remove {name}, or correct {other}",
+        )
+
+
 #: Keys of [reference] that are not allowed beside [interferometer].
-_TAKEN = ("column", "quantity", "scale", "unit", "full_scale")
+CHANNEL_KEYS = ("column", "quantity", "scale", "unit", "full_scale")
 #: Shortest and longest wavelength of a laser, m: from excimer to CO2 lasers, with room.
 _SHORTEST, _LONGEST = 1e-7, 2e-5
 
@@ -52,21 +88,32 @@ _SHORTEST, _LONGEST = 1e-7, 2e-5
 class InterferometerSection(FileSection):
     """[interferometer]: the photodetectors' signals and the displacement of one radian of phase."""
 
-    kind: Kind
+    kind: Signals = basic(
+        "Photodetector signals",
+        default=...,
+        words=("none", "two in quadrature, cos and sin", "one on a carrier"),
+    )
     columns: Annotated[
         list[Column],
         Field(min_length=1, max_length=2, description="a list of column numbers or names"),
-    ]
-    wavelength_m: Positive
-    wavelength_relative_uncertainty: NotNegative = 0.0
-    passes: Annotated[int, Field(ge=1, le=1000, description="a whole number, 1 or above")] = 1
-    carrier_hz: Positive | None = None
+        Shown("columns"),
+    ] = basic("Signals", default=..., about="Of two, cos comes before sin.")
+    wavelength_m: Positive = basic(
+        "Wavelength in the medium", "m", default=..., in_form=("nm", 1e9)
+    )
+    wavelength_relative_uncertainty: NotNegative = basic("Wavelength: u, relative", default=0.0)
+    passes: Annotated[int, Field(ge=1, le=1000, description="a whole number, 1 or above")] = basic(
+        "Passes to the target and back", default=1
+    )
+    carrier_hz: Positive | None = basic("Carrier, approximately", "Hz")
     direction: Annotated[
         Literal[1, -1] | None, Field(description="1 or -1: the sign of x for growing phase")
-    ] = None
-    delay_s: Number = 0.0
-    delay_standard_uncertainty_s: NotNegative = 0.0
-    rate_hz: Positive | None = None
+    ] = basic(
+        "Direction of x", words=("not known", "x grows with the phase", "x falls with the phase")
+    )
+    delay_s: Number = basic("Optical channel later by", "s", default=0.0)
+    delay_standard_uncertainty_s: NotNegative = basic("u of this delay", "s", default=0.0)
+    rate_hz: Positive | None = basic("Optical sampling rate, if another", "Hz")
 
     @property
     def setting(self) -> Interferometer:
@@ -88,12 +135,12 @@ def check_interferometer(
             remedy="keep one of the two",
         )
     _require_light(section.wavelength_m, here)
-    taken = [key for key in _TAKEN if key in reference]
+    taken = [name for name in CHANNEL_KEYS if name in reference]
     if taken:
         raise InputError(
             "The reference is given twice.",
             expected="[interferometer], and in [reference] at most standard_uncertainty",
-            found=", ".join(f"[reference] {key}" for key in taken),
+            found=", ".join(f"[reference] {name}" for name in taken),
             where=here,
             remedy="remove these keys, or [interferometer]",
         )
@@ -106,16 +153,8 @@ def check_interferometer(
             where=f"{here} columns",
             remedy="name the column of each photodetector signal, or correct kind",
         )
-    if (section.carrier_hz is None) == (section.kind == "heterodyne"):
-        raise InputError(
-            "Only a heterodyne signal has a carrier.",
-            expected='carrier_hz with kind = "heterodyne" alone',
-            found=f"kind = {section.kind!r}, carrier_hz = {section.carrier_hz!r}",
-            where=f"{here} carrier_hz",
-            remedy="add carrier_hz = …"
-            if section.kind == "heterodyne"
-            else "remove carrier_hz, or correct kind",
-        )
+    problem = "Only a heterodyne signal has a carrier."
+    require_only_with(section, "carrier_hz", "kind", "heterodyne", problem, here, needed=True)
 
 
 def _require_light(wavelength_m: float, here: str) -> None:
@@ -144,35 +183,44 @@ _Table = Annotated[
         min_length=1,
         description="pairs of frequency in Hz and value, such as [[10, 0.002], [1000, 0.004]]",
     ),
+    Shown("pairs"),
 ]
 
 
 class UncertaintyEntry(FileSection):
     """One [[uncertainty]] entry: a systematic contribution, common to all points.
 
-    Its size is ``standard_uncertainty``, over a band where ``from_hz`` or ``to_hz`` is stated, or a ``table`` over
-    frequency, linear between its rows and constant outside. With ``from_c`` or ``to_c`` it holds at these temperatures
-    alone.
+    Its size is ``standard_uncertainty``, over a band where ``from_hz`` or ``to_hz`` is stated, or
+    a ``table`` over frequency, linear between its rows and constant outside. With ``from_c`` or
+    ``to_c`` it holds at these temperatures alone.
     """
 
-    source: Text
-    kind: StatedKind
-    standard_uncertainty: NotNegative | None = None
-    table: _Table | None = None
-    from_hz: Positive | None = None
-    to_hz: Positive | None = None
-    from_c: Number | None = None
-    to_c: Number | None = None
-    frequency_hz: Positive | None = None
-    degrees_of_freedom: Positive | None = None
+    source: Text = basic("Source", default=..., about="What it comes from, in words.")
+    kind: StatedKind = basic(
+        "Kind",
+        default=...,
+        words=(
+            "gain, relative",
+            "timing, s",
+            "phase, rad",
+            "mounting, relative",
+            "clock, relative",
+        ),
+    )
+    standard_uncertainty: NotNegative | None = basic("Standard uncertainty")
+    table: _Table | None = expert("Standard uncertainty by frequency", about="Of gain and phase.")
+    from_hz: Positive | None = key("From", "Hz", about="Of gain and phase.")
+    to_hz: Positive | None = key("To", "Hz", about="Of gain and phase.")
+    from_c: Number | None = key("From", "°C", about="By temperature_c of the records.")
+    to_c: Number | None = key("To", "°C", about="By temperature_c of the records.")
+    frequency_hz: Positive | None = key("Mounting: at", "Hz")
+    degrees_of_freedom: Positive | None = key("Degrees of freedom")
 
     @property
     def effect(self) -> SystematicEffect:
         """The entry as the record of an effect."""
         freedom = math.inf if self.degrees_of_freedom is None else self.degrees_of_freedom
-        size = (
-            max(u for _, u in self.table) if self.table else float(self.standard_uncertainty or 0.0)
-        )
+        size = max((u for _, u in self.table or ()), default=self.standard_uncertainty or 0.0)
         scale = size if self.table and size else 1.0
         real, imaginary = (0.0, -1.0) if self.kind == "phase" else (1.0, 0.0)
         rows = tuple((f, real * part / scale, imaginary * part / scale) for f, part in self._shape)
@@ -183,23 +231,24 @@ class UncertaintyEntry(FileSection):
         """Frequency and size of the rows of a table, or of a band of one; empty for neither."""
         if self.table:
             return [(float(f), float(u)) for f, u in self.table]
-        low = (
-            []
-            if self.from_hz is None
-            else [(self.from_hz * (1.0 - _EDGE), 0.0), (self.from_hz, 1.0)]
-        )
-        return low + (
-            [] if self.to_hz is None else [(self.to_hz, 1.0), (self.to_hz * (1.0 + _EDGE), 0.0)]
-        )
+        low, high = self.from_hz, self.to_hz
+        below = [] if low is None else [(low * (1.0 - _EDGE), 0.0), (low, 1.0)]
+        return below + ([] if high is None else [(high, 1.0), (high * (1.0 + _EDGE), 0.0)])
 
 
 class CapabilityEntry(FileSection):
     """One [[cmc]] entry: the least expanded uncertainty (k = 2) that the laboratory may state."""
 
-    quantity: Literal["magnitude", "phase"] = "magnitude"
-    expanded_uncertainty: Positive
-    from_hz: Positive | None = None
-    to_hz: Positive | None = None
+    quantity: Literal["magnitude", "phase"] = key(
+        "Of", default="magnitude", words=("the magnitude, relative", "the phase, rad")
+    )
+    expanded_uncertainty: Positive = key(
+        "Least U (k = 2)",
+        default=...,
+        about="Curve, points and gain are raised to it; budget and certificate say so.",
+    )
+    from_hz: Positive | None = key("From", "Hz")
+    to_hz: Positive | None = key("To", "Hz")
 
     @property
     def capability(self) -> Capability:
@@ -213,45 +262,28 @@ def check_uncertainties(entries: Sequence[UncertaintyEntry], where: str) -> None
     """Refuse an entry that has no size or two, or keys that its kind does not have."""
     for number, entry in enumerate(entries, start=1):
         here = f"{where}, [[uncertainty]] entry {number}"
-        if (entry.standard_uncertainty is None) == (entry.table is None):
-            raise InputError(
-                "A contribution has one size.",
-                expected="standard_uncertainty, or table",
-                found="both" if entry.table is not None else "neither",
-                where=here,
-                remedy="keep one of the two"
-                if entry.table is not None
-                else "add standard_uncertainty = …",
-            )
-        if (entry.kind == "mounting") != (entry.frequency_hz is not None):
-            raise InputError(
-                "Only a mounting effect has a frequency.",
-                expected='frequency_hz with kind = "mounting" alone',
-                found=f"kind = {entry.kind!r}, frequency_hz = {entry.frequency_hz!r}",
-                where=here,
-                remedy="give the frequency at which the mounting's standard uncertainty holds, or remove it",
-            )
-        band = [key for key in ("table", "from_hz", "to_hz") if getattr(entry, key) is not None]
-        if band and (
-            entry.kind not in ("gain", "phase") or (entry.table is not None and len(band) > 1)
-        ):
+        sizes = {"standard_uncertainty": "standard_uncertainty", "table": "table"}
+        require_one(entry, sizes, "A contribution has one size.", here)
+        problem = "Only a mounting effect has a frequency."
+        require_only_with(entry, "frequency_hz", "kind", "mounting", problem, here, needed=True)
+        band = [k for k in ("table", "from_hz", "to_hz") if getattr(entry, k) is not None]
+        both = entry.table is not None and len(band) > 1
+        if both or (band and entry.kind not in ("gain", "phase")):
             raise InputError(
                 "A table or a band does not fit this entry.",
                 expected='table, or from_hz and to_hz, with kind = "gain" or "phase"',
                 found=f"kind = {entry.kind!r} with {' and '.join(band)}",
                 where=here,
-                remedy=f"remove {' and '.join(band[1:] if entry.table is not None and len(band) > 1 else band)}",
+                remedy=f"remove {' and '.join(band[1:] if both else band)}",
             )
-        frequencies = [row[0] for row in entry.table or ()]
-        rising = all(one < other for one, other in itertools.pairwise(frequencies))
-        empty = (
-            entry.from_hz is not None and entry.to_hz is not None and entry.to_hz <= entry.from_hz
-        )
-        if not rising or empty or any(f <= 0 for f in frequencies):
+        rows = [row[0] for row in entry.table or ()]
+        frequencies = rows or [f for f in (entry.from_hz, entry.to_hz) if f is not None]
+        rising = all(one < other for one, other in itertools.pairwise([0.0, *frequencies]))
+        if not rising:
             raise InputError(
                 "The frequencies of a contribution do not rise.",
                 expected="frequencies above zero, each above the one before",
-                found=f"{frequencies or [entry.from_hz, entry.to_hz]}",
+                found=f"{frequencies}",
                 where=here,
                 remedy="put them in order",
             )
@@ -260,9 +292,11 @@ def check_uncertainties(entries: Sequence[UncertaintyEntry], where: str) -> None
 def effects_at(
     entries: Sequence[UncertaintyEntry], temperatures_c: Sequence[float], where: str
 ) -> tuple[SystematicEffect, ...]:
-    """The effects that hold at all of these temperatures; InputError where an entry holds at some of them, or none is
-    stated."""
-    found = []
+    """Return the effects that hold at all of these temperatures.
+
+    InputError where an entry holds at some of them, or none is stated.
+    """
+    effects = []
     for number, entry in enumerate(entries, start=1):
         low = -math.inf if entry.from_c is None else entry.from_c
         high = math.inf if entry.to_c is None else entry.to_c
@@ -271,12 +305,14 @@ def effects_at(
         if not everywhere and (not inside or any(inside) != all(inside)):
             stated = ", ".join(f"{t:g}" for t in dict.fromkeys(temperatures_c)) or "none"
             raise InputError(
-                "A contribution holds at some temperatures, and those of the records do not decide whether it does.",
-                expected=f"temperature_c of the records, or of [certificate], all from {low:g} to {high:g}, or none",
+                "A contribution holds at some temperatures, and those of the records do not decide "
+                "whether it does.",
+                expected="temperature_c of the records, or of [certificate], all from "
+                f"{low:g} to {high:g}, or none",
                 found=stated,
                 where=f"{where}, [[uncertainty]] entry {number}",
                 remedy="state temperature_c, or leave from_c and to_c out",
             )
         if all(inside):
-            found.append(entry.effect)
-    return tuple(found)
+            effects.append(entry.effect)
+    return tuple(effects)

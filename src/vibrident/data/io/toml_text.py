@@ -1,4 +1,4 @@
-"""TOML: files read, unless they are too costly to parse, and plain values written as a calibration file needs them."""
+"""TOML: files read, unless they are too costly to parse, and plain values written."""
 
 from __future__ import annotations
 
@@ -13,14 +13,18 @@ import tomli_w
 from vibrident.base.errors import InputError
 from vibrident.data.io.columns import require_regular, unreadable
 
-#: Most characters of a calibration file: ten thousand [[records]] entries. The standard parser takes a second for it.
+#: Most characters of a calibration file: ten thousand [[records]] entries. The standard parser
+#: takes a second for it.
 MOST_BYTES = 1_000_000
 #: A long chain of dotted keys; the parser's time and memory grow as the square of their number.
 _JOINED = re.compile(r"""(?:\.[ \t]*(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*){32}""")
 
 
 def read_toml(path: Path, what: str = "calibration") -> dict[str, Any]:
-    """The keys of a file, of a kind that ``what`` names; InputError for none in UTF-8, or one too costly to parse."""
+    """Return the keys of a file, of a kind that ``what`` names.
+
+    InputError for one that is not UTF-8 or not TOML, or too costly to parse.
+    """
     kind = f"a {what} file (TOML)"
     require_regular(path, kind)
     try:
@@ -61,6 +65,15 @@ def read_toml(path: Path, what: str = "calibration") -> dict[str, Any]:
             if path.suffix.lower() == ".toml"
             else f"name a {what} file (.toml)",
         ) from error
+
+
+def toml_document(document: Mapping[str, Any]) -> str:
+    """Return a file of sections; of a list an entry each."""
+    texts = []
+    for name, values in document.items():
+        several = isinstance(values, list)
+        texts += [toml_entry(name, v) for v in values] if several else [toml_section(name, values)]
+    return "\n".join(texts)
 
 
 def toml_section(name: str, values: Mapping[str, Any]) -> str:

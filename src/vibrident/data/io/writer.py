@@ -1,4 +1,4 @@
-"""A calibration as files that ``read`` takes back: one CSV a record, or one for the table, and calibration.toml."""
+"""A calibration as files that ``read`` takes back: calibration.toml, and a CSV file a record."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import contextlib
 import math
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -16,10 +16,9 @@ import numpy as np
 from vibrident.base.errors import InputError
 from vibrident.base.files import unwritable, whole
 from vibrident.data.io.record_files import same_name
-from vibrident.data.io.toml_text import toml_entry, toml_section
+from vibrident.data.io.toml_text import toml_document
 from vibrident.data.records import (
     Calibration,
-    Capability,
     FloatArray,
     Record,
     ResponseTable,
@@ -44,16 +43,19 @@ _MOST_BYTES = 120
 def write_calibration(folder: str | os.PathLike[str], calibration: Calibration) -> Path:
     """Write the calibration into a folder; return the path of its calibration.toml.
 
-    A record becomes a CSV file with the columns time_s, reference_<quantity> and response, in physical units; every
-    float reads back exactly. A free decay has no reference column. All files appear together,
-    calibration.toml last; files of the same names are replaced, others stay.
+    A record becomes a CSV file with the columns time_s, reference_<quantity> and response, in
+    physical units; a table becomes one file; every float reads back exactly. A free decay has no
+    reference column. All files appear together, calibration.toml last; files of the same names are
+    replaced, others stay.
 
     Args:
         folder: created if it does not exist.
-        calibration: records or table; history and hashes are not written, the new files have their own.
+        calibration: records or table; history and hashes are not written, the new files have
+            their own.
 
     Raises:
-        InputError: the folder cannot be written, or a record leaves samples out, which CSV cannot represent.
+        InputError: the folder cannot be written, or a record leaves samples out, which CSV cannot
+            represent.
     """
     target = Path(folder)
     _refuse_unwritable(calibration)
@@ -69,7 +71,7 @@ def write_calibration(folder: str | os.PathLike[str], calibration: Calibration) 
             main = written.enter_context(whole(target / CALIBRATION_FILE))
             for file, columns in zip(files, tables, strict=True):
                 _write_columns(written.enter_context(whole(target / file)), columns)
-            main.write_text(_toml(calibration, files), encoding="utf-8")
+            main.write_text(toml_document(_document(calibration, files)), encoding="utf-8")
     except OSError as error:
         if new:
             with contextlib.suppress(OSError):
@@ -126,98 +128,80 @@ def _table_columns(table: ResponseTable) -> dict[str, FloatArray]:
 
 
 def _write_columns(path: Path, columns: Mapping[str, FloatArray]) -> None:
-    """Write columns with the shortest digits that read back exactly; plain Python is faster here than pandas."""
+    """Write columns with the shortest digits that read back exactly."""
+    # plain Python is faster here than pandas
     texts = [map(repr, values.tolist()) for values in columns.values()]
     with path.open("w", encoding="ascii", newline="\n") as stream:
         stream.write(",".join(columns) + "\n")
         stream.writelines(",".join(row) + "\n" for row in zip(*texts, strict=True))
 
 
-def _toml(calibration: Calibration, files: list[str]) -> str:
-    reference: dict[str, Any] = {
-        "quantity": calibration.quantity,
-        "scale": 1.0,
-        "unit": calibration.reference_unit,
-        "standard_uncertainty": calibration.reference_standard_uncertainty,
-    }
-    response: dict[str, Any] = {"scale": 1.0, "unit": calibration.response_unit}
-    records = calibration.records
+def _document(calibration: Calibration, files: list[str]) -> dict[str, Any]:
+    """Return the keys of the calibration file."""
+    records, quantity = calibration.records, calibration.quantity
     driven = [record for record in records if record.excitation != "decay"]
-    if driven:
-        full_scale = _common(
-            [record.reference_full_scale for record in driven], "reference_full_scale"
-        )
-        reference = {
-            "column": f"reference_{calibration.quantity}",
-            **reference,
-            "full_scale": full_scale,
-        }
-    if records:
-        full_scale = _common(
-            [record.response_full_scale for record in records], "response_full_scale"
-        )
-        response = {"column": "response", **response, "full_scale": full_scale}
-    sections = [
-        toml_section("sensor", {**calibration.sensor, "model": calibration.model}),
-        toml_section("reference", reference),
-        toml_section("response", response),
-    ]
+    document: dict[str, Any] = {
+        "sensor": {**calibration.sensor, "model": calibration.model},
+        "reference": {
+            "column": f"reference_{quantity}" if driven else None,
+            "quantity": quantity,
+            "scale": 1.0,
+            "unit": calibration.reference_unit,
+            "standard_uncertainty": calibration.reference_standard_uncertainty,
+            "full_scale": _common(driven, "reference_full_scale"),
+        },
+        "response": {
+            "column": "response" if records else None,
+            "scale": 1.0,
+            "unit": calibration.response_unit,
+            "full_scale": _common(records, "response_full_scale"),
+        },
+    }
     if calibration.table is not None:
         written = _table_columns(calibration.table)
         columns = {key: column for key, column in _TABLE_KEYS.items() if column in written}
-        sections.append(toml_section("table", {"file": files[0], **columns, "phase_unit": "rad"}))
+        document["table"] = {"file": files[0], **columns, "phase_unit": "rad"}
     else:
         rate_hz = float(records[0].sampling_rate_hz)
-        sections.append(toml_section("sampling", {"rate_hz": rate_hz}))
-        sections += [
-            toml_entry("records", _entry(*each, rate_hz))
-            for each in zip(records, files, strict=True)
-        ]
-    sections += [toml_entry("uncertainty", _effect(effect)) for effect in calibration.effects]
-    sections += [toml_entry("cmc", _capability(one)) for one in calibration.capabilities]
-    if calibration.certificate:
-        sections.append(toml_section("certificate", calibration.certificate))
-    return "\n".join(sections)
+        document["sampling"] = {"rate_hz": rate_hz}
+        document["records"] = [_entry(*each, rate_hz) for each in zip(records, files, strict=True)]
+    document["uncertainty"] = [_effect(effect) for effect in calibration.effects]
+    document["cmc"] = [
+        {key: value for key, value in asdict(one).items() if value not in (0.0, math.inf)}
+        for one in calibration.capabilities
+    ]
+    return document | {"certificate": calibration.certificate or []}
 
 
 def _effect(effect: SystematicEffect) -> dict[str, Any]:
-    size = effect.standard_uncertainty
-    table = [[f, size * abs(complex(real, imaginary))] for f, real, imaginary in effect.pattern]
-    table = table if effect.kind in ("gain", "phase") else []
+    size, freedom = effect.standard_uncertainty, effect.degrees_of_freedom
+    by_frequency = effect.pattern if effect.kind in ("gain", "phase") else ()
+    table = [[f, size * abs(complex(real, imaginary))] for f, real, imaginary in by_frequency]
     return {
         "source": effect.source,
         "kind": effect.kind,
         **({"table": table} if table else {"standard_uncertainty": size}),
         "frequency_hz": effect.frequency_hz,
-        "degrees_of_freedom": effect.degrees_of_freedom
-        if math.isfinite(effect.degrees_of_freedom)
-        else None,
+        "degrees_of_freedom": freedom if math.isfinite(freedom) else None,
     }
-
-
-def _capability(one: Capability) -> dict[str, Any]:
-    ends = {
-        "from_hz": one.from_hz or None,
-        "to_hz": one.to_hz if math.isfinite(one.to_hz) else None,
-    }
-    return {"quantity": one.quantity, "expanded_uncertainty": one.expanded_uncertainty, **ends}
 
 
 def _entry(record: Record, file: str, common_rate_hz: float) -> dict[str, Any]:
+    rate_hz = record.sampling_rate_hz
     return {
         "file": file,
         "name": record.name or None,
         "excitation": record.excitation,
         "frequency_hz": record.frequency_hz,
-        "rate_hz": record.sampling_rate_hz if record.sampling_rate_hz != common_rate_hz else None,
+        "rate_hz": rate_hz if rate_hz != common_rate_hz else None,
         "start_time_s": record.start_time_s or None,
         **{key: value for key, value in asdict(record.circumstances).items() if value != ""},
     }
 
 
-def _common(values: list[float | None], field: str) -> float | None:
+def _common(records: Sequence[Record], field: str) -> float | None:
     """Return the common value of all records; the calibration file states one a channel."""
-    distinct = set(values)
+    distinct = {getattr(record, field) for record in records}
     if len(distinct) > 1:
         raise InputError(
             "The records differ in a value that the calibration file states once.",

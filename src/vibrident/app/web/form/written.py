@@ -13,15 +13,18 @@ from vibrident.app.web.users import User
 from vibrident.base.errors import InputError
 
 _HINT = (
-    "Each [[records]] entry may have its own excitation, frequency_hz, start_s, stop_s, reference_file, run, mounting, "
-    "axis, temperature_c; [reference] and [response] a full_scale; [[uncertainty]] and [[cmc]] what the laboratory "
-    "declares. To come back to the form, remove the file above."
+    "A calibration file can state more than the form asks, such as an [[uncertainty]] by frequency "
+    "(table). To come back to the form, remove the file above."
 )
 _TRIED = ".tried.toml"  # name under which a text is read before it takes the place of a file
 
 
 def edited(
-    user: User, name: str, text: str, on_taken: Callable[[], Awaitable[Any]], on_back: Callable[[], Awaitable[Any]]
+    user: User,
+    name: str,
+    text: str,
+    on_taken: Callable[[], Awaitable[Any]],
+    on_back: Callable[[], Awaitable[Any]],
 ) -> None:
     """Show a text to be edited; taken, it is a file of the user, as if it had been uploaded."""
     ui.label(_HINT).classes("hint")

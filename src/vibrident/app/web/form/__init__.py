@@ -1,0 +1,1 @@
+"""Forms of the page, made from the keys of the files that they fill in."""

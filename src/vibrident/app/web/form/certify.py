@@ -1,0 +1,240 @@
+"""What a certificate states: a form below the result; the laboratory's part is remembered."""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import json
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from typing import Any
+
+from nicegui import events, ui
+
+from vibrident.app.web import frame
+from vibrident.app.web.form.entries import PLAIN, Rows, entry, filled
+from vibrident.app.web.held import Named
+from vibrident.app.web.users import User
+from vibrident.base.errors import InputError
+from vibrident.data.io.calibration_file import SensorSection
+from vibrident.data.io.certificate import (
+    CertificateData,
+    CertificateSection,
+    certificate_section,
+    certificate_text,
+)
+from vibrident.data.io.keys import keys_of
+from vibrident.show.issue import FormField, form, lacking
+from vibrident.show.language import ENGLISH
+
+_MOST_OWN = 200_000  # most bytes of a logo or a template
+_MOST_TEXT = 100_000  # most characters of all entries
+#: The laboratory's own files: what they are, and their endings.
+_OWN = {
+    "logo": ("PNG, JPEG or SVG", ".png,.jpg,.jpeg,.svg"),
+    "template": ("a typst file in place of ours", ".typ"),
+}
+_KEYS = keys_of(CertificateSection)
+_SENSOR = [key for name, key in keys_of(SensorSection).items() if name != "model"]
+#: What is the same on every certificate of a laboratory: kept by the browser, and offered where
+#: nothing else is stated.
+_PROFILE = (
+    *("laboratory", "laboratory_address", "accreditation", "country", "operator", "approved_by"),
+    *("place", "procedure", "traceability", "instruments", "language", "second_language"),
+    "decision_rule",
+)
+
+
+class CertificateForm:
+    """The form of one result, with which what is stated is kept.
+
+    ``known`` is what the result itself states: ``certificate``, ``sensor``, and the names of its
+    ``parameters``.
+    """
+
+    def __init__(self, user: User, named: Named, known: Mapping[str, Any]) -> None:
+        self.user, self.named, self.known = user, named, known
+        self.entries: dict[str, Any] = {}
+        self.of_sensor: dict[str, Any] = {}
+
+    def build(self) -> None:
+        """Build a line that says what is missing, and the form, which is made when it is opened."""
+        self.lacking = ui.label("").classes("hint").props("role=status id=lacking")
+        self._say()
+        if not self.user.may("identify"):
+            return
+        self.place = (
+            ui.expansion("What the certificate states").classes("w-full").props("id=certificate")
+        )
+        self.place.on_value_change(self._open)
+
+    def given(self) -> CertificateData:
+        """What is stated beside the result, with logo and template."""
+        own = self.named.stated or CertificateData()
+        before = own.before if own.before and own.before.exists() else None
+        return replace(own, before=before, **{kind: self.user.session.own(kind) for kind in _OWN})
+
+    def _stated(self) -> tuple[dict[str, Any], dict[str, Any]]:
+        own = self.named.stated or CertificateData()
+        return {**self.known["certificate"], **own.certificate}, {
+            **self.known["sensor"],
+            **own.sensor,
+        }
+
+    def _say(self) -> None:
+        missing = lacking(*self._stated())
+        names = ", ".join(str(ENGLISH("label", key)) for key in missing)
+        self.lacking.text = (
+            f"The PDF is a draft until these are stated: {names}."
+            if missing
+            else "Nothing is missing in the PDF."
+        )
+
+    async def _open(self) -> None:
+        if not self.place.value or self.entries:
+            return
+        stated, sensor = self._stated()
+        kept = await self._remembered()
+        stated = kept | {key: value for key, value in stated.items() if value is not None}
+        with self.place:
+            ui.label(
+                "* is asked for by ISO/IEC 17025:2017, 7.8. The browser remembers what is the same "
+                "on each of the laboratory's certificates."
+            ).classes("hint")
+            with frame.group("Object", 4):
+                for key in _SENSOR:
+                    label = key.label + (" *" if key.name == "serial_number" else "")
+                    self.of_sensor[key.name] = entry(key, sensor.get(key.name), label=label)
+            for title in dict.fromkeys(one.group for one in form()):
+                self._group(title, [one for one in form() if one.group == title], stated)
+            self._more()
+            with ui.element("div").classes("actions"):
+                ui.button("Save", on_click=self._save).props("id=save-certificate")
+                file = ui.button("certificate.toml", on_click=self._file)
+                file.props("outline id=get-certificate-toml")
+            self.said = ui.label("").classes("hint").props("role=status")
+            self.errors = ui.element("div").props("aria-live=assertive")
+
+    def _group(self, title: str, asked: Sequence[FormField], stated: Mapping[str, Any]) -> None:
+        """Ask for the keys below a heading of the certificate."""
+        lists = {one.key: one for one in asked if _KEYS[one.key].kind == "entries"}
+        with frame.group(title, 4):
+            for one in asked:
+                if one.key not in lists:
+                    key = replace(_KEYS[one.key], title=one.label)
+                    label = key.label + (" *" if one.required else "")
+                    self.entries[one.key] = entry(key, stated.get(one.key), label=label)
+        for name, one in lists.items():
+            section, values = _KEYS[name].section, stated.get(name) or []
+            known = ("sensitivity_deviation", *self.known["parameters"])
+            self.entries[name] = Rows(
+                one.label.removesuffix("s"),
+                [*keys_of(section).values()] if section else [],
+                [value if isinstance(value, Mapping) else {"name": value} for value in values],
+                options={"quantity": {parameter: parameter for parameter in known}},
+            )
+
+    def _more(self) -> None:
+        """The result before an adjustment, and the laboratory's own files."""
+        others = {
+            str(one.path): one.name for one in self.user.results if one.path != self.named.path
+        }
+        own = self.named.stated
+        value = str(own.before) if own and str(own.before) in others else None
+        with frame.group("Adjustment, logo and template", 4):
+            choices = {None: "none", **others}
+            self.before = ui.select(choices, value=value, label="Before adjustment").props(PLAIN)
+            for kind in _OWN:
+                self._own(kind)
+
+    def _own(self, kind: str) -> None:
+        """One of the laboratory's own files: to choose, and to remove."""
+        words, endings = _OWN[kind]
+
+        async def keep(event: events.UploadEventArguments) -> None:
+            self.user.session.keep_own(kind, await event.file.read())
+            here.visible = True
+
+        def remove() -> None:
+            self.user.session.keep_own(kind, b"")
+            here.visible = False
+
+        with ui.element("div"):
+            chosen = ui.upload(
+                label=f"{kind.capitalize()}: {words}",
+                auto_upload=True,
+                max_file_size=_MOST_OWN,
+                on_upload=keep,
+            )
+            chosen.classes("uploader").props(f'flat bordered accept="{endings}"')
+            chosen.on("uploaded", js_handler=f"() => vibrident.sent({chosen.id})")
+            with ui.element("div").classes("actions") as here:
+                ui.label(f"The {kind} is here.").classes("hint").props("role=status")
+                ui.button(f"Remove the {kind}", on_click=remove).props("flat")
+            here.visible = self.user.session.own(kind) is not None
+        name = f"'Choose the {kind}', '{kind.capitalize()}'"
+        ui.run_javascript(f"vibrident.name({chosen.id}, {name})")
+
+    async def _remembered(self) -> dict[str, Any]:
+        """The laboratory's part as the browser has it; its files where there are none."""
+        with suppress(TimeoutError, ValueError, binascii.Error, InputError):
+            stored = "localStorage.vibridentLaboratory ?? '{}'"
+            kept = json.loads(await ui.run_javascript(stored, timeout=5.0))
+            if isinstance(kept, dict):
+                for kind in _OWN:
+                    content = base64.b64decode(str(kept.pop(kind, "")), validate=True)
+                    if 0 < len(content) <= _MOST_OWN and self.user.session.own(kind) is None:
+                        self.user.session.keep_own(kind, content)
+                profile = {key: value for key, value in kept.items() if key in _PROFILE}
+                return dict(certificate_section(profile, "remembered profile"))
+        return {}
+
+    def _read(self) -> CertificateData:
+        """What is in the form, checked; None for what the result states and the form does not."""
+        values = {
+            name: element.value if isinstance(element, Rows) else filled(_KEYS[name], element.value)
+            for name, element in self.entries.items()
+        }
+        stated = {name: value for name, value in values.items() if value not in (None, [])}
+        if len(json.dumps(stated)) > _MOST_TEXT:
+            raise InputError(
+                "The entries are too long.",
+                expected=f"at most {_MOST_TEXT} characters in all",
+                found="more",
+                where="certificate",
+                remedy="shorten them",
+            )
+        section = certificate_section(stated, "what the certificate states")
+        known = self.known["sensor"]
+        texts = {name: element.value.strip() or None for name, element in self.of_sensor.items()}
+        sensor: Any = {
+            name: text for name, text in texts.items() if text != (known.get(name) or None)
+        }
+        paths = (one.path for one in self.user.results)
+        chosen = next((path for path in paths if str(path) == self.before.value), None)
+        certificate = {**dict.fromkeys(self.known["certificate"]), **section}
+        return CertificateData(certificate, sensor, before=chosen)
+
+    async def _save(self) -> bool:
+        self.errors.clear()
+        self.said.text = ""
+        try:
+            self.user.require("identify", "state what a certificate says")
+            self.named.stated = stated = self._read()
+        except Exception as error:
+            frame.show_error(self.errors, error, self.user.session)
+            return False
+        self.user.changed()
+        self._say()
+        profile = {key: stated.certificate[key] for key in _PROFILE if stated.certificate.get(key)}
+        for kind in _OWN:
+            if path := self.user.session.own(kind):
+                profile[kind] = base64.b64encode(path.read_bytes()).decode()
+        ui.run_javascript(f"localStorage.vibridentLaboratory = {json.dumps(json.dumps(profile))}")
+        self.said.text = "Saved: reports and exports of this result state it."
+        return True
+
+    async def _file(self) -> None:
+        if await self._save():
+            ui.download.content(certificate_text(self.given()), "certificate.toml")

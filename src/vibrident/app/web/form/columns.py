@@ -1,0 +1,339 @@
+"""Second step: the meaning of the columns, guessed and drawn, for the user to confirm."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import Sequence
+from typing import Any
+
+from nicegui import ui
+
+from vibrident.app.web import frame
+from vibrident.app.web.data import DataStep
+from vibrident.app.web.fit import FitStep
+from vibrident.app.web.form.description import (
+    ENTRIES,
+    KEYS,
+    NEEDED,
+    ROLES,
+    SECTIONS,
+    calibration_text,
+    described,
+)
+from vibrident.app.web.form.entries import PLAIN, Rows, entry, filled
+from vibrident.app.web.form.written import edited
+from vibrident.app.web.held import Confirmed, Form
+from vibrident.app.web.looks import MOST_TEXT, Guess, calibration, chart, faults, guess, readable
+from vibrident.app.web.preview import HEIGHT
+from vibrident.app.web.session import CALIBRATION
+from vibrident.app.web.users import User
+from vibrident.base.errors import InputError
+from vibrident.data.io.keys import Key
+from vibrident.physics.models import ADD_ONS, CORES
+
+#: Sections that are asked for below one heading, the first one's.
+_GROUPS = (
+    ("reference", "interferometer"),
+    ("response",),
+    ("sampling", "records"),
+    ("table",),
+    ("sensor",),
+)
+_PART = "Reference files: more in names"
+#: Lists of entries: their section, what they are called, and what one is.
+_ENTRIES = {
+    "different": ("records", "Records that differ", "Record"),
+    "uncertainty": ("uncertainty", SECTIONS["uncertainty"].label, "Uncertainty"),
+    "cmc": ("cmc", SECTIONS["cmc"].label, "Capability"),
+}
+
+
+class _Outdated(Exception):
+    """The files changed while the form was built, or the page was left."""
+
+
+class ColumnsStep:
+    """From files to a calibration file in the user's folder."""
+
+    def __init__(self, user: User, data: DataStep, fit: FitStep) -> None:
+        self.user, self.data, self.fit = user, data, fit
+        self.turn = 0
+
+    def build(self) -> None:
+        """Build the section, hidden until there are data."""
+        self.section = frame.step("Columns, units and model", "columns")
+        with self.section:
+            self.body = ui.element("div")
+        self.section.visible = False
+
+    async def show(self) -> None:
+        """The files have changed: guess again, or use the uploaded calibration file."""
+        self.fit.doubt()
+        self.user.session.forget_calibration()
+        if await self._look(again=True):
+            frame.go(self.section)
+
+    async def restore(self) -> None:
+        """Show the user's earlier state."""
+        await self._look(again=False)
+
+    async def _look(self, *, again: bool) -> bool:
+        """Update the form; returns whether there is something to confirm."""
+        self.turn += 1
+        turn, session = self.turn, self.user.session
+        self.body.clear()
+        self.section.visible = bool(session.names)
+        if not session.names:
+            self.user.form = None
+            return False
+        with self.body, ui.element("div").classes("actions"):
+            ui.spinner(size="28px")
+            ui.label("Looking at the files …").props("role=status")
+        try:
+            if not session.files:
+                raise InputError(
+                    "There is a calibration file, but no data.",
+                    expected="the files that it names",
+                    found="none",
+                    where="upload",
+                    remedy="add them",
+                )
+            name = session.calibration
+            look = self.user.look
+            text = "" if name is None else await look(calibration, session.data, name)
+            if name is None and (again or self.user.form is None):
+                guessed = await look(guess, session.data, session.files)
+                if turn == self.turn:
+                    self.user.form = merged(self.user.form, guessed)
+                    self.user.changed()
+        except Exception as error:
+            if turn == self.turn:
+                frame.show_error(self.body, error, session)
+            return False
+        if turn != self.turn or self.body.is_deleted:  # the files changed, or the page was left
+            return False
+        self.body.clear()
+        with self.body:
+            if name is not None:
+                self._as_it_stands(name, text)
+                await frame.looked(self.user, self.errors, readable, session.data, name)
+                return True
+            with contextlib.suppress(_Outdated):
+                await self._ask()
+                return True
+        return False
+
+    def _as_it_stands(self, name: str, text: str) -> None:
+        """Show the uploaded calibration file."""
+        ui.label(f"{name} came with the data and describes the columns:").classes("hint")
+        frame.Text("calibration-came", text)
+        self.errors = ui.element("div").props("aria-live=assertive")
+        with ui.element("div").classes("actions"):
+            confirm = ui.button("Confirm", on_click=lambda: self.fit.show(Confirmed(name, False)))
+            confirm.props("id=confirm")
+            if len(text) <= MOST_TEXT:
+                edit = ui.button("Edit", on_click=lambda: self._write(name, text))
+                edit.props("outline id=edit-text")
+
+    def _edit_as_text(self) -> None:
+        """The form as a calibration file, for what the form does not ask."""
+        self.errors.clear()
+        try:
+            assert self.user.form is not None
+            text = calibration_text(self.user.form.given, self.user.session.files)
+            self._write(CALIBRATION, text)
+        except Exception as error:
+            frame.show_error(self.errors, error, self.user.session)
+
+    def _write(self, name: str, text: str) -> None:
+        """A calibration file to be edited, in place of what is shown."""
+        self.turn += 1
+        self.body.clear()
+        with self.body:
+            edited(self.user, name, text, self._taken, self.restore)
+
+    async def _taken(self) -> None:
+        self.data.show()
+        await self.show()
+
+    async def _ask(self) -> None:
+        assert self.user.form is not None
+        self.form = form = self.user.form
+        self.elements: dict[str, Any] = {}
+        self.groups: list[tuple[ui.element, list[str]]] = []
+        kept = "; your settings are kept" if form.touched else ""
+        first = self.user.session.files[0]
+        guessed = f"Guessed from the names in {first} and the motion{kept}. Please check."
+        ui.label(guessed).classes("hint")
+        if form.guess.all_columns > len(form.guess.columns.columns):
+            ui.label(
+                f"The file has {form.guess.all_columns} columns: enter the name or number of each "
+                f"that is needed. The first are {frame.listed(form.guess.columns.labels)}."
+            ).classes("hint")
+        kinds = {False: "Records in time", True: "Table of a response"}
+        kind = ui.toggle(kinds, value=form.given.table).props("no-caps")
+        kind.on_value_change(lambda event: self._edited("table", event.value))
+        for sections in _GROUPS:
+            await self._group(sections, "basic", 3)
+        self.more = ui.expansion("More that a calibration file can state").classes("w-full")
+        self.more.props("id=more").on_value_change(self._open)
+        with ui.element("div").classes("actions"):
+            ui.button("Draw these columns", on_click=self._plot).props("outline id=show")
+        self.plot, self.chart = ui.element("div").classes("chart"), None
+        self.faults = ui.element("div").props("aria-live=polite id=faults")
+        self.errors = ui.element("div").props("aria-live=assertive")
+        with ui.element("div").classes("actions"):
+            ui.button("Confirm", on_click=self._confirm).props("id=confirm")
+            ui.button("Edit as text", on_click=self._edit_as_text).props("outline id=edit-text")
+        if form.guess.chart and not form.touched:
+            self._draw(form.guess.chart)
+            await self._examine()
+        else:
+            await self._plot()
+
+    def _draw(self, drawn: bytes) -> None:
+        if self.chart is not None:
+            self.chart.show(drawn)
+            return
+        with self.plot:
+            self.chart = frame.Chart(drawn, HEIGHT)
+            first = self.user.session.files[0]
+            ui.label(f"{first}, the beginning of the file as it is.").classes("hint")
+
+    async def _open(self) -> None:
+        """Build what is asked for less often."""
+        if not self.more.value or self.more.default_slot.children:
+            return
+        with self.more, contextlib.suppress(_Outdated):
+            await self._group([section for each in _GROUPS for section in each], "more", 4)
+            self._rows()
+
+    async def _group(self, sections: Sequence[str], level: str, heading: int) -> None:
+        """Ask for the keys of sections that are of a level."""
+        mine = [path for path in KEYS if path.partition(".")[0] in sections]
+        paths = [path for path in mine if KEYS[path].level == level]
+        if not paths:
+            return
+        title = SECTIONS[sections[0]].label if level == "basic" else "Channels and records"
+        with ui.element("div").classes("w-full") as place, frame.group(title, heading):
+            self.groups.append((place, paths))
+            self._visible()
+            for path in paths:
+                if path == "sensor.model":
+                    await self._model()
+                else:
+                    offered = self._offered(path) if path in ROLES else None
+                    element = entry(KEYS[path], self.form.get(path), options=offered)
+                    await self._placed(path, element, KEYS[path])
+            if "records.excitation" in paths and len(self.user.session.files) > 1:
+                value = self.form.given.optical_part
+                part = ui.input(_PART, value=value, placeholder="such as _ref").props(PLAIN)
+                part.on_value_change(lambda event: self._edited("optical_part", event.value or ""))
+
+    async def _placed(self, path: str, element: Any, key: Key) -> None:
+        """Have an element set its key. Other users have a turn: a form has many elements."""
+        element.props(f"id={path.replace('.', '-')}")
+        element.on_value_change(lambda event: self._edited(path, filled(key, event.value)))
+        element.visible = self.form.given.applies(path)
+        self.elements[path] = element
+        turn = self.turn
+        await asyncio.sleep(0)
+        if turn != self.turn or self.body.is_deleted:
+            raise _Outdated
+
+    def _edited(self, path: str, value: Any) -> None:
+        form = self.user.form
+        if form is None or form.get(path) == value:
+            return
+        form.set(path, value)
+        self.user.changed()
+        self._visible()
+        self.fit.refresh()
+
+    def _visible(self) -> None:
+        applies = self.form.given.applies
+        for path, element in self.elements.items():
+            element.visible = applies(path)
+        for place, paths in self.groups:
+            place.visible = any(map(applies, paths))
+
+    def _offered(self, path: str) -> dict[Any, str] | None:
+        """Return the columns to choose from; None if they are too many, and are written."""
+        columns = self.form.guess.columns
+        if self.form.guess.all_columns > len(columns.columns):
+            return None
+        optional = path not in NEEDED and KEYS[path].default is not ...
+        listed = dict(zip(columns.columns, columns.labels, strict=True))
+        return {None: "none", **listed} if optional else listed
+
+    async def _model(self) -> None:
+        """Ask for the model's core and its add-ons, which are one key."""
+        core, *add_ons = (self.form.get("sensor.model") or "").split("+")
+        cores = ui.select([*CORES], value=core, label="Model")
+        cores.props(f"{PLAIN} options-dense id=core")
+        more = ui.select([*ADD_ONS], value=add_ons, label="Add-ons", multiple=True)
+        more.props(f"{PLAIN} options-dense use-chips id=add-ons")
+        for element in (cores, more):
+            element.on_value_change(
+                lambda: self._edited("sensor.model", "+".join((cores.value, *more.value)))
+            )
+
+    def _rows(self) -> None:
+        """Ask for lists: entries of single files, uncertainties, capabilities."""
+        files = {file: file for file in self.user.session.files}
+        for name, (section, title, one) in _ENTRIES.items():
+            keys = [key for key in ENTRIES[section] if key.name != "reference_file"]
+            with ui.element("div").classes("w-full") as place:
+                ui.html(f"<h4>{title}</h4>", sanitize=False)
+                rows = Rows(one, keys, self.form.get(name) or [], options={"file": files})
+                rows.on_change = lambda name=name, rows=rows: self._edited(name, rows.value)
+            self.groups.append((place, [section]))
+        self._visible()
+
+    async def _plot(self) -> None:
+        form, session = self.user.form, self.user.session
+        if form is None:
+            return
+        self.errors.clear()
+        place, errors = self.plot, self.errors
+        asked = form.given, session.data, session.files
+        drawn = await frame.looked(self.user, errors, chart, *asked)
+        if drawn is not None and place is self.plot and not place.is_deleted:
+            self._draw(drawn)
+            await self._examine()
+
+    async def _examine(self) -> None:
+        """Say of every file what an identification would refuse."""
+        form, session, place = self.user.form, self.user.session, self.faults
+        if form is None:
+            return
+        place.clear()
+        asked = form.given, session.data, session.files
+        refused = await frame.looked(self.user, place, faults, *asked)
+        if refused and not place.is_deleted:
+            frame.show_faults(place, [InputError(**fields) for fields in refused], session)
+
+    async def _confirm(self) -> None:
+        self.errors.clear()
+        form, session = self.user.form, self.user.session
+        if form is None:
+            return
+        try:
+            calibration_text(form.given, session.files)
+        except InputError as error:
+            frame.show_error(self.errors, error, session)
+            return
+        await self.fit.show(Confirmed(CALIBRATION, True))
+
+
+def merged(before: Form | None, guessed: Guess) -> Form:
+    """The form for a new guess: keeps what the user set, except columns that no longer exist."""
+    given = described(guessed.columns, guessed.excitation or "sine", guessed.optical_part)
+    if before is None or not before.touched:
+        return Form(guessed, given)
+    for path in ROLES:
+        known = before.given.get(path) in (None, *guessed.columns.columns)
+        if path not in before.touched and not known:
+            before.given.set(path, given.get(path))
+    return Form(guessed, before.given, before.touched)

@@ -1,0 +1,260 @@
+"""From the confirmed form to the calibration file that reproduces it, and files paired by name."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from vibrident.base.errors import InputError
+from vibrident.data.io.calibration_file import CalibrationFile, checked_calibration
+from vibrident.data.io.guess import Columns
+from vibrident.data.io.keys import Key, keys_of
+from vibrident.data.io.sections import CHANNEL_KEYS
+from vibrident.data.io.toml_text import toml_document
+from vibrident.data.records import USUAL_MODEL
+from vibrident.physics.models import ADD_ONS
+
+HERE = "columns and units"  # what messages call the form
+SECTIONS = {n: key for n, key in keys_of(CalibrationFile).items() if n != "certificate"}
+#: Section → its keys that a form can ask for.
+ENTRIES = {
+    name: [key for key in keys_of(section.section).values() if key.kind != "pairs"]
+    for name, section in SECTIONS.items()
+    if section.section
+}
+
+
+def _asked() -> Iterator[tuple[str, Key]]:
+    """Yield path and key of each entry; an interferometer's two columns are two."""
+    for section, keys in ENTRIES.items():
+        for key in keys:
+            if key.kind == "columns":
+                for place, title in enumerate(
+                    ("First signal: cos, or carrier", "Second signal: sin")
+                ):
+                    yield f"{section}.{key.name}.{place}", replace(key, title=title, kind="column")
+            else:
+                yield f"{section}.{key.name}", key
+
+
+KEYS = dict(_asked())
+ROLES = [path for path, key in KEYS.items() if key.kind == "column"]
+#: Keys that a calibration file need not have in every case, and has where they apply.
+NEEDED = ("reference.column", "response.column", "interferometer.carrier_hz")
+
+
+@dataclass
+class Description:
+    """The user's description of the data, starting with a guess.
+
+    ``document`` is that of a calibration file, section → key → value, with what all [[records]]
+    share and a list of entries of others. What does not apply is kept, and not written. Signals of
+    an interferometer may be in files of their own, whose names have ``optical_part`` more than
+    those of the response, as may a reference. ``different`` are entries of single files, with what
+    differs there.
+    """
+
+    document: dict[str, Any] = field(default_factory=dict)
+    table: bool = False
+    optical_part: str = ""
+    different: list[dict[str, Any]] = field(default_factory=list)
+
+    def get(self, path: str) -> Any:
+        """Return the value of ``section.key``, of a place in its list, or of a list of entries."""
+        if "." not in path:
+            return getattr(self, path, self.document.get(path))
+        section, name, *place = path.split(".")
+        value = self.document.get(section, {}).get(name)
+        return _two(value)[int(place[0])] if place else value
+
+    def set(self, path: str, value: Any) -> None:
+        """Set it."""
+        section, *names = path.split(".")
+        if not names:
+            target = vars(self) if path in vars(self) else self.document
+            target[path] = value
+            return
+        held = self.document.setdefault(section, {})
+        if len(names) == 2:
+            both = _two(held.get(names[0]))
+            both[int(names[1])] = value
+            value = both
+        held[names[0]] = value
+
+    @property
+    def decay(self) -> bool:
+        """Whether the records are free decays, which need no reference."""
+        return self.get("records.excitation") == "decay"
+
+    @property
+    def signals(self) -> tuple[int | str | None, ...]:
+        """Columns of the photodetector signals; empty if the reference is a channel."""
+        kind = self.get("interferometer.kind")
+        if self.table or self.decay or not kind:
+            return ()
+        return tuple(_two(self.get("interferometer.columns"))[: 2 if kind == "quadrature" else 1])
+
+    @property
+    def motion(self) -> tuple[int | str | None, ...]:
+        """Columns of the reference: photodetector signals, or one of a channel."""
+        return self.signals or (self.get("reference.column"),)
+
+    def pairs(self, files: Sequence[str]) -> list[tuple[str, str | None]]:
+        """The file of each record, and that of its reference where these are apart."""
+        return paired(files, "" if self.table or self.decay else self.optical_part)
+
+    def applies(self, path: str) -> bool:
+        """Whether a key, or a section, has a meaning beside the others."""
+        records, light = not self.table, self.get("interferometer.kind")
+        drive = self.get("reference.quantity") == "drive"
+        conditions = {
+            "table": self.table,
+            **dict.fromkeys(("interferometer", "sampling", "records"), records),
+            **dict.fromkeys(("response.column", "response.full_scale"), records),
+            **{f"reference.{key}": records and not light for key in CHANNEL_KEYS},
+            "reference.column": records and not light and not self.decay,
+            "reference.quantity": self.table or not light,
+            "reference.unit": drive if self.table else not light,
+            **{key: bool(light) for key in KEYS if key.startswith("interferometer.")},
+            "interferometer.columns.1": light == "quadrature",
+            "interferometer.kind": True,
+            "interferometer.carrier_hz": light == "heterodyne",
+            "sampling.rate_hz": self.get("sampling.time_column") is None,
+            "records.frequency_hz": self.get("records.excitation") == "sine",
+        }
+        return conditions.get(path.partition(".")[0], True) and conditions.get(path, True)
+
+
+def _two(columns: Sequence[Any] | None) -> list[Any]:
+    return [*(columns or ()), None, None][:2]
+
+
+def described(guess: Columns, excitation: str = "sine", optical_part: str = "") -> Description:
+    """A guess as a description; the excitation is guessed separately.
+
+    The model is the usual one, with the add-ons that do nothing but delay where there is a phase.
+    """
+    document = {section: dict(keys) for section, keys in guess.document.items()}
+    delays = [addon.name for addon in ADD_ONS.values() if addon.is_delay]
+    phase = not guess.is_table or "phase" in document["table"]
+    document["sensor"] = {"model": "+".join((USUAL_MODEL, *(delays if phase else ())))}
+    document["records"]["excitation"] = excitation
+    document["interferometer"]["wavelength_m"] = 632.991e-9  # of a helium-neon laser, in air
+    return Description(document, guess.is_table, optical_part)
+
+
+def calibration_text(given: Description, files: Sequence[str]) -> str:
+    """The calibration file, as text; refused where a choice is missing or not allowed."""
+    if given.table and len(files) != 1:
+        problem, number = "A tabulated response is one file.", f"{len(files)} files"
+        raise _refused(problem, "one file", number, "remove the others")
+    _require_distinct(given)
+    document = dict(_document(given, files))
+    checked_calibration(document, HERE)
+    return toml_document(document)
+
+
+def _document(given: Description, files: Sequence[str]) -> Iterator[tuple[str, Any]]:
+    """Yield the sections that apply, with their keys."""
+    for section, heading in SECTIONS.items():
+        if not given.applies(section) or (section == "interferometer" and not given.signals):
+            continue
+        if section == "table":
+            yield section, {"file": files[0], **_filled(given, section)}
+        elif section == "records":
+            shared, pairs = _filled(given, section), given.pairs(files)
+            each = {file: {"file": file, "reference_file": o, **shared} for file, o in pairs}
+            for entry in given.different:
+                if "file" not in entry:
+                    expected = "the file of a record that differs"
+                    raise _refused("“File” is empty.", expected, "nothing", "choose one")
+                each.get(entry["file"], {}).update(entry)
+            yield section, [*each.values()]
+        elif heading.kind == "entries":
+            yield section, given.get(section) or []
+        elif filled := _filled(given, section):
+            yield section, filled
+
+
+def _filled(given: Description, section: str) -> dict[str, Any]:
+    """Return the keys of a section that apply; refused where one is empty that may not be."""
+    filled = {}
+    for key in ENTRIES[section]:
+        name, path = key.name, f"{section}.{key.name}"
+        if key.level == "expert" or not given.applies(path):
+            continue
+        value = given.get(path) if name != "columns" else [*given.signals]
+        if value in (None, "") or (isinstance(value, list) and None in value):
+            cleared = name in given.document.get(section, {}) and key.default
+            if key.default is ... or cleared or path in NEEDED:
+                raise _refused(f"“{key.label}” is empty.", key.expected, "nothing", "fill it in")
+            continue
+        filled[name] = value
+    return filled
+
+
+def _require_distinct(given: Description) -> None:
+    motion, response = given.motion, given.get("response.column")
+    if given.table or given.decay:
+        return
+    if response is not None and response in motion and not given.optical_part:
+        text = "Reference and response are the same column."
+        raise _refused(text, "two columns", repr(response), "choose another for one of the two")
+    if len(motion) == 2 and motion[0] is not None and motion[0] == motion[1]:
+        text = "Both photodetector signals are the same column."
+        raise _refused(text, "two columns", repr(motion[0]), "choose another for one of the two")
+
+
+def _refused(problem: str, expected: str, found: str, remedy: str) -> InputError:
+    return InputError(problem, expected=expected, found=found, where=HERE, remedy=remedy)
+
+
+def mark(files: Sequence[str]) -> str:
+    """Return what names of optical files have beyond the response's, such as ``_optical``.
+
+    Half of the files must have it, and each of them a partner without it; empty for no pairs.
+    """
+    if len(files) < 2 or len(files) % 2:
+        return ""
+    first, *others = (Path(file).stem for file in files)
+    parts = (_added(*sorted((first, other), key=len)) for other in others)
+    return next((part for part in parts if part and _partners(files, part) is not None), "")
+
+
+def paired(files: Sequence[str], part: str) -> list[tuple[str, str | None]]:
+    """Return each file of a response with the file of its optical signals, if that is another."""
+    if not part:
+        return [(file, None) for file in files]
+    found = _partners(files, part)
+    if found is None:
+        optical = [file for file in files if part in Path(file).stem]
+        raise InputError(
+            "The files with optical signals do not match those with responses.",
+            expected=f"for each file a second one, with {part!r} more in its name",
+            found=f"{len(files) - len(optical)} files without it, {len(optical)} with it",
+            where=HERE,
+            remedy="add or rename files, or correct that part of the names; "
+            "leave it empty for signals in one file",
+        )
+    return list(found)
+
+
+def _partners(files: Sequence[str], part: str) -> list[tuple[str, str | None]] | None:
+    """Pairs in the order of the responses; None if a file is left over."""
+    marked = [file for file in files if part in Path(file).stem]
+    optical = {Path(file).stem.replace(part, "", 1): file for file in marked}
+    others = [file for file in files if file not in marked]
+    if len(optical) != len(others) or len(files) != 2 * len(others) or not others:
+        return None
+    pairs = [(file, optical.get(Path(file).stem)) for file in others]
+    return pairs if all(partner is not None for _, partner in pairs) else None
+
+
+def _added(short: str, long: str) -> str:
+    """Return what a name has beyond another, in one place; empty if they differ otherwise."""
+    pairs = enumerate(zip(short, long, strict=False))
+    same = next((i for i, (a, b) in pairs if a != b), len(short))
+    more = len(long) - len(short)
+    return long[same : same + more] if long[:same] + long[same + more :] == short else ""

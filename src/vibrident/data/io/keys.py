@@ -1,0 +1,136 @@
+"""The keys of a file, each stated once as a field, for errors, forms and documentation."""
+
+from __future__ import annotations
+
+import typing
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Literal
+
+from pydantic import BaseModel, Field
+from pydantic.fields import FieldInfo
+
+#: A form shows ``basic`` keys first and ``more`` in a part that opens; ``expert`` ones are for the
+#: file alone.
+Level = Literal["basic", "more", "expert"]
+
+
+@dataclass(frozen=True)
+class Shown:
+    """Mark of a type that does not say by itself how it is asked for; ``kind`` as of a key."""
+
+    kind: str
+
+
+def key(
+    label: str | None = None,
+    unit: str = "",
+    *,
+    level: Level = "more",
+    default: Any = None,
+    about: str = "",
+    words: Sequence[str] = (),
+    in_form: tuple[str, float] | None = None,
+) -> Any:
+    """Return the field of a key.
+
+    Args:
+        label: what a form calls it; None for the words of its name.
+        unit: of its numbers, as printed.
+        level: where a form shows it.
+        default: the value without it; ``...`` where it must be there.
+        about: a further sentence for the documentation.
+        words: what a form calls each of the choices, or first their absence.
+        in_form: the unit in which a form asks for it, and how many of that are one of ``unit``.
+    """
+    more = {"unit": unit, "level": level, "about": about, "words": [*words]}
+    extra: Any = more | {"in_form": [*(in_form or (unit, 1.0))]}
+    return Field(default, title=label, json_schema_extra=extra)
+
+
+basic = partial(key, level="basic")
+expert = partial(key, level="expert")
+
+
+@dataclass(frozen=True)
+class Key:
+    """A key as its field states it."""
+
+    name: str
+    default: Any  # the value without it; ``...`` where it is required
+    kind: str  # how a form asks for it: choice, number, text, …; ``entries`` for a list of sections
+    options: Mapping[Any, str]  # of a choice: value → what a form calls it, None first if optional
+    section: type[BaseModel] | None  # the section that it holds, be it one of a list
+    expected: str  # what it takes, in words
+    title: str  # what a form calls it
+    unit: str = ""
+    level: str = ""
+    about: str = ""
+    in_form: tuple[str, float] = ("", 1.0)  # the unit in which a form asks, and its number in one
+
+    @property
+    def label(self) -> str:
+        """The title with the unit in which a form asks."""
+        return self.title + (f", {self.in_form[0]}" if self.in_form[0] else "")
+
+    @property
+    def heading(self) -> str:
+        """The name of a section in brackets, double ones where there may be several."""
+        return f"[[{self.name}]]" if self.kind == "entries" else f"[{self.name}]"
+
+
+def keys_of(section: type[BaseModel]) -> dict[str, Key]:
+    """Return the keys of a section by their names, in order."""
+    return {name: _key(name, field) for name, field in section.model_fields.items()}
+
+
+def _key(name: str, field: FieldInfo) -> Key:
+    parts = [*field.metadata, *_parts(field.annotation)]
+    extra: Any = field.json_schema_extra
+    stated = dict(extra) if isinstance(extra, dict) else {}
+    default = ... if field.is_required() else field.default
+    section = next((p for p in parts if isinstance(p, type) and issubclass(p, BaseModel)), None)
+    choices = next((typing.get_args(p) for p in parts if typing.get_origin(p) is Literal), ())
+    kind = _kind(parts, section is not None, bool(choices))
+    described = [mark.description for mark in parts if isinstance(mark, FieldInfo)]
+    heading = f"one or more [[{name}]], in double brackets" if kind == "entries" else f"[{name}]"
+    words = heading if section else " | ".join(str(choice) for choice in choices if choice)
+    return Key(
+        name,
+        default,
+        kind,
+        _options(choices, stated.pop("words", ()), default),
+        section,
+        next(filter(None, (field.description, *described)), words),
+        field.title or name.replace("_", " ").capitalize(),
+        **stated,
+    )
+
+
+def _kind(parts: list[Any], section: bool, choices: bool) -> str:
+    several = any(typing.get_origin(part) is list for part in parts)
+    marked = next((part.kind for part in parts if isinstance(part, Shown)), None)
+    if marked or choices:
+        return marked or "choice"
+    if several:
+        return "entries" if section else "paragraphs"
+    kinds = {float: "number", bool: "flag", str: "text", int: "whole"}
+    plain = next((kind for each, kind in kinds.items() if each in parts), "text")
+    return "section" if section else plain
+
+
+def _options(choices: tuple[Any, ...], words: Sequence[str], default: Any) -> dict[Any, str]:
+    """Return choice → words, these from the last; None first where it may be left out."""
+    there = [choice for choice in choices if choice != ""]
+    words = words or [str(choice) for choice in there]
+    options = dict(zip([None, *there][-len(words) :], words, strict=True)) if words else {}
+    return options if default or None in options else {None: "not stated", **options}
+
+
+def _parts(annotation: Any) -> Iterator[Any]:
+    """Yield what an annotation is made of, from the outside: types, choices, marks."""
+    yield annotation
+    yield from getattr(annotation, "__metadata__", ())
+    for argument in typing.get_args(annotation):
+        yield from _parts(argument)
