@@ -1,0 +1,183 @@
+"""What the attributes of an HDF5 or netCDF 4 file state about its datasets."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from vibrident.base.errors import InputError
+from vibrident.data.io.columns import Clock, Start
+from vibrident.data.io.header_units import is_time
+from vibrident.data.io.stated import (
+    Statement,
+    clock_of,
+    is_frequency,
+    meaning_of,
+    start_of,
+    statements,
+    unit_of,
+)
+from vibrident.data.records import FloatArray
+
+#: Filters that come with the library: deflate, shuffle, Fletcher-32, szip, n-bit, scale-offset;
+#: LZF comes with h5py.
+_FILTERS = frozenset({1, 2, 3, 4, 5, 6, 32000})
+_MAX_STATED_ITEMS = 10_000  # of an attribute or of a dataset that states something
+
+
+@dataclass(frozen=True)
+class Packing:
+    """How a dataset's numbers stand for values, by the conventions of netCDF."""
+
+    scale: float
+    offset: float
+    missing: tuple[float, ...]  # numbers that stand for no value
+
+    def unpack(self, values: FloatArray) -> None:
+        """Turn stored numbers into values, in place; missing ones become NaN."""
+        for number in self.missing:
+            values[values == number] = np.nan
+        if self.scale != 1.0:
+            values *= self.scale
+        if self.offset != 0.0:
+            values += self.offset
+
+
+class Attributes:
+    """What the attributes of a dataset, of its groups and of the file state; the nearest counts.
+
+    A dataset of one number or text, such as "fs" or "unit", is a statement of its group, as MATLAB
+    stores it.
+    """
+
+    def __init__(self, file: Any) -> None:
+        self._file = file
+        self._groups: dict[str, Mapping[str, Statement]] = {}
+
+    def unit(self, array: str, index: int, count: int) -> str:
+        """Return the unit of column ``index`` of ``count`` of a dataset; "" if none is stated.
+
+        A group's unit is that of its datasets, but for times and frequencies.
+        """
+        name = array.rsplit("/", 1)[-1]
+        unit = unit_of(_stated_by(self._file[array]), index, count)
+        if unit or is_time(name) or is_frequency(name, ""):
+            return unit
+        return unit_of(self._group(_parent(array)), index, count)
+
+    def is_frequency(self, axis: str) -> bool:
+        """Return whether a dataset is an axis of frequencies."""
+        return is_frequency(axis.rsplit("/", 1)[-1], self.unit(axis, 0, 1))
+
+    def clock(self, array: str, where: str) -> Clock | None:
+        """Return the clock of a dataset; None if none is stated. Errors as ``clock_of``."""
+        return clock_of(self._levels(array), where)
+
+    def start(self, array: str) -> Start | None:
+        """Return the time of a dataset's first sample; None if none is stated."""
+        return start_of(self._levels(array))
+
+    def _levels(self, array: str) -> list[Mapping[str, Statement]]:
+        levels = [_stated_by(self._file[array])]
+        while array:
+            array = _parent(array)
+            levels.append(self._group(array))
+        return levels
+
+    def _group(self, path: str) -> Mapping[str, Statement]:
+        if path not in self._groups:
+            group = self._file[path or "/"]
+            named = {name: _stated_value(group, name) for name in group if meaning_of(name)[0]}
+            held = {name: value for name, value in named.items() if value is not None}
+            self._groups[path] = {**statements(held), **_stated_by(group)}
+        return self._groups[path]
+
+
+def packing_of(dataset: Any, where: str) -> Packing | None:
+    """Return how a dataset's numbers are packed; None if they are the values.
+
+    InputError: a scale or an offset is no finite number, or the scale is 0.
+    """
+    numbers = {"scale_factor": 1.0, "add_offset": 0.0}
+    for name in numbers:
+        if name in dataset.attrs:
+            value = np.asarray(dataset.attrs[name])
+            plain = value.size == 1 and value.dtype.kind in "iuf"
+            numbers[name] = float(value.reshape(-1)[0]) if plain else math.nan
+            if not math.isfinite(numbers[name]) or numbers["scale_factor"] == 0.0:
+                raise InputError(
+                    "A dataset's numbers cannot be scaled as the file says.",
+                    expected=f"{name} to be one finite number, and scale_factor not 0",
+                    found=f"{name} = {dataset.attrs[name]!r}",
+                    where=where,
+                    remedy="correct the attribute, or write the dataset's values unpacked",
+                )
+    missing: list[float] = []
+    for name in ("_FillValue", "missing_value"):
+        value = np.asarray(dataset.attrs.get(name, ()))
+        if value.dtype.kind in "iuf":
+            missing += [float(number) for number in value.reshape(-1) if np.isfinite(number)]
+    packing = Packing(numbers["scale_factor"], numbers["add_offset"], tuple(missing))
+    return None if packing == Packing(1.0, 0.0, ()) else packing
+
+
+def axis_of(dataset: Any) -> str:
+    """Return the path of the axis that is attached to a dataset's samples; "" if none is."""
+    if "DIMENSION_LIST" not in dataset.attrs:
+        return ""
+    along = int(np.argmax(dataset.shape))
+    scales = dataset.dims[along]
+    return scales[0].name.strip("/") if len(scales) else ""
+
+
+def kept_elsewhere(dataset: Any) -> str:
+    """Return why a dataset's numbers are outside the file or need a plug-in; "" if neither."""
+    if dataset.external:
+        return f"stored in another file, {str(dataset.external[0][0])!r}"
+    if dataset.is_virtual:
+        return "assembled from other datasets or files (a virtual dataset)"
+    steps = dataset.id.get_create_plist()
+    for step in range(steps.get_nfilters()):
+        number, _, _, name = steps.get_filter(step)
+        if number not in _FILTERS:
+            words = name.decode("ascii", "replace")
+            return f"compressed with filter {number} ({words}), which is a plug-in"
+    return ""
+
+
+def matlab_class(dataset: Any) -> str:
+    """Return the class of a MATLAB variable; "" for a dataset of another program."""
+    kind = dataset.attrs.get("MATLAB_class", b"")
+    return kind.decode("ascii", "replace") if isinstance(kind, bytes) else str(kind)
+
+
+def _parent(path: str) -> str:
+    return path.rpartition("/")[0]
+
+
+def _stated_by(item: Any) -> Mapping[str, Statement]:
+    """Return the statements among the attributes of a dataset or group."""
+    names = [name for name in item.attrs if meaning_of(name)[0]]
+    sizes = {name: math.prod(item.attrs.get_id(name).shape or ()) for name in names}
+    return statements(
+        {name: item.attrs[name] for name in names if 0 < sizes[name] <= _MAX_STATED_ITEMS}
+    )
+
+
+def _stated_value(group: Any, name: str) -> Any:
+    """Return the number or text that a dataset of a group holds; None for a column or a link."""
+    import h5py
+
+    if not isinstance(group.get(name, getlink=True), h5py.HardLink):
+        return None
+    item = group[name]
+    if not isinstance(item, h5py.Dataset) or item.shape is None or kept_elsewhere(item):
+        return None
+    size = math.prod(item.shape)
+    if matlab_class(item) == "char" and item.dtype.kind in "iu" and size <= _MAX_STATED_ITEMS:
+        return "".join(map(chr, np.asarray(item[...]).reshape(-1)))
+    return item[...].reshape(-1)[0] if size == 1 and item.dtype.kind in "iufSO" else None

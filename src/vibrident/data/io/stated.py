@@ -1,0 +1,256 @@
+"""Names by which files state a rate, an interval, a start or a unit, and what their values mean.
+
+Attributes of HDF5, variables of MATLAB, metadata of Parquet and properties of TDMS have no fixed
+names for these. One list serves all, whatever the case, blanks and signs between the words.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from vibrident.base.errors import InputError
+from vibrident.data.io.columns import Clock, ColumnFile, Start
+from vibrident.data.io.sampling import SAME_RATE, plainest_clock
+
+SECONDS: Mapping[str, float] = {
+    **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), 1.0),
+    **dict.fromkeys(("ms", "msec", "millisecond", "milliseconds"), 1e-3),
+    **dict.fromkeys(("us", "µs", "μs", "usec", "microsecond", "microseconds"), 1e-6),
+    **dict.fromkeys(("ns", "nsec", "nanosecond", "nanoseconds"), 1e-9),
+    **dict.fromkeys(("min", "minute", "minutes"), 60.0),
+    **dict.fromkeys(("h", "hour", "hours"), 3600.0),
+    **dict.fromkeys(("d", "day", "days"), 86400.0),
+}
+_FREQUENCIES = frozenset({"hz", "khz", "mhz", "ghz", "hertz", "rad/s", "1/s", "rpm", "1/min"})
+#: Words, without blanks and signs. "FS" is a full scale and "ts" a time stamp, so these are as
+#: they are spelled.
+_SPELLED = {"fs": "rate", "Fs": "rate", "dt": "interval", "Dt": "interval", "Ts": "interval"}
+_WORDS = {
+    "rate": "samplingrate samplerate samplefrequency samplingfrequency samplingfreq samplefreq "
+    "samplespersecond ratehz fsamp scanrate nisamplingrate nisamplerate",
+    "interval": "samplinginterval sampleinterval samplingperiod sampleperiod deltat timestep "
+    "timeincrement wfincrement",
+    "start": "t0 starttime tstart timestart startdatetime recordingstart wfstarttime",
+    "unit": "unit units unitstring unitname unitsymbol niunitdescription unitdescription "
+    "yunit yunits physicalunit physicalunits engineeringunit engineeringunits",
+}
+_MEANINGS = {word: meaning for meaning, words in _WORDS.items() for word in words.split()}
+#: Units at the end of a name, and of a rate's text. No converter counts in thousandths of a hertz.
+_SUFFIXES = {
+    "khz": 1e3,
+    "mhz": 1e6,
+    "hz": 1.0,
+    "sps": 1.0,
+    "utc": 1.0,
+    "sec": 1.0,
+    "ms": 1e-3,
+    "us": 1e-6,
+    "ns": 1e-9,
+    "s": 1.0,
+}
+_SPELLED_NAME = re.compile(r"(\w\w)[ _(\[]*(k?[Hh]z|[mun]?s)?[)\]]?")
+_NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\s\d]*)\s*")
+_DATE = re.compile(
+    r"(\d{4}-\d\d-\d\d)(?:[T ]+(\d\d:\d\d(?::\d\d(?:\.\d+)?)?))?\s*(?:Z|UTC|([-+]\d\d):?(\d\d))?"
+)
+_MAX_NAME_LENGTH = 100
+#: A rate and an interval that differ less are one statement: files round intervals to four digits.
+_MAX_ROUNDING = 5e-4
+
+
+@dataclass(frozen=True)
+class Statement:
+    """A rate, an interval, a start or a unit that a file states under a name of its own."""
+
+    name: str
+    value: Any
+    factor: float  # of the unit in the name, to Hz or s
+
+
+class StatedFile(ColumnFile):
+    """A file that may state a column's start without its rate."""
+
+    _starts: Mapping[int, Start]  # by position
+
+    def start(self, position: int) -> Start | None:
+        """Return the time of a column's first sample."""
+        return super().start(position) or self._starts.get(position)
+
+
+def meaning_of(name: str) -> tuple[str, float]:
+    """Return what a name states, and the factor of a unit at its end.
+
+    The first is "rate", "interval", "start", "unit", or "" for a name that states none of these.
+    """
+    name = name.strip()
+    if len(name) > _MAX_NAME_LENGTH:
+        return "", 1.0
+    spelled = _SPELLED_NAME.fullmatch(name)
+    if spelled is not None and spelled[1] in _SPELLED:
+        return _SPELLED[spelled[1]], _SUFFIXES[(spelled[2] or "s").lower()]
+    word = re.sub(r"[^a-z0-9]", "", name.lower())
+    if word in _MEANINGS:
+        return _MEANINGS[word], 1.0
+    for suffix, factor in _SUFFIXES.items():
+        if word.endswith(suffix) and (meaning := _MEANINGS.get(word.removesuffix(suffix))):
+            return meaning, factor
+    return "", 1.0
+
+
+def statements(values: Mapping[str, Any]) -> dict[str, Statement]:
+    """Return what named values of a file state, by meaning; the first of several of one counts."""
+    stated: dict[str, Statement] = {}
+    for name, value in values.items():
+        meaning, factor = meaning_of(name)
+        if meaning:
+            stated.setdefault(meaning, Statement(name, value, factor))
+    return stated
+
+
+def clock_of(levels: Sequence[Mapping[str, Statement]], where: str) -> Clock | None:
+    """Return the clock that a file states for a column; None without a rate or an interval.
+
+    ``levels``: statements about the column, nearest first, each hiding those behind it; ``where``:
+    the column, for messages. InputError: the rate is no finite number above 0, or the interval
+    beside it is of another rate.
+    """
+    level = next((level for level in levels if {"rate", "interval"} & level.keys()), {})
+    rate = level.get("rate")
+    interval = level.get("interval")
+    start = start_of(levels)
+    if rate is None and interval is None:
+        return None
+    if rate is None:
+        assert interval is not None
+        value = _positive(interval, "sampling interval", where)
+        half_unit = _half_unit(interval.value) * interval.factor
+        if half_unit:
+            return plainest_clock(value, half_unit, start)
+        return Clock(1.0 / value, start=start)
+    rate_hz = _positive(rate, "sampling rate", where)
+    rounding = max(SAME_RATE, _half_unit(rate.value) * rate.factor / rate_hz)
+    if interval is not None:
+        value = _positive(interval, "sampling interval", where)
+        difference = abs(rate_hz * value - 1.0)
+        if difference > _MAX_ROUNDING:
+            raise _unusable(
+                "The file states two sampling rates.",
+                f"{interval.name} to be 1/{rate.name}",
+                f"{rate.name} = {rate.value!r} and {interval.name} = {interval.value!r}",
+                where,
+            )
+        rounding = max(rounding, difference)
+    return Clock(rate_hz, rounding, start)
+
+
+def start_of(levels: Sequence[Mapping[str, Statement]]) -> Start | None:
+    """Return the start that a file states: a date, or seconds on its own clock; None if neither."""
+    stated = next((level["start"] for level in levels if "start" in level), None)
+    value = None if stated is None else scalar(stated.value)
+    if stated is None or value is None:
+        return None
+    if isinstance(value, np.datetime64):
+        ns = value.astype("datetime64[ns]")
+        return None if np.isnat(ns) else Start(int(ns.astype(np.int64)), epoch=True)
+    if isinstance(value, str) and (date := _DATE.fullmatch(value.strip())):
+        return date_start(date)
+    seconds = _number(value) * stated.factor
+    return Start.on_own_clock(seconds) if math.isfinite(seconds) else None
+
+
+def date_start(date: re.Match[str]) -> Start | None:
+    """Return the start of a date of ISO 8601; UTC where it names no zone; None for no real date."""
+    day, time, hours, minutes = date.groups()
+    try:
+        instant = np.datetime64(f"{day}T{time or '00:00'}", "ns")
+    except ValueError:
+        return None
+    ns = int(instant.astype(np.int64))
+    if hours is not None:
+        east_minutes = abs(int(hours)) * 60 + int(minutes)
+        ns -= (-1 if hours.startswith("-") else 1) * east_minutes * 60 * 10**9
+    return Start(ns, epoch=True)
+
+
+def seconds_since(unit: str) -> tuple[float, Start] | None:
+    """Return seconds per unit and the start of "milliseconds since 2024-05-01 12:00", else None."""
+    amount, _, day = unit.partition(" since ")
+    date = _DATE.fullmatch(day.strip())
+    factor = SECONDS.get(amount.strip().lower())
+    start = None if date is None else date_start(date)
+    return None if factor is None or start is None else (factor, start)
+
+
+def unit_of(level: Mapping[str, Statement], index: int = 0, count: int = 1) -> str:
+    """Return the stated unit of a column; "" if none.
+
+    Several units state those of as many columns: ``index`` of ``count``.
+    """
+    if "unit" not in level:
+        return ""
+    value = level["unit"].value
+    several = np.asarray(value, dtype=object).reshape(-1)
+    if several.size == count and index < count:
+        value = several[index]
+    text = scalar(value)
+    return text.strip("\0 \t\r\n") if isinstance(text, str) else ""
+
+
+def is_frequency(name: str, unit: str) -> bool:
+    """Return whether an axis of this name and unit is one of frequencies."""
+    word = name.strip().lower()
+    return unit.strip().lower() in _FREQUENCIES or word.startswith("freq") or word == "f"
+
+
+def scalar(value: Any) -> Any:
+    """Return the only item of a value, bytes as text; None for several or none."""
+    if isinstance(value, np.ndarray | list | tuple):
+        array = np.asarray(value)
+        if array.size != 1:
+            return None
+        value = array.reshape(-1)[0]
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else value
+
+
+def _number(value: Any) -> float:
+    """Return a number, or that of a text with a unit such as "51.2 kHz"; NaN for another value."""
+    if isinstance(value, str):
+        match = _NUMBER.fullmatch(value)
+        factor = _SUFFIXES.get(match[2].lower() or "s") if match else None
+        return math.nan if match is None or factor is None else float(match[1]) * factor
+    if isinstance(value, bool | np.bool_) or not isinstance(value, int | float | np.number):
+        return math.nan
+    return math.nan if isinstance(value, np.complexfloating) else float(value)
+
+
+def _positive(stated: Statement, what: str, where: str) -> float:
+    """Return a stated rate or interval in Hz or s; InputError where it is no number above 0."""
+    value = _number(scalar(stated.value)) * stated.factor
+    if math.isfinite(value) and value > 0 and math.isfinite(1.0 / value):
+        return value
+    found = scalar(stated.value)
+    raise _unusable(
+        f"The {what} in the file's metadata cannot be used.",
+        f"{stated.name} to be a finite number above 0",
+        repr(found if found is not None else stated.value)[:_MAX_NAME_LENGTH],
+        where,
+    )
+
+
+def _unusable(problem: str, expected: str, found: str, where: str) -> InputError:
+    remedy = "correct the metadata, or write the file without it and give rate_hz"
+    return InputError(problem, expected=expected, found=found, where=where, remedy=remedy)
+
+
+def _half_unit(value: Any) -> float:
+    """Return half a unit of the last place of a fraction in four bytes; 0 for other numbers."""
+    number = scalar(value)
+    if type(number) is np.float32 and math.isfinite(number) and number != round(number):
+        return float(np.spacing(number)) / 2
+    return 0.0
