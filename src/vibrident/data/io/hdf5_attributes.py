@@ -11,15 +11,14 @@ import numpy as np
 
 from vibrident.base.errors import InputError
 from vibrident.data.io.columns import Clock, Start
-from vibrident.data.io.header_units import is_time
 from vibrident.data.io.stated import (
     Statement,
     clock_of,
     is_frequency,
     meaning_of,
+    nearest_unit,
     start_of,
     statements,
-    unit_of,
 )
 from vibrident.data.records import FloatArray
 
@@ -59,15 +58,9 @@ class Attributes:
         self._groups: dict[str, Mapping[str, Statement]] = {}
 
     def unit(self, array: str, index: int, count: int) -> str:
-        """Return the unit of column ``index`` of ``count`` of a dataset; "" if none is stated.
-
-        A group's unit is that of its datasets, but for times and frequencies.
-        """
-        name = array.rsplit("/", 1)[-1]
-        unit = unit_of(_stated_by(self._file[array]), index, count)
-        if unit or is_time(name) or is_frequency(name, ""):
-            return unit
-        return unit_of(self._group(_parent(array)), index, count)
+        """Return the unit of column ``index`` of ``count`` of a dataset; "" if none is stated."""
+        group, _, name = array.rpartition("/")
+        return nearest_unit(name, _stated_by(self._file[array]), self._group(group), index, count)
 
     def is_frequency(self, axis: str) -> bool:
         """Return whether a dataset is an axis of frequencies."""
@@ -84,7 +77,7 @@ class Attributes:
     def _levels(self, array: str) -> list[Mapping[str, Statement]]:
         levels = [_stated_by(self._file[array])]
         while array:
-            array = _parent(array)
+            array = array.rpartition("/")[0]
             levels.append(self._group(array))
         return levels
 
@@ -153,10 +146,6 @@ def matlab_class(dataset: Any) -> str:
     """Return the class of a MATLAB variable; "" for a dataset of another program."""
     kind = dataset.attrs.get("MATLAB_class", b"")
     return kind.decode("ascii", "replace") if isinstance(kind, bytes) else str(kind)
-
-
-def _parent(path: str) -> str:
-    return path.rpartition("/")[0]
 
 
 def _stated_by(item: Any) -> Mapping[str, Statement]:

@@ -16,6 +16,7 @@ import numpy as np
 
 from vibrident.base.errors import InputError
 from vibrident.data.io.columns import Clock, ColumnFile, Start
+from vibrident.data.io.header_units import is_time
 from vibrident.data.io.sampling import SAME_RATE, plainest_clock
 
 SECONDS: Mapping[str, float] = {
@@ -200,6 +201,24 @@ def unit_of(level: Mapping[str, Statement], index: int = 0, count: int = 1) -> s
         value = several[index]
     text = scalar(value)
     return text.strip("\0 \t\r\n") if isinstance(text, str) else ""
+
+
+def nearest_unit(
+    name: str,
+    own: Mapping[str, Statement],
+    outer: Mapping[str, Statement],
+    index: int = 0,
+    count: int = 1,
+) -> str:
+    """Return the unit of a column by its own statements, or by those of what holds it.
+
+    The unit of a group, a structure or a file is that of its columns, but for times and
+    frequencies. ``index``, ``count``: as ``unit_of``.
+    """
+    unit = unit_of(own, index, count)
+    if unit or is_time(name) or is_frequency(name, ""):
+        return unit
+    return unit_of(outer, index, count)
 
 
 def is_frequency(name: str, unit: str) -> bool:

@@ -28,16 +28,14 @@ from vibrident.data.io.columns import (
     require_room,
 )
 from vibrident.data.io.formats.hdf5 import Hdf5File
-from vibrident.data.io.header_units import is_time
 from vibrident.data.io.reader import Reader
 from vibrident.data.io.stated import (
     Statement,
     clock_of,
-    is_frequency,
     meaning_of,
+    nearest_unit,
     start_of,
     statements,
-    unit_of,
 )
 from vibrident.data.records import FloatArray
 
@@ -111,7 +109,8 @@ class MatlabFile(ArrayFile):
                 distinct = list(dict.fromkeys(column.without_part for column in usable))
                 for column in usable:
                     index = distinct.index(column.without_part)
-                    unit = _unit(name, levels[0], index, len(distinct))
+                    field = name.rsplit(".", 1)[-1]
+                    unit = nearest_unit(field, {}, levels[0], index, len(distinct))
                     channels.append(Channel(column.name, column, clock, unit=unit))
                 require_few(path, [*channels, *refused], "arrays")
         super().__init__(path, channels, refused, starts)
@@ -176,12 +175,6 @@ def _is_statement(name: str, value: Any) -> bool:
     """Return whether a variable is a statement about the arrays beside it, and no column."""
     numbers = isinstance(value, np.ndarray) and value.dtype.kind in "iufbc" and value.size != 1
     return bool(meaning_of(name)[0]) and value is not None and not numbers
-
-
-def _unit(name: str, level: Mapping[str, Statement], index: int, count: int) -> str:
-    """Return the unit that stands beside an array, which is not that of times and frequencies."""
-    field = name.rsplit(".", 1)[-1]
-    return "" if is_time(field) or is_frequency(field, "") else unit_of(level, index, count)
 
 
 def _elements(path: Path) -> Iterator[_Element]:

@@ -13,7 +13,6 @@ import numpy as np
 
 from vibrident.data.io.columns import (
     Channel,
-    Clock,
     Start,
     library,
     reading,
@@ -26,8 +25,8 @@ from vibrident.data.io.stated import (
     StatedFile,
     clock_of,
     is_frequency,
+    nearest_unit,
     statements,
-    unit_of,
 )
 from vibrident.data.records import FloatArray
 
@@ -117,7 +116,8 @@ def _described(
         seconds = SECONDS.get(axis.lower(), 1.0) if "wf_increment" in properties else 1.0
         clock = replace(clock, rate_hz=clock.rate_hz / seconds, start=start)
     handle = (channel.group_name, channel.name)
-    return Channel(name, handle, clock, _is_time(channel), unit_of(levels[0]), over_frequency)
+    unit = nearest_unit(channel.name, levels[0], levels[1])
+    return Channel(name, handle, clock, _is_time(channel), unit, over_frequency)
 
 
 def _start(properties: Mapping[str, Any]) -> Start | None:
