@@ -1,0 +1,253 @@
+"""Units as people and programs write them, parsed into dimension and factor.
+
+``parse_unit("mm/s²")`` is 1e-3 of m s⁻¹; "g" is standard gravity, 9.80665 m/s² (CGPM 1901; ISO 80000-3), never gram.
+The grammar: symbols or words with SI prefixes and exponents, joined by ``*``, ``·``, blanks, ``/`` or "per"; a second
+slash divides again ("m/s/s"). Symbols are case-sensitive first; capitals alone count as lower case where only one
+reading is left ("M/S2", not "MV").
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import re
+from collections import Counter
+from dataclasses import dataclass
+
+from vibrident.data.records import REFERENCE_UNITS, STANDARD_GRAVITY
+
+MAX_UNIT_LENGTH = 60  # characters; a longer text is a remark
+_INCH_M = 0.0254  # exact (international yard and pound agreement, 1959)
+
+#: Signs that mean the same as a plain one.
+PLAIN_SIGNS = str.maketrans({
+    "²": "^2", "³": "^3", "⁻": "-", "−": "-", "¹": "1", "·": "*", "⋅": "*", "×": "*", "∙": "*", "µ": "u", "μ": "u",
+    "（": "(", "）": ")", "［": "[", "］": "]", "／": "/", "Ω": "Ohm", "′": "'",
+})  # fmt: skip
+
+#: Symbol → factor, dimension (base → exponent), and the SI prefixes that it is written with.
+_SYMBOLS: dict[str, tuple[float, dict[str, int], str]] = {
+    "m": (1.0, {"m": 1}, "pnumcdk"), "in": (_INCH_M, {"m": 1}, "um"), "ft": (12 * _INCH_M, {"m": 1}, ""),
+    "mil": (1e-3 * _INCH_M, {"m": 1}, ""), "micron": (1e-6, {"m": 1}, ""), "ips": (_INCH_M, {"m": 1, "s": -1}, ""),
+    "s": (1.0, {"s": 1}, "pnumcdk"), "min": (60.0, {"s": 1}, ""), "h": (3600.0, {"s": 1}, ""),
+    "d": (86400.0, {"s": 1}, ""), "Hz": (1.0, {"s": -1}, "umkMG"), "rpm": (1 / 60, {"s": -1}, "k"),
+    "g": (STANDARD_GRAVITY, {"m": 1, "s": -2}, "num"), "Gal": (1e-2, {"m": 1, "s": -2}, "num"),
+    "V": (1.0, {"V": 1}, "pnumk"), "A": (1.0, {"A": 1}, "pnum"), "C": (1.0, {"C": 1}, "pnum"),
+    "N": (1.0, {"N": 1}, "mkM"), "lbf": (4.4482216152605, {"N": 1}, ""), "Pa": (1.0, {"Pa": 1}, "umhkM"),
+    "kg": (1.0, {"kg": 1}, ""), "Ohm": (1.0, {"Ohm": 1}, "mkM"),
+    "rad": (1.0, {"rad": 1}, "numk"), "deg": (math.pi / 180, {"rad": 1}, "m"),
+    "gon": (math.pi / 200, {"rad": 1}, "m"), "counts": (1.0, {"counts": 1}, ""), "%": (1e-2, {}, ""),
+    "ppm": (1e-6, {}, ""), "dB": (1.0, {"dB": 1}, ""), "1": (1.0, {}, ""),
+}  # fmt: skip
+#: Words and other spellings, in lower case → symbol.
+_WORDS = {
+    **{word: "m" for word in ("meter", "metre", "метр", "米", "м")}, "inch": "in", "inche": "in",
+    "foot": "ft", "feet": "ft", "mils": "mil", "microns": "micron",
+    **{word: "s" for word in ("sec", "second", "sekunde", "sekunden", "秒", "с", "сек")},
+    **{word: "min" for word in ("minute", "minuten", "分", "分钟", "мин")},
+    **{word: "h" for word in ("hr", "hour", "stunde", "stunden", "小时")}, "day": "d",
+    **{word: "Hz" for word in ("hertz", "赫", "赫兹", "гц")}, "cps": "Hz",
+    **{word: "g" for word in ("gn", "g_n", "gee", "grav", "gravity", "g's", "g-force")}, "galileo": "Gal",
+    **{word: "V" for word in ("volt", "伏", "伏特", "в")}, **{word: "A" for word in ("amp", "ampere")},
+    **{word: "C" for word in ("coulomb", "cb")}, "newton": "N", "pascal": "Pa", "ohm": "Ohm",
+    **{word: "rad" for word in ("radian", "弧度", "рад")},
+    **{word: "deg" for word in ("degree", "°", "度", "град")},
+    **{word: "counts" for word in ("count", "counts", "ct", "lsb", "digit", "code", "bit", "adc")},
+    "percent": "%", "prozent": "%", "decibel": "dB", "db": "dB", "u/min": "rpm", "1/min": "rpm",
+}  # fmt: skip
+_PREFIXES = {
+    "p": 1e-12, "n": 1e-9, "u": 1e-6, "m": 1e-3, "c": 1e-2, "d": 0.1, "h": 1e2, "k": 1e3, "M": 1e6, "G": 1e9,
+}  # fmt: skip
+_PREFIX_WORDS = {
+    "pico": "p", "nano": "n", "micro": "u", "mikro": "u", "milli": "m", "centi": "c", "kilo": "k", "mega": "M",
+    "纳": "n", "微": "u", "毫": "m", "千": "k", "мк": "u",
+    "н": "n", "м": "m", "к": "k", "ミリ": "m", "マイクロ": "u",
+}  # fmt: skip
+#: Written without a sign between metre and second, which a millisecond would be by the rules.
+_RUN_TOGETHER = {"ms^-2": "m/s^2", "ms-2": "m/s^2", "ms^-1": "m/s", "ms-1": "m/s"}
+#: What programs write where there is no unit.
+_NO_UNIT = frozenset(
+    {
+        "",
+        "-",
+        "--",
+        "none",
+        "n/a",
+        "na",
+        "unknown",
+        "unit",
+        "units",
+        "eu",
+        "arb",
+        "a.u.",
+        "au",
+        "raw",
+    }
+    | {"?", "[]", "()"}
+)
+_TOKEN = re.compile(
+    r"\s*(?:(?P<sign>[*/()])|(?P<name>[^\W\d_]+(?:_n|'s)?|[%°]|1(?![\d.]))(?P<power>\^?[+-]?\d)?)"
+)
+_PHRASES = (
+    (re.compile(r"\bper\b", re.IGNORECASE), "/"),
+    (re.compile(r"\bsquared\b|\bsquare\b|\bsq\b\.?", re.IGNORECASE), "^2"),
+    (re.compile(r"\*\*"), "^"),
+    (re.compile(r"\s+\^"), "^"),
+)
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit: ``factor`` times the SI unit of its dimension, a sorted tuple of (base, exponent)."""
+
+    factor: float
+    dimension: tuple[tuple[str, int], ...]
+
+    def over(self, other: Unit) -> Unit:
+        """Return this unit divided by another."""
+        exponents = Counter(dict(self.dimension))
+        exponents.subtract(dict(other.dimension))
+        return Unit(self.factor / other.factor, _sorted(exponents))
+
+    def times(self, other: Unit) -> Unit:
+        """Return the product of two units."""
+        return self.over(Unit(1.0 / other.factor, tuple((b, -e) for b, e in other.dimension)))
+
+
+def _sorted(exponents: Counter[str]) -> tuple[tuple[str, int], ...]:
+    return tuple(sorted((base, exponent) for base, exponent in exponents.items() if exponent))
+
+
+def says_nothing(text: str) -> bool:
+    """Tell whether a stated unit is one of the words for none, such as "-" or "n/a"."""
+    return text.strip().lower() in _NO_UNIT
+
+
+@functools.lru_cache(maxsize=1024)
+def parse_unit(text: str) -> Unit | None:
+    """Return the unit that a text names; None where it names none that is known."""
+    plain = text.strip().translate(PLAIN_SIGNS)
+    if says_nothing(plain) or len(plain) > MAX_UNIT_LENGTH:
+        return None
+    plain = _RUN_TOGETHER.get(plain.replace(" ", ""), plain)
+    if plain.lower() in _WORDS:
+        return _named(plain)
+    for pattern, sign in _PHRASES:
+        plain = pattern.sub(sign, plain)
+    return _parse_product(_unwrapped(plain))
+
+
+def _unwrapped(text: str) -> str:
+    """Take off brackets around the whole text."""
+    while len(text) > 1 and text[0] + text[-1] in ("[]", "()", "{}", "<>") and _closes_last(text):
+        text = text[1:-1].strip()
+    return text
+
+
+def _closes_last(text: str) -> bool:
+    depth = 0
+    for place, sign in enumerate(text):
+        depth += (sign in "([{<") - (sign in ")]}>")
+        if depth == 0:
+            return place == len(text) - 1
+    return False
+
+
+def _parse_product(text: str) -> Unit | None:
+    """Parse factors from left to right; a group in brackets is a factor."""
+    stack: list[tuple[Unit, bool]] = []  # the products outside of open brackets, each with its sign
+    product = Unit(1.0, ())
+    divides, place, factors = False, 0, 0
+    while place < len(text):
+        token = _TOKEN.match(text, place)
+        if token is None:
+            return None if text[place:].strip() else (product if factors and not stack else None)
+        place = token.end()
+        sign = token["sign"]
+        if sign in ("*", "/"):
+            divides = sign == "/"
+            continue
+        if sign == "(":
+            stack.append((product, divides))
+            product, divides = Unit(1.0, ()), False
+            continue
+        if sign == ")":
+            if not stack:
+                return None
+            factor = product
+            product, divides = stack.pop()
+        else:
+            symbol = _named(token["name"])
+            if symbol is None:
+                return None
+            factor = _power(symbol, int((token["power"] or "1").lstrip("^")))
+        product = product.over(factor) if divides else product.times(factor)
+        divides = False
+        factors += 1
+    return product if factors and not stack else None
+
+
+def _power(unit: Unit, exponent: int) -> Unit:
+    return Unit(unit.factor**exponent, tuple((b, e * exponent) for b, e in unit.dimension))
+
+
+@functools.lru_cache(maxsize=1024)
+def _named(name: str) -> Unit | None:
+    """Return the unit of a symbol or word with a prefix or without."""
+    lower = name.lower()
+    plural = lower[:-1] if lower.endswith("s") and len(lower) > 3 else lower
+    for word in (lower, plural):
+        if word in _WORDS and name not in _SYMBOLS:
+            return _unit(_WORDS[word], "")
+        for prefix, sign in _PREFIX_WORDS.items():
+            if word.startswith(prefix) and word[len(prefix) :] in _WORDS:
+                return _unit(_WORDS[word[len(prefix) :]], sign)
+    exact = _symbol(name)
+    if exact is not None or not name.isupper():
+        return exact or (_symbol(lower) if name.istitle() and len(name) > 1 else None)
+    # "MV" may be meant for mV or for MV: no guess. Other capitals have one reading left.
+    if len(name) == 2 and name[0] == "M" and name[1] in "VAC":
+        return None
+    other_case = {"HZ": "Hz", "KHZ": "kHz", "MHZ": "MHz", "PA": "Pa", "KPA": "kPa", "GAL": "Gal"}
+    return _symbol(other_case.get(name, lower))
+
+
+def _symbol(name: str) -> Unit | None:
+    if name in _SYMBOLS:
+        return _unit(name, "")
+    base = name[1:]
+    if base in _SYMBOLS and name[0] in _SYMBOLS[base][2]:
+        return _unit(base, name[0])
+    aliases = {"sec": "s", "gn": "g", "gal": "Gal", "hz": "Hz"}
+    if base in aliases and name[0] in _SYMBOLS[aliases[base]][2]:
+        return _unit(aliases[base], name[0])
+    return _unit("Gal", "") if name == "gal" else _unit("Hz", "") if name == "hz" else None
+
+
+def _unit(symbol: str, prefix: str) -> Unit:
+    factor, exponents, _ = _SYMBOLS[symbol]
+    return Unit(factor * _PREFIXES.get(prefix, 1.0), tuple(sorted(exponents.items())))
+
+
+#: Dimension of each quantity of a reference.
+QUANTITY_UNITS = {
+    quantity: parsed
+    for quantity, si in REFERENCE_UNITS.items()
+    if (parsed := parse_unit(si)) is not None
+}
+
+
+def quantity_of(unit: str) -> str | None:
+    """Return the quantity of motion that a unit is of; None for another or an unknown unit."""
+    parsed = parse_unit(unit)
+    if parsed is None:
+        return None
+    return next((q for q, si in QUANTITY_UNITS.items() if si.dimension == parsed.dimension), None)
+
+
+def factor_between(unit: str, target: str) -> float | None:
+    """Return how many ``target`` units a ``unit`` is; None if they are not of one dimension, or unknown."""
+    parsed, wanted = parse_unit(unit), parse_unit(target)
+    if parsed is None or wanted is None or parsed.dimension != wanted.dimension:
+        return None
+    return parsed.factor / wanted.factor
