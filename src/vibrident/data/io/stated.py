@@ -18,17 +18,8 @@ from vibrident.base.errors import InputError
 from vibrident.data.io.columns import Clock, ColumnFile, Start
 from vibrident.data.io.header_units import is_time
 from vibrident.data.io.sampling import SAME_RATE, plainest_clock
+from vibrident.data.io.units import factor_between
 
-SECONDS: Mapping[str, float] = {
-    **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), 1.0),
-    **dict.fromkeys(("ms", "msec", "millisecond", "milliseconds"), 1e-3),
-    **dict.fromkeys(("us", "µs", "μs", "usec", "microsecond", "microseconds"), 1e-6),
-    **dict.fromkeys(("ns", "nsec", "nanosecond", "nanoseconds"), 1e-9),
-    **dict.fromkeys(("min", "minute", "minutes"), 60.0),
-    **dict.fromkeys(("h", "hour", "hours"), 3600.0),
-    **dict.fromkeys(("d", "day", "days"), 86400.0),
-}
-_FREQUENCIES = frozenset({"hz", "khz", "mhz", "ghz", "hertz", "rad/s", "1/s", "rpm", "1/min"})
 #: Words, without blanks and signs. "FS" is a full scale and "ts" a time stamp, so these are as
 #: they are spelled.
 _SPELLED = {"fs": "rate", "Fs": "rate", "dt": "interval", "Dt": "interval", "Ts": "interval"}
@@ -183,7 +174,7 @@ def seconds_since(unit: str) -> tuple[float, Start] | None:
     """Return seconds per unit and the start of "milliseconds since 2024-05-01 12:00", else None."""
     amount, _, day = unit.partition(" since ")
     date = _DATE.fullmatch(day.strip())
-    factor = SECONDS.get(amount.strip().lower())
+    factor = factor_between(amount, "s")
     start = None if date is None else date_start(date)
     return None if factor is None or start is None else (factor, start)
 
@@ -224,7 +215,8 @@ def nearest_unit(
 def is_frequency(name: str, unit: str) -> bool:
     """Return whether an axis of this name and unit is one of frequencies."""
     word = name.strip().lower()
-    return unit.strip().lower() in _FREQUENCIES or word.startswith("freq") or word == "f"
+    known = any(factor_between(unit, other) is not None for other in ("Hz", "rad/s"))
+    return known or word.startswith("freq") or word == "f"
 
 
 def scalar(value: Any) -> Any:

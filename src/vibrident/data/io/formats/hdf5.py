@@ -29,7 +29,8 @@ from vibrident.data.io.hdf5_attributes import (
 from vibrident.data.io.header_units import is_time, seconds_per_unit
 from vibrident.data.io.reader import Reader
 from vibrident.data.io.sampling import clock_from_times
-from vibrident.data.io.stated import SECONDS, seconds_since
+from vibrident.data.io.stated import seconds_since
+from vibrident.data.io.units import factor_between
 from vibrident.data.records import FloatArray
 
 _EXPECTED = "an HDF5 file with datasets of real numbers"
@@ -205,7 +206,7 @@ class Hdf5File(ArrayFile):
         if place is None or not (
             self.in_seconds(place)
             or is_time(axis.rsplit("/", 1)[-1])
-            or self.stated_unit(place).lower() in SECONDS
+            or factor_between(self.stated_unit(place), "s") is not None
         ):
             return None
         return place

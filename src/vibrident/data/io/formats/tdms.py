@@ -21,13 +21,13 @@ from vibrident.data.io.columns import (
 )
 from vibrident.data.io.reader import Reader
 from vibrident.data.io.stated import (
-    SECONDS,
     StatedFile,
     clock_of,
     is_frequency,
     nearest_unit,
     statements,
 )
+from vibrident.data.io.units import factor_between
 from vibrident.data.records import FloatArray
 
 _EXPECTED = "a TDMS file, written to its end"
@@ -113,8 +113,8 @@ def _described(
     clock = None if over_frequency else clock_of(levels, f"{where}, channel {name!r}")
     if clock is not None:
         # wf_increment is in the unit of the x axis, which hardly anyone changes
-        seconds = SECONDS.get(axis.lower(), 1.0) if "wf_increment" in properties else 1.0
-        clock = replace(clock, rate_hz=clock.rate_hz / seconds, start=start)
+        seconds = factor_between(axis, "s") if "wf_increment" in properties else None
+        clock = replace(clock, rate_hz=clock.rate_hz / (seconds or 1.0), start=start)
     handle = (channel.group_name, channel.name)
     unit = nearest_unit(channel.name, levels[0], levels[1])
     return Channel(name, handle, clock, _is_time(channel), unit, over_frequency)

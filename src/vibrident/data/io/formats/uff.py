@@ -24,7 +24,7 @@ from vibrident.data.io.columns import (
 )
 from vibrident.data.io.reader import Reader
 from vibrident.data.io.sampling import clock_from_times, plainest_clock
-from vibrident.data.io.stated import SECONDS
+from vibrident.data.io.units import factor_between
 from vibrident.data.records import FloatArray
 
 _EXPECTED = "a universal file with data sets 58 (functions at nodal degrees of freedom) or 55"
@@ -257,9 +257,10 @@ def _unit_system(units: dict[str, Any]) -> tuple[str, str] | None:
 def _seconds(header: dict[str, Any]) -> float:
     """Return seconds per unit of a function's times; ValueError for a unit of something else."""
     label = _label(header, "abscissa")
-    if label.lower() not in SECONDS and label:
+    seconds = factor_between(label or "s", "s")
+    if seconds is None:
         raise ValueError(f"times in {label!r}")
-    return SECONDS[label.lower() or "s"]
+    return seconds
 
 
 def _half_unit(interval: float) -> float:
