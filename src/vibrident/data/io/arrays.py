@@ -5,7 +5,8 @@ HDF5 and both kinds of MATLAB files share this.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from vibrident.data.io.columns import MOST_COLUMNS, Channel, Start
-from vibrident.data.io.stated import StatedFile
+from vibrident.data.io.stated import StatedFile, Statement, clock_of, nearest_unit
 
 #: Fields of a compound type that is a complex number, as h5py's, MATLAB's and others' are.
 _COMPLEX_FIELDS = (("real", "imag"), ("r", "i"), ("re", "im"))
@@ -92,6 +93,23 @@ def _parts(column: ArrayColumn, dtype: np.dtype[Any]) -> tuple[ArrayColumn, ...]
             replace(column, name=f"{column.name}.{part}", part=part) for part in ("real", "imag")
         )
     return (column,) if dtype.kind in "iufb" and dtype.shape == () else ()
+
+
+def channels_of(
+    columns: Sequence[ArrayColumn], levels: Sequence[Mapping[str, Statement]], where: str
+) -> Iterator[Channel]:
+    """Yield the channels of one array, with what is stated of them.
+
+    ``levels``: statements about the array, by itself first, then by what holds it; ``where``: the
+    file, for messages.
+    """
+    distinct = list(dict.fromkeys(column.without_part for column in columns))
+    for column in columns:
+        index = distinct.index(column.without_part)
+        name = re.split("[/.]", column.array)[-1]
+        unit = nearest_unit(name, levels[0], levels[1], index, len(distinct))
+        clock = clock_of(levels, f"{where}, array {column.name!r}")
+        yield Channel(column.name, column, clock, unit=unit)
 
 
 class ArrayFile(StatedFile):

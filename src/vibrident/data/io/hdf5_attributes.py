@@ -10,16 +10,7 @@ from typing import Any
 import numpy as np
 
 from vibrident.base.errors import InputError
-from vibrident.data.io.columns import Clock, Start
-from vibrident.data.io.stated import (
-    Statement,
-    clock_of,
-    is_frequency,
-    meaning_of,
-    nearest_unit,
-    start_of,
-    statements,
-)
+from vibrident.data.io.stated import Statement, meaning_of, scalar, statements
 from vibrident.data.records import FloatArray
 
 #: Filters that come with the library: deflate, shuffle, Fletcher-32, szip, n-bit, scale-offset;
@@ -40,54 +31,29 @@ class Packing:
         """Turn stored numbers into values, in place; missing ones become NaN."""
         for number in self.missing:
             values[values == number] = np.nan
-        if self.scale != 1.0:
+        with np.errstate(over="ignore"):  # an infinite value is refused where it is used
             values *= self.scale
-        if self.offset != 0.0:
             values += self.offset
 
 
-class Attributes:
-    """What the attributes of a dataset, of its groups and of the file state; the nearest counts.
+def levels_of(
+    file: Any, array: str, groups: dict[str, Mapping[str, Statement]]
+) -> list[Mapping[str, Statement]]:
+    """Return the statements about a dataset: its own, its groups' and the file's, nearest first.
 
     A dataset of one number or text, such as "fs" or "unit", is a statement of its group, as MATLAB
-    stores it.
+    stores it. ``groups``: the statements of groups that were read, by path.
     """
-
-    def __init__(self, file: Any) -> None:
-        self._file = file
-        self._groups: dict[str, Mapping[str, Statement]] = {}
-
-    def unit(self, array: str, index: int, count: int) -> str:
-        """Return the unit of column ``index`` of ``count`` of a dataset; "" if none is stated."""
-        group, _, name = array.rpartition("/")
-        return nearest_unit(name, _stated_by(self._file[array]), self._group(group), index, count)
-
-    def is_frequency(self, axis: str) -> bool:
-        """Return whether a dataset is an axis of frequencies."""
-        return is_frequency(axis.rsplit("/", 1)[-1], self.unit(axis, 0, 1))
-
-    def clock(self, array: str, where: str) -> Clock | None:
-        """Return the clock of a dataset; None if none is stated. Errors as ``clock_of``."""
-        return clock_of(self._levels(array), where)
-
-    def start(self, array: str) -> Start | None:
-        """Return the time of a dataset's first sample; None if none is stated."""
-        return start_of(self._levels(array))
-
-    def _levels(self, array: str) -> list[Mapping[str, Statement]]:
-        levels = [_stated_by(self._file[array])]
-        while array:
-            array = array.rpartition("/")[0]
-            levels.append(self._group(array))
-        return levels
-
-    def _group(self, path: str) -> Mapping[str, Statement]:
-        if path not in self._groups:
-            group = self._file[path or "/"]
+    levels = [_stated_by(file[array])]
+    while array:
+        array = array.rpartition("/")[0]
+        if array not in groups:
+            group = file[array or "/"]
             named = {name: _stated_value(group, name) for name in group if meaning_of(name)[0]}
             held = {name: value for name, value in named.items() if value is not None}
-            self._groups[path] = {**statements(held), **_stated_by(group)}
-        return self._groups[path]
+            groups[array] = {**statements(held), **_stated_by(group)}
+        levels.append(groups[array])
+    return levels
 
 
 def packing_of(dataset: Any, where: str) -> Packing | None:
@@ -142,10 +108,10 @@ def kept_elsewhere(dataset: Any) -> str:
     return ""
 
 
-def matlab_class(dataset: Any) -> str:
-    """Return the class of a MATLAB variable; "" for a dataset of another program."""
-    kind = dataset.attrs.get("MATLAB_class", b"")
-    return kind.decode("ascii", "replace") if isinstance(kind, bytes) else str(kind)
+def text_attribute(dataset: Any, name: str) -> str:
+    """Return an attribute as text; "" where it is absent."""
+    value = scalar(dataset.attrs.get(name, b""))
+    return value if isinstance(value, str) else str(value)
 
 
 def _stated_by(item: Any) -> Mapping[str, Statement]:
@@ -167,6 +133,10 @@ def _stated_value(group: Any, name: str) -> Any:
     if not isinstance(item, h5py.Dataset) or item.shape is None or kept_elsewhere(item):
         return None
     size = math.prod(item.shape)
-    if matlab_class(item) == "char" and item.dtype.kind in "iu" and size <= _MAX_STATED_ITEMS:
+    if (
+        text_attribute(item, "MATLAB_class") == "char"
+        and item.dtype.kind in "iu"
+        and size <= _MAX_STATED_ITEMS
+    ):
         return "".join(map(chr, np.asarray(item[...]).reshape(-1)))
     return item[...].reshape(-1)[0] if size == 1 and item.dtype.kind in "iufSO" else None

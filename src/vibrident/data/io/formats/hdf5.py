@@ -8,7 +8,7 @@ limit.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
@@ -17,26 +17,26 @@ from typing import Any
 import numpy as np
 
 from vibrident.base.errors import InputError
-from vibrident.data.io.arrays import ArrayColumn, ArrayFile, columns_of
+from vibrident.data.io.arrays import ArrayColumn, ArrayFile, channels_of, columns_of
 from vibrident.data.io.columns import Channel, Clock, Start, reading, require_few, require_room
 from vibrident.data.io.hdf5_attributes import (
-    Attributes,
     axis_of,
     kept_elsewhere,
-    matlab_class,
+    levels_of,
     packing_of,
+    text_attribute,
 )
 from vibrident.data.io.header_units import is_time, seconds_per_unit
 from vibrident.data.io.reader import Reader
 from vibrident.data.io.sampling import clock_from_times
-from vibrident.data.io.stated import seconds_since
+from vibrident.data.io.stated import Statement, is_frequency, seconds_since, start_of, unit_of
 from vibrident.data.io.units import factor_between
 from vibrident.data.records import FloatArray
 
 _EXPECTED = "an HDF5 file with datasets of real numbers"
 _PIECE_NUMBERS = 1 << 20  # numbers that are read at once
 #: netCDF's name of a dimension that has no coordinates; its numbers mean nothing.
-_NO_COORDINATES = b"This is a netCDF dimension but not a netCDF variable"
+_NO_COORDINATES = "This is a netCDF dimension but not a netCDF variable"
 
 
 class Hdf5File(ArrayFile):
@@ -62,56 +62,51 @@ class Hdf5File(ArrayFile):
                 refused[name] = reason or _no_columns(item)
             require_few(path, [*columns, *refused], "datasets")
 
-        self._path = path
         with reading(path, _EXPECTED), h5py.File(path, "r") as file:
             file.visititems(visit)
-            attributes = Attributes(file)
             arrays = list(dict.fromkeys(column.array for column in columns))
-            self._packing = {
-                array: packing
-                for array in arrays
-                if (packing := packing_of(file[array], f"{path}, {self.word} {array!r}"))
+            packing = {
+                array: packing_of(file[array], f"{path}, array {array!r}") for array in arrays
             }
-            starts = {array: start for array in arrays if (start := attributes.start(array))}
-            self._axes = {  # array → path of the axis that is attached to it
-                array: axis
-                for array in arrays
-                if (axis := axis_of(file[array])) in arrays and axis != array
-            }
-            self._since: dict[str, tuple[float, Start]] = {}  # of arrays of times since a date
-            channels = [
-                channel
-                for array in arrays
-                for channel in self._channels_of(
-                    [column for column in columns if column.array == array], attributes
-                )
-            ]
+            axes = {array: axis_of(file[array]) for array in arrays}
+            groups: dict[str, Mapping[str, Statement]] = {}
+            levels = {array: levels_of(file, array, groups) for array in arrays}
+        self._packing = {array: packed for array, packed in packing.items() if packed}
+        #: Array → path of the axis that is attached to it.
+        self._axes = {a: axis for a, axis in axes.items() if axis in arrays and axis != a}
+        self._since: dict[str, tuple[float, Start]] = {}  # of arrays of times since a date
         self._clocks: dict[str, Clock | None] = {}  # by axis
         self._roomy = 0  # most values of a block for which there was room
+        channels = [
+            channel
+            for array in arrays
+            for channel in self._described([c for c in columns if c.array == array], levels, path)
+        ]
+        starts = {array: start for array in arrays if (start := start_of(levels[array]))}
         super().__init__(path, channels, refused, starts)
 
-    def _channels_of(
-        self, columns: Sequence[ArrayColumn], attributes: Attributes
+    def _described(
+        self,
+        columns: Sequence[ArrayColumn],
+        levels: Mapping[str, Sequence[Mapping[str, Statement]]],
+        path: Path,
     ) -> Iterator[Channel]:
-        """Yield the channels of one array, with what the file states of them."""
+        """Yield the channels of one array; over frequency, its axis is one of them."""
         array = columns[0].array
-        name = array.replace("/", self.separator)
         axis = self._axes.get(array, "")
-        over_frequency = bool(axis) and attributes.is_frequency(axis)
-        where = f"{self._path}, {self.word} {name!r}"
-        clock = None if over_frequency else attributes.clock(array, where)
+        axis_unit = unit_of(levels[axis][0]) if axis else ""
+        over_frequency = is_frequency(axis.rsplit("/", 1)[-1], axis_unit)
         if over_frequency:
-            frequency = ArrayColumn(axis, f"{name}.frequency")
-            unit = attributes.unit(axis, 0, 1)
-            yield Channel(frequency.name, frequency, unit=unit, over_frequency=True)
-        distinct = list(dict.fromkeys(column.without_part for column in columns))
-        for column in columns:
-            index = distinct.index(column.without_part)
-            unit = attributes.unit(array, index, len(distinct))
-            if since := seconds_since(unit):
+            name = f"{array.replace('/', self.separator)}.frequency"
+            yield Channel(name, ArrayColumn(axis, name), unit=axis_unit, over_frequency=True)
+        for channel in channels_of(columns, levels[array], str(path)):
+            if over_frequency:
+                yield replace(channel, clock=None, over_frequency=True)
+            elif since := seconds_since(channel.unit):
                 self._since[array] = since
-                unit = ""
-            yield Channel(column.name, column, clock, bool(since), unit, over_frequency)
+                yield replace(channel, unit="", in_seconds=True)
+            else:
+                yield channel
 
     def clock(self, position: int) -> Clock | None:
         """Return the stated clock, or that of the axis; InputError where these differ, or a gap."""
@@ -218,8 +213,8 @@ class Hdf5File(ArrayFile):
 
     def _is_exact_in_single_precision(self, array: str) -> bool:
         dtype = self._file[array].dtype
-        small = dtype.kind in "iu" and dtype.itemsize <= 2
-        return small and array not in self._packing and array not in self._since
+        is_small = dtype.kind in "iu" and dtype.itemsize <= 2
+        return is_small and array not in self._packing and array not in self._since
 
     def _read(
         self,
@@ -233,11 +228,8 @@ class Hdf5File(ArrayFile):
         for array in {column.array for column in columns}:
             dataset = file[array]
             last = min(stop, max(dataset.shape))
-            wanted = [
-                (column, target)
-                for column, target in zip(columns, targets, strict=True)
-                if column.array == array
-            ]
+            pairs = zip(columns, targets, strict=True)
+            wanted = [(column, target) for column, target in pairs if column.array == array]
             zeros = [_first(dataset, column) if array in self._since else 0 for column, _ in wanted]
             for begin in range(start, last, _piece(dataset)):
                 end = min(begin + _piece(dataset), last)
@@ -246,14 +238,10 @@ class Hdf5File(ArrayFile):
                     values = target[begin - start : end - start]
                     # subtracted as stored, to keep the digits
                     values[:] = column.of(rows) - zero if zero else column.of(rows)
-                    self._unpack(array, values)
-
-    def _unpack(self, array: str, values: FloatArray) -> None:
-        if array in self._since:
-            seconds, _ = self._since[array]
-            values *= seconds
-        elif array in self._packing:
-            self._packing[array].unpack(values)
+                    if array in self._since:
+                        values *= self._since[array][0]
+                    elif array in self._packing:
+                        self._packing[array].unpack(values)
 
 
 def _first(dataset: Any, column: ArrayColumn) -> Any:
@@ -290,7 +278,7 @@ def _cost(datasets: Sequence[Any]) -> tuple[int, int]:
 
 def _reason_against(dataset: Any) -> str:
     """Return why a dataset cannot be a column; "" if it can."""
-    kind = matlab_class(dataset)
+    kind = text_attribute(dataset, "MATLAB_class")
     if (
         kind in {"cell", "char", "function_handle", "string"}
         or "MATLAB_object_decode" in dataset.attrs
@@ -298,7 +286,7 @@ def _reason_against(dataset: Any) -> str:
         return f"a MATLAB {kind} and not numbers"
     if "MATLAB_empty" in dataset.attrs or dataset.shape is None:
         return "empty"
-    if bytes(dataset.attrs.get("NAME", b"")).startswith(_NO_COORDINATES):
+    if text_attribute(dataset, "NAME").startswith(_NO_COORDINATES):
         return "a dimension without coordinates"
     if dataset.dtype.kind in "iufbcV":
         return kept_elsewhere(dataset)

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from vibrident.data.io.arrays import ArrayColumn, ArrayFile, columns_of, samples_first
+from vibrident.data.io.arrays import ArrayColumn, ArrayFile, channels_of, columns_of, samples_first
 from vibrident.data.io.columns import (
     Channel,
     ColumnFile,
@@ -31,9 +31,7 @@ from vibrident.data.io.formats.hdf5 import Hdf5File
 from vibrident.data.io.reader import Reader
 from vibrident.data.io.stated import (
     Statement,
-    clock_of,
     meaning_of,
-    nearest_unit,
     start_of,
     statements,
 )
@@ -87,7 +85,6 @@ class MatlabFile(ArrayFile):
     def __init__(self, path: Path) -> None:
         import scipy.io
 
-        self._path = path
         channels: list[Channel] = []
         refused: dict[str, str] = {}
         starts: dict[str, Start] = {}
@@ -105,13 +102,7 @@ class MatlabFile(ArrayFile):
                     refused[name] = _reason_against(array, kind)
                 elif start := start_of(levels):
                     starts[name] = start
-                clock = clock_of(levels, f"{path}, {self.word} {name!r}") if usable else None
-                distinct = list(dict.fromkeys(column.without_part for column in usable))
-                for column in usable:
-                    index = distinct.index(column.without_part)
-                    field = name.rsplit(".", 1)[-1]
-                    unit = nearest_unit(field, {}, levels[0], index, len(distinct))
-                    channels.append(Channel(column.name, column, clock, unit=unit))
+                channels += channels_of(usable, [{}, *levels], str(path))
                 require_few(path, [*channels, *refused], "arrays")
         super().__init__(path, channels, refused, starts)
 
