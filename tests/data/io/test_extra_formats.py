@@ -232,8 +232,8 @@ def test_uff_names_and_refusals(tmp_path, refused):
     path = tmp_path / "x.uff"
     formats.uff(path, {"NONE": TIME})
     assert open_columns(path).names == ("7:-Z",)
-    formats.uff(path, {"H": TIME}, func_type=12)
-    refused(lambda: open_columns(path), found="function type 12")
+    formats.uff(path, {"H": TIME}, func_type=2)
+    refused(lambda: open_columns(path), found="function type 2")
     formats.uff(path, {"H": TIME}, func_type=4)
     refused(lambda: open_columns(path), found="frequency response over time")
     formats.uff(path, {"H": TIME}, abscissa_spec_data_type=18)

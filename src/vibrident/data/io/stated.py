@@ -35,17 +35,9 @@ _WORDS = {
 _MEANINGS = {word: meaning for meaning, words in _WORDS.items() for word in words.split()}
 #: Units at the end of a name, and of a rate's text. No converter counts in thousandths of a hertz.
 _SUFFIXES = {
-    "khz": 1e3,
-    "mhz": 1e6,
-    "hz": 1.0,
-    "sps": 1.0,
-    "utc": 1.0,
-    "sec": 1.0,
-    "ms": 1e-3,
-    "us": 1e-6,
-    "ns": 1e-9,
-    "s": 1.0,
-}
+    "khz": 1e3, "mhz": 1e6, "hz": 1.0, "sps": 1.0, "utc": 1.0, "sec": 1.0,
+    "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "s": 1.0,
+}  # fmt: skip
 _SPELLED_NAME = re.compile(r"(\w\w)[ _(\[]*(k?[Hh]z|[mun]?s)?[)\]]?")
 _NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\s\d]*)\s*")
 _DATE = re.compile(
@@ -113,32 +105,32 @@ def clock_of(levels: Sequence[Mapping[str, Statement]], where: str) -> Clock | N
     beside it is of another rate.
     """
     level = next((level for level in levels if {"rate", "interval"} & level.keys()), {})
-    rate = level.get("rate")
-    interval = level.get("interval")
-    start = start_of(levels)
-    if rate is None and interval is None:
+    numbers = {
+        meaning: _positive(level[meaning], where)
+        for meaning in ("rate", "interval")
+        if meaning in level
+    }
+    if not numbers:
         return None
-    if rate is None:
-        assert interval is not None
-        value = _positive(interval, "sampling interval", where)
-        half_unit = _half_unit(interval.value) * interval.factor
-        if half_unit:
-            return plainest_clock(value, half_unit, start)
-        return Clock(1.0 / value, start=start)
-    rate_hz = _positive(rate, "sampling rate", where)
-    rounding = max(SAME_RATE, _half_unit(rate.value) * rate.factor / rate_hz)
-    if interval is not None:
-        value = _positive(interval, "sampling interval", where)
-        difference = abs(rate_hz * value - 1.0)
-        if difference > _MAX_ROUNDING:
-            raise _unusable(
-                "The file states two sampling rates.",
-                f"{interval.name} to be 1/{rate.name}",
-                f"{rate.name} = {rate.value!r} and {interval.name} = {interval.value!r}",
-                where,
-            )
-        rounding = max(rounding, difference)
-    return Clock(rate_hz, rounding, start)
+    start = start_of(levels)
+    spacing = {meaning: _half_spacing(level[meaning]) for meaning in numbers}
+    if "rate" not in numbers:
+        if spacing["interval"]:
+            return plainest_clock(numbers["interval"], spacing["interval"], start)
+        return Clock(1.0 / numbers["interval"], start=start)
+    rate_hz = numbers["rate"]
+    difference = abs(rate_hz * numbers.get("interval", 1.0 / rate_hz) - 1.0)
+    if difference > _MAX_ROUNDING:
+        found = [
+            f"{stated.name} = {stated.value!r}" for stated in map(level.get, numbers) if stated
+        ]
+        raise _unusable(
+            "The file states two sampling rates.",
+            f"{level['interval'].name} to be 1/{level['rate'].name}",
+            " and ".join(found),
+            where,
+        )
+    return Clock(rate_hz, max(SAME_RATE, difference, spacing["rate"] / rate_hz), start)
 
 
 def start_of(levels: Sequence[Mapping[str, Statement]]) -> Start | None:
@@ -147,35 +139,31 @@ def start_of(levels: Sequence[Mapping[str, Statement]]) -> Start | None:
     value = None if stated is None else scalar(stated.value)
     if stated is None or value is None:
         return None
-    if isinstance(value, np.datetime64):
-        ns = value.astype("datetime64[ns]")
-        return None if np.isnat(ns) else Start(int(ns.astype(np.int64)), epoch=True)
-    if isinstance(value, str) and (date := _DATE.fullmatch(value.strip())):
-        return date_start(date)
+    if isinstance(value, str) and (start := _date(value)):
+        return start
     seconds = _number(value) * stated.factor
     return Start.on_own_clock(seconds) if math.isfinite(seconds) else None
 
 
-def date_start(date: re.Match[str]) -> Start | None:
-    """Return the start of a date of ISO 8601; UTC where it names no zone; None for no real date."""
+def _date(text: str) -> Start | None:
+    """Return the start of a date of ISO 8601, UTC where it names no zone; None for no date."""
+    date = _DATE.fullmatch(text.strip())
+    if date is None:
+        return None
     day, time, hours, minutes = date.groups()
     try:
         instant = np.datetime64(f"{day}T{time or '00:00'}", "ns")
     except ValueError:
         return None
-    ns = int(instant.astype(np.int64))
-    if hours is not None:
-        east_minutes = abs(int(hours)) * 60 + int(minutes)
-        ns -= (-1 if hours.startswith("-") else 1) * east_minutes * 60 * 10**9
-    return Start(ns, epoch=True)
+    east_minutes = int(f"{hours[0]}{60 * int(hours[1:]) + int(minutes)}") if hours else 0
+    return Start(int(instant.astype(np.int64)) - east_minutes * 60 * 10**9, epoch=True)
 
 
 def seconds_since(unit: str) -> tuple[float, Start] | None:
     """Return seconds per unit and the start of "milliseconds since 2024-05-01 12:00", else None."""
     amount, _, day = unit.partition(" since ")
-    date = _DATE.fullmatch(day.strip())
     factor = factor_between(amount, "s")
-    start = None if date is None else date_start(date)
+    start = _date(day)
     return None if factor is None or start is None else (factor, start)
 
 
@@ -240,16 +228,16 @@ def _number(value: Any) -> float:
     return math.nan if isinstance(value, np.complexfloating) else float(value)
 
 
-def _positive(stated: Statement, what: str, where: str) -> float:
+def _positive(stated: Statement, where: str) -> float:
     """Return a stated rate or interval in Hz or s; InputError where it is no number above 0."""
-    value = _number(scalar(stated.value)) * stated.factor
+    found = scalar(stated.value)
+    value = _number(found) * stated.factor
     if math.isfinite(value) and value > 0 and math.isfinite(1.0 / value):
         return value
-    found = scalar(stated.value)
     raise _unusable(
-        f"The {what} in the file's metadata cannot be used.",
+        "The sampling rate in the file's metadata cannot be used.",
         f"{stated.name} to be a finite number above 0",
-        repr(found if found is not None else stated.value)[:_MAX_NAME_LENGTH],
+        repr(stated.value if found is None else found)[:_MAX_NAME_LENGTH],
         where,
     )
 
@@ -259,9 +247,9 @@ def _unusable(problem: str, expected: str, found: str, where: str) -> InputError
     return InputError(problem, expected=expected, found=found, where=where, remedy=remedy)
 
 
-def _half_unit(value: Any) -> float:
-    """Return half a unit of the last place of a fraction in four bytes; 0 for other numbers."""
-    number = scalar(value)
-    if type(number) is np.float32 and math.isfinite(number) and number != round(number):
-        return float(np.spacing(number)) / 2
+def _half_spacing(stated: Statement) -> float:
+    """Return how far a fraction in four bytes may be from what was meant; 0 for other numbers."""
+    number = scalar(stated.value)
+    if type(number) is np.float32 and number != round(number):
+        return float(np.spacing(number)) / 2 * stated.factor
     return 0.0

@@ -31,13 +31,13 @@ from vibrident.data.io.units import factor_between
 from vibrident.data.records import FloatArray
 
 _EXPECTED = "a TDMS file, written to its end"
-#: Seconds of the format's zero, 1904-01-01, which LabVIEW writes for a start without a date.
+#: LabVIEW writes its zero, 1904-01-01, for a start without a date.
 _NO_DATE = np.datetime64("1904-01-02")
 #: Scales that nptdms computes; of others it would return the numbers of the converter, unsaid.
 _SCALES = frozenset(
     {
-        *("Polynomial", "Linear", "RTD", "Strain", "Table", "Thermistor", "Thermocouple"),
-        *("Add", "Subtract", "AdvancedAPI"),
+        *("Polynomial", "Linear", "Table", "Add", "Subtract", "AdvancedAPI"),
+        *("RTD", "Strain", "Thermistor", "Thermocouple"),
     }
 )
 _SCALE_TYPE = re.compile(r"NI_Scale\[(\d+)\]_Scale_Type")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -37,15 +38,9 @@ _COMPLEX = (5, 6)  # ordinate data types
 _DIRECTIONS = {1: "+X", 2: "+Y", 3: "+Z", 4: "+RX", 5: "+RY", 6: "+RZ"}
 #: Length and force by units code of data set 164, and units of a specific data type: its Table.
 _SYSTEMS = {
-    1: ("m", "N"),
-    2: ("ft", "lbf"),
-    3: ("m", "kgf"),
-    4: ("ft", "pdl"),
-    5: ("mm", "mN"),
-    6: ("cm", "cN"),
-    7: ("in", "lbf"),
-    8: ("mm", "kgf"),
-}
+    1: ("m", "N"), 2: ("ft", "lbf"), 3: ("m", "kgf"), 4: ("ft", "pdl"),
+    5: ("mm", "mN"), 6: ("cm", "cN"), 7: ("in", "lbf"), 8: ("mm", "kgf"),
+}  # fmt: skip
 _LENGTHS = {"m": 1.0, "ft": 1 / 0.3048, "mm": 1e3, "cm": 1e2, "in": 1 / 0.0254}  # a metre in them
 _KINDS = {8: "{length}", 11: "{length}/s", 12: "{length}/s^2", 9: "{force}", 13: "{force}"}
 _SAME_LENGTH = 1e-4  # relative; files give the factor to some digits
@@ -99,16 +94,13 @@ class UffFile(ColumnFile):
             return tuple(self._signal(file, *handle) for handle in handles)
 
     def stamps(self, position: int) -> FloatArray | None:
-        """Return the times of a channel's samples that the file states, in s; None for none."""
+        """Return the times of a channel's samples, in s; None where the file states none."""
         place, samples, _ = self._channels[position].handle
-        with reading(self._path, _EXPECTED):
-            file = self._pyuff.UFF(str(self._path))
-            if not isinstance(place, int) or self._channels[position].over_frequency:
-                return None
-            function = file.read_sets(place)
-        if function["abscissa_spacing"] == 1:
+        if isinstance(place, str) or self._channels[position].over_frequency:
             return None
-        return real_numbers(function["x"])[:samples] * _seconds(function)
+        with reading(self._path, _EXPECTED):
+            function = self._pyuff.UFF(str(self._path)).read_sets(place)
+            return None if function["abscissa_spacing"] == 1 else _times(function, samples)
 
     def _channels_of(
         self, file: Any, place: int, header: dict[str, Any], name: str
@@ -124,9 +116,8 @@ class UffFile(ColumnFile):
         if unit and below:
             unit = "/".join(f"({u})" if "/" in u else u for u in (unit, below))
         axis = _label(header, "abscissa") or "Hz"
-        parts = {"frequency": axis, "real": unit, "imag": unit}
-        if header["ord_data_type"] not in _COMPLEX:
-            parts = {"frequency": axis, "": unit}
+        values = ("real", "imag") if header["ord_data_type"] in _COMPLEX else ("",)
+        parts = {"frequency": axis, **dict.fromkeys(values, unit)}
         for part, its_unit in parts.items():
             full = f"{name}.{part}" if part else name
             yield Channel(full, (place, samples, part), unit=its_unit, over_frequency=True)
@@ -146,23 +137,18 @@ class UffFile(ColumnFile):
             return
         steps.sort(key=lambda step: step["freq"])
         frequency_hz = np.array([float(step["freq"]) for step in steps])
-        unit = _KINDS.get(int(steps[0]["spec_data_type"]), "") if self._units else ""
-        unit = unit.format(length=self._units[0], force=self._units[1]) if self._units else ""
-        for index, node in enumerate(nodes):
-            for axis, direction in ((1, "+X"), (2, "+Y"), (3, "+Z")):
-                values = [complex(step[f"r{axis}"][index]) for step in steps]
-                name = f"{int(node)}:{direction}"
-                columns = {
-                    "frequency": frequency_hz,
-                    "real": np.array([value.real for value in values]),
-                    "imag": np.array([value.imag for value in values]),
-                }
-                for part, numbers in columns.items():
-                    full = f"{name}.{part}"
-                    self._steps[full] = numbers
-                    its_unit = "Hz" if part == "frequency" else unit
-                    handle = (full, len(steps), part)
-                    yield Channel(full, handle, unit=its_unit, over_frequency=True)
+        unit = _unit_of_kind(steps[0]["spec_data_type"], self._units)
+        for index, axis in itertools.product(range(len(nodes)), (1, 2, 3)):
+            values = [complex(step[f"r{axis}"][index]) for step in steps]
+            parts = {
+                "frequency": (frequency_hz, "Hz"),
+                "real": (np.array([value.real for value in values]), unit),
+                "imag": (np.array([value.imag for value in values]), unit),
+            }
+            for part, (numbers, its_unit) in parts.items():
+                name = f"{int(nodes[index])}:{_DIRECTIONS[axis]}.{part}"
+                self._steps[name] = numbers
+                yield Channel(name, (name, len(steps), part), unit=its_unit, over_frequency=True)
 
     def _clock(self, file: Any, place: int, header: dict[str, Any]) -> Clock | None:
         """Return the clock by the abscissas, if each sample has one; else by the interval."""
@@ -171,7 +157,7 @@ class UffFile(ColumnFile):
             interval = float(header["abscissa_inc"])
             start = Start.on_own_clock(header["abscissa_min"] * seconds)
             return plainest_clock(interval * seconds, _half_unit(interval) * seconds, start)
-        times_s = real_numbers(file.read_sets(place)["x"])[: int(header["num_pts"])] * seconds
+        times_s = _times(file.read_sets(place), int(header["num_pts"]))
         return clock_from_times(
             times_s, lambda row: f"{self._path}, data set {place + 1}, abscissa {row + 1}"
         )
@@ -233,14 +219,19 @@ def _label(header: dict[str, Any], axis: str) -> str:
 
 
 def _unit(header: dict[str, Any], axis: str, units: tuple[str, str] | None, direction: int) -> str:
-    """Return the unit of an ordinate: its label, or by its kind in the file's system of units.
+    """Return the unit of an ordinate: its label, or by its kind where it is no rotation."""
+    kind = 0 if abs(direction) > 3 else header[f"{axis}_spec_data_type"]
+    return _label(header, axis) or _unit_of_kind(kind, units)
+
+
+def _unit_of_kind(kind: float, units: tuple[str, str] | None) -> str:
+    """Return the unit of a specific data type in a system of units; "" where that is not known.
 
     Source: data sets 58 and 164, Structural Dynamics Research Laboratory, University of Cincinnati.
     """
-    kind = _KINDS.get(int(header[f"{axis}_spec_data_type"]), "")
-    if (label := _label(header, axis)) or units is None or abs(direction) > 3:
-        return label
-    return kind.format(length=units[0], force=units[1])
+    if units is None:
+        return ""
+    return _KINDS.get(int(kind), "").format(length=units[0], force=units[1])
 
 
 def _unit_system(units: dict[str, Any]) -> tuple[str, str] | None:
@@ -261,6 +252,10 @@ def _seconds(header: dict[str, Any]) -> float:
     if seconds is None:
         raise ValueError(f"times in {label!r}")
     return seconds
+
+
+def _times(function: dict[str, Any], samples: int) -> FloatArray:
+    return real_numbers(function["x"])[:samples] * _seconds(function)
 
 
 def _half_unit(interval: float) -> float:
