@@ -108,7 +108,7 @@ def test_matlab_5(tmp_path, refused):
     t, second = source.load([source.position_of("t", "key"), source.position_of(2, "key")])
     np.testing.assert_array_equal(t, np.arange(20.0))
     np.testing.assert_array_equal(second, 2 * SIGNAL)
-    for name, kind in (("c", "cell"), ("s.words", "cell"), ("word", "char")):
+    for name, kind in (("c", "cell"), ("s.words", "char"), ("word", "char")):
         refused(lambda name=name: source.position_of(name, "key"), found=f"MATLAB {kind}", where="x.mat")
 
 

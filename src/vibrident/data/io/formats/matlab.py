@@ -7,49 +7,28 @@ from __future__ import annotations
 
 import math
 import os
-import zlib
-from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from functools import reduce
-from operator import getitem
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from vibrident.data.io import mat5
 from vibrident.data.io.arrays import ArrayColumn, ArrayFile, channels_of, columns_of, samples_first
 from vibrident.data.io.columns import (
     Channel,
     ColumnFile,
     Start,
-    memory_for,
     reading,
     require_few,
     require_room,
 )
 from vibrident.data.io.formats.hdf5 import Hdf5File
 from vibrident.data.io.reader import Reader
-from vibrident.data.io.stated import (
-    Statement,
-    meaning_of,
-    start_of,
-    statements,
-)
+from vibrident.data.io.stated import Statement, meaning_of, start_of, statements
 from vibrident.data.records import FloatArray
 
 _EXPECTED = "a MATLAB file with numeric arrays"
-_NUMERIC = frozenset(
-    {
-        "double",
-        "single",
-        "logical",
-        *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)),
-    }
-)
-_MAX_STATED_ITEMS = 10_000  # letters of a text that states something
-# The format's numbers, version 5: a compressed element; the flag of complex numbers; of its header.
-_COMPRESSED, _COMPLEX, _HEADER_BYTES = 15, 0x0800, 128
-_PIECE_BYTES = 1 << 20
 
 
 def open_matlab_file(path: Path) -> ColumnFile:
@@ -68,38 +47,24 @@ class Matlab73File(Hdf5File):
     separator = "."
 
 
-@dataclass(frozen=True)
-class _Element:
-    """A variable in a file of version 5."""
-
-    name: str
-    is_complex: bool
-    begin: int  # place in the file, bytes
-    size: int  # bytes
-    is_compressed: bool
-
-
 class MatlabFile(ArrayFile):
-    """A MATLAB file up to version 7.2. Structures are loaded to see what they hold."""
+    """A MATLAB file up to version 7.2."""
 
     def __init__(self, path: Path) -> None:
-        import scipy.io
-
         channels: list[Channel] = []
         refused: dict[str, str] = {}
         starts: dict[str, Start] = {}
         self._numbers: dict[str, int] = {}
         with reading(path, _EXPECTED):
-            variables = scipy.io.whosmat(path, appendmat=False)
-            tree = _outline(path, variables)
-            for name, array, levels in _leaves(tree):
-                kind = next((kind for other, _, kind in variables if other == name), "")
+            for name, value, levels in _leaves(_variables(path)):
                 usable = ()
-                if isinstance(array, np.ndarray) and (not kind or kind in _NUMERIC):
-                    usable = columns_of(name, name, array.shape, array.dtype)
-                    self._numbers[name] = array.size
+                if isinstance(value, mat5.Numbers | np.ndarray):
+                    is_complex = isinstance(value, mat5.Numbers) and value.is_complex
+                    dtype = np.dtype(complex if is_complex else float)
+                    usable = columns_of(name, name, value.shape, dtype)
+                    self._numbers[name] = math.prod(value.shape)
                 if not usable:
-                    refused[name] = _reason_against(array, kind)
+                    refused[name] = _reason_against(value)
                 elif start := start_of(levels):
                     starts[name] = start
                 channels += channels_of(usable, [{}, *levels], str(path))
@@ -109,119 +74,62 @@ class MatlabFile(ArrayFile):
     def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
         """Read these columns; each has shape (samples,)."""
         columns: list[ArrayColumn] = [self._channels[position].handle for position in positions]
-        paths = {column.array: column.array.split(".") for column in columns}
+        names = {column.array for column in columns}
         with reading(self._path, _EXPECTED):
-            require_room(self._path, sum(self._numbers[name] for name in paths))
-            tree = _load(self._path, {names[0] for names in paths.values()})
-            values = []
-            for column in columns:
-                array = samples_first(reduce(getitem, paths[column.array], tree))
-                values.append(np.array(column.of(array), dtype=np.float64))
-            return tuple(values)
+            require_room(self._path, sum(self._numbers[name] for name in names))
+            arrays = {name: samples_first(_array(self._path, name)) for name in names}
+            return tuple(np.array(c.of(arrays[c.array]), dtype=np.float64) for c in columns)
 
 
-def _outline(path: Path, variables: Sequence[tuple[str, tuple[int, ...], str]]) -> dict[str, Any]:
-    """Return name → variable; large arrays by shape and type only, which take no memory."""
-    complex_names = {element.name for element in _elements(path) if element.is_complex}
-    loaded = {
-        name
-        for name, shape, kind in variables
-        if kind == "struct" or (meaning_of(name)[0] and math.prod(shape) <= _MAX_STATED_ITEMS)
-    }
-    limit = memory_for(path.stat().st_size)
-    require_room(path, _unpacked_bytes(path, loaded, limit) // 8)
-    tree = _load(path, loaded) if loaded else {}
-    for name, shape, kind in variables:
-        numbers = np.zeros((), dtype=complex if name in complex_names else float)
-        if kind in _NUMERIC and math.prod(shape) != 1:
-            tree[name] = np.broadcast_to(numbers, shape)
-        else:
-            tree.setdefault(name, None)
-    return {name: tree[name] for name, _, _ in variables}
+def _is_version_4(path: Path) -> bool:
+    with path.open("rb") as stream:
+        return 0 in stream.read(4)  # later ones begin with a text
 
 
-def _load(path: Path, names: Iterable[str]) -> dict[str, Any]:
-    """Return the variables of these names; structures as dictionaries, text as str."""
+def _variables(path: Path) -> dict[str, Any]:
+    """Return name → variable of a file of any version but 7.3."""
     import scipy.io
 
-    return scipy.io.loadmat(
-        path, appendmat=False, simplify_cells=True, variable_names=sorted(names)
-    )
+    if not _is_version_4(path):
+        return mat5.variables(path)
+    held = scipy.io.whosmat(path, appendmat=False)
+    require_room(path, sum(math.prod(shape) for _, shape, _ in held))
+    return scipy.io.loadmat(path, appendmat=False, variable_names=[name for name, *_ in held])
+
+
+def _array(path: Path, name: str) -> Any:
+    return _variables(path)[name] if _is_version_4(path) else mat5.numbers_of(path, name.split("."))
 
 
 def _leaves(
     tree: Mapping[str, Any], prefix: str = "", outer: Sequence[Mapping[str, Statement]] = ()
 ) -> Iterator[tuple[str, Any, list[Mapping[str, Statement]]]]:
     """Yield name, value and the statements about it, nearest first, of all but structures."""
-    stated = {name: value for name, value in tree.items() if _is_statement(name, value)}
-    levels = [statements(stated), *outer]
+    values = {name: _stated(value) for name, value in tree.items() if meaning_of(name)[0]}
+    levels = [statements({n: value for n, value in values.items() if value is not None}), *outer]
     for name, value in tree.items():
         if isinstance(value, dict):
             yield from _leaves(value, f"{prefix}{name}.", levels)
-        else:
+        elif not name.startswith("__"):  # what SciPy says of the file
             yield f"{prefix}{name}", value, levels
 
 
-def _is_statement(name: str, value: Any) -> bool:
-    """Return whether a variable is a statement about the arrays beside it, and no column."""
-    numbers = isinstance(value, np.ndarray) and value.dtype.kind in "iufbc" and value.size != 1
-    return bool(meaning_of(name)[0]) and value is not None and not numbers
+def _stated(value: Any) -> Any:
+    """Return the number or the text that a variable holds; None for a column."""
+    if isinstance(value, mat5.Numbers | np.ndarray):
+        if math.prod(value.shape) != 1:
+            return None
+        return value.array() if isinstance(value, mat5.Numbers) else value
+    return value if isinstance(value, str | list) else None
 
 
-def _elements(path: Path) -> Iterator[_Element]:
-    """Yield the variables of a file of version 5; none of version 4, which has no structures.
-
-    Source: MAT-File Format, The MathWorks, chapter 1.
-    """
-    with path.open("rb") as stream:
-        header = stream.read(_HEADER_BYTES)
-        order = "little" if header.endswith(b"IM") else "big"
-        if 0 in header[:4]:
-            return
-        while len(tag := stream.read(8)) == 8:
-            size = int.from_bytes(tag[4:], order)
-            begin = stream.tell()
-            is_compressed = int.from_bytes(tag[:4], order) == _COMPRESSED
-            head = stream.read(min(size, 4096))
-            if is_compressed:
-                head = zlib.decompressobj().decompress(head, 4096)[8:]
-            flags = int.from_bytes(head[8:12], order)
-            at = 24 + -(-int.from_bytes(head[20:24], order) // 8) * 8  # behind the dimensions
-            length = int.from_bytes(head[at : at + 4], order) >> 16  # of a name of four letters
-            if length == 0:
-                length = int.from_bytes(head[at + 4 : at + 8], order)
-                at += 4
-            name = head[at + 4 : at + 4 + length].decode("latin-1")
-            yield _Element(name, bool(flags & _COMPLEX), begin, size, is_compressed)
-            stream.seek(begin + size)
-
-
-def _unpacked_bytes(path: Path, names: Container[str], limit: float) -> int:
-    """Return how many bytes these variables unpack to; counting ends at the limit."""
-    total = 0
-    with path.open("rb") as stream:
-        for element in _elements(path):
-            if element.name not in names:
-                continue
-            if not element.is_compressed:
-                total += element.size
-                continue
-            stream.seek(element.begin)
-            unpacker = zlib.decompressobj()
-            packed = stream.read(element.size)
-            while packed and total <= limit:
-                total += len(unpacker.decompress(packed, _PIECE_BYTES))
-                packed = unpacker.unconsumed_tail
-    return total
-
-
-def _reason_against(value: Any, kind: str) -> str:
+def _reason_against(value: Any) -> str:
     """Return why a variable or a field is no column."""
-    if kind in _NUMERIC or isinstance(value, np.ndarray | int | float):
-        shape = np.shape(value)
-        numeric = np.asarray(value).dtype.kind in "iufbc"
-        return f"of shape {shape}" if numeric else "a MATLAB cell or object and no numeric array"
-    return f"a MATLAB {kind or type(value).__name__} and not a numeric array"
+    if isinstance(value, mat5.Numbers | np.ndarray):
+        return f"of shape {value.shape}"
+    kinds = {str: "char", list: "cell of texts"}
+    kind = value.kind if isinstance(value, mat5.Other) else kinds[type(value)]
+    return f"a MATLAB {kind} and not a numeric array"
 
 
 MATLAB = Reader(
