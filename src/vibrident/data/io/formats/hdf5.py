@@ -141,14 +141,15 @@ class Hdf5File(ArrayFile):
 
     def start(self, position: int) -> Start | None:
         """Return the time of a column's first sample; of times since a date, the first one."""
-        since = self._since.get(self._channels[position].handle.array)
-        if since is None:
+        import h5py
+
+        column: ArrayColumn = self._channels[position].handle
+        if column.array not in self._since:
             return super().start(position)
-        seconds, zero = since
+        seconds, zero = self._since[column.array]
         unit_ns = round(seconds * 1e9)
-        with reading(self._path, _EXPECTED):
-            column = self._channels[position].handle
-            first = _first(self._file[column.array], column)
+        with reading(self._path, _EXPECTED), h5py.File(self._path, "r") as file:
+            first = _first(file[column.array], column)
         ns = int(first) * unit_ns if isinstance(first, np.integer) else round(first * unit_ns)
         return Start(zero.ns + ns, epoch=True)
 
