@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Mapping
+import mmap
+import os
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +19,7 @@ from vibrident.data.records import FloatArray
 #: Filters that come with the library: deflate, shuffle, Fletcher-32, szip, n-bit, scale-offset;
 #: LZF comes with h5py.
 _FILTERS = frozenset({1, 2, 3, 4, 5, 6, 32000})
+_HEAP = b"GCOL\x01\0\0\0"
 _MAX_STATED_ITEMS = 10_000  # of an attribute or of a dataset that states something
 
 
@@ -84,13 +88,20 @@ def packing_of(dataset: Any, where: str) -> Packing | None:
     return None if packing == Packing(1.0, 0.0, ()) else packing
 
 
-def axis_of(dataset: Any) -> str:
-    """Return the path of the axis that is attached to a dataset's samples; "" if none is."""
-    if "DIMENSION_LIST" not in dataset.attrs:
-        return ""
-    along = int(np.argmax(dataset.shape))
-    scales = dataset.dims[along]
-    return scales[0].name.strip("/") if len(scales) else ""
+def axes_of(file: Any, arrays: Sequence[str]) -> dict[str, str]:
+    """Return array → path of the axis that is attached to its samples, of those that have one.
+
+    The axes' own lists are read: the arrays' are of variable length, and HDF5 never returns from
+    reading such a list in some damaged files.
+    """
+    axes: dict[str, str] = {}
+    for axis in arrays:
+        for reference, along in file[axis].attrs.get("REFERENCE_LIST", ()):
+            dataset = file[reference]
+            array = dataset.name.strip("/")
+            if array in arrays and array != axis and along == np.argmax(dataset.shape):
+                axes[array] = axis
+    return axes
 
 
 def kept_elsewhere(dataset: Any) -> str:
@@ -116,11 +127,42 @@ def text_attribute(dataset: Any, name: str) -> str:
 
 def _stated_by(item: Any) -> Mapping[str, Statement]:
     """Return the statements among the attributes of a dataset or group."""
-    names = [name for name in item.attrs if meaning_of(name)[0]]
-    sizes = {name: math.prod(item.attrs.get_id(name).shape or ()) for name in names}
-    return statements(
-        {name: item.attrs[name] for name in names if 0 < sizes[name] <= _MAX_STATED_ITEMS}
-    )
+    import h5py
+
+    values: dict[str, Any] = {}
+    for name in item.attrs:
+        if not meaning_of(name)[0]:
+            continue
+        attribute = item.attrs.get_id(name)
+        if not 0 < math.prod(attribute.shape or ()) <= _MAX_STATED_ITEMS:
+            continue
+        if h5py.check_string_dtype(attribute.dtype) is not None:
+            _require_whole_heaps(item.file.filename, os.stat(item.file.filename).st_mtime_ns)
+        values[name] = item.attrs[name]
+    return statements(values)
+
+
+@functools.lru_cache(maxsize=8)
+def _require_whole_heaps(path: str, changed_ns: int) -> None:
+    """Refuse a file whose texts HDF5 would never end to look for, with ValueError.
+
+    Source: HDF5 File Format Specification, III.E, Global Heap: a collection is "GCOL", a version,
+    and its size; its objects have an index, and their size at byte 8. ``changed_ns``: when the file
+    changed.
+    """
+    with open(path, "rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as held:
+        place = held.find(_HEAP)
+        while place >= 0:
+            end = place + int.from_bytes(held[place + 8 : place + 16], "little")
+            at = place + 16
+            while at + 16 <= end:
+                index = int.from_bytes(held[at : at + 2], "little")
+                size = int.from_bytes(held[at + 8 : at + 16], "little")
+                step = size if index == 0 else 16 + -(-size // 8) * 8
+                if step == 0 or at + step > end or end > len(held):
+                    raise ValueError(f"a damaged heap of texts at byte {at}")
+                at += step
+            place = held.find(_HEAP, place + 4)
 
 
 def _stated_value(group: Any, name: str) -> Any:
@@ -139,4 +181,6 @@ def _stated_value(group: Any, name: str) -> Any:
         and size <= _MAX_STATED_ITEMS
     ):
         return "".join(map(chr, np.asarray(item[...]).reshape(-1)))
+    if item.dtype.kind == "O":
+        _require_whole_heaps(item.file.filename, os.stat(item.file.filename).st_mtime_ns)
     return item[...].reshape(-1)[0] if size == 1 and item.dtype.kind in "iufSO" else None

@@ -20,7 +20,7 @@ from vibrident.base.errors import InputError
 from vibrident.data.io.arrays import ArrayColumn, ArrayFile, channels_of, columns_of
 from vibrident.data.io.columns import Channel, Clock, Start, reading, require_few, require_room
 from vibrident.data.io.hdf5_attributes import (
-    axis_of,
+    axes_of,
     kept_elsewhere,
     levels_of,
     packing_of,
@@ -68,12 +68,10 @@ class Hdf5File(ArrayFile):
             packing = {
                 array: packing_of(file[array], f"{path}, array {array!r}") for array in arrays
             }
-            axes = {array: axis_of(file[array]) for array in arrays}
+            self._axes = axes_of(file, arrays)
             groups: dict[str, Mapping[str, Statement]] = {}
             levels = {array: levels_of(file, array, groups) for array in arrays}
         self._packing = {array: packed for array, packed in packing.items() if packed}
-        #: Array → path of the axis that is attached to it.
-        self._axes = {a: axis for a, axis in axes.items() if axis in arrays and axis != a}
         self._since: dict[str, tuple[float, Start]] = {}  # of arrays of times since a date
         self._clocks: dict[str, Clock | None] = {}  # by axis
         self._roomy = 0  # most values of a block for which there was room
