@@ -671,3 +671,64 @@ def test_a_name_means_one_thing_whatever_its_signs(name):
     expected |= {"wf_start_time": "start", "Ts ": "interval"}
     assert meaning_of(name)[0] == expected.get(name, "")
     assert meaning_of(name * 200)[0] == ""
+
+
+def test_a_damaged_heap_of_texts_is_refused(tmp_path, refused):
+    """HDF5 itself never returns from an object of no index and no size."""
+    path = tmp_path / "x.h5"
+    with h5py.File(path, "w") as file:
+        file["a"] = SIGNAL
+        file["a"].attrs["units"] = "g"
+    assert open_columns(path).stated_unit(0) == "g"
+    content = bytearray(path.read_bytes())
+    first = content.index(b"GCOL") + 16
+    content[first : first + 2] = bytes(2)
+    content[first + 8 : first + 16] = bytes(8)
+    path.write_bytes(bytes(content))
+    refused(lambda: open_columns(path), found="damaged heap", where="x.h5")
+
+
+@pytest.fixture(scope="module")
+def files_with_statements(tmp_path_factory):
+    import soundfile
+
+    folder = tmp_path_factory.mktemp("statements")
+    with h5py.File(folder / "x.h5", "w") as file:
+        file["a"] = SIGNAL
+        file["a"].attrs.update({"units": "g", "fs": 1000.0, "t0": DATE, "scale_factor": 2.0})
+        file["t"] = np.arange(20.0)
+        file["t"].attrs["units"] = "ms since 2026-01-01"
+        file["t"].make_scale("t")
+        file["z"] = SIGNAL * 1j
+        file["z"].dims[0].attach_scale(file["t"])
+        file["rows"] = np.zeros(20, dtype=[("t", "f8"), ("v", "i2")])
+        file["g/unit"] = "mV"
+    content = {"s": {"a": SIGNAL, "unit": "g", "in": {"z": SIGNAL * 1j}}, "Fs": 5.0, "z": SIGNAL * 1j}
+    scipy.io.savemat(folder / "x.mat", content)
+    scipy.io.savemat(folder / "packed.mat", content, do_compression=True)
+    soundfile.write(folder / "x.flac", SIGNAL, 1000)
+    workbook(folder / "x.xlsx", [["fs", 5.0], ["t", "a", "v"], ["s", "g", "V"], *NUMBERS])
+    return folder
+
+
+@pytest.mark.parametrize("name", ["x.h5", "x.mat", "packed.mat", "x.flac", "x.xlsx"])
+def test_damage_is_read_or_refused(tmp_path, files_with_statements, name):
+    content = (files_with_statements / name).read_bytes()
+    rng = np.random.default_rng(42)
+    refusals = 0
+    for _ in range(60):
+        damaged = bytearray(content)
+        for place in rng.integers(0, len(damaged), size=4):
+            damaged[place] = rng.integers(0, 256)
+        end = int(rng.integers(1, len(damaged) + 1)) if rng.random() < 0.3 else len(damaged)
+        (tmp_path / name).write_bytes(bytes(damaged[:end]))
+        try:
+            source = open_columns(tmp_path / name)
+            for position in range(len(source.names)):
+                source.clock(position)
+                source.start(position)
+            for values in source.load(range(len(source.names))):
+                assert (values.ndim, values.dtype) == (1, np.float64)
+        except InputError:
+            refusals += 1
+    assert refusals > 0
