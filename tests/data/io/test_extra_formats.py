@@ -198,12 +198,19 @@ def test_tdms_refuses_what_is_no_signal_and_an_unfinished_file(tmp_path, refused
     refused(lambda: open_columns(path), found="cut short", remedy="whole")
 
 
-def test_channels_that_begin_apart_are_refused(tmp_path, refused):
+def test_channels_that_begin_apart_are_aligned(tmp_path):
+    """By whole samples they are cut, by a fraction resampled; by the same they are as they stand."""
     path = written(tmp_path, "x.tdms")
-    formats.tdms(path, SIGNALS, delays_s={"RSP": 0.5 / formats.RATE_HZ})
-    refused(lambda: read(calibration(tmp_path, "x.tdms")), problem="same time", found="0.5 samples")
-    formats.tdms(path, SIGNALS, delays_s={"RSP": 0.001, "REF": 0.001})
-    assert len(read(calibration(tmp_path, "x.tdms")).records) == 1
+    samples = {}
+    for apart in (0.0, 3.0, 0.5):
+        delays = {"RSP": 0.001 + apart / formats.RATE_HZ, "REF": 0.001}
+        formats.tdms(path, SIGNALS, delays_s=delays)
+        (record,) = read(calibration(tmp_path, "x.tdms")).records
+        samples[apart] = record.samples
+        is_resampled = any("resampled" in step for step in record.provenance.history)
+        assert is_resampled == (apart == 0.5)
+    assert (samples[0.0], samples[3.0]) == (5000, 4997)
+    assert 4700 < samples[0.5] < 5000
 
 
 @pytest.mark.parametrize(("binary", "precision"), [(0, 2), (0, 4), (1, 4)])
@@ -232,8 +239,10 @@ def test_uff_names_and_refusals(tmp_path, refused):
     path = tmp_path / "x.uff"
     formats.uff(path, {"NONE": TIME})
     assert open_columns(path).names == ("7:-Z",)
+    formats.uff(path, {"H": TIME}, func_type=2)
+    refused(lambda: open_columns(path), found="function type 2")
     formats.uff(path, {"H": TIME}, func_type=4)
-    refused(lambda: open_columns(path), found="function type 4")
+    refused(lambda: open_columns(path), found="frequency response over time")
     formats.uff(path, {"H": TIME}, abscissa_spec_data_type=18)
     refused(lambda: open_columns(path), found="over frequency")
     formats.uff(path, {"H": TIME * 1j})
@@ -289,7 +298,7 @@ def test_mdf_time_stamps_text_and_invalid_samples(tmp_path, refused):
     (values,) = source.load([0])
     assert np.flatnonzero(np.isnan(values)).tolist() == [10]
     refused(lambda: source.position_of("text", "key"), found="text")
-    refused(lambda: source.clock(2), problem="gap", where="channel 'gap', sample 101")
+    assert source.clock(2).rate_hz == pytest.approx(102400.0, rel=1e-4)  # with a hole of 1,024
     rounded = source.clock(1)
     assert abs(rounded.rate_hz / 102400.0 - 1) <= rounded.rate_rounding < 1e-3
     assert rounded.rate_rounding > 1e-9

@@ -1,101 +1,48 @@
-"""HDF5 files: one-dimensional datasets, and the columns of two-dimensional ones.
+"""HDF5 and netCDF 4 files: datasets of one and two axes, with what their attributes state.
 
-HDF5 itself follows links into other files, loads filters as plug-ins by their number, and gives a dataset of any length
-from a fill value. A file read here must hold its numbers itself, within the limit.
+HDF5 itself follows links into other files, loads filters as plug-ins by their number, and gives a
+dataset of any length from a fill value. A file read here must hold its numbers itself, within the
+limit.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from vibrident.data.io.columns import (
-    MOST_COLUMNS,
-    Channel,
-    ColumnFile,
-    reading,
-    require_few,
-    require_room,
+from vibrident.base.errors import InputError
+from vibrident.data.io.arrays import ArrayColumn, ArrayFile, channels_of, columns_of
+from vibrident.data.io.columns import Channel, Clock, Start, reading, require_few, require_room
+from vibrident.data.io.hdf5_attributes import (
+    axes_of,
+    kept_elsewhere,
+    levels_of,
+    packing_of,
+    text_attribute,
 )
+from vibrident.data.io.header_units import is_time, seconds_per_unit
 from vibrident.data.io.reader import Reader
+from vibrident.data.io.stated import Statement, is_frequency, seconds_since, start_of, unit_of
+from vibrident.data.io.timeline import clock_from_times
+from vibrident.data.io.units import factor_between
 from vibrident.data.records import FloatArray
 
 _EXPECTED = "an HDF5 file with datasets of real numbers"
-#: Filters that come with the library: deflate, shuffle, Fletcher-32, szip, n-bit, scale-offset; LZF comes with h5py.
-_FILTERS = frozenset({1, 2, 3, 4, 5, 6, 32000})
-
-
-@dataclass(frozen=True)
-class ArrayColumn:
-    """One column of an array in a file."""
-
-    array: str  # path of the dataset, or name of the variable
-    column: int | None = (
-        None  # column of a two-dimensional array, from 0; None for a one-dimensional one
-    )
-    transposed: bool = False  # True where the samples run along the second axis
-
-    @property
-    def name(self) -> str:
-        """The name that a calibration file uses: "array", or "array:2" for column 2."""
-        return self.array if self.column is None else f"{self.array}:{self.column + 1}"
-
-    def of(self, array: Any) -> Any:
-        """Take this column from the array; nothing else of an HDF5 dataset is read."""
-        if self.column is None:
-            return array[...]
-        return array[self.column, :] if self.transposed else array[:, self.column]
-
-
-def columns_of(name: str, shape: tuple[int, ...]) -> tuple[ArrayColumn, ...]:
-    """Return the columns of an array: samples run along the longer axis.
-
-    Scalars, arrays of three axes and very wide ones give none.
-    """
-    long_axes = [length for length in shape if length != 1]
-    if (
-        len(shape) > 2
-        or len(long_axes) == 0
-        or min(shape) < 1
-        or (len(long_axes) == 2 and min(shape) > MOST_COLUMNS)
-    ):
-        return ()
-    if len(long_axes) == 1:
-        return (ArrayColumn(name),)
-    rows, columns = long_axes
-    return tuple(ArrayColumn(name, column, columns > rows) for column in range(min(shape)))
-
-
-class ArrayFile(ColumnFile):
-    """A file of named arrays; subclasses read them."""
-
-    names_are_paths = True
-    word = "array"
-
-    def __init__(self, path: Path, columns: Sequence[ArrayColumn], refused: dict[str, str]) -> None:
-        """Take the usable columns, and the refused arrays: name → reason."""
-        super().__init__(path, [Channel(column.name, column) for column in columns], refused)
-
-    @property
-    def numbered(self) -> tuple[int, ...]:
-        """The columns of the only two-dimensional array, or of the only array."""
-        columns: list[ArrayColumn] = [channel.handle for channel in self._channels]
-        if len({column.array for column in columns if column.column is not None}) == 1:
-            return tuple(i for i, column in enumerate(columns) if column.column is not None)
-        return (0,) if len(columns) == 1 else ()
-
-    def _plain_name(self, name: str) -> str:
-        return name.strip().strip("/")
+_PIECE_NUMBERS = 1 << 20  # numbers that are read at once
+#: netCDF's name of a dimension that has no coordinates; its numbers mean nothing.
+_NO_COORDINATES = "This is a netCDF dimension but not a netCDF variable"
 
 
 class Hdf5File(ArrayFile):
     """An HDF5 file. Only the datasets that are needed are read."""
+
+    separator = "/"  # of the groups in a name
 
     def __init__(self, path: Path) -> None:
         import h5py
@@ -103,65 +50,137 @@ class Hdf5File(ArrayFile):
         columns: list[ArrayColumn] = []
         refused: dict[str, str] = {}
 
-        def visit(name: str, item: Any) -> None:
-            if not isinstance(item, h5py.Dataset) or name.startswith(
-                "#"
-            ):  # MATLAB keeps its objects in #refs#
+        def visit(array: str, item: Any) -> None:
+            # MATLAB keeps its objects in #refs#
+            if not isinstance(item, h5py.Dataset) or array.startswith("#"):
                 return
+            name = array.replace("/", self.separator)
             reason = _reason_against(item)
-            usable = () if reason else columns_of(name, item.shape)
+            usable = () if reason else columns_of(array, name, item.shape, item.dtype)
             columns.extend(usable)
             if not usable:
-                refused[name] = reason or f"of shape {item.shape}"
+                refused[name] = reason or _no_columns(item)
             require_few(path, [*columns, *refused], "datasets")
 
         with reading(path, _EXPECTED), h5py.File(path, "r") as file:
             file.visititems(visit)
-        self._arrays: dict[str, Any] = {}  # datasets that were looked up
+            arrays = list(dict.fromkeys(column.array for column in columns))
+            packing = {
+                array: packing_of(file[array], f"{path}, array {array!r}") for array in arrays
+            }
+            self._axes = axes_of(file, arrays)
+            groups: dict[str, Mapping[str, Statement]] = {}
+            levels = {array: levels_of(file, array, groups) for array in arrays}
+        self._packing = {array: packed for array, packed in packing.items() if packed}
+        self._since: dict[str, tuple[float, Start]] = {}  # of arrays of times since a date
+        self._clocks: dict[str, Clock | None] = {}  # by axis
         self._roomy = 0  # most values of a block for which there was room
-        super().__init__(path, columns, refused)
+        channels = [
+            channel
+            for array in arrays
+            for channel in self._described([c for c in columns if c.array == array], levels, path)
+        ]
+        starts = {array: start for array in arrays if (start := start_of(levels[array]))}
+        super().__init__(path, channels, refused, starts)
+
+    def _described(
+        self,
+        columns: Sequence[ArrayColumn],
+        levels: Mapping[str, Sequence[Mapping[str, Statement]]],
+        path: Path,
+    ) -> Iterator[Channel]:
+        """Yield the channels of one array; over frequency, its axis is one of them."""
+        array = columns[0].array
+        axis = self._axes.get(array, "")
+        axis_unit = unit_of(levels[axis][0]) if axis else ""
+        over_frequency = is_frequency(axis.rsplit("/", 1)[-1], axis_unit)
+        if over_frequency:
+            name = f"{array.replace('/', self.separator)}.frequency"
+            yield Channel(name, ArrayColumn(axis, name), unit=axis_unit, over_frequency=True)
+        for channel in channels_of(columns, levels[array], str(path)):
+            if over_frequency:
+                yield replace(channel, clock=None, over_frequency=True)
+            elif since := seconds_since(channel.unit):
+                self._since[array] = since
+                yield replace(channel, unit="", in_seconds=True)
+            else:
+                yield channel
+
+    def clock(self, position: int) -> Clock | None:
+        """Return the stated clock, or that of the axis; InputError where these differ, or a gap."""
+        stated = self._channels[position].clock
+        axis = self._time_axis(position)
+        if axis is None:
+            return stated
+        name = self.names[axis]
+        if name not in self._clocks:
+            times_s = self._seconds(axis)
+            clock = clock_from_times(times_s, lambda row: self.locate(axis, row))
+            start = self.start(axis) if self.in_seconds(axis) else None
+            self._clocks[name] = replace(clock, start=start) if clock and start else clock
+        measured = self._clocks[name]
+        if stated is None or measured is None:
+            return measured or stated
+        allowed = stated.rate_rounding + measured.rate_rounding
+        if not math.isclose(stated.rate_hz, measured.rate_hz, rel_tol=allowed):
+            raise InputError(
+                "The file states two sampling rates.",
+                expected=f"{measured.rate_hz!r} Hz, by its axis {name!r}",
+                found=f"{stated.rate_hz!r} Hz in its attributes",
+                where=f"{self.file}, {self.word} {self.names[position]!r}",
+                remedy="correct the attribute or the axis",
+            )
+        return replace(min(stated, measured, key=lambda c: c.rate_rounding), start=measured.start)
+
+    def stamps(self, position: int) -> FloatArray | None:
+        """Return the times of a column's samples by the axis attached to it, in s; None if none."""
+        axis = self._time_axis(position)
+        return None if axis is None else self._seconds(axis)
+
+    def start(self, position: int) -> Start | None:
+        """Return the time of a column's first sample; of times since a date, the first one."""
+        import h5py
+
+        column: ArrayColumn = self._channels[position].handle
+        if column.array not in self._since:
+            return super().start(position)
+        seconds, zero = self._since[column.array]
+        unit_ns = round(seconds * 1e9)
+        with reading(self._path, _EXPECTED), h5py.File(self._path, "r") as file:
+            first = _first(file[column.array], column)
+        ns = int(first) * unit_ns if isinstance(first, np.integer) else round(first * unit_ns)
+        return Start(zero.ns + ns, epoch=True)
 
     def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
         """Read these columns; each has shape (samples,)."""
         import h5py
 
+        columns: list[ArrayColumn] = [self._channels[position].handle for position in positions]
         with reading(self._path, _EXPECTED), h5py.File(self._path, "r") as file:
-            columns = [self._channels[position].handle for position in positions]
-            require_room(self._path, *_cost([file[column.array] for column in columns]))
-            return tuple(
-                np.asarray(c.of(file[c.array]), dtype=np.float64).reshape(-1) for c in columns
-            )
+            datasets: list[Any] = [file[column.array] for column in columns]
+            require_room(self._path, *_cost(datasets))
+            values = tuple(np.empty(max(d.shape), dtype=np.float64) for d in datasets)
+            self._read(file, columns, values, 0, max(target.size for target in values))
+            return values
 
     def length(self, position: int) -> int:
-        """Number of samples of a column; nothing is read."""
+        """Return the number of samples of a column; nothing is read."""
         return int(max(self._file[self._channels[position].handle.array].shape))
 
     def block(self, positions: Sequence[int], start: int, stop: int) -> FloatArray:
-        """Samples of columns from ``start`` up to ``stop``; nothing else is read. See ColumnFile.
+        """Return samples of columns from ``start`` up to ``stop``; nothing else is read.
 
-        Integers of up to 16 bits become float32, which holds them exactly.
+        See ColumnFile. Integers of up to 16 bits become float32, which holds them exactly.
         """
         columns: list[ArrayColumn] = [self._channels[position].handle for position in positions]
         with reading(self._path, _EXPECTED):
             if len(columns) * (stop - start) > self._roomy:
                 require_room(self._path, len(columns) * (stop - start))
                 self._roomy = len(columns) * (stop - start)
-            part = {
-                name: _slice(self._array(name), start, stop)
-                for name in {column.array for column in columns}
-            }
-            exact = all(
-                values.dtype.kind in "iu" and values.dtype.itemsize <= 2 for values in part.values()
-            )
-            found: Any = np.empty((len(columns), stop - start), np.float32 if exact else np.float64)
-            for row, column in zip(found, columns, strict=True):
-                row[:] = ArrayColumn("", column.column).of(part[column.array]).reshape(-1)
-            return found
-
-    def _array(self, name: str) -> Any:
-        if name not in self._arrays:
-            self._arrays[name] = self._file[name]
-        return self._arrays[name]
+            exact = all(self._is_exact_in_single_precision(column.array) for column in columns)
+            block: Any = np.empty((len(columns), stop - start), np.float32 if exact else np.float64)
+            self._read(self._file, columns, block, start, stop)
+            return block
 
     @cached_property
     def _file(self) -> Any:
@@ -171,41 +190,94 @@ class Hdf5File(ArrayFile):
         with reading(self._path, _EXPECTED):
             return h5py.File(self._path, "r")
 
+    def _time_axis(self, position: int) -> int | None:
+        """Return the position of the time axis that is attached to a column; None if none is."""
+        axis = self._axes.get(self._channels[position].handle.array)
+        if axis is None or self._channels[position].over_frequency:
+            return None
+        name = axis.replace("/", self.separator)
+        place = self.names.index(name) if name in self.names else None
+        if place is None or not (
+            self.in_seconds(place)
+            or is_time(axis.rsplit("/", 1)[-1])
+            or factor_between(self.stated_unit(place), "s") is not None
+        ):
+            return None
+        return place
 
-def _slice(dataset: Any, start: int, stop: int) -> Any:
-    """Rows of samples along the long axis, samples first."""
+    def _seconds(self, axis: int) -> FloatArray:
+        (times,) = self.load([axis])
+        self.require_finite(axis, times, 0, "correct the axis, or give rate_hz")
+        return times * seconds_per_unit(self, axis)
+
+    def _is_exact_in_single_precision(self, array: str) -> bool:
+        dtype = self._file[array].dtype
+        is_small = dtype.kind in "iu" and dtype.itemsize <= 2
+        return is_small and array not in self._packing and array not in self._since
+
+    def _read(
+        self,
+        file: Any,
+        columns: Sequence[ArrayColumn],
+        targets: Sequence[FloatArray],
+        start: int,
+        stop: int,
+    ) -> None:
+        """Read samples of columns into ``targets``, a piece at a time."""
+        for array in {column.array for column in columns}:
+            dataset = file[array]
+            last = min(stop, max(dataset.shape))
+            pairs = zip(columns, targets, strict=True)
+            wanted = [(column, target) for column, target in pairs if column.array == array]
+            zeros = [_first(dataset, column) if array in self._since else 0 for column, _ in wanted]
+            for begin in range(start, last, _piece(dataset)):
+                end = min(begin + _piece(dataset), last)
+                rows = _rows(dataset, begin, end)
+                for (column, target), zero in zip(wanted, zeros, strict=True):
+                    values = target[begin - start : end - start]
+                    # subtracted as stored, to keep the digits
+                    values[:] = column.of(rows) - zero if zero else column.of(rows)
+                    if array in self._since:
+                        values *= self._since[array][0]
+                    elif array in self._packing:
+                        self._packing[array].unpack(values)
+
+
+def _first(dataset: Any, column: ArrayColumn) -> Any:
+    """Return the first number of a column as it is stored."""
+    return column.of(_rows(dataset, 0, 1))[0]
+
+
+def _rows(dataset: Any, start: int, stop: int) -> Any:
+    """Return samples of a dataset, its samples along the first axis."""
     if dataset.ndim == 1:
         return dataset[start:stop]
-    return (
-        dataset[:, start:stop].T if dataset.shape[1] > dataset.shape[0] else dataset[start:stop, :]
-    )
+    if dataset.shape[1] > dataset.shape[0]:
+        return dataset[:, start:stop].T
+    return dataset[start:stop, :]
+
+
+def _piece(dataset: Any) -> int:
+    """Return how many samples are read at once: whole chunks, which would be unpacked again."""
+    samples = max(dataset.shape)
+    chunk = max(dataset.chunks) if dataset.chunks else 1
+    rows = max(_PIECE_NUMBERS * samples // math.prod(dataset.shape), 1)
+    return -(-rows // chunk) * chunk
 
 
 def _cost(datasets: Sequence[Any]) -> tuple[int, int]:
-    """Number and size of the values read for a column of each of these datasets; chunks are read whole."""
+    """Return number and size of the values read for a column of each of these datasets.
+
+    Chunks are read whole.
+    """
     chunk = max((math.prod(dataset.chunks) for dataset in datasets if dataset.chunks), default=0)
     numbers = sum(max(dataset.shape) for dataset in datasets)
     return max(numbers, chunk), max(dataset.dtype.itemsize for dataset in datasets)
 
 
-def _kept_elsewhere(dataset: Any) -> str:
-    """Return why a dataset's numbers are outside the file or need a plug-in; "" if neither."""
-    if dataset.external:
-        return f"stored in another file, {str(dataset.external[0][0])!r}"
-    if dataset.is_virtual:
-        return "assembled from other datasets or files (a virtual dataset)"
-    steps = dataset.id.get_create_plist()
-    for step in range(steps.get_nfilters()):
-        number, _, _, name = steps.get_filter(step)
-        if number not in _FILTERS:
-            return f"compressed with filter {number} ({name.decode('ascii', 'replace')}), which is a plug-in"
-    return ""
-
-
 def _reason_against(dataset: Any) -> str:
     """Return why a dataset cannot be a column; "" if it can."""
-    matlab = dataset.attrs.get("MATLAB_class", b"")
-    kind = matlab.decode("ascii", "replace") if isinstance(matlab, bytes) else str(matlab)
+    kind = text_attribute(dataset, "MATLAB_class")
     if (
         kind in {"cell", "char", "function_handle", "string"}
         or "MATLAB_object_decode" in dataset.attrs
@@ -213,15 +285,19 @@ def _reason_against(dataset: Any) -> str:
         return f"a MATLAB {kind} and not numbers"
     if "MATLAB_empty" in dataset.attrs or dataset.shape is None:
         return "empty"
-    if dataset.dtype.kind in "iufb":
-        return _kept_elsewhere(dataset)
-    words = {
-        "c": "complex",
-        "O": "text or references",
-        "S": "text",
-        "V": "compound (a table of mixed fields)",
-    }
+    if text_attribute(dataset, "NAME").startswith(_NO_COORDINATES):
+        return "a dimension without coordinates"
+    if dataset.dtype.kind in "iufbcV":
+        return kept_elsewhere(dataset)
+    words = {"O": "text or references", "S": "text"}
     return f"{words.get(dataset.dtype.kind, str(dataset.dtype))} and not real numbers"
 
 
-HDF5 = Reader(name="hdf5", title="HDF5", endings=(".h5", ".hdf5", ".hdf"), open=Hdf5File)
+def _no_columns(dataset: Any) -> str:
+    fields = f", compound of {', '.join(dataset.dtype.names)}" if dataset.dtype.names else ""
+    return f"of shape {dataset.shape}{fields}"
+
+
+HDF5 = Reader(
+    name="hdf5", title="HDF5, netCDF 4", endings=(".h5", ".hdf5", ".hdf", ".nc"), open=Hdf5File
+)

@@ -1,83 +1,135 @@
-"""MATLAB files: up to version 7.2 through SciPy, 7.3 (which is HDF5) through h5py. Only plain numeric arrays."""
+"""MATLAB files: up to version 7.2 through SciPy, 7.3 (which is HDF5) through h5py.
+
+Numeric arrays, and those of structures as "struct.field". Cells and objects are refused by name.
+"""
 
 from __future__ import annotations
 
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from vibrident.data.io.columns import ColumnFile, reading, require_room
-from vibrident.data.io.formats.hdf5 import ArrayColumn, ArrayFile, Hdf5File, columns_of
+from vibrident.data.io import mat5
+from vibrident.data.io.arrays import ArrayColumn, ArrayFile, channels_of, columns_of, samples_first
+from vibrident.data.io.columns import (
+    Channel,
+    ColumnFile,
+    Start,
+    reading,
+    require_few,
+    require_room,
+)
+from vibrident.data.io.formats.hdf5 import Hdf5File
 from vibrident.data.io.reader import Reader
+from vibrident.data.io.stated import Statement, meaning_of, start_of, statements
 from vibrident.data.records import FloatArray
 
 _EXPECTED = "a MATLAB file with numeric arrays"
-_NUMERIC = frozenset(
-    {
-        "double",
-        "single",
-        "logical",
-        *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)),
-    }
-)
 
 
 def open_matlab_file(path: Path) -> ColumnFile:
-    """Open a MATLAB file of any version. InputError: the file is not a MATLAB file, or holds no plain numeric array."""
+    """Open a MATLAB file of any version.
+
+    InputError: the file is not a MATLAB file, or holds no plain numeric array.
+    """
     import h5py
 
-    return Hdf5File(path) if os.path.isfile(path) and h5py.is_hdf5(path) else MatlabFile(path)
+    return Matlab73File(path) if os.path.isfile(path) and h5py.is_hdf5(path) else MatlabFile(path)
+
+
+class Matlab73File(Hdf5File):
+    """A MATLAB file of version 7.3; a field of a structure has the name "struct.field"."""
+
+    separator = "."
 
 
 class MatlabFile(ArrayFile):
-    """A MATLAB file up to version 7.2. Cells, structures and objects are refused by name, never unpacked."""
+    """A MATLAB file up to version 7.2."""
 
     def __init__(self, path: Path) -> None:
-        import scipy.io
-
-        with reading(path, _EXPECTED):
-            variables = scipy.io.whosmat(path, appendmat=False)
-        columns: list[ArrayColumn] = []
+        channels: list[Channel] = []
         refused: dict[str, str] = {}
-        for name, shape, kind in variables:
-            usable = columns_of(name, shape) if kind in _NUMERIC else ()
-            columns.extend(usable)
-            if not usable:
-                refused[name] = f"of shape {shape}" if kind in _NUMERIC else _reason_against(kind)
-        self._numbers = {name: math.prod(shape) for name, shape, _ in variables}
-        super().__init__(path, columns, refused)
+        starts: dict[str, Start] = {}
+        self._numbers: dict[str, int] = {}
+        with reading(path, _EXPECTED):
+            for name, value, levels in _leaves(_variables(path)):
+                usable = ()
+                if isinstance(value, mat5.Numbers | np.ndarray):
+                    is_complex = isinstance(value, mat5.Numbers) and value.is_complex
+                    dtype = np.dtype(complex if is_complex else float)
+                    usable = columns_of(name, name, value.shape, dtype)
+                    self._numbers[name] = math.prod(value.shape)
+                if not usable:
+                    refused[name] = _reason_against(value)
+                elif start := start_of(levels):
+                    starts[name] = start
+                channels += channels_of(usable, [{}, *levels], str(path))
+                require_few(path, [*channels, *refused], "arrays")
+        super().__init__(path, channels, refused, starts)
 
     def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
         """Read these columns; each has shape (samples,)."""
-        import scipy.io
-
         columns: list[ArrayColumn] = [self._channels[position].handle for position in positions]
+        names = {column.array for column in columns}
         with reading(self._path, _EXPECTED):
-            require_room(
-                self._path,
-                sum(self._numbers[name] for name in {column.array for column in columns}),
-            )
-            arrays = scipy.io.loadmat(
-                self._path, appendmat=False, variable_names=[c.array for c in columns]
-            )
-            complex_names = [c.name for c in columns if np.iscomplexobj(arrays[c.array])]
-            if complex_names:
-                raise ValueError(f"{complex_names[0]!r} is complex and not real")
-            return tuple(
-                np.asarray(c.of(arrays[c.array]), dtype=np.float64).reshape(-1) for c in columns
-            )
+            require_room(self._path, sum(self._numbers[name] for name in names))
+            arrays = {name: samples_first(_array(self._path, name)) for name in names}
+            return tuple(np.array(c.of(arrays[c.array]), dtype=np.float64) for c in columns)
 
 
-def _reason_against(kind: str) -> str:
-    way = (
-        '; in MATLAB, save("file.mat", "-struct", "name") stores its fields as arrays'
-        if kind == "struct"
-        else ""
-    )
-    return f"a MATLAB {kind} and not a numeric array{way}"
+def _is_version_4(path: Path) -> bool:
+    with path.open("rb") as stream:
+        return 0 in stream.read(4)  # later ones begin with a text
+
+
+def _variables(path: Path) -> dict[str, Any]:
+    """Return name → variable of a file of any version but 7.3."""
+    import scipy.io
+
+    if not _is_version_4(path):
+        return mat5.variables(path)
+    held = scipy.io.whosmat(path, appendmat=False)
+    require_room(path, sum(math.prod(shape) for _, shape, _ in held))
+    return scipy.io.loadmat(path, appendmat=False, variable_names=[name for name, *_ in held])
+
+
+def _array(path: Path, name: str) -> Any:
+    return _variables(path)[name] if _is_version_4(path) else mat5.numbers_of(path, name.split("."))
+
+
+def _leaves(
+    tree: Mapping[str, Any], prefix: str = "", outer: Sequence[Mapping[str, Statement]] = ()
+) -> Iterator[tuple[str, Any, list[Mapping[str, Statement]]]]:
+    """Yield name, value and the statements about it, nearest first, of all but structures."""
+    values = {name: _stated(value) for name, value in tree.items() if meaning_of(name)[0]}
+    levels = [statements({n: value for n, value in values.items() if value is not None}), *outer]
+    for name, value in tree.items():
+        if isinstance(value, dict):
+            yield from _leaves(value, f"{prefix}{name}.", levels)
+        elif not name.startswith("__"):  # what SciPy says of the file
+            yield f"{prefix}{name}", value, levels
+
+
+def _stated(value: Any) -> Any:
+    """Return the number or the text that a variable holds; None for a column."""
+    if isinstance(value, mat5.Numbers | np.ndarray):
+        if math.prod(value.shape) != 1:
+            return None
+        return value.array() if isinstance(value, mat5.Numbers) else value
+    return value if isinstance(value, str | list) else None
+
+
+def _reason_against(value: Any) -> str:
+    """Return why a variable or a field is no column."""
+    if isinstance(value, mat5.Numbers | np.ndarray):
+        return f"of shape {value.shape}"
+    kinds = {str: "char", list: "cell of texts"}
+    kind = value.kind if isinstance(value, mat5.Other) else kinds[type(value)]
+    return f"a MATLAB {kind} and not a numeric array"
 
 
 MATLAB = Reader(

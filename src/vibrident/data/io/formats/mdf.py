@@ -1,7 +1,7 @@
-"""MDF files (ASAM), version 4 and before: channels of all groups, with the rate of their group's time stamps.
+"""MDF files (ASAM), version 4 and before: channels of all groups, at their group's time stamps.
 
-A channel's conversion may be a formula in text, which asammdf would evaluate as code. So only arithmetic conversions
-are allowed, checked before any value is read.
+A channel's conversion may be a formula in text, which asammdf would evaluate as code. So only
+arithmetic conversions are allowed, checked before any value is read.
 """
 
 from __future__ import annotations
@@ -12,6 +12,8 @@ import traceback
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +24,7 @@ from vibrident.data.io.columns import (
     Channel,
     Clock,
     ColumnFile,
+    Start,
     library,
     reading,
     real_numbers,
@@ -32,14 +35,18 @@ from vibrident.data.io.timeline import clock_from_times
 from vibrident.data.records import FloatArray
 
 _EXPECTED = "an MDF file of measured signals, written to its end"
-#: Conversion types by the number in the file: none, linear, rational, tables of numbers; in version 3 also polynomial,
-#: exponential and logarithmic. Formulas (3; 10 in version 3) and texts are not among them.
+#: Conversion types by the number in the file: none, linear, rational, tables of numbers; in version
+#: 3 also polynomial, exponential and logarithmic. Formulas (3; 10 in version 3) and texts are not
+#: among them.
 _ARITHMETIC = {4: frozenset({0, 1, 2, 4, 5, 6}), 3: frozenset({0, 1, 2, 6, 7, 8, 9, 65535})}
 _FORMULA = {4: 3, 3: 10}
 
 
 class MdfFile(ColumnFile):
-    """An MDF file; values are converted as the file says, and samples that it declares invalid become NaN."""
+    """An MDF file; values are converted as the file says.
+
+    Samples that it declares invalid become NaN.
+    """
 
     def __init__(self, path: Path) -> None:
         self._path, self._mdf = path, library("asammdf", "mdf", path).MDF
@@ -51,19 +58,33 @@ class MdfFile(ColumnFile):
                 if reason := _reason_against(file, group, index):
                     refused[name] = reason
                 else:
-                    channels.append(Channel(name, (group, index)))
+                    unit = _unit(file.groups[group].channels[index])
+                    channels.append(Channel(name, (group, index), unit=unit))
+            self._zero_ns = _zero_ns(file.header.start_time)
         super().__init__(path, channels, refused)
 
     def clock(self, position: int) -> Clock | None:
-        """The rate by regression over the time stamps of the channel's group; InputError where they have a gap."""
+        """Return the rate by regression over the time stamps of the channel's group.
+
+        It starts with the first stamp after the start of the measurement. InputError: a gap.
+        """
         group, _ = self._channels[position].handle
         if group not in self._clocks:
-            with self._opened() as file:
-                times_s = real_numbers(file.get_master(group))
-            self._clocks[group] = clock_from_times(
+            times_s = self.stamps(position)
+            clock = clock_from_times(
                 times_s, lambda row: f"time stamp of {self.locate(position, row)}"
             )
+            if clock is not None and self._zero_ns is not None:
+                start = Start(self._zero_ns + round(float(times_s[0]) * 1e9), epoch=True)
+                clock = replace(clock, start=start)
+            self._clocks[group] = clock
         return self._clocks[group]
+
+    def stamps(self, position: int) -> FloatArray:
+        """Return the times of a channel's samples, in s after the start of the measurement."""
+        group, _ = self._channels[position].handle
+        with self._opened() as file:
+            return real_numbers(file.get_master(group))
 
     def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
         """Read these channels; each has shape (samples,)."""
@@ -76,7 +97,10 @@ class MdfFile(ColumnFile):
 
     @contextmanager
     def _opened(self) -> Iterator[Any]:
-        """The file, its time stamps checked; logged bus traffic, whose databases are code, is ignored."""
+        """Open the file and check its time stamps.
+
+        Logged bus traffic, whose databases are code, is ignored.
+        """
         with reading(self._path, _EXPECTED):
             try:
                 with (
@@ -134,6 +158,20 @@ def _reason_against(file: Any, group: int, index: int) -> str:
     )
 
 
+def _unit(channel: Any) -> str:
+    """Return the unit of a channel's values: of the channel, or of its conversion."""
+    units = (getattr(part, "unit", "") for part in (channel, channel.conversion))
+    return next((str(unit).strip(" \0\t\r\n") for unit in units if unit), "")
+
+
+def _zero_ns(start: datetime) -> int | None:
+    """Return when the measurement started, in ns of the epoch; None if the file does not say."""
+    zoned = start if start.tzinfo else start.replace(tzinfo=UTC)
+    since = zoned - datetime(1970, 1, 1, tzinfo=UTC)
+    whole_us = since // timedelta(microseconds=1)
+    return whole_us * 1000 if whole_us > 0 else None
+
+
 def _generation(file: Any) -> int:
     return 4 if str(file.version) >= "4" else 3
 
@@ -161,7 +199,10 @@ def _refuse_formulas_of_time(file: Any, where: str) -> None:
 
 
 def _signal(file: Any, group: int, index: int) -> FloatArray:
-    """Samples that the file declares invalid become NaN; asammdf would leave them out and shift the rest."""
+    """Return the samples of a channel; those that the file declares invalid are NaN.
+
+    asammdf would leave them out and shift the others.
+    """
     content = file.groups[group]
     if content.channel_dependencies[index] or _reason_against_conversion(
         content.channels[index].conversion, _generation(file)

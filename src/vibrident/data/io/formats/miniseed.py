@@ -27,7 +27,7 @@ _MINISEED = "a miniSEED file of channels without gaps"
 
 
 class MiniSeedFile(ColumnFile):
-    """A miniSEED file; channels are named "NET.STA.LOC.CHA"."""
+    """A miniSEED file; channels are named "NET.STA.LOC.CHA" and count a converter's steps."""
 
     def __init__(self, path: Path) -> None:
         self._obspy = library("obspy", "seismic", path)
@@ -37,7 +37,7 @@ class MiniSeedFile(ColumnFile):
                 traces.setdefault(trace.id, []).append(trace)
             refused = {name: reason for name, parts in traces.items() if (reason := _gap(parts))}
             channels = [
-                Channel(name, name, _clock(parts[0].stats))
+                Channel(name, name, _clock(parts[0].stats), unit="counts")
                 for name, parts in traces.items()
                 if name not in refused
             ]

@@ -1,31 +1,42 @@
-"""Parquet files: columns of numbers or times. The rate comes from a time column or from the file's metadata."""
+"""Parquet files: columns of numbers or times, with what the file's metadata state.
+
+The format itself knows no rate and no unit. Metadata of a column or of the file state them, those
+of pandas included: attributes of the frame, such as {"units": {"a": "g"}, "fs": 51200}.
+"""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
+import contextlib
+import json
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from vibrident.base.errors import InputError
+import numpy as np
+
 from vibrident.data.io.columns import (
     Channel,
-    Clock,
-    ColumnFile,
+    Start,
     library,
     reading,
     real_numbers,
     require_room,
 )
 from vibrident.data.io.reader import Reader
+from vibrident.data.io.stated import (
+    StatedFile,
+    Statement,
+    clock_of,
+    nearest_unit,
+    start_of,
+    statements,
+)
 from vibrident.data.records import FloatArray
 
 _EXPECTED = "a Parquet file with columns of numbers"
-#: The format knows no sampling rate; a writer may state it as metadata of the file or of a column, under this key.
-_RATE_KEY = b"sampling_rate_hz"
 
 
-class ParquetFile(ColumnFile):
+class ParquetFile(StatedFile):
     """A Parquet file. Only the columns that are needed are read; a missing value becomes NaN."""
 
     def __init__(self, path: Path) -> None:
@@ -35,21 +46,52 @@ class ParquetFile(ColumnFile):
             schema = file.schema_arrow
         channels: list[Channel] = []
         refused: dict[str, str] = {}
-        of_the_file = (schema.metadata or {}).get(_RATE_KEY)
+        starts: dict[int, Start] = {}
+        of_file = _metadata(schema.metadata)
+        pandas = of_file.pop("pandas", None)
+        pandas = pandas if isinstance(pandas, dict) else {}
+        if isinstance(attributes := pandas.get("attributes"), dict):
+            of_file.update(attributes)
+        of_columns = {
+            column.get("field_name"): column.get("metadata")
+            for column in pandas.get("columns") or ()
+            if isinstance(column, dict)
+        }
         for field in schema:
             timed = types.is_timestamp(field.type) or types.is_duration(field.type)
-            if timed or any(
-                of(field.type) for of in (types.is_integer, types.is_floating, types.is_boolean)
+            if not timed and not any(
+                is_kind(field.type)
+                for is_kind in (types.is_integer, types.is_floating, types.is_boolean)
             ):
-                rate = (field.metadata or {}).get(_RATE_KEY, of_the_file)
-                clock = _clock(rate, f"{path}, column {field.name!r}")
-                channels.append(Channel(field.name, field.name, clock, timed))
-            else:
                 refused[field.name] = f"of type {field.type}"
+                continue
+            own = of_columns.get(field.name)
+            own = {**(own if isinstance(own, dict) else {}), **_metadata(field.metadata)}
+            levels = [statements(own), _of_column(of_file, field.name)]
+            clock = clock_of(levels, f"{path}, column {field.name!r}")
+            unit = nearest_unit(field.name, levels[0], levels[1])
+            if start := start_of(levels):
+                starts[len(channels)] = start
+            channels.append(Channel(field.name, field.name, clock, timed, "" if timed else unit))
         super().__init__(path, channels, refused)
+        self._starts = starts
+
+    def start(self, position: int) -> Start | None:
+        """Return the time of a column's first sample, or of a column of dates its first date."""
+        if not self.in_seconds(position):
+            return super().start(position)
+        name = self._channels[position].handle
+        with reading(self._path, _EXPECTED), self._parquet.ParquetFile(self._path) as file:
+            first = next(file.iter_batches(1, columns=[name])).column(0).to_numpy(False)[:1]
+        if first.dtype.kind != "M" or np.isnat(first).any():
+            return None
+        return Start(int(first.astype("datetime64[ns]").astype(np.int64)[0]), epoch=True)
 
     def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
-        """Read these columns; each has shape (samples,). Timestamps become seconds since the first."""
+        """Read these columns; each has shape (samples,).
+
+        Timestamps become seconds since the first.
+        """
         names = [self._channels[position].handle for position in positions]
         with reading(self._path, _EXPECTED):
             with self._parquet.ParquetFile(self._path) as file:
@@ -59,7 +101,7 @@ class ParquetFile(ColumnFile):
 
 
 def _numbers(metadata: Any, names: set[str]) -> int:
-    """How many numbers these columns hold, by the footer: its rows, or the bytes of their pages if these are more."""
+    """Return how many numbers these columns hold, by the footer: the larger of rows and bytes."""
     groups = [metadata.row_group(index) for index in range(metadata.num_row_groups)]
     chunks = [group.column(index) for group in groups for index in range(group.num_columns)]
     unpacked = sum(
@@ -72,22 +114,27 @@ def _numbers(metadata: Any, names: set[str]) -> int:
     )
 
 
-def _clock(text: bytes | None, where: str) -> Clock | None:
-    if text is None:
-        return None
-    try:
-        rate_hz = float(text)
-    except ValueError:
-        rate_hz = math.nan
-    if not (math.isfinite(rate_hz) and rate_hz > 0):
-        raise InputError(
-            "The sampling rate in the file's metadata cannot be used.",
-            expected=f"{_RATE_KEY.decode()} to be a finite number above 0",
-            found=repr(text.decode("utf-8", "replace")),
-            where=where,
-            remedy="correct the metadata, or write the file without it and give rate_hz",
-        )
-    return Clock(rate_hz)
+def _metadata(metadata: Mapping[bytes, bytes] | None) -> dict[str, Any]:
+    """Return metadata as text; JSON of an object as what it holds."""
+    values: dict[str, Any] = {}
+    for name, value in (metadata or {}).items():
+        text: Any = value.decode("utf-8", "replace")
+        if text.startswith("{"):
+            with contextlib.suppress(ValueError, RecursionError):
+                text = json.loads(text)
+        values[name.decode("utf-8", "replace")] = text
+    return values
+
+
+def _of_column(values: Mapping[str, Any], column: str) -> dict[str, Statement]:
+    """Return what the file's metadata state of a column: for all, or by the column's name."""
+    return statements(
+        {
+            name: value.get(column, "") if isinstance(value, dict) else value
+            for name, value in values.items()
+            if not isinstance(value, dict) or column in value
+        }
+    )
 
 
 PARQUET = Reader(name="parquet", title="Parquet", endings=(".parquet", ".pq"), open=ParquetFile)

@@ -23,10 +23,15 @@ from vibrident.data.io.sampling import plainest_clock
 from vibrident.data.records import FloatArray
 
 _SAC = "a SAC file with an evenly sampled time series"
+#: By the kind of dependent variable, IDEP; the SAC manual, "SAC Data File Format".
+_UNITS = {"idisp": "nm", "ivel": "nm/s", "iacc": "nm/s^2", "ivolts": "V"}
 
 
 class SacFile(ColumnFile):
-    """A SAC file. The rate is made from the header's own interval: obspy's is rounded to a microsecond."""
+    """A SAC file.
+
+    The rate is made from the header's own interval: obspy's is rounded to a microsecond.
+    """
 
     def __init__(self, path: Path) -> None:
         self._sac = library("obspy.io.sac", "seismic", path).SACTrace
@@ -53,7 +58,9 @@ class SacFile(ColumnFile):
                 for code in (header.knetwk, header.kstnm, header.khole, header.kcmpnm)
             )
             clock = plainest_clock(float(delta), float(np.spacing(delta)) / 2, start)
-            channel = Channel(name if name.strip(".") else "channel 1", int(header.npts), clock)
+            unit = _UNITS.get(str(header.idep), "")
+            name = name if name.strip(".") else "channel 1"
+            channel = Channel(name, int(header.npts), clock, unit=unit)
         super().__init__(path, [channel], {})
 
     def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:

@@ -1,10 +1,11 @@
-"""TDMS files (LabVIEW): channels "group/channel", with the rate of their waveform properties."""
+"""TDMS files (LabVIEW): channels "group/channel", with what their properties state."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,6 @@ import numpy as np
 
 from vibrident.data.io.columns import (
     Channel,
-    Clock,
-    ColumnFile,
     Start,
     library,
     reading,
@@ -21,77 +20,170 @@ from vibrident.data.io.columns import (
     require_room,
 )
 from vibrident.data.io.reader import Reader
+from vibrident.data.io.stated import (
+    StatedFile,
+    clock_of,
+    is_frequency,
+    nearest_unit,
+    statements,
+)
+from vibrident.data.io.units import factor_between
 from vibrident.data.records import FloatArray
 
 _EXPECTED = "a TDMS file, written to its end"
+#: LabVIEW writes its zero, 1904-01-01, for a start without a date.
+_NO_DATE = np.datetime64("1904-01-02")
+#: Scales that nptdms computes; of others it would return the numbers of the converter, unsaid.
+_SCALES = frozenset(
+    {
+        *("Polynomial", "Linear", "Table", "Add", "Subtract", "AdvancedAPI"),
+        *("RTD", "Strain", "Thermistor", "Thermocouple"),
+    }
+)
+_SCALE_TYPE = re.compile(r"NI_Scale\[(\d+)\]_Scale_Type")
+_SCALE_INPUT = re.compile(r"NI_Scale\[(\d+)\]_\w+_Input_Source")
+_SCALE_COUNT = "NI_Number_Of_Scales"
 
 
-class TdmsFile(ColumnFile):
-    """A TDMS file; numbers are scaled as the file says. Text, complex numbers and empty channels are refused."""
+class TdmsFile(StatedFile):
+    """A TDMS file; numbers are scaled as the file says.
+
+    Text, complex numbers, empty channels and scales that cannot be computed are refused.
+    """
 
     names_are_paths = True
 
     def __init__(self, path: Path) -> None:
-        self._path, self._library = path, library("nptdms", "tdms", path).TdmsFile
+        self._path = path
+        self._library = library("nptdms", "tdms", path).TdmsFile
         channels: list[Channel] = []
         refused: dict[str, str] = {}
+        starts: dict[int, Start] = {}
         with self._opened() as file:
             if file.file_status.incomplete_final_segment:
                 raise ValueError("the last segment is cut short")
-            for found in (channel for group in file.groups() for channel in group.channels()):
-                name = f"{found.group_name}/{found.name}"
-                if reason := _reason_against(found):
-                    refused[name] = reason
-                else:
-                    handle, timed = (found.group_name, found.name), found.dtype.kind == "M"
-                    channels.append(Channel(name, handle, _clock(found.properties), timed))
+            for group in file.groups():
+                for channel in group.channels():
+                    name = f"{group.name}/{channel.name}"
+                    outer = (group.properties, file.properties)
+                    if reason := _reason_against(channel, outer):
+                        refused[name] = reason
+                        continue
+                    if start := _start(channel.properties):
+                        starts[len(channels)] = start
+                    channels.append(_described(name, channel, outer, start, str(path)))
         super().__init__(path, channels, refused)
+        self._starts = starts
+
+    def start(self, position: int) -> Start | None:
+        """Return the time of a channel's first sample, or of a time channel its first time."""
+        if not self.in_seconds(position):
+            return super().start(position)
+        group, name = self._channels[position].handle
+        with self._opened() as file:
+            first = _plain(file[group][name][:1])[0]
+        return Start(int(first.astype("datetime64[ns]").astype(np.int64)), epoch=True)
 
     def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
         """Read these channels; each has shape (samples,)."""
         with self._opened() as file:
             handles = [self._channels[position].handle for position in positions]
             require_room(self._path, sum(len(file[group][name]) for group, name in handles))
-            return tuple(real_numbers(file[group][name][:]) for group, name in handles)
+            return tuple(real_numbers(_plain(file[group][name][:])) for group, name in handles)
 
     @contextmanager
     def _opened(self) -> Iterator[Any]:
+        """Open the file; times are read to all their digits, not to microseconds."""
         with (
             reading(self._path, _EXPECTED),
             self._path.open("rb") as stream,
-            self._library.open(stream) as file,
+            self._library.open(stream, raw_timestamps=True) as file,
         ):
             yield file
 
 
-def _reason_against(channel: Any) -> str:
+def _described(
+    name: str, channel: Any, outer: Sequence[Mapping[str, Any]], start: Start | None, where: str
+) -> Channel:
+    """Return a channel with what its properties, its group's and the file's state."""
+    properties = channel.properties
+    levels = [statements(values) for values in (properties, *outer)]
+    axis = str(properties.get("wf_xunit_string", "")).strip()
+    over_frequency = is_frequency(str(properties.get("wf_xname", "")), axis)
+    clock = None if over_frequency else clock_of(levels, f"{where}, channel {name!r}")
+    if clock is not None:
+        # wf_increment is in the unit of the x axis, which hardly anyone changes
+        seconds = factor_between(axis, "s") if "wf_increment" in properties else None
+        clock = replace(clock, rate_hz=clock.rate_hz / (seconds or 1.0), start=start)
+    handle = (channel.group_name, channel.name)
+    unit = nearest_unit(channel.name, levels[0], levels[1])
+    return Channel(name, handle, clock, _is_time(channel), unit, over_frequency)
+
+
+def _start(properties: Mapping[str, Any]) -> Start | None:
+    """Return the time of a channel's first sample: wf_start_time and wf_start_offset.
+
+    An offset without a date is on the file's own clock.
+    """
+    date, offset_s = properties.get("wf_start_time"), properties.get("wf_start_offset")
+    date = _plain(date)
+    offset_s = offset_s if isinstance(offset_s, int | float) and np.isfinite(offset_s) else None
+    if isinstance(date, np.datetime64) and date >= _NO_DATE:
+        date_ns = int(date.astype("datetime64[ns]").astype(np.int64))
+        return Start(date_ns + round((offset_s or 0.0) * 1e9), epoch=True)
+    return None if offset_s is None else Start.on_own_clock(offset_s)
+
+
+def _plain(value: Any) -> Any:
+    """Return nptdms's times as those of NumPy, and anything else as it is."""
+    return value.as_datetime64("ns") if hasattr(value, "as_datetime64") else value
+
+
+def _is_time(channel: Any) -> bool:
+    return channel.data_type is not None and channel.data_type.__name__ == "TimeStamp"
+
+
+def _reason_against(channel: Any, outer: Sequence[Mapping[str, Any]]) -> str:
+    """Return why a channel is refused; "" if it is not."""
     if len(channel) == 0:
         return "empty"
-    if channel.dtype.kind in "iufbM":
+    if reason := _reason_against_scales([channel.properties, *outer]):
+        return reason
+    if channel.dtype.kind in "iufb" or _is_time(channel):
         return ""
     return {"c": "complex", "O": "text", "U": "text", "S": "text"}.get(
         channel.dtype.kind, str(channel.dtype)
     )
 
 
-def _clock(properties: Any) -> Clock | None:
-    """The rate is the reciprocal of wf_increment, a double; the start is wf_start_time and wf_start_offset."""
-    increment_s = properties.get("wf_increment")
-    if (
-        not isinstance(increment_s, int | float)
-        or not math.isfinite(increment_s)
-        or increment_s <= 0
-    ):
-        return None
-    start, offset_s = properties.get("wf_start_time"), properties.get("wf_start_offset", 0.0)
-    if (
-        not isinstance(start, np.datetime64)
-        or not isinstance(offset_s, int | float)
-        or not math.isfinite(offset_s)
-    ):
-        return Clock(1.0 / increment_s)
-    start_ns = int(start.astype("datetime64[ns]").astype(np.int64)) + round(offset_s * 1e9)
-    return Clock(1.0 / increment_s, start=Start(start_ns, epoch=True))
+def _reason_against_scales(levels: Sequence[Mapping[str, Any]]) -> str:
+    """Return why nptdms cannot scale a channel; "" if it can, or nothing is to be scaled.
+
+    It takes the scale of the highest number as the last one. ``levels``: properties of the channel,
+    its group and the file, of which the first with scales holds.
+    """
+    for properties in levels:
+        kinds = {
+            int(match[1]): str(kind)
+            for name, kind in properties.items()
+            if (match := _SCALE_TYPE.fullmatch(name))
+        }
+        count = int(properties.get(_SCALE_COUNT, max(kinds, default=-1) + 1))
+        if not count and not kinds:
+            continue
+        if properties.get("NI_Scaling_Status") == "scaled":
+            return ""
+        if unknown := sorted(set(kinds.values()) - _SCALES):
+            return f"scaled in a way that is not known, {unknown[0]!r}"
+        inputs = {
+            int(value)
+            for name, value in properties.items()
+            if _SCALE_INPUT.fullmatch(name) and isinstance(value, int | np.integer)
+        }
+        if max(kinds, default=-1) >= count or any(n not in inputs for n in kinds if n < count - 1):
+            return f"scaled in an order that is not known: of {count} scales, one leads nowhere"
+        return ""
+    return ""
 
 
 TDMS = Reader(name="tdms", title="TDMS (LabVIEW)", endings=(".tdms",), open=TdmsFile, extra="tdms")

@@ -1,12 +1,16 @@
-"""Universal files (UFF, UNV): the time signals among their data sets 58 and 58b."""
+"""Universal files (UFF, UNV): time signals and frequency responses of data sets 58, 58b and 55."""
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from vibrident.data.io.columns import (
     Channel,
@@ -16,6 +20,7 @@ from vibrident.data.io.columns import (
     library,
     reading,
     real_numbers,
+    require_few,
     require_room,
 )
 from vibrident.data.io.reader import Reader
@@ -23,72 +28,146 @@ from vibrident.data.io.sampling import plainest_clock
 from vibrident.data.io.timeline import clock_from_times
 from vibrident.data.records import FloatArray
 
-_EXPECTED = "a universal file with data sets 58 (functions at nodal degrees of freedom)"
+_EXPECTED = "a universal file with data sets 58 (functions at nodal degrees of freedom) or 55"
 #: Function types without a rule against time signals: general or unknown, and time response.
 _TIME_SIGNALS = (0, 1)
+#: Frequency response function, and transmissibility.
+_RESPONSES = (4, 5)
+_TIME, _FREQUENCY = 17, 18  # specific data types of an abscissa
+_COMPLEX = (5, 6)  # ordinate data types
 _DIRECTIONS = {1: "+X", 2: "+Y", 3: "+Z", 4: "+RX", 5: "+RY", 6: "+RZ"}
+#: Length and force by units code of data set 164, and units of a specific data type: its Table.
+_SYSTEMS = {
+    1: ("m", "N"), 2: ("ft", "lbf"), 3: ("m", "kgf"), 4: ("ft", "pdl"),
+    5: ("mm", "mN"), 6: ("cm", "cN"), 7: ("in", "lbf"), 8: ("mm", "kgf"),
+}  # fmt: skip
+_LENGTHS = {"m": 1.0, "ft": 1 / 0.3048, "mm": 1e3, "cm": 1e2, "in": 1 / 0.0254}  # a metre in them
+_KINDS = {8: "{length}", 11: "{length}/s", 12: "{length}/s^2", 9: "{force}", 13: "{force}"}
+_SAME_LENGTH = 1e-4  # relative; files give the factor to some digits
 
 
 class UffFile(ColumnFile):
-    """A universal file. A channel has the name of its ID line 1, with node and direction where that is not unique.
+    """A universal file. A channel has the name of its ID line 1, or node and direction.
 
-    The format keeps the sampling interval to five or six digits; see ``plainest_clock`` for what is made of that.
+    Where the title is not unique, it has both. The format keeps the sampling interval to five or
+    six digits; see ``plainest_clock`` for what is made of that.
     """
 
     def __init__(self, path: Path) -> None:
         self._path = path
         self._pyuff = library("pyuff", "uff", path)
         refused: dict[str, str] = {}
-        usable: list[tuple[int, dict[str, Any]]] = []
+        functions: list[tuple[int, dict[str, Any]]] = []
+        self._units: tuple[str, str] | None = None  # of length and force in the file
+        self._steps: dict[str, FloatArray] = {}  # responses of data sets 55, by name
         with reading(path, _EXPECTED):
             file = self._pyuff.UFF(str(path))
-            for place, kind in enumerate(file.get_set_types()):
-                if kind != 58:
-                    continue
+            kinds = [int(kind) for kind in file.get_set_types()]
+            if 164 in kinds:
+                self._units = _unit_system(file.read_sets(kinds.index(164)))
+            for place in (place for place, kind in enumerate(kinds) if kind == 58):
                 header = file.read_sets(place, header_only=True)
-                stated, held = int(header["num_pts"]), path.stat().st_size
+                stated = int(header["num_pts"])
+                held = path.stat().st_size
                 if not 0 < stated <= held:  # pyuff makes as many abscissas as the header states
                     raise ValueError(f"{stated} values in a file of {held} bytes")
                 if reason := _reason_against(header):
                     refused[_name(header, repeated=False)] = reason
                 else:
-                    usable.append((place, header))
-            titles = Counter(_name(header, repeated=False) for _, header in usable)
-            channels = [
-                Channel(
-                    _name(header, repeated=titles[_name(header, repeated=False)] > 1),
-                    (place, int(header["num_pts"])),
-                    self._clock(file, place, header),
-                )
-                for place, header in usable
-            ]
+                    functions.append((place, header))
+            titles = Counter(_name(header, repeated=False) for _, header in functions)
+            channels: list[Channel] = []
+            for place, header in functions:
+                name = _name(header, repeated=titles[_name(header, repeated=False)] > 1)
+                channels += self._channels_of(file, place, header, name)
+            shapes = [_shape(file, place) for place, kind in enumerate(kinds) if kind == 55]
+            channels += self._channels_of_shapes(shapes, refused)
+            require_few(path, channels, "channels")
         super().__init__(path, channels, refused)
 
     def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
         """Read these channels; each has shape (samples,)."""
         with reading(self._path, _EXPECTED):
             file = self._pyuff.UFF(str(self._path))
-            require_room(
-                self._path, sum(self._channels[position].handle[1] for position in positions)
-            )
-            return tuple(
-                self._signal(file, *self._channels[position].handle) for position in positions
-            )
+            handles = [self._channels[position].handle for position in positions]
+            require_room(self._path, sum(samples for _, samples, _ in handles))
+            return tuple(self._signal(file, *handle) for handle in handles)
+
+    def stamps(self, position: int) -> FloatArray | None:
+        """Return the times of a channel's samples, in s; None where the file states none."""
+        place, samples, _ = self._channels[position].handle
+        if isinstance(place, str) or self._channels[position].over_frequency:
+            return None
+        with reading(self._path, _EXPECTED):
+            function = self._pyuff.UFF(str(self._path)).read_sets(place)
+            return None if function["abscissa_spacing"] == 1 else _times(function, samples)
+
+    def _channels_of(
+        self, file: Any, place: int, header: dict[str, Any], name: str
+    ) -> Iterator[Channel]:
+        """Yield the channels of a function: one over time; axis and parts over frequency."""
+        samples = int(header["num_pts"])
+        unit = _unit(header, "ordinate", self._units, int(header["rsp_dir"]))
+        if header["func_type"] not in _RESPONSES:
+            clock = self._clock(file, place, header)
+            yield Channel(name, (place, samples, ""), clock, unit=unit)
+            return
+        below = _unit(header, "orddenom", self._units, int(header["ref_dir"]))
+        if unit and below:
+            unit = "/".join(f"({u})" if "/" in u else u for u in (unit, below))
+        axis = _label(header, "abscissa") or "Hz"
+        values = ("real", "imag") if header["ord_data_type"] in _COMPLEX else ("",)
+        parts = {"frequency": axis, **dict.fromkeys(values, unit)}
+        for part, its_unit in parts.items():
+            full = f"{name}.{part}" if part else name
+            yield Channel(full, (place, samples, part), unit=its_unit, over_frequency=True)
+
+    def _channels_of_shapes(
+        self, sets: Sequence[dict[str, Any]], refused: dict[str, str]
+    ) -> Iterator[Channel]:
+        """Yield the responses of data sets 55, each of which holds all nodes at one frequency."""
+        steps = [s for s in sets if s.get("analysis_type") == 5 and s.get("data_type") == 5]
+        if len(steps) < len(sets):
+            refused["data set 55"] = "of modes, or real, and no complex frequency response"
+        if not steps:
+            return
+        nodes = steps[0]["node_nums"]
+        if any(not np.array_equal(step["node_nums"], nodes) for step in steps):
+            refused["data set 55"] = "of other nodes at other frequencies"
+            return
+        steps.sort(key=lambda step: step["freq"])
+        frequency_hz = np.array([float(step["freq"]) for step in steps])
+        unit = _unit_of_kind(steps[0]["spec_data_type"], self._units)
+        for index, axis in itertools.product(range(len(nodes)), (1, 2, 3)):
+            values = [complex(step[f"r{axis}"][index]) for step in steps]
+            parts = {
+                "frequency": (frequency_hz, "Hz"),
+                "real": (np.array([value.real for value in values]), unit),
+                "imag": (np.array([value.imag for value in values]), unit),
+            }
+            for part, (numbers, its_unit) in parts.items():
+                name = f"{int(nodes[index])}:{_DIRECTIONS[axis]}.{part}"
+                self._steps[name] = numbers
+                yield Channel(name, (name, len(steps), part), unit=its_unit, over_frequency=True)
 
     def _clock(self, file: Any, place: int, header: dict[str, Any]) -> Clock | None:
-        """From the abscissas, if each sample has one; else from the interval."""
+        """Return the clock by the abscissas, if each sample has one; else by the interval."""
+        seconds = _seconds(header)
         if header["abscissa_spacing"] == 1:
-            interval_s = float(header["abscissa_inc"])
-            return plainest_clock(
-                interval_s, _half_unit(interval_s), Start.on_own_clock(header["abscissa_min"])
-            )
-        times_s = real_numbers(file.read_sets(place)["x"])[: int(header["num_pts"])]
+            interval = float(header["abscissa_inc"])
+            start = Start.on_own_clock(header["abscissa_min"] * seconds)
+            return plainest_clock(interval * seconds, _half_unit(interval) * seconds, start)
+        times_s = _times(file.read_sets(place), int(header["num_pts"]))
         return clock_from_times(
             times_s, lambda row: f"{self._path}, data set {place + 1}, abscissa {row + 1}"
         )
 
-    def _signal(self, file: Any, place: int, samples: int) -> FloatArray:
-        values = real_numbers(file.read_sets(place)["data"])
+    def _signal(self, file: Any, place: int | str, samples: int, part: str) -> FloatArray:
+        if isinstance(place, str):
+            return self._steps[place].copy()
+        function = file.read_sets(place)
+        values = function["x" if part == "frequency" else "data"]
+        values = real_numbers(getattr(values, part) if part in ("real", "imag") else values)
         if values.size != samples:
             raise ValueError(
                 f"data set {place + 1} has {values.size} values where it states {samples}"
@@ -96,30 +175,94 @@ class UffFile(ColumnFile):
         return values
 
 
+def _shape(file: Any, place: int) -> dict[str, Any]:
+    """Return a data set 55; empty where pyuff cannot read it."""
+    try:
+        return file.read_sets(place)
+    except Exception:  # pyuff raises nothing more special
+        return {}
+
+
 def _reason_against(header: dict[str, Any]) -> str:
-    if header["func_type"] not in _TIME_SIGNALS:
-        return f"of function type {header['func_type']} and not a time response (1)"
-    if header["abscissa_spec_data_type"] == 18:
+    """Return why a function is refused; "" if it is not."""
+    kind = header["func_type"]
+    axis = header["abscissa_spec_data_type"]
+    if kind in _RESPONSES:
+        return "a frequency response over time" if axis == _TIME else ""
+    if kind not in _TIME_SIGNALS:
+        return f"of function type {kind}, and no time response (1) or frequency response (4)"
+    if axis == _FREQUENCY:
         return "over frequency and not over time"
-    if header["ord_data_type"] in (5, 6):
-        return "complex"
-    return ""
+    return "complex" if header["ord_data_type"] in _COMPLEX else ""
 
 
 def _name(header: dict[str, Any], *, repeated: bool) -> str:
-    title, sense = str(header["id1"]).strip(), int(header["rsp_dir"])
-    place = f"{header['rsp_node']}:{_DIRECTIONS.get(abs(sense), 'scalar').replace('+', '-' if sense < 0 else '+')}"
+    title = str(header["id1"]).strip()
+    place = _degree_of_freedom(header, "rsp")
+    if header["func_type"] in _RESPONSES and int(header["ref_node"]):
+        place += f"/{_degree_of_freedom(header, 'ref')}"
     if title in ("", "NONE"):
         return place
     return f"{title} ({place})" if repeated else title
 
 
-def _half_unit(interval_s: float) -> float:
-    """Half a unit of the last place of an interval in the file, s."""
-    stated = Decimal(repr(interval_s))
-    digits = max(
-        len(stated.normalize().as_tuple().digits), 5
-    )  # FORTRAN's E13.5 prints five, C's six
+def _degree_of_freedom(header: dict[str, Any], end: str) -> str:
+    sense = int(header[f"{end}_dir"])
+    direction = _DIRECTIONS.get(abs(sense), "scalar").replace("+", "-" if sense < 0 else "+")
+    return f"{header[f'{end}_node']}:{direction}"
+
+
+def _label(header: dict[str, Any], axis: str) -> str:
+    """Return the label of an axis's unit; "" for none."""
+    label = str(header.get(f"{axis}_axis_units_lab") or "").strip()
+    return "" if label.upper() == "NONE" else label
+
+
+def _unit(header: dict[str, Any], axis: str, units: tuple[str, str] | None, direction: int) -> str:
+    """Return the unit of an ordinate: its label, or by its kind where it is no rotation."""
+    kind = 0 if abs(direction) > 3 else header[f"{axis}_spec_data_type"]
+    return _label(header, axis) or _unit_of_kind(kind, units)
+
+
+def _unit_of_kind(kind: float, units: tuple[str, str] | None) -> str:
+    """Return the unit of a specific data type in a system of units; "" where that is not known.
+
+    Source: data sets 58 and 164, Structural Dynamics Research Laboratory, University of Cincinnati.
+    """
+    if units is None:
+        return ""
+    return _KINDS.get(int(kind), "").format(length=units[0], force=units[1])
+
+
+def _unit_system(units: dict[str, Any]) -> tuple[str, str] | None:
+    """Return units of length and force by data set 164; None where code and factor differ."""
+    system = _SYSTEMS.get(int(units["units_code"]))
+    factor = float(units["length"])
+    if system is None:
+        lengths = [n for n, f in _LENGTHS.items() if math.isclose(f, factor, rel_tol=_SAME_LENGTH)]
+        return (lengths[0], "") if lengths else None
+    same = math.isclose(_LENGTHS[system[0]], factor, rel_tol=_SAME_LENGTH)
+    return system if same else None
+
+
+def _seconds(header: dict[str, Any]) -> float:
+    """Return seconds per unit of a function's times; ValueError for a unit of something else."""
+    label = _label(header, "abscissa")
+    seconds = factor_between(label or "s", "s")
+    if seconds is None:
+        raise ValueError(f"times in {label!r}")
+    return seconds
+
+
+def _times(function: dict[str, Any], samples: int) -> FloatArray:
+    return real_numbers(function["x"])[:samples] * _seconds(function)
+
+
+def _half_unit(interval: float) -> float:
+    """Return half a unit of the last place of an interval in the file."""
+    stated = Decimal(repr(interval))
+    # FORTRAN's E13.5 prints five, C's six
+    digits = max(len(stated.normalize().as_tuple().digits), 5)
     return 0.5 * 10.0 ** (stated.adjusted() - digits + 1)
 
 

@@ -1,4 +1,4 @@
-"""WAV files: one column a channel, full scale is 1."""
+"""WAV and FLAC files: one column a channel, full scale is 1. They state a rate, and no unit."""
 
 from __future__ import annotations
 
@@ -11,14 +11,18 @@ from vibrident.data.io.columns import Channel, Clock, ColumnFile, reading, requi
 from vibrident.data.io.reader import Reader
 from vibrident.data.records import FloatArray
 
-_EXPECTED = "a WAV file of PCM or floating-point samples"
+_EXPECTED = "a WAV or FLAC file of PCM or floating-point samples"
 #: libsndfile's names. A .wav file may hold MP3 or coded speech, which are not measured signals.
-_CONTAINERS = ("WAV", "WAVEX", "RF64", "W64")
-_SAMPLES = ("PCM_U8", "PCM_16", "PCM_24", "PCM_32", "FLOAT", "DOUBLE")
+_CONTAINERS = ("WAV", "WAVEX", "RF64", "W64", "FLAC")
+_SAMPLES = ("PCM_S8", "PCM_U8", "PCM_16", "PCM_24", "PCM_32", "FLOAT", "DOUBLE")
+_PIECE_FRAMES = 1 << 18  # that are read at once
 
 
 class WavFile(ColumnFile):
-    """A WAV file of "channel 1", "channel 2" and so on. Integer samples become float64 in [−1, 1); float ones stay."""
+    """A file of "channel 1", "channel 2" and so on.
+
+    Integer samples become float64 in [−1, 1); floating-point ones stay.
+    """
 
     def __init__(self, path: Path) -> None:
         import soundfile
@@ -37,25 +41,42 @@ class WavFile(ColumnFile):
         """Read these channels; each has shape (samples,)."""
         with reading(self._path, _EXPECTED):
             require_room(self._path, self._frames * len(self._channels))
-        return tuple(channel.copy() for channel in self.block(positions, 0, self._frames))
+        values = tuple(np.empty(self._frames) for _ in positions)
+        self._read(positions, values, 0, self._frames)
+        return values
 
     def length(self, position: int) -> int:
-        """Number of samples, from the file's header."""
+        """Return the number of samples, from the file's header."""
         return self._frames
 
     def block(self, positions: Sequence[int], start: int, stop: int) -> FloatArray:
-        """Samples of channels from ``start`` up to ``stop``; nothing else is read. See ColumnFile."""
+        """Return samples of channels from ``start`` up to ``stop``; nothing else is read.
+
+        See ColumnFile.
+        """
+        values = np.empty((len(positions), stop - start))
+        self._read(positions, [*values], start, stop)
+        return values
+
+    def _read(
+        self, positions: Sequence[int], targets: Sequence[FloatArray], start: int, stop: int
+    ) -> None:
+        """Read samples of channels into ``targets``; ValueError where the file ends early."""
         import soundfile
 
-        with reading(self._path, _EXPECTED):
-            samples, _ = soundfile.read(
-                str(self._path), start=start, stop=stop, dtype="float64", always_2d=True
-            )
-        return np.ascontiguousarray(samples[:, list(positions)].T, dtype=np.float64)
+        with reading(self._path, _EXPECTED), soundfile.SoundFile(str(self._path)) as file:
+            file.seek(start)
+            for begin in range(0, stop - start, _PIECE_FRAMES):
+                frames = min(_PIECE_FRAMES, stop - start - begin)
+                samples = file.read(frames, dtype="float64", always_2d=True)
+                if len(samples) < frames:
+                    raise ValueError(f"the samples end at {start + begin + len(samples)}")
+                for position, target in zip(positions, targets, strict=True):
+                    target[begin : begin + frames] = samples[:, position]
 
     def locate(self, position: int, row: int) -> str:
         """File, channel and sample of a value."""
         return f"{self.file}, {self.names[position]}, sample {row + 1}"
 
 
-WAV = Reader(name="wav", title="WAV audio", endings=(".wav",), open=WavFile)
+WAV = Reader(name="wav", title="WAV and FLAC audio", endings=(".wav", ".flac"), open=WavFile)

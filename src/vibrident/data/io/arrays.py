@@ -1,0 +1,149 @@
+"""Named arrays as columns: of one and two axes, with fields, and complex.
+
+HDF5 and both kinds of MATLAB files share this.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vibrident.data.io.columns import MOST_COLUMNS, Channel, Start
+from vibrident.data.io.stated import StatedFile, Statement, clock_of, nearest_unit
+
+#: Fields of a compound type that is a complex number, as h5py's, MATLAB's and others' are.
+_COMPLEX_FIELDS = (("real", "imag"), ("r", "i"), ("re", "im"))
+
+
+@dataclass(frozen=True)
+class ArrayColumn:
+    """One column of an array in a file."""
+
+    array: str  # path of the dataset, or name of the variable
+    name: str  # as a calibration file writes it
+    column: int | None = None  # of a two-dimensional array, from 0; else None
+    field: str = ""  # of a compound type; "" for plain numbers
+    part: str = ""  # "real" or "imag" of complex numbers; "" for real ones
+
+    @property
+    def without_part(self) -> str:
+        """The name of the column whose real and imaginary parts are two channels."""
+        return self.name.removesuffix(".real").removesuffix(".imag")
+
+    def of(self, array: Any) -> Any:
+        """Take the numbers of this column, shape (samples,), from an array of samples_first."""
+        values = array.reshape(-1) if self.column is None else array[:, self.column]
+        if self.field:
+            values = values[self.field]
+        return getattr(values, self.part) if self.part else values
+
+
+def samples_first(array: Any) -> Any:
+    """Return an array with its longer axis, that of the samples, in front."""
+    return array.T if array.ndim == 2 and array.shape[1] > array.shape[0] else array
+
+
+def columns_of(
+    array: str, name: str, shape: tuple[int, ...], dtype: np.dtype[Any]
+) -> tuple[ArrayColumn, ...]:
+    """Return the columns of an array: samples run along the longer axis.
+
+    Column 2 of ``name`` is "name:2", a field of a compound type "name:field"; complex numbers have
+    "….real" and "….imag". Scalars, arrays of three axes, very wide ones and types without numbers
+    give none.
+    """
+    long_axes = [length for length in shape if length != 1]
+    if len(shape) > 2 or not long_axes or min(shape) < 1:
+        return ()
+    if dtype.names:
+        return _fields(array, name, dtype) if len(long_axes) == 1 else ()
+    if len(long_axes) == 1:
+        return _parts(ArrayColumn(array, name), dtype)
+    if min(shape) > MOST_COLUMNS:
+        return ()
+    columns = (ArrayColumn(array, f"{name}:{place + 1}", place) for place in range(min(shape)))
+    return tuple(part for column in columns for part in _parts(column, dtype))
+
+
+def _fields(array: str, name: str, dtype: np.dtype[Any]) -> tuple[ArrayColumn, ...]:
+    """Return the fields of numbers of a compound type; two may be those of complex numbers."""
+    fields = dtype.names or ()
+    for real, imag in _COMPLEX_FIELDS:
+        if set(fields) == {real, imag}:
+            parts = (
+                ArrayColumn(array, f"{name}.real", field=real),
+                ArrayColumn(array, f"{name}.imag", field=imag),
+            )
+            return parts if all(dtype[field].kind in "iuf" for field in fields) else ()
+    columns = (
+        (ArrayColumn(array, f"{name}:{field}", field=field), dtype[field]) for field in fields
+    )
+    return tuple(part for column, kind in columns for part in _parts(column, kind))
+
+
+def _parts(column: ArrayColumn, dtype: np.dtype[Any]) -> tuple[ArrayColumn, ...]:
+    """Return the column, the two parts of a complex one, or nothing for no numbers."""
+    if dtype.kind == "c":
+        return tuple(
+            replace(column, name=f"{column.name}.{part}", part=part) for part in ("real", "imag")
+        )
+    return (column,) if dtype.kind in "iufb" and dtype.shape == () else ()
+
+
+def channels_of(
+    columns: Sequence[ArrayColumn], levels: Sequence[Mapping[str, Statement]], where: str
+) -> Iterator[Channel]:
+    """Yield the channels of one array, with what is stated of them.
+
+    ``levels``: statements about the array, by itself first, then by what holds it; ``where``: the
+    file, for messages.
+    """
+    distinct = list(dict.fromkeys(column.without_part for column in columns))
+    for column in columns:
+        index = distinct.index(column.without_part)
+        name = re.split("[/.]", column.array)[-1]
+        unit = nearest_unit(name, levels[0], levels[1], index, len(distinct))
+        clock = clock_of(levels, f"{where}, array {column.name!r}")
+        yield Channel(column.name, column, clock, unit=unit)
+
+
+class ArrayFile(StatedFile):
+    """A file of named arrays; subclasses read them."""
+
+    names_are_paths = True
+    word = "array"
+
+    def __init__(
+        self,
+        path: Path,
+        channels: Sequence[Channel],
+        refused: dict[str, str],
+        starts: Mapping[str, Start],
+    ) -> None:
+        """Take channels whose handles are ArrayColumns, the refused arrays: name → reason, and
+        the starts of arrays: name → start.
+        """
+        super().__init__(path, channels, refused)
+        self._starts = {
+            position: starts[channel.handle.array]
+            for position, channel in enumerate(self._channels)
+            if channel.handle.array in starts
+        }
+
+    @property
+    def numbered(self) -> tuple[int, ...]:
+        """The columns of the only array with several, or of the only array."""
+        columns: list[ArrayColumn] = [channel.handle for channel in self._channels]
+        several = [column.column is not None or ":" in column.name for column in columns]
+        tables = {c.array for c, of_several in zip(columns, several, strict=True) if of_several}
+        if len(tables) == 1:
+            return tuple(i for i, of_several in enumerate(several) if of_several)
+        return (0,) if len(columns) == 1 else ()
+
+    def _plain_name(self, name: str) -> str:
+        return name.strip().strip("/")

@@ -1,0 +1,255 @@
+"""Names by which files state a rate, an interval, a start or a unit, and what their values mean.
+
+Attributes of HDF5, variables of MATLAB, metadata of Parquet and properties of TDMS have no fixed
+names for these. One list serves all, whatever the case, blanks and signs between the words.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from vibrident.base.errors import InputError
+from vibrident.data.io.columns import Clock, ColumnFile, Start
+from vibrident.data.io.header_units import is_time
+from vibrident.data.io.sampling import SAME_RATE, plainest_clock
+from vibrident.data.io.units import factor_between
+
+#: Words, without blanks and signs. "FS" is a full scale and "ts" a time stamp, so these are as
+#: they are spelled.
+_SPELLED = {"fs": "rate", "Fs": "rate", "dt": "interval", "Dt": "interval", "Ts": "interval"}
+_WORDS = {
+    "rate": "samplingrate samplerate samplefrequency samplingfrequency samplingfreq samplefreq "
+    "samplespersecond ratehz fsamp scanrate nisamplingrate nisamplerate",
+    "interval": "samplinginterval sampleinterval samplingperiod sampleperiod deltat timestep "
+    "timeincrement wfincrement",
+    "start": "t0 starttime tstart timestart startdatetime recordingstart wfstarttime",
+    "unit": "unit units unitstring unitname unitsymbol niunitdescription unitdescription "
+    "yunit yunits physicalunit physicalunits engineeringunit engineeringunits",
+}
+_MEANINGS = {word: meaning for meaning, words in _WORDS.items() for word in words.split()}
+#: Units at the end of a name, and of a rate's text. No converter counts in thousandths of a hertz.
+_SUFFIXES = {
+    "khz": 1e3, "mhz": 1e6, "hz": 1.0, "sps": 1.0, "utc": 1.0, "sec": 1.0,
+    "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "s": 1.0,
+}  # fmt: skip
+_SPELLED_NAME = re.compile(r"(\w\w)[ _(\[]*(k?[Hh]z|[mun]?s)?[)\]]?")
+_NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\s\d]*)\s*")
+_DATE = re.compile(
+    r"(\d{4}-\d\d-\d\d)(?:[T ]+(\d\d:\d\d(?::\d\d(?:\.\d+)?)?))?\s*(?:Z|UTC|([-+]\d\d):?(\d\d))?"
+)
+_MAX_NAME_LENGTH = 100
+#: A rate and an interval that differ less are one statement: files round intervals to four digits.
+_MAX_ROUNDING = 5e-4
+
+
+@dataclass(frozen=True)
+class Statement:
+    """A rate, an interval, a start or a unit that a file states under a name of its own."""
+
+    name: str
+    value: Any
+    factor: float  # of the unit in the name, to Hz or s
+
+
+class StatedFile(ColumnFile):
+    """A file that may state a column's start without its rate."""
+
+    _starts: Mapping[int, Start]  # by position
+
+    def start(self, position: int) -> Start | None:
+        """Return the time of a column's first sample."""
+        return super().start(position) or self._starts.get(position)
+
+
+def meaning_of(name: str) -> tuple[str, float]:
+    """Return what a name states, and the factor of a unit at its end.
+
+    The first is "rate", "interval", "start", "unit", or "" for a name that states none of these.
+    """
+    name = name.strip()
+    if len(name) > _MAX_NAME_LENGTH:
+        return "", 1.0
+    spelled = _SPELLED_NAME.fullmatch(name)
+    if spelled is not None and spelled[1] in _SPELLED:
+        return _SPELLED[spelled[1]], _SUFFIXES[(spelled[2] or "s").lower()]
+    word = re.sub(r"[^a-z0-9]", "", name.lower())
+    if word in _MEANINGS:
+        return _MEANINGS[word], 1.0
+    for suffix, factor in _SUFFIXES.items():
+        if word.endswith(suffix) and (meaning := _MEANINGS.get(word.removesuffix(suffix))):
+            return meaning, factor
+    return "", 1.0
+
+
+def statements(values: Mapping[str, Any]) -> dict[str, Statement]:
+    """Return what named values of a file state, by meaning; the first of several of one counts."""
+    stated: dict[str, Statement] = {}
+    for name, value in values.items():
+        meaning, factor = meaning_of(name)
+        if meaning:
+            stated.setdefault(meaning, Statement(name, value, factor))
+    return stated
+
+
+def clock_of(levels: Sequence[Mapping[str, Statement]], where: str) -> Clock | None:
+    """Return the clock that a file states for a column; None without a rate or an interval.
+
+    ``levels``: statements about the column, nearest first, each hiding those behind it; ``where``:
+    the column, for messages. InputError: the rate is no finite number above 0, or the interval
+    beside it is of another rate.
+    """
+    level = next((level for level in levels if {"rate", "interval"} & level.keys()), {})
+    numbers = {
+        meaning: _positive(level[meaning], where)
+        for meaning in ("rate", "interval")
+        if meaning in level
+    }
+    if not numbers:
+        return None
+    start = start_of(levels)
+    spacing = {meaning: _half_spacing(level[meaning]) for meaning in numbers}
+    if "rate" not in numbers:
+        if spacing["interval"]:
+            return plainest_clock(numbers["interval"], spacing["interval"], start)
+        return Clock(1.0 / numbers["interval"], start=start)
+    rate_hz = numbers["rate"]
+    difference = abs(rate_hz * numbers.get("interval", 1.0 / rate_hz) - 1.0)
+    if difference > _MAX_ROUNDING:
+        found = [
+            f"{stated.name} = {stated.value!r}" for stated in map(level.get, numbers) if stated
+        ]
+        raise _unusable(
+            "The file states two sampling rates.",
+            f"{level['interval'].name} to be 1/{level['rate'].name}",
+            " and ".join(found),
+            where,
+        )
+    return Clock(rate_hz, max(SAME_RATE, difference, spacing["rate"] / rate_hz), start)
+
+
+def start_of(levels: Sequence[Mapping[str, Statement]]) -> Start | None:
+    """Return the start that a file states: a date, or seconds on its own clock; None if neither."""
+    stated = next((level["start"] for level in levels if "start" in level), None)
+    value = None if stated is None else scalar(stated.value)
+    if stated is None or value is None:
+        return None
+    if isinstance(value, str) and (start := _date(value)):
+        return start
+    seconds = _number(value) * stated.factor
+    return Start.on_own_clock(seconds) if math.isfinite(seconds) else None
+
+
+def _date(text: str) -> Start | None:
+    """Return the start of a date of ISO 8601, UTC where it names no zone; None for no date."""
+    date = _DATE.fullmatch(text.strip())
+    if date is None:
+        return None
+    day, time, hours, minutes = date.groups()
+    try:
+        instant = np.datetime64(f"{day}T{time or '00:00'}", "ns")
+    except ValueError:
+        return None
+    east_minutes = int(f"{hours[0]}{60 * int(hours[1:]) + int(minutes)}") if hours else 0
+    return Start(int(instant.astype(np.int64)) - east_minutes * 60 * 10**9, epoch=True)
+
+
+def seconds_since(unit: str) -> tuple[float, Start] | None:
+    """Return seconds per unit and the start of "milliseconds since 2024-05-01 12:00", else None."""
+    amount, _, day = unit.partition(" since ")
+    factor = factor_between(amount, "s")
+    start = _date(day)
+    return None if factor is None or start is None else (factor, start)
+
+
+def unit_of(level: Mapping[str, Statement], index: int = 0, count: int = 1) -> str:
+    """Return the stated unit of a column; "" if none.
+
+    Several units state those of as many columns: ``index`` of ``count``.
+    """
+    if "unit" not in level:
+        return ""
+    value = level["unit"].value
+    several = np.asarray(value, dtype=object).reshape(-1)
+    if several.size == count and index < count:
+        value = several[index]
+    text = scalar(value)
+    return text.strip("\0 \t\r\n") if isinstance(text, str) else ""
+
+
+def nearest_unit(
+    name: str,
+    own: Mapping[str, Statement],
+    outer: Mapping[str, Statement],
+    index: int = 0,
+    count: int = 1,
+) -> str:
+    """Return the unit of a column by its own statements, or by those of what holds it.
+
+    The unit of a group, a structure or a file is that of its columns, but for times and
+    frequencies. ``index``, ``count``: as ``unit_of``.
+    """
+    unit = unit_of(own, index, count)
+    if unit or is_time(name) or is_frequency(name, ""):
+        return unit
+    return unit_of(outer, index, count)
+
+
+def is_frequency(name: str, unit: str) -> bool:
+    """Return whether an axis of this name and unit is one of frequencies."""
+    word = name.strip().lower()
+    known = any(factor_between(unit, other) is not None for other in ("Hz", "rad/s"))
+    return known or word.startswith("freq") or word == "f"
+
+
+def scalar(value: Any) -> Any:
+    """Return the only item of a value, bytes as text; None for several or none."""
+    if isinstance(value, np.ndarray | list | tuple):
+        array = np.asarray(value)
+        if array.size != 1:
+            return None
+        value = array.reshape(-1)[0]
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else value
+
+
+def _number(value: Any) -> float:
+    """Return a number, or that of a text with a unit such as "51.2 kHz"; NaN for another value."""
+    if isinstance(value, str):
+        match = _NUMBER.fullmatch(value)
+        factor = _SUFFIXES.get(match[2].lower() or "s") if match else None
+        return math.nan if match is None or factor is None else float(match[1]) * factor
+    if isinstance(value, bool | np.bool_) or not isinstance(value, int | float | np.number):
+        return math.nan
+    return math.nan if isinstance(value, np.complexfloating) else float(value)
+
+
+def _positive(stated: Statement, where: str) -> float:
+    """Return a stated rate or interval in Hz or s; InputError where it is no number above 0."""
+    found = scalar(stated.value)
+    value = _number(found) * stated.factor
+    if math.isfinite(value) and value > 0 and math.isfinite(1.0 / value):
+        return value
+    raise _unusable(
+        "The sampling rate in the file's metadata cannot be used.",
+        f"{stated.name} to be a finite number above 0",
+        repr(stated.value if found is None else found)[:_MAX_NAME_LENGTH],
+        where,
+    )
+
+
+def _unusable(problem: str, expected: str, found: str, where: str) -> InputError:
+    remedy = "correct the metadata, or write the file without it and give rate_hz"
+    return InputError(problem, expected=expected, found=found, where=where, remedy=remedy)
+
+
+def _half_spacing(stated: Statement) -> float:
+    """Return how far a fraction in four bytes may be from what was meant; 0 for other numbers."""
+    number = scalar(stated.value)
+    if type(number) is np.float32 and number != round(number):
+        return float(np.spacing(number)) / 2 * stated.factor
+    return 0.0
