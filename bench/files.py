@@ -324,12 +324,14 @@ def outcome(draw: Draw, path: Path) -> tuple[str, str]:
     worst, name = 0.0, ""
     for parameter, truth in draw.truth.items():
         stated = result.parameters[parameter]
-        value = stated.value
+        value, u = stated.value, stated.standard_uncertainty
+        if u is None:
+            continue  # said to be not identifiable
         if parameter == "sensitivity":
             unit = parse_unit(stated.unit)
             assert unit is not None
             truth /= unit.factor
-        apart = abs(value - truth) / stated.standard_uncertainty
+        apart = abs(value - truth) / u
         if apart > worst:
             worst, name = apart, parameter
     if worst <= TOLERANCE_U:

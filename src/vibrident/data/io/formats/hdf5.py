@@ -208,7 +208,7 @@ class Hdf5File(ArrayFile):
     def _seconds(self, axis: int) -> FloatArray:
         (times,) = self.load([axis])
         self.require_finite(axis, times, 0, "correct the axis, or give rate_hz")
-        return times * seconds_per_unit(self, axis)
+        return times * (seconds_per_unit(self, axis) or 1.0)
 
     def _is_exact_in_single_precision(self, array: str) -> bool:
         dtype = self._file[array].dtype

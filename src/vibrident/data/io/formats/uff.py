@@ -26,6 +26,7 @@ from vibrident.data.io.columns import (
 from vibrident.data.io.reader import Reader
 from vibrident.data.io.sampling import plainest_clock
 from vibrident.data.io.timeline import clock_from_times
+from vibrident.data.io.units import factor_between
 from vibrident.data.records import FloatArray
 
 _EXPECTED = "a universal file with data sets 58 (functions at nodal degrees of freedom) or 55"
