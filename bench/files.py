@@ -9,6 +9,7 @@ something else, or nothing. The parameters are compared with the sensor's.
 from __future__ import annotations
 
 import argparse
+import datetime
 import tempfile
 import warnings
 from collections import Counter
@@ -49,6 +50,7 @@ class Draw:
     scaled: str  # [reference] scale: "", "conversion" or "gain"
     later: float = 0.0  # the reference begins so many samples after the response
     truth: dict[str, float] = field(default_factory=dict)
+    sizes: np.ndarray = field(default_factory=lambda: np.ones(2))  # of both channels in SI, rms
 
     def channels(self) -> tuple[np.ndarray, np.ndarray]:
         """Return reference and response as the file holds them."""
@@ -71,6 +73,7 @@ class Draw:
         response += 1e-3 * np.std(response) * self.rng.normal(size=self.samples)
         reference = values(motion, self.later)
         gain = 2.5 if self.scaled == "gain" else 1.0
+        self.sizes = np.array([np.std(reference), np.std(response)])
         factor = REFERENCES[self.quantity][self.reference_unit]
         return reference / factor / gain, response / RESPONSES[self.response_unit]
 
@@ -184,7 +187,7 @@ def _lvm(draw: Draw, path: Path, channels: Columns, starts: dict[str, float]) ->
         + interval
         + "***End_of_Header***\t\t\t\nX_Value\ta\tv\tComment\n"
     )
-    path.write_text(text + "".join("\t%.12g\t%.12g\n" % row for row in rows))
+    path.write_text(text + "".join(f"\t{a:.12g}\t{v:.12g}\n" for a, v in rows))
     return {}
 
 
@@ -261,6 +264,7 @@ def _mdf(draw: Draw, path: Path, channels: Columns, starts: dict[str, float]) ->
 
     time = np.arange(draw.samples) / draw.rate_hz
     with MDF(version="4.10") as file:
+        file.header.start_time = datetime.datetime(2026, 1, 1, tzinfo=datetime.UTC)
         for key, values in channels.items():
             stamps = 1.0 + starts[key] + time
             file.append([Signal(values, stamps, name=key, unit=_units(draw)[key])])
@@ -316,11 +320,14 @@ WRITERS: dict[str, Writer] = {
 
 
 def outcome(draw: Draw, path: Path) -> tuple[str, str]:
-    """Return "right", "refused" or "silent", and why."""
+    """Return "right", "refused", "said", "silent" or, of channels read rightly, "fit"; and why."""
     try:
-        result = vibrident.identify(vibrident.read(path), model="accelerometer")
+        calibration = vibrident.read(path)
+        result = vibrident.identify(calibration, model="accelerometer")
     except VibridentError as error:
         return "refused", str(error).splitlines()[0]
+    except RuntimeWarning as warning:
+        return "fit", str(warning)
     worst, name = 0.0, ""
     for parameter, truth in draw.truth.items():
         stated = result.parameters[parameter]
@@ -337,7 +344,19 @@ def outcome(draw: Draw, path: Path) -> tuple[str, str]:
     if worst <= TOLERANCE_U:
         return "right", ""
     said = ", ".join(result.warning_codes)
-    return ("said" if said else "silent"), f"{name} {worst:.3g} u {said}"
+    kind = "fit" if _is_read_rightly(draw, calibration) else "said" if said else "silent"
+    return kind, f"{name} {worst:.3g} u {said}"
+
+
+def _is_read_rightly(draw: Draw, calibration: vibrident.Calibration) -> bool:
+    """Tell whether sizes of both channels, rate and alignment are those of the sensor's motion."""
+    (record,) = calibration.records
+    unit = parse_unit(calibration.response_unit)
+    assert unit is not None
+    assert record.reference is not None
+    sizes = [float(np.std(record.reference)), float(np.std(record.response)) * unit.factor]
+    is_sized = np.allclose(np.array(sizes) / draw.sizes, 1.0, atol=0.1)
+    return bool(is_sized) and abs(record.sampling_rate_hz / draw.rate_hz - 1.0) < 1e-6
 
 
 def main() -> None:
@@ -353,18 +372,16 @@ def main() -> None:
     for seed in range(options.first, options.first + options.runs):
         draw = drawn(seed, forms)
         with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
-            warnings.simplefilter("error")
-            warnings.filterwarnings("ignore", module="pyuff")
+            warnings.simplefilter("ignore")
+            warnings.simplefilter("error", RuntimeWarning)
             found, why = outcome(draw, write(draw, Path(folder)))
         counts[draw.form, found] += 1
-        must_be_right = draw.claimed != "wrong" and not (
-            draw.is_unit_stated and draw.scaled == "conversion"
-        )
-        if found in ("silent", "said") or (found == "refused" and must_be_right):
+        must_be_right = draw.claimed != "wrong" and not (draw.is_unit_stated and draw.scaled == "conversion")
+        if found in ("silent", "said", "fit") or (found == "refused" and must_be_right):
             reasons[f"{draw.form} {found}: {why[:70]}"] += 1
             print(seed, draw.form, found, why, draw.later, draw.claimed, draw.scaled, flush=True)
     for form in forms:
-        print(form, {kind: counts[form, kind] for kind in ("right", "refused", "said", "silent")})
+        print(form, {kind: counts[form, kind] for kind in ("right", "refused", "fit", "said", "silent")})
     for reason, count in reasons.most_common(30):
         print(count, reason)
 

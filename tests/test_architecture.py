@@ -14,7 +14,7 @@ import vibrident
 #: files, these have an order as well, and those joined by | do not know each other.
 ROOMS = {
     "base": "",
-    "data": "registry effects interferometer records io sources",
+    "data": "registry effects interferometer records resampling io sources",
     "physics": "registry naming models discretisation network simulation",
     "result": "document earlier parts sensor result",
     "fit": "registry information response screening bins problem noise start descent estimators decay uncertainty "

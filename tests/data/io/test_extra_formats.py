@@ -40,7 +40,7 @@ def written(folder, name, channels=SIGNALS, **options):
 def calibration(folder, file, *, reference: object = 1, response: object = 2, more="", record=""):
     path = folder / "calibration.toml"
     path.write_text(
-        f'[reference]\ncolumn = {reference!r}\nunit = "m/s^2"\n[response]\ncolumn = {response!r}\n{more}\n'
+        f'[reference]\ncolumn = {reference!r}\nunit = "m/s^2"\nscale = 1.0\n[response]\ncolumn = {response!r}\n{more}\n'
         f'[[records]]\nfile = "{file}"\nexcitation = "sine"\n{record}\n',
         encoding="utf-8",
     )

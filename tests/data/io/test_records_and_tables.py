@@ -177,7 +177,10 @@ RECORD_MISTAKES = {
     "too short": (HEAD + RATE + entry(stop_s=0.005), {"problem": "too short", "where": "a.csv"}),
     "no such column": (HEAD.replace('"ref"', '"reff"') + RATE + entry(), {"remedy": "'ref'", "where": "[reference]"}),
     "no such reference file": (HEAD + RATE + entry(reference_file="c.csv"), {"found": "no file", "where": "c.csv"}),
-    "unit in g": (HEAD.replace("scale = 2.0", 'unit = "g"\nscale = 2.0') + RATE + entry(), {"found": "'g'", "remedy": "unit"}),
+    "unit in g": (
+        HEAD.replace("scale = 2.0", 'unit = "g"\nscale = 2.0') + RATE + entry(),
+        {"found": "'g'", "remedy": "unit"},
+    ),
     "unit of a velocity": (HEAD.replace("scale = 2.0", 'scale = 2.0\nunit = "m/s"') + RATE + entry(), {"found": "m/s"}),
 }
 

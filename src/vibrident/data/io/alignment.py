@@ -220,7 +220,8 @@ def _on_raster(channel: Channel) -> _Raster:
 
 def _require_repeats(channel: Channel) -> None:
     """Refuse two different values at one time."""
-    assert channel.clock is not None and channel.clock.timeline is not None
+    assert channel.clock is not None
+    assert channel.clock.timeline is not None
     rows = channel.clock.timeline.rows
     before = rows[np.searchsorted(rows, np.arange(channel.values.size), side="right") - 1]
     differs = np.flatnonzero(channel.values != channel.values[before])

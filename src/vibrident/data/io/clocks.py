@@ -259,3 +259,17 @@ def is_same_rate(first: Clock, second: Clock) -> bool:
     """Tell whether two rates agree within their rounding."""
     allowed = first.rate_rounding + second.rate_rounding
     return math.isclose(first.rate_hz, second.rate_hz, rel_tol=max(allowed, SAME_RATE))
+
+
+def require_even(clock: ChannelClock, source: ColumnFile, where: str) -> None:
+    """Refuse uneven, doubled or lost samples, which raw light cannot bear."""
+    timeline = clock.timeline
+    if timeline is not None and (timeline.is_uneven or timeline.doubled or timeline.lost):
+        raise InputError(
+            "The samples beside an interferometer's signals are not even.",
+            expected="even times, none of them missing or twice",
+            found=f"{timeline.lost} missing, {timeline.doubled} twice"
+            + (", uneven" if timeline.is_uneven else ""),
+            where=f"{where}, for {source.file}",
+            remedy="export the record at an even rate, or give rate_hz if only the times are wrong",
+        )

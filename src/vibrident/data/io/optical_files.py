@@ -28,7 +28,7 @@ from vibrident.data.interferometer.summary import OpticalFinding
 from vibrident.data.interferometer.survey import Survey, survey
 from vibrident.data.io.alignment import REPAIR
 from vibrident.data.io.calibration_file import CalibrationFile
-from vibrident.data.io.clocks import ChannelClock, ClockReader
+from vibrident.data.io.clocks import ChannelClock, ClockReader, require_even
 from vibrident.data.io.columns import ColumnFile
 from vibrident.data.io.header_units import response_conversion
 from vibrident.data.io.optical_motion import (
@@ -250,7 +250,7 @@ def _open(
     if clock is None:
         raise no_rate(part.where)
     sampling = clock.clock
-    _require_even(clock, main, part)
+    require_even(clock, main, part.where)
     optical_hz = _optical_rate(section, calibration, other, places, clock, part)
     optical = _of_file(other, places, optical_hz, part)
     response = _of_file(main, (at,), sampling.rate_hz, part)
@@ -305,7 +305,7 @@ def _optical_rate(
     time_column = calibration.sampling.time_column if section.rate_hz is None else None
     reader = ClockReader(section.rate_hz, time_column, part.where, other)
     clock = reader.clock_of(other, places[0], places) or response
-    _require_even(clock, other, part)
+    require_even(clock, other, part.where)
     sampling, rate_hz = response.clock, clock.clock.rate_hz
     begin, other_begin = sampling.start, clock.clock.start
     if begin is not None and other_begin is not None and begin.epoch == other_begin.epoch:
@@ -332,20 +332,6 @@ def _optical_rate(
 def _begins_s(one: _Opened) -> float:
     stated = one.part.entry.start_time_s
     return one.clock.begins_s if stated is None else stated
-
-
-def _require_even(clock: ChannelClock, source: ColumnFile, part: Part) -> None:
-    """Refuse uneven, doubled or lost samples, which raw light cannot bear."""
-    timeline = clock.timeline
-    if timeline is not None and (timeline.is_uneven or timeline.doubled or timeline.lost):
-        raise InputError(
-            "The samples beside an interferometer's signals are not even.",
-            expected="even times, none of them missing or twice",
-            found=f"{timeline.lost} missing, {timeline.doubled} twice, "
-            + ("uneven" if timeline.is_uneven else "even"),
-            where=f"{part.where}, for {source.file}",
-            remedy="export the record at an even rate, or give rate_hz if only the times are wrong",
-        )
 
 
 def _record(

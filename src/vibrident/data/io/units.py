@@ -44,18 +44,18 @@ _SYMBOLS: dict[str, tuple[float, dict[str, int], str]] = {
 }  # fmt: skip
 #: Words and other spellings, in lower case → symbol.
 _WORDS = {
-    **{word: "m" for word in ("meter", "metre", "метр", "米", "м")}, "inch": "in", "inche": "in",
+    **dict.fromkeys(("meter", "metre", "метр", "米", "м"), "m"), "inch": "in", "inche": "in",
     "foot": "ft", "feet": "ft", "mils": "mil", "microns": "micron",
-    **{word: "s" for word in ("sec", "second", "sekunde", "sekunden", "秒", "с", "сек")},
-    **{word: "min" for word in ("minute", "minuten", "分", "分钟", "мин")},
-    **{word: "h" for word in ("hr", "hour", "stunde", "stunden", "小时")}, "day": "d",
-    **{word: "Hz" for word in ("hertz", "赫", "赫兹", "гц")}, "cps": "Hz",
-    **{word: "g" for word in ("gn", "g_n", "gee", "grav", "gravity", "g's", "g-force")}, "galileo": "Gal",
-    **{word: "V" for word in ("volt", "伏", "伏特", "в")}, **{word: "A" for word in ("amp", "ampere")},
-    **{word: "C" for word in ("coulomb", "cb")}, "newton": "N", "pascal": "Pa", "ohm": "Ohm",
-    **{word: "rad" for word in ("radian", "弧度", "рад")},
-    **{word: "deg" for word in ("degree", "°", "度", "град")},
-    **{word: "counts" for word in ("count", "counts", "ct", "lsb", "digit", "code", "bit", "adc")},
+    **dict.fromkeys(("sec", "second", "sekunde", "sekunden", "秒", "с", "сек"), "s"),
+    **dict.fromkeys(("minute", "minuten", "分", "分钟", "мин"), "min"),
+    **dict.fromkeys(("hr", "hour", "stunde", "stunden", "小时"), "h"), "day": "d",
+    **dict.fromkeys(("hertz", "赫", "赫兹", "гц"), "Hz"), "cps": "Hz",
+    **dict.fromkeys(("gn", "g_n", "gee", "grav", "gravity", "g's", "g-force"), "g"), "galileo": "Gal",
+    **dict.fromkeys(("volt", "伏", "伏特", "в"), "V"), **dict.fromkeys(("amp", "ampere"), "A"),
+    **dict.fromkeys(("coulomb", "cb"), "C"), "newton": "N", "pascal": "Pa", "ohm": "Ohm",
+    **dict.fromkeys(("radian", "弧度", "рад"), "rad"),
+    **dict.fromkeys(("degree", "°", "度", "град"), "deg"),
+    **dict.fromkeys(("count", "counts", "ct", "lsb", "digit", "code", "bit", "adc"), "counts"),
     "percent": "%", "prozent": "%", "decibel": "dB", "db": "dB", "u/min": "rpm", "1/min": "rpm",
 }  # fmt: skip
 _PREFIXES = {
