@@ -101,12 +101,12 @@ def align(
         for channel in filter(None, (response, reference)):
             channel.require_finite(rows)
         notes = [response.clock.note]
-        if rows != slice(0, response.values.size):
-            size = response.values.size
+        size = response.values.size
+        if rows != slice(0, size):
             notes.append(f"cut: samples {rows.start + 1} to {rows.stop} of {size}")
         return Aligned(
-            response.values[rows],
-            None if reference is None else reference.values[rows],
+            _part(response.values, rows),
+            None if reference is None else _part(reference.values, rows),
             None,
             rate_hz,
             response.clock.begins_s + rows.start / rate_hz,
@@ -123,6 +123,11 @@ def align(
     apart_s, timing_u_s = _time_between(response, reference)
     _require_finite_within(reference, begin_s - apart_s, end_s - apart_s)
     return _on_one_raster(raster, _on_raster(reference), begin_s, end_s, (apart_s, timing_u_s))
+
+
+def _part(values: FloatArray, rows: slice) -> FloatArray:
+    """Return some of the values; all of them as the array that was loaded."""
+    return values if rows == slice(0, values.size) else values[rows]
 
 
 def _require_finite_within(channel: Channel, begin_s: float, end_s: float) -> None:

@@ -249,7 +249,8 @@ def _load(part: Part, calibration: CalibrationFile, folder: Path) -> tuple[Chann
         places = [n for n, channel in enumerate(channels) if channel.source is source]
         columns = source.load([channels[n].position for n in places])
         for n, values in zip(places, columns, strict=True):
-            channels[n] = replace(channels[n], values=values)
+            is_twice = any(values is channel.values for channel in channels)
+            channels[n] = replace(channels[n], values=values.copy() if is_twice else values)
     return _with_clocks(part, calibration, main, channels)
 
 
@@ -299,8 +300,12 @@ def scaled(full_scale: float | None, scale: float) -> float | None:
 
 
 def _scaled(values: FloatArray, factor: float) -> FloatArray:
-    """Return values times a factor as a read-only array, which a record takes without a copy."""
-    product = values * factor
+    """Return values times a factor as a read-only array, which a record takes without a copy.
+
+    A column that was loaded whole is scaled where it stands: 20 million samples fit in memory once.
+    """
+    is_own = values.base is None and values.flags.writeable
+    product = np.multiply(values, factor, out=values if is_own else None)
     product.flags.writeable = False
     return product
 
