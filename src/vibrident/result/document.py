@@ -71,5 +71,5 @@ def damaged(found: str) -> InputError:
         "The result file is incomplete or damaged.",
         expected=f"all fields of {SCHEMA}",
         found=found[:500],
-        remedy="run `vibrident identify` again",
+        remedy="run ⟦command = identify⟧ again",
     )

@@ -234,7 +234,7 @@ class Result:
                 "This is not a vibrident result.",
                 expected=f'"schema": "{SCHEMA}"',
                 found=repr(found),
-                remedy="give the result.json that `vibrident identify` wrote",
+                remedy="give the result.json that ⟦command = identify⟧ wrote",
             )
         from pydantic import TypeAdapter, ValidationError
 
@@ -281,7 +281,7 @@ class Result:
         except (OSError, ValueError, RecursionError, MemoryError) as error:  # UnicodeDecodeError is a ValueError
             raise InputError(
                 "The result file cannot be read.",
-                expected="a JSON file written by `vibrident identify`",
+                expected="a JSON file written by ⟦command = identify⟧",
                 found="no file of that name" if isinstance(error, FileNotFoundError) else str(error),
                 where=str(path),
                 remedy="check the path",
@@ -298,7 +298,7 @@ def _values(result: Result, model: SensorModel) -> dict[str, float]:
             expected=f"numbers for {', '.join(model.parameter_names)}",
             found="none for " + ", ".join(missing),
             where="result.json, parameters",
-            remedy="run `vibrident identify` again",
+            remedy="run ⟦command = identify⟧ again",
         )
     return {name: float(found[name]) for name in model.parameter_names}
 

@@ -121,5 +121,5 @@ class IdentifiedSensor:
                 expected=f"standard uncertainty and correlation of {', '.join(self.model.parameter_names)}",
                 found="none for " + ", ".join(names),
                 where="result, parameters and correlation",
-                remedy="run `vibrident identify` again",
+                remedy="run ⟦command = identify⟧ again",
             )

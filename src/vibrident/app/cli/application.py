@@ -26,6 +26,7 @@ from vibrident.app.cli.commands.simulate import simulate
 from vibrident.app.cli.commands.track import track
 from vibrident.app.cli.console import BAD_INPUT, INTERRUPTED, show_error
 from vibrident.app.cli.options import filled
+from vibrident.app.cli.words import shell_word
 from vibrident.base.errors import VibridentError
 from vibrident.base.version import __version__
 
@@ -51,7 +52,7 @@ class Commands(TyperGroup):
         try:
             return super().invoke(ctx)
         except VibridentError as error:
-            show_error(error)
+            show_error(error, shell_word(self, ctx.invoked_subcommand))
             raise typer.Exit(BAD_INPUT) from None
         except KeyboardInterrupt:
             raise typer.Exit(INTERRUPTED) from None

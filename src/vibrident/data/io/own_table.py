@@ -28,21 +28,21 @@ def read_signal(
     ``scale``: response unit per unit of the column.
     """
     source = open_columns(path)
-    place = source.position_of(_key(column), "--column")
+    place = source.position_of(_key(column), "⟦correct.column⟧")
     (values,) = source.load((place,))
     clock = source.clock(place)
     times_in = _key(time) if time is not None else None
     if times_in is None and rate_hz is None and clock is None:
         times_in = guess_columns(path).time
     if times_in is not None:
-        at = source.position_of(times_in, "--time")
+        at = source.position_of(times_in, "⟦correct.time⟧")
         rate = timed(source, at, *source.load((at,))).rate_hz
     elif rate_hz is not None or clock is not None:
         rate = rate_hz if rate_hz is not None else clock.rate_hz  # type: ignore[union-attr]
     else:
         raise InputError(
             "Nothing tells the sampling rate of the table.",
-            expected="--time with the column of the times, or --rate",
+            expected="⟦correct.time⟧ with the column of the times, or ⟦correct.rate_hz⟧",
             found="neither",
             where=str(path),
             remedy="give one of the two",

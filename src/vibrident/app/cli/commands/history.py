@@ -101,7 +101,7 @@ def show_sensor(
     maker: str | None = _MAKER,
     quantity: str | None = _QUANTITY,
     frequency: float | None = _FREQUENCY,
-    at: str | None = option("--at", "DATE", "Predict for it.", default="the end of the interval"),
+    until: str | None = option("--at", "DATE", "Predict for it.", default="the end of the interval"),
     tolerance: str | None = _TOLERANCE,
     nominal: float | None = _NOMINAL,
     limits: Path | None = _LIMITS,
@@ -115,7 +115,7 @@ def show_sensor(
 
     if target is not None:
         one_of("--out", target.suffix.lower(), (".html", *PICTURES, ".json"))
-    asked = _question(quantity, frequency, _tolerance(tolerance, nominal), limits, interval, _date(at, "--at"))
+    asked = _question(quantity, frequency, _tolerance(tolerance, nominal), limits, interval, _date(until, "--at"))
     with _opened(store) as opened:
         document = of_sensor(opened, query.find(opened, serial, type_name, axis, maker), asked)
     _print(form, document, lambda: page.printed(document))
