@@ -101,8 +101,7 @@ def _order(
         expected=f"an approximation of order {MOST_ORDER} at most, {TOLERANCE:g} off at most",
         found=f"{what} of {seconds!r} s, band up to {sensor.band_hz[1]:g} Hz",
         where="⟦export.form⟧",
-        remedy=f"give ⟦export.without = [{what!r}]⟧ (the file then states the error), or a narrower "
-        "⟦export.band_hz⟧",
+        remedy=f"give ⟦export.without = [{what!r}]⟧ (the file then states the error), or a narrower ⟦export.band_hz⟧",
     )
 
 

@@ -102,10 +102,11 @@ def show_error(error: VibridentError, word: Word) -> None:
     from rich.table import Table
     from rich.text import Text
 
+    texts = vars(error) if isinstance(error, InputError) else {"problem": str(error)}
+    if os.environ.get(AS_JSON):
+        sys.stderr.write(json.dumps({key: with_options(text, word) for key, text in texts.items()}) + "\n")
+        return
     if isinstance(error, InputError):
-        if os.environ.get(AS_JSON):
-            sys.stderr.write(json.dumps({key: with_options(text, word) for key, text in vars(error).items()}) + "\n")
-            return
         error = error.in_words(word)
     console = err()
     if not isinstance(error, InputError) or not console.is_terminal:

@@ -16,6 +16,7 @@ from nicegui import events, ui
 from vibrident.app.web import frame
 from vibrident.app.web.held import Named
 from vibrident.app.web.users import User
+from vibrident.app.web.words import LABELS
 from vibrident.base.errors import InputError
 from vibrident.data.io.certificate import CertificateData, certificate_section, certificate_text
 from vibrident.show.issue import FormField, form, lacking
@@ -61,7 +62,7 @@ class CertificateForm:
         self._say()
         if not self.user.may("identify"):
             return
-        self.place = ui.expansion("What the certificate states").classes("w-full").props("id=certificate")
+        self.place = ui.expansion(LABELS["export.certificate"]).classes("w-full").props("id=certificate")
         self.place.on_value_change(self._open)
 
     def given(self) -> CertificateData:

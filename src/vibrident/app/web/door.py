@@ -181,11 +181,13 @@ def team(
     """The door of a team's page, refused if others could come in unasked; None if this machine alone can reach it."""
     if user_header is not None and proxy is None:
         raise _unguarded(
-            f"⟦serve.user_header = {user_header!r}⟧ without ⟦serve.proxy⟧", "the address of the proxy that sends the header"
+            f"⟦serve.user_header = {user_header!r}⟧ without ⟦serve.proxy⟧",
+            "the address of the proxy that sends the header",
         )
     if auth is None and user_header is None:
         if not loopback or proxy is not None:
-            raise _unguarded("neither", "⟦serve.auth = FILE⟧, or ⟦serve.proxy = ADDRESS⟧ with ⟦serve.user_header = NAME⟧")
+            ways = "⟦serve.auth = FILE⟧, or ⟦serve.proxy = ADDRESS⟧ with ⟦serve.user_header = NAME⟧"
+            raise _unguarded("neither", ways)
         return None
     known = Accounts(auth) if auth is not None else None
     return Door(known, audit, folder / "sessions.json", proxy or None, user_header)

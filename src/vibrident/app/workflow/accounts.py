@@ -133,7 +133,9 @@ def _nobody() -> str:
 
 
 def _unusable(
-    file: Path, found: str, remedy: str = "make it with ⟦command = serve⟧, ⟦serve.auth = FILE⟧ and ⟦serve.add = NAME:ROLE⟧"
+    file: Path,
+    found: str,
+    remedy: str = "make it with ⟦command = serve⟧, ⟦serve.auth = FILE⟧ and ⟦serve.add = NAME:ROLE⟧",
 ) -> InputError:
     return InputError(
         "The file of accounts cannot be used.",

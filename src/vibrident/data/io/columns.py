@@ -37,7 +37,8 @@ def require_room(path: Path, numbers: int, number_bytes: int = _NUMBER_BYTES) ->
             expected=f"at most {most / 1e6:.0f} MB of numbers from a file of {file_bytes} bytes",
             found=f"{numbers} numbers, or {needed / 1e6:.0f} MB",
             where=str(path),
-            remedy=f"check that the file is whole; if so, set ⟦environment.{memory.VARIABLE}⟧ to more megabytes",
+            remedy=f"check that the file is whole; if so, set ⟦environment.{memory.VARIABLE}⟧ to more "
+            "megabytes",
         )
 
 

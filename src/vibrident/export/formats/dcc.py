@@ -72,8 +72,8 @@ def _check(result: Result, options: Options) -> None:
             expected=", ".join(missing),
             found="nothing",
             where="result.json, certificate and sensor",
-            remedy="write it into a file and give that with ⟦export.certificate⟧, or into the calibration file and identify "
-            "again",
+            remedy="write it into a file and give that with ⟦export.certificate⟧, or into the calibration "
+            "file and identify again",
         )
     for key in _DATES:
         if stated.get(key) and not _is_date(str(stated[key])):

@@ -97,8 +97,14 @@ class Identifier:
 
 _TRIES_ALONE = 2  # attempts for a calibration alone: the process may have been ended from outside
 _PROBLEMS = {
-    "time": ("Identifying this calibration takes too long.", "fewer or shorter records, or a larger ⟦fleet.time_limit_s⟧"),
-    "memory": ("Identifying this calibration takes too much memory.", "shorter records, or a larger ⟦fleet.memory_limit_bytes⟧"),
+    "time": (
+        "Identifying this calibration takes too long.",
+        "fewer or shorter records, or a larger ⟦fleet.time_limit_s⟧",
+    ),
+    "memory": (
+        "Identifying this calibration takes too much memory.",
+        "shorter records, or a larger ⟦fleet.memory_limit_bytes⟧",
+    ),
     "crash": (
         "Identifying this calibration ends its process, also alone.",
         "check that its data files are whole: export them again, or in another format such as CSV",

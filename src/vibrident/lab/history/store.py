@@ -175,7 +175,8 @@ class Store:
 
     def _other(self, found: str) -> InputError:
         newer = found > schema.REVISION
-        remedy = "install the newer version" if newer else "⟦command = history upgrade⟧; keep a copy of the store before"
+        upgrade = "⟦command = history upgrade⟧; keep a copy of the store before"
+        remedy = "install the newer version" if newer else upgrade
         return InputError(
             f"The store was laid out by {'a newer' if newer else 'an older'} version of vibrident.",
             expected=f"schema {schema.REVISION}",
