@@ -11,8 +11,10 @@ Texts are rendered last: between processes they travel with their markers.
 
 from __future__ import annotations
 
+import ast
 import re
 from collections.abc import Callable
+from contextlib import suppress
 
 #: Name and value → the word of a surface; None leaves the marker as it is.
 Word = Callable[[str, str], str | None]
@@ -20,6 +22,10 @@ Word = Callable[[str, str], str | None]
 MARKER = re.compile(r"⟦(--[a-z][a-z-]*|[a-z]+(?:\.\w+)*)(?: = ([^⟧]*))?⟧")
 #: Variable for a command's environment: if set, its errors are one line of JSON, with markers.
 AS_JSON = "VIBRIDENT_ERRORS_AS_JSON"
+
+
+#: Settings that a function of their own takes in Python.
+_FUNCTIONS = {"export.certificate": "vibrident.show.issue.issued"}
 
 
 def rendered(text: str, word: Word) -> str:
@@ -43,12 +49,18 @@ def python_word(name: str, value: str) -> str | None:
         return f"{name} {value}".rstrip()
     if "." not in name:
         return special.get(name)
+    if name in _FUNCTIONS:
+        return _FUNCTIONS[name]
     keyword = name.rpartition(".")[2]
     return f"{keyword}={value}" if value else keyword
 
 
 def plain(value: str) -> str:
     """Return a value as a form or a shell takes it: no quotes, lists by commas, pairs by colons."""
+    with suppress(ValueError, SyntaxError):
+        literal = ast.literal_eval(value)
+        if isinstance(literal, str):
+            return literal
     joint = ":" if value.startswith("(") else ","
     parts = value.strip("()[]").replace("'", "").replace('"', "").split(",")
     return joint.join(part.strip() for part in parts)
