@@ -66,6 +66,10 @@ class InputError(VibridentError):
         """The same error, of another place."""
         return type(self)(**{**vars(self), "where": where})
 
+    def within(self, place: str) -> InputError:
+        """Return the same error, of a place in another one."""
+        return self.at(f"{place}, {vars(self)['where']}")
+
     def in_words(self, word: Word) -> InputError:
         """Return the same error with a surface's words for the settings that it names."""
         return type(self)(**{key: rendered(text, word) for key, text in vars(self).items()})

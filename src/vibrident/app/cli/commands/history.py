@@ -71,7 +71,7 @@ def add(
         try:
             rows_of(loaded, serial, day)
         except InputError as error:
-            raise error.at(f"{path}, {error.where}") from error
+            raise error.within(str(path)) from error
     with _opened(store) as opened:
         added = list(add_all(opened, map(load_result, results), serial_number=serial, date=day))
         for path, (new, number) in zip(results, added, strict=True):
