@@ -6,13 +6,16 @@ import csv
 from dataclasses import replace
 
 import pytest
+import typer
 from tests.support.exported import CASES, case, paper
 from tests.support.shell import run
 from tests.support.sources import ROOT
 
+from vibrident.app.cli import app
+from vibrident.app.cli.words import shell_word
 from vibrident.base.errors import InputError
 from vibrident.export import export
-from vibrident.export.form import OPTIONS, library
+from vibrident.export.form import library
 from vibrident.export.registry import EXPORTS
 from vibrident.result import Result
 
@@ -65,7 +68,7 @@ def test_command_and_documentation_offer_every_format_and_option():
         assert form.holds in page
         assert form.cannot_hold in page
         for option in form.options:
-            flag = OPTIONS[option].flag
+            flag = shell_word(typer.main.get_command(app))(f"export.{option}", "")
             assert any(flag in line and name in line for line in done.output.splitlines())
             assert any(flag in line and f"`{name}`" in line for line in page.splitlines())
 

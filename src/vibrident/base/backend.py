@@ -121,7 +121,7 @@ def _refuse_if_wrong() -> None:
             expected=f"a relative error below {LEAST_ERROR:g} in a sum of matrix products",
             found=f"{error:g}, with JAX {_installed}",
             where=f"XLA_FLAGS={os.environ.get('XLA_FLAGS', '')}",
-            remedy=f"pip install 'jax=={TRUSTED}' 'jaxlib=={TRUSTED}'",
+            remedy=f"⟦install = jax=={TRUSTED} jaxlib=={TRUSTED}⟧",
         )
 
 

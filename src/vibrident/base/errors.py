@@ -5,14 +5,35 @@ from __future__ import annotations
 import difflib
 import functools
 from collections.abc import Iterable
+from typing import Any
+
+from vibrident.base.settings import Word, python_word, rendered
 
 
 class VibridentError(Exception):
     """Base of every error that vibrident raises on purpose."""
 
 
+class _Text:
+    """A text of an error: kept with its markers of settings, read in the words of Python."""
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name = name
+
+    def __get__(self, error: Exception | None, owner: type | None = None) -> Any:
+        if error is None:
+            return self
+        return rendered(vars(error)[self._name], python_word)
+
+    def __set__(self, error: Exception, text: str) -> None:
+        vars(error)[self._name] = text
+
+
 class InputError(VibridentError):
     """The input cannot be used as it is.
+
+    Its texts name settings by markers (``vibrident.base.settings``). They are read in the words of Python;
+    ``in_words`` gives those of another surface, and ``vars`` the texts with their markers.
 
     Args:
         problem: one sentence, what is wrong.
@@ -21,6 +42,8 @@ class InputError(VibridentError):
         where: file, line, column, key or record.
         remedy: what the user can do about it.
     """
+
+    problem, expected, found, where, remedy = _Text(), _Text(), _Text(), _Text(), _Text()
 
     def __init__(self, problem: str, *, expected: str = "", found: str = "", where: str = "", remedy: str = "") -> None:
         self.problem = problem
@@ -42,6 +65,14 @@ class InputError(VibridentError):
     def at(self, where: str) -> InputError:
         """The same error, of another place."""
         return type(self)(**{**vars(self), "where": where})
+
+    def within(self, place: str) -> InputError:
+        """Return the same error, of a place in another one."""
+        return self.at(f"{place}, {vars(self)['where']}")
+
+    def in_words(self, word: Word) -> InputError:
+        """Return the same error with a surface's words for the settings that it names."""
+        return type(self)(**{key: rendered(text, word) for key, text in vars(self).items()})
 
     def __reduce__(self) -> tuple[object, ...]:  # pickling keeps keyword-only arguments
         return functools.partial(type(self), **vars(self)), ()

@@ -12,5 +12,5 @@ READERS: Registry[Any] = Registry(
 )
 #: ``vibrident.data.sources.source.Source`` objects.
 SOURCES: Registry[Any] = Registry(
-    "source", "vibrident.sources", ("data/sources/kinds",), ("vibrident.data.sources.source:Source",), "--source"
+    "source", "vibrident.sources", ("data/sources/kinds",), ("vibrident.data.sources.source:Source",), "⟦track.source⟧"
 )

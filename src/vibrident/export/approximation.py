@@ -42,8 +42,8 @@ def held(sensor: Exported) -> tuple[PolesZeros, list[str]]:
                 f"Poles and zeros cannot hold {addon.name!r}.",
                 expected="add-ons that are ratios of polynomials, delays or averages",
                 found=f"{addon.name}: {addon.title}",
-                where="--format",
-                remedy=f"give --without {addon.name}: the file then states the error over the band",
+                where="⟦export.form⟧",
+                remedy=f"give ⟦export.without = [{addon.name!r}]⟧: the file then states the error over the band",
             )
         length = float(sensor.values[addon.window])
         order = _order(partial(_boxcar, length), partial(_averaged, length), sensor, addon.name, length)
@@ -71,7 +71,8 @@ def _late(sensor: Exported) -> tuple[PolesZeros, str]:
             expected="a delay of 0 or above",
             found=f"delay = {delay!r} s",
             where="result.json, parameters",
-            remedy=f"identify without {name}, or give the export --without {name}: the file then states the error",
+            remedy=f"identify without {name}, or give the export ⟦export.without = [{name!r}]⟧: "
+            "the file then states the error",
         )
     order = _order(partial(_delay, delay), lambda s: np.exp(-s * delay), sensor, name, delay)
     return _delay(delay, order), (
@@ -99,8 +100,8 @@ def _order(
         f"The {what} is too long for poles and zeros over the band.",
         expected=f"an approximation of order {MOST_ORDER} at most, {TOLERANCE:g} off at most",
         found=f"{what} of {seconds!r} s, band up to {sensor.band_hz[1]:g} Hz",
-        where="--format",
-        remedy=f"give --without {what} (the file then states the error), or a narrower --band",
+        where="⟦export.form⟧",
+        remedy=f"give ⟦export.without = [{what!r}]⟧ (the file then states the error), or a narrower ⟦export.band_hz⟧",
     )
 
 

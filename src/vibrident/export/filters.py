@@ -160,16 +160,16 @@ def checked_rate(sensor: ExportedSensor, rate_hz: float | None) -> float:
             "This format needs a sampling rate.",
             expected="samples per second, above 0",
             found="none, and no network with one in the result" if rate_hz is None else f"{rate_hz!r}",
-            where="--rate",
-            remedy="give --rate HZ",
+            where="⟦export.rate_hz⟧",
+            remedy="give ⟦export.rate_hz = HZ⟧",
         )
     if sensor.band_hz[1] > USABLE * rate_hz:
         raise InputError(
             "The band does not fit this sampling rate.",
             expected=f"a band up to {USABLE * rate_hz:g} Hz at most ({USABLE} of the rate)",
             found=f"{sensor.band_hz[1]:g} Hz at {rate_hz:g} samples per second",
-            where="--rate",
-            remedy="give a higher --rate, or a narrower --band",
+            where="⟦export.rate_hz⟧",
+            remedy="give a higher ⟦export.rate_hz⟧, or a narrower ⟦export.band_hz⟧",
         )
     return float(rate_hz)
 
@@ -189,8 +189,8 @@ def model_filter(sensor: ExportedSensor, rate_hz: float) -> tuple[Filter, HoldCe
             "The sensor's resonance is above half the sampling rate.",
             expected=f"more than {2.0 * highest:g} samples per second",
             found=f"{rate_hz:g}",
-            where="--rate",
-            remedy="give a higher --rate",
+            where="⟦export.rate_hz⟧",
+            remedy="give a higher ⟦export.rate_hz⟧",
         )
     filling = np.array(_SAMPLING_ZEROS[len(system.poles) - len(system.zeros)])
     sections = sections_of(system, 1.0 / rate_hz, filling, float(np.sqrt(sensor.band_hz[0] * sensor.band_hz[1])))
@@ -200,8 +200,8 @@ def model_filter(sensor: ExportedSensor, rate_hz: float) -> tuple[Filter, HoldCe
             "The delay is too long for a delay line.",
             expected=f"{LONGEST} samples at most",
             found=f"{shift:.0f} samples",
-            where="--rate",
-            remedy="leave the delay out with --without, and delay the samples elsewhere",
+            where="⟦export.rate_hz⟧",
+            remedy="leave the delay out with ⟦export.without⟧, and delay the samples elsewhere",
         )
     low = min(sensor.band_hz[0], 1e-3 * sensor.band_hz[1])  # a model is also used below the band
     taps = fitted(

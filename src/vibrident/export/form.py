@@ -18,21 +18,20 @@ _NAME = re.compile(r"(?!(?:con|prn|aux|nul|com\d|lpt\d)\Z)[a-z][a-z0-9_]{0,40}",
 
 @dataclass(frozen=True)
 class Option:
-    """An option of some formats: its flag on the command line, and its label on the page."""
+    """An option of some formats, with its label on the page."""
 
-    flag: str  # on the command line
-    label: str = ""  # on the page; empty for the command line only
+    label: str = ""  # empty: the page does not offer it
     number: bool = False  # True for a number, False for text
 
 
 #: Field of ``Options`` → option, for those of some formats only.
 OPTIONS: Mapping[str, Option] = MappingProxyType(
     {
-        "rate_hz": Option("--rate", "Sampling rate in Hz", number=True),
-        "channel": Option("--channel", "Channel, NET.STA.LOC.CHA"),
-        "country": Option("--country", "Country, two letters"),
-        "schema": Option("--schema"),
-        "online": Option("--online"),
+        "rate_hz": Option("Sampling rate in Hz", number=True),
+        "channel": Option("Channel, NET.STA.LOC.CHA"),
+        "country": Option("Country, two letters"),
+        "schema": Option(),
+        "online": Option(),
     }
 )
 
@@ -57,7 +56,7 @@ class Options:
                 "The name cannot be used.",
                 expected="letters, digits and _, a letter first, 41 characters at most, no device (con, nul, …)",
                 found=repr(self.name),
-                where="--name",
+                where="⟦export.name⟧",
                 remedy="choose another",
             )
 
@@ -68,7 +67,7 @@ def library(name: str, extra: str) -> Any:
     Raises:
         InputError: it is not installed.
     """
-    return extras.library(name, extra, "This format needs a library that is not installed.", "--format")
+    return extras.library(name, extra, "This format needs a library that is not installed.", "⟦export.form⟧")
 
 
 def template(name: str) -> str:
@@ -80,7 +79,7 @@ def template(name: str) -> str:
 class Format:
     """A format in which a sensor is written."""
 
-    name: str  # as ``--format`` names it
+    name: str  # as a user names it
     title: str  # in a few words
     # (sensor, folder, options) → files. Raises InputError if the format cannot hold the sensor
     write: Callable[[ExportedSensor, Path, Options], list[Path]]

@@ -42,7 +42,7 @@ def tracker_of(sensor: ExportedSensor, rate_hz: float, settings: Settings) -> Tr
             expected="a displacement pickup of second order, with or without a delay",
             found=repr(sensor.model.name),
             where="result, model",
-            remedy="leave --online out, or track it with `vibrident track`",
+            remedy="leave ⟦export.online⟧ out, or track it with ⟦command = track⟧",
         )
     sensor.known.require_uncertainty()
     return Tracker(sensor.model, sensor.values, sensor.known.covariance, rate_hz, sensor.quantity, settings)
@@ -79,8 +79,8 @@ def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
             "The sampling rate is too low for the corrector.",
             expected=f"{high / widest:.6g} Hz or more, for a band up to {high:.6g} Hz",
             found=f"{rate:.6g} Hz",
-            where="--rate",
-            remedy="give a higher --rate, or a lower --band",
+            where="⟦export.rate_hz⟧",
+            remedy="give a higher ⟦export.rate_hz⟧, or a lower ⟦export.band_hz⟧",
         )
     settings = Settings()
     made = tracker_of(sensor, rate, settings)

@@ -30,7 +30,7 @@ def codes(sensor: ExportedSensor, options: Options) -> tuple[str, str, str, str]
             "The channel's codes cannot be read.",
             expected="NET.STA.LOC.CHA in capitals and digits, LOC may be empty, such as XX.SENS..HHZ",
             found=repr(text),
-            where="--channel",
+            where="⟦export.channel⟧",
             remedy="correct it",
         )
     network, station, location, channel = found.groups()

@@ -88,7 +88,7 @@ class Exported:
         for name in names:
             if name not in possible:
                 remedy = "identify with a model without it, if the sensor has none"
-                raise unknown(f"{name!r} cannot be left out.", name, possible, "--without", remedy)
+                raise unknown(f"{name!r} cannot be left out.", name, possible, "⟦export.without⟧", remedy)
         kept = [addon for addon in self.model.add_ons if addon.name not in names]
         gone = tuple(addon.name for addon in self.model.add_ons if addon.name in names)
         model = parse("+".join([self.model.core.name, *(addon.name for addon in kept)]))
@@ -131,7 +131,7 @@ def sensor_of(result: Result, band_hz: tuple[float, float] | None = None) -> Exp
             expected="measured points or a response curve",
             found="neither",
             where="result.json",
-            remedy="give --band LOW:HIGH, or run `vibrident identify` again",
+            remedy="give ⟦export.band_hz = (LOW, HIGH)⟧, or run ⟦command = identify⟧ again",
         )
     return ExportedSensor(known, known.model, band, result)
 
@@ -144,8 +144,8 @@ def require_linear(sensor: Exported) -> None:
             f"This format describes linear sensors only, and this sensor has a {bent[0].title}.",
             expected="a linear model, or a format of tables and curves",
             found=sensor.model.name,
-            where="--format",
-            remedy=f"give --without {bent[0].name} for what the sensor is to small signals",
+            where="⟦export.form⟧",
+            remedy=f"give ⟦export.without = [{bent[0].name!r}]⟧ for what the sensor is to small signals",
         )
 
 
@@ -156,8 +156,8 @@ def check_band(low: float, high: float) -> tuple[float, float]:
             "The band cannot be used.",
             expected="a lower and a higher frequency in Hz, both above 0, such as 10:1000",
             found=f"{low:g}:{high:g}",
-            where="--band",
-            remedy="write LOW:HIGH",
+            where="⟦export.band_hz⟧",
+            remedy="write ⟦export.band_hz = (LOW, HIGH)⟧",
         )
     return float(low), float(high)
 

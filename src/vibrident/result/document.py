@@ -154,7 +154,7 @@ def damaged(found: str) -> InputError:
         "The result file is incomplete or damaged.",
         expected=f"all fields of {SCHEMA}",
         found=found[:500],
-        remedy="run `vibrident identify` again",
+        remedy="run ⟦command = identify⟧ again",
     )
 
 
@@ -177,7 +177,7 @@ def read_document(path: str | os.PathLike[str]) -> Any:
     ) as error:  # UnicodeDecodeError is a ValueError
         raise InputError(
             "The result file cannot be read.",
-            expected="a JSON file written by `vibrident identify`",
+            expected="a JSON file written by ⟦command = identify⟧",
             found="no file of that name" if isinstance(error, FileNotFoundError) else str(error),
             where=str(path),
             remedy="check the path",

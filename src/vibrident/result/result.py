@@ -281,7 +281,7 @@ class Result(Part):
                 "This is not a vibrident result.",
                 expected=f'"schema": "{SCHEMA}"',
                 found=repr(found),
-                remedy="give the result.json that `vibrident identify` wrote",
+                remedy="give the result.json that ⟦command = identify⟧ wrote",
             )
         from pydantic import ValidationError
 
@@ -338,7 +338,7 @@ def _values(result: Result, model: SensorModel) -> dict[str, float]:
             expected=f"numbers for {', '.join(model.parameter_names)}",
             found="none for " + ", ".join(missing),
             where="result.json, parameters",
-            remedy="run `vibrident identify` again",
+            remedy="run ⟦command = identify⟧ again",
         )
     return {name: float(found[name]) for name in model.parameter_names}
 

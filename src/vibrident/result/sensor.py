@@ -150,5 +150,5 @@ class IdentifiedSensor:
                 + ", ".join(self.model.parameter_names),
                 found="none for " + ", ".join(names),
                 where="result, parameters and correlation",
-                remedy="run `vibrident identify` again",
+                remedy="run ⟦command = identify⟧ again",
             )

@@ -323,7 +323,7 @@ def read_truth(path: str | os.PathLike[str]) -> dict[str, float]:
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise InputError(
             "The file of true values cannot be read.",
-            expected=f"a truth.json that `vibrident simulate` wrote (schema {TRUTH_SCHEMA})",
+            expected=f"a truth.json that ⟦command = simulate⟧ wrote (schema {TRUTH_SCHEMA})",
             found=f"{type(error).__name__}: {error}",
             where=str(path),
             remedy="check the path",

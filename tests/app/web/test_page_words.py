@@ -8,8 +8,9 @@ import pytest
 from tests.support.serving import alone
 from tests.support.sources import modules, tree
 
-from vibrident.app.web import frame, looks
+from vibrident.app.web import looks
 from vibrident.app.web.form.description import described
+from vibrident.app.web.words import page_word
 from vibrident.app.web.worker import Stopped, Worker
 from vibrident.base.errors import InputError
 from vibrident.data.io.guess import guess_columns
@@ -46,29 +47,9 @@ def text(node) -> str:
 
 def test_no_message_has_words_of_a_shell():
     found = list(messages())
-    assert sum(bool(SHELL.search(" ".join(parts.values()))) for _, parts in found) > 15
-    shown = [(module, str(frame.in_page_words(InputError("", **parts)))) for module, parts in found]
+    assert sum("⟦" in "".join(parts.values()) for _, parts in found) > 30
+    shown = [(module, str(InputError("", **parts).in_words(page_word()))) for module, parts in found]
     assert [(module, words) for module, words in shown if SHELL.search(words)] == []
-
-
-@pytest.mark.parametrize(
-    ("remedy", "words"),
-    [
-        ("give --rate HZ", "give “Sampling rate in Hz”"),
-        ("give --country", "give “Country, two letters”"),
-        (
-            "set VIBRIDENT_MEMORY_MB to more megabytes",
-            "set the memory that the server may take for a file to more megabytes",
-        ),
-        ("pip install 'vibrident[report]'", "ask whoever runs the server to install vibrident[report]"),
-        ("give --without delay: the file states it", "give “without” delay: the file states it"),
-    ],
-)
-def test_labels_of_the_page_stand_for_flags(remedy, words):
-    assert frame.in_page_words(InputError("p", remedy=remedy, found="--rate")).parts == [
-        ("found", "--rate"),
-        ("remedy", words),
-    ]
 
 
 def test_a_process_that_was_killed_is_told_of_by_its_signal(tmp_path):

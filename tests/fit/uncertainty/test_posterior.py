@@ -158,7 +158,7 @@ def test_a_delay_that_trades_with_damping_has_the_tails_of_a_curved_ridge():
 
 def test_the_network_has_no_such_likelihood():
     random = simulate("paper", "random", samples=2000, response_noise=0.01)
-    with pytest.raises(vibrident.InputError, match="--estimator ml"):
+    with pytest.raises(vibrident.InputError, match="estimator='ml'"):
         vibrident.identify(random, posterior=QUICK)
 
 

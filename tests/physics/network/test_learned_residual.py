@@ -135,5 +135,5 @@ def test_what_it_cannot_stand_beside_is_refused():
             vibrident.identify(records("paper"), model=name, estimator=ResidualIpnn())
     with pytest.raises(ModelError, match="tied"):
         vibrident.identify(records("paper"), estimator=ResidualIpnn(physics=Ipnn(weights="free")))
-    with pytest.raises(InputError, match="--residual does not fit"):
+    with pytest.raises(InputError, match="residual does not fit"):
         checked("ml", {"residual": True})

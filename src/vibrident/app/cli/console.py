@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import io
+import json
 import os
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
+from vibrident.app.cli.words import with_options
 from vibrident.base.errors import InputError, VibridentError
 from vibrident.base.escaping import terminal as printable
+from vibrident.base.settings import AS_JSON, Word
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -91,11 +94,20 @@ def wrote(paths: Sequence[str | os.PathLike[str]]) -> None:
     out().print(written(paths), soft_wrap=True)
 
 
-def show_error(error: VibridentError) -> None:
-    """One message on stderr: the problem, what was expected and found, where, and what to do."""
+def show_error(error: VibridentError, word: Word) -> None:
+    """Print an error on stderr: the problem, what was expected and found, where, and what to do.
+
+    ``word``: the command line's words for settings. Where the environment asks for it, the error is one line of JSON.
+    """
     from rich.table import Table
     from rich.text import Text
 
+    texts = vars(error) if isinstance(error, InputError) else {"problem": str(error)}
+    if os.environ.get(AS_JSON):
+        sys.stderr.write(json.dumps({key: with_options(text, word) for key, text in texts.items()}) + "\n")
+        return
+    if isinstance(error, InputError):
+        error = error.in_words(word)
     console = err()
     if not isinstance(error, InputError) or not console.is_terminal:
         console.print(Text.assemble(("Error: ", "bold red"), printable(str(error))), soft_wrap=True)

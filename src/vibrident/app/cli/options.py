@@ -62,11 +62,11 @@ def between(
         if value is None or low <= value <= high:
             return value
         raise InputError(
-            f"{name} is out of range.",
+            f"{marked(name)} is out of range.",
             expected=f"a number from {low:g} to {high:g}",
             found=f"{value:g}",
-            where=name,
-            remedy=f"give another number, or leave {name} out",
+            where=marked(name),
+            remedy=f"give another number, or leave {marked(name)} out",
         )
 
     return option(name, metavar, help, value, default, callback=check)
@@ -154,7 +154,7 @@ def one_of(name: str, value: str, allowed: Sequence[str]) -> str:
     """The value, if it is one of those allowed."""
     if value in allowed:
         return value
-    raise unknown(f"{value!r} is not a choice of {name}.", value, allowed, name)
+    raise unknown(f"{value!r} is not a choice of {marked(name)}.", value, allowed, marked(name))
 
 
 def listed(name: str, allowed: Names | None = None) -> Callable[[str | None], list[str] | None]:
@@ -165,7 +165,8 @@ def listed(name: str, allowed: Names | None = None) -> Callable[[str | None], li
             return None
         parts = [part.strip() for part in text.split(",") if part.strip()]
         if not parts:
-            raise not_read(name, text, "names joined by commas", f"name at least one, or leave {name} out")
+            remedy = f"name at least one, or leave {marked(name)} out"
+            raise not_read(name, text, "names joined by commas", remedy)
         checked = [part if allowed is None else one_of(name, part, _given(allowed)) for part in parts]
         return list(dict.fromkeys(checked))
 
@@ -174,7 +175,14 @@ def listed(name: str, allowed: Names | None = None) -> Callable[[str | None], li
 
 def not_read(name: str, text: str, expected: str, remedy: str) -> InputError:
     """The error of an option whose value cannot be read."""
-    return InputError(f"{name} cannot be read.", expected=expected, found=repr(text), where=name, remedy=remedy)
+    said = marked(name)
+    return InputError(f"{said} cannot be read.", expected=expected, found=repr(text), where=said, remedy=remedy)
+
+
+def marked(name: str) -> str:
+    """Return an option's name as a marker: a form that runs the command prints the label of its field."""
+    flag, blank, more = name.partition(" ")
+    return f"⟦{flag}⟧{blank}{more}" if flag.startswith("--") else name
 
 
 def pairs(name: str, given: Sequence[str], example: str) -> dict[str, str]:

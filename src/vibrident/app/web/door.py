@@ -181,11 +181,13 @@ def team(
     """The door of a team's page, refused if others could come in unasked; None if this machine alone can reach it."""
     if user_header is not None and proxy is None:
         raise _unguarded(
-            f"--user-header {user_header} without --proxy", "the address of the proxy that sends the header"
+            f"⟦serve.user_header = {user_header!r}⟧ without ⟦serve.proxy⟧",
+            "the address of the proxy that sends the header",
         )
     if auth is None and user_header is None:
         if not loopback or proxy is not None:
-            raise _unguarded("neither", "--auth FILE, or --proxy ADDRESS with --user-header NAME")
+            ways = "⟦serve.auth = FILE⟧, or ⟦serve.proxy = ADDRESS⟧ with ⟦serve.user_header = NAME⟧"
+            raise _unguarded("neither", ways)
         return None
     known = Accounts(auth) if auth is not None else None
     return Door(known, audit, folder / "sessions.json", proxy or None, user_header)
@@ -196,8 +198,9 @@ def _unguarded(found: str, expected: str) -> InputError:
         "Others could use this page without signing in.",
         expected=expected,
         found=found,
-        where="command line",
-        remedy="make accounts with vibrident serve --auth FILE --add NAME:ROLE, or leave --host out",
+        where="⟦here⟧",
+        remedy="make accounts with ⟦command = serve⟧, ⟦serve.auth = FILE⟧ and "
+        "⟦serve.add = NAME:ROLE⟧, or leave ⟦serve.host⟧ out",
     )
 
 

@@ -14,6 +14,7 @@ from vibrident.app.web.form.description import calibration_text
 from vibrident.app.web.held import Choices, Confirmed, Job
 from vibrident.app.web.looks import calibration
 from vibrident.app.web.users import User
+from vibrident.app.web.words import LABELS
 from vibrident.app.web.worker import Stopped
 from vibrident.app.workflow.estimators import AUTO, DISCRETISATIONS, UNCERTAINTIES, estimators_with
 from vibrident.fit.registry import ESTIMATORS
@@ -46,12 +47,14 @@ class FitStep:
             with ui.element("div").classes("fields wide"):
                 known = {name: f"{name}: {one.title}" for name, one in ESTIMATORS.all().items()}
                 self.estimator = ui.select(
-                    {AUTO: f"{AUTO}: chosen by the data", **known}, value=AUTO, label="Estimator"
+                    {AUTO: f"{AUTO}: chosen by the data", **known}, value=AUTO, label=LABELS["identify.estimator"]
                 )
                 self.discretisation = ui.select(
-                    list(DISCRETISATIONS), value="bandlimited", label=f"Discretisation ({', '.join(stepping)})"
+                    list(DISCRETISATIONS),
+                    value="bandlimited",
+                    label=f"{LABELS['identify.discretisation']} ({', '.join(stepping)})",
                 )
-                self.uncertainty = ui.select(list(UNCERTAINTIES), value="auto", label="Uncertainties cover")
+                self.uncertainty = ui.select(list(UNCERTAINTIES), value="auto", label=LABELS["identify.uncertainty"])
                 for element in (self.estimator, self.discretisation, self.uncertainty):
                     element.props("dense outlined stack-label options-dense")
             self.discretisation.visible = False

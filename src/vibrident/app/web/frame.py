@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import logging
-import re
 import secrets
 import traceback
 from collections.abc import Callable, Mapping, Sequence
@@ -14,30 +13,26 @@ from nicegui import ui
 
 from vibrident.app.web.session import Session
 from vibrident.app.web.users import User
-from vibrident.base import memory
+from vibrident.app.web.words import LABELS, page_word
 from vibrident.base.errors import InputError, VibridentError
 from vibrident.base.escaping import html
 from vibrident.base.process import WorkerError
-from vibrident.export.form import OPTIONS
 from vibrident.show import views
 
 _PLOTLY = ui.plotly  # naming it makes its library available to the browser
 _LOG = logging.getLogger("vibrident.app.web")
 _LONGEST = 20_000  # most characters of an unexpected error in the log
 _MOST_NAMES = 12  # most names in a list; the rest is counted
-#: Words of the command line in messages: a flag with the sign of its value, a command, a package to install.
-_FLAG = re.compile(r"--([a-z][a-z-]*)(?: [A-Z][A-Z:]*\b)?")
-_COMMAND = re.compile(r"`?vibrident (identify|inspect|serve|export)\b`?")
-_INSTALL = re.compile(r"pip install '?([^' ]+)'?")
-_STEPS = {"identify": "Identify", "inspect": "“Draw these columns”", "serve": "the server", "export": "“Export”"}
-_LABELS = {option.flag.removeprefix("--"): option.label for option in OPTIONS.values() if option.label}
-_LABELS |= {"certificate": "What the certificate states", "format": "Export as"}
-_LABELS |= {"estimator": "Estimator", "model": "Model"}
 
 
-def show_error(place: ui.element, error: BaseException, session: Session | None = None) -> None:
-    """The message of the command line, in a box; for unexpected errors, the number in the log."""
-    known = in_page_words(_error_to_show(error))
+def show_error(
+    place: ui.element, error: BaseException, session: Session | None = None, labels: Mapping[str, str] = LABELS
+) -> None:
+    """Show an error in a box, with the labels of the form for its settings; for unexpected ones, the number in the log.
+
+    ``labels``: by setting, or by option of a command.
+    """
+    known = _error_to_show(error)
     if place.is_deleted:  # the page was left meanwhile
         return
     place.clear()
@@ -45,7 +40,7 @@ def show_error(place: ui.element, error: BaseException, session: Session | None 
         if not isinstance(known, InputError):
             ui.label(str(known)).classes("problem")
             return
-        local = session.local(known) if session else known
+        local = _for_page(known, session, labels)
         ui.label(local.problem).classes("problem")
         for label, text in local.parts:
             with ui.element("p"):
@@ -76,7 +71,7 @@ def show_left_out(place: ui.element, left_out: Mapping[str, Sequence[str]]) -> N
 def show_faults(place: ui.element, errors: Sequence[InputError], session: Session) -> None:
     """What is wrong in the files, each once with the places where it is."""
     places: dict[str, list[str]] = {}
-    for error in (session.local(error) for error in errors):
+    for error in (_for_page(error, session) for error in errors):
         places.setdefault(f"{error.problem.rstrip('.')} ({error.remedy})", []).append(error.where)
     with place, ui.element("div").classes("warning").props("role=alert"):
         ui.label(f"To mend before you identify, in {views.count(len(errors), 'file')}:").classes("problem")
@@ -144,20 +139,10 @@ class Chart:
         self.place.client.run_javascript(f"vibrident.draw('{self.place.html_id}', {text})")
 
 
-def in_page_words(error: VibridentError) -> VibridentError:
-    """The error with the labels of the page in place of words of the command line."""
-    if not isinstance(error, InputError):
-        return error
-    said = {key: page_words(text) for key, text in vars(error).items() if key in ("expected", "where", "remedy")}
-    return type(error)(**{**vars(error), **said})
-
-
-def page_words(text: str) -> str:
-    """A text with the labels of the page in place of words of the command line."""
-    text = text.replace(memory.VARIABLE, "the memory that the server may take for a file")
-    text = _INSTALL.sub(r"ask whoever runs the server to install \1", text)
-    text = _COMMAND.sub(lambda found: _STEPS.get(found[1], found[1]), text)
-    return _FLAG.sub(lambda found: f"“{_LABELS.get(found[1], found[1].replace('-', ' '))}”", text)
+def _for_page(error: InputError, session: Session | None, labels: Mapping[str, str] = LABELS) -> InputError:
+    """Return the error in the words of the page, without the server's folders."""
+    said = error.in_words(page_word(labels))
+    return session.local(said) if session else said
 
 
 def _error_to_show(error: BaseException) -> VibridentError:

@@ -51,7 +51,7 @@ class Home:
                     expected="a folder that this user may write and no other server uses",
                     found=error.strerror or str(error),
                     where=str(self.folder),
-                    remedy="stop the other server, choose another --port, or keep nothing with --keep 0",
+                    remedy="stop the other server, choose another ⟦serve.port⟧, or keep nothing with ⟦serve.keep = 0⟧",
                 ) from error
             remove_leftovers(kept, keep_s)
         self.spool = self.folder / "spool"

@@ -13,6 +13,7 @@ from vibrident.app.web.form.certify import CertificateForm
 from vibrident.app.web.held import Named
 from vibrident.app.web.session import RESULT
 from vibrident.app.web.users import User
+from vibrident.app.web.words import LABELS
 from vibrident.base.errors import InputError
 from vibrident.base.escaping import html
 from vibrident.show.report import FILE_NAMES
@@ -84,7 +85,7 @@ class OutcomeStep:
                 await History(self.user, named, self.user.users.store).build()
 
     def _downloads(self, named: Named, title: str, pdf: str) -> None:
-        ui.html("<h3>Download</h3>", sanitize=False)
+        ui.html(f"<h3>{LABELS['report.form']}</h3>", sanitize=False)
         with ui.element("div").classes("actions"):
             ui.button("result.json", on_click=lambda: ui.download.file(named.path, RESULT)).props("id=get-json")
             for form, label in (("html", "Report (HTML)"), ("pdf", f"{title} (PDF)"), ("md", "Report (Markdown)")):
@@ -109,7 +110,7 @@ class OutcomeStep:
         titles = {name: f"{name}: {form.title}" for name, form in forms.items()}
         ui.html("<h3>Other formats</h3>", sanitize=False)
         with ui.element("div").classes("actions"):
-            form = ui.select(titles, value=plain, label="Export as").style("min-width: min(15rem, 100%)")
+            form = ui.select(titles, value=plain, label=LABELS["export.form"]).style("min-width: min(15rem, 100%)")
             fields = {
                 name: ui.number(option.label) if option.number else ui.input(option.label)
                 for name, option in OPTIONS.items()

@@ -149,10 +149,10 @@ def _free_port(host: str, port: int) -> int:
                     "The page cannot be served there.",
                     expected="an address of this machine and a port that is free",
                     found=f"{error.strerror or error}",
-                    where=f"--host {host} --port {number}",
-                    remedy="leave --port out to use a free one"
+                    where=f"⟦serve.host = {host!r}⟧ ⟦serve.port = {number}⟧",
+                    remedy="leave ⟦serve.port⟧ out to use a free one"
                     if error.errno in (errno.EADDRINUSE, errno.EACCES)
-                    else "leave --host out to serve this machine alone",
+                    else "leave ⟦serve.host⟧ out to serve this machine alone",
                 ) from error
             return probe.getsockname()[1]
     raise AssertionError("unreachable")

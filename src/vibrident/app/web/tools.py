@@ -5,8 +5,7 @@ from __future__ import annotations
 import asyncio
 import base64
 import shutil
-from collections.abc import Awaitable, Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
 
@@ -15,71 +14,12 @@ from nicegui import ui
 from vibrident.app.web import frame
 from vibrident.app.web.held import Named
 from vibrident.app.web.looks import facts
+from vibrident.app.web.tasks import ALL, DATA, RESULT, TASKS
 from vibrident.app.web.users import User
 from vibrident.app.web.worker import ARCHIVE, OUT, Worker, command
 from vibrident.base.errors import InputError
 
-#: Places in a command: the chosen result, the calibration file of the page, and all that were uploaded.
-RESULT, DATA, ALL = "RESULT", "DATA", "ALL"
 _RESULT_NAME = "chosen-result.json"
-
-
-@dataclass(frozen=True)
-class Tool:
-    """A command, its options with their labels, and those of them that are switches."""
-
-    title: str
-    hint: str
-    command: tuple[str, ...]
-    fields: Mapping[str, str] = field(default_factory=dict)
-    switches: Mapping[str, str] = field(default_factory=dict)
-
-
-TOOLS = {
-    "compare": Tool(
-        "Compare models and estimators",
-        "Fits each to the data; of several models it recommends one, with the reason.",
-        ("compare", DATA),
-        {"--models": "Models, joined by commas", "--estimators": "Estimators, joined by commas"},
-        {"--cross-validate": "Cross-validate: predict each fifth of the records"},
-    ),
-    "predict": Tool("Predict", "The response of these records, by the chosen result.", ("predict", RESULT, DATA)),
-    "correct": Tool(
-        "Correct",
-        "The acceleration from the response, with an uncertainty for every sample. Records without reference: decay.",
-        ("correct", RESULT, DATA),
-        {"--band": "Band to restore in Hz, as LOW:HIGH", "--noise": "Noise of the response, rms"},
-        {"--track": "Track the sensor through the records"},
-    ),
-    "track": Tool(
-        "Track",
-        "The parameters over the records, and when the sensor changed.",
-        ("track", RESULT, DATA),
-        {"--every": "Seconds between rows", "--false-alarms-per-day": "False alarms in a day"},
-    ),
-    "plan": Tool(
-        "Plan the next calibration",
-        "The uncertainty that other frequencies or longer records would give, for the sensor of the chosen result.",
-        ("plan", "--from", RESULT),
-        {
-            "--frequencies": "Frequencies in Hz: LOW:HIGH, or a list",
-            "--best": "Choose the best N of them",
-            "--times-as-long": "Records X times as long",
-        },
-    ),
-    "joint": Tool(
-        "Fit several calibrations together",
-        "Upload a calibration file (.toml) for each, with their data: one sensor, one fit.",
-        ("identify", ALL),
-        {"--share": "Shared parameters, joined by commas", "--model": "Model, or one each, by commas"},
-    ),
-    "fleet": Tool(
-        "Identify many sensors",
-        "Upload a calibration file (.toml) for each, with their data: one table, a row each.",
-        ("fleet", ALL),
-        {"--model": "Model for all"},
-    ),
-}
 
 
 class ToolsStep:
@@ -94,7 +34,7 @@ class ToolsStep:
         self.on_result = on_result
         self.section = frame.step("More with these data", "more", mark="+")
         with self.section:
-            self.tool = ui.select({name: tool.title for name, tool in TOOLS.items()}, value="compare", label="Task")
+            self.tool = ui.select({name: tool.title for name, tool in TASKS.items()}, value="compare", label="Task")
             self.tool.props("dense outlined stack-label").classes("w-full").on_value_change(self._renew)
             self.hint = ui.label("").classes("hint")
             self.fields = ui.element("div").classes("fields wide")
@@ -116,7 +56,7 @@ class ToolsStep:
             self.result.set_options(names, value=self.result.value or next(reversed(names), None))
 
     def _renew(self) -> None:
-        tool = TOOLS[self.tool.value]
+        tool = TASKS[self.tool.value]
         self.hint.text = tool.hint
         self.given: dict[str, Any] = {}
         self.result = None
@@ -137,7 +77,7 @@ class ToolsStep:
     def arguments(self) -> list[str]:
         """The command, its options as one word each: no value can pass for another option."""
         words: list[str] = []
-        for word in TOOLS[self.tool.value].command:
+        for word in TASKS[self.tool.value].command:
             if word == DATA:
                 confirmed = self.user.confirmed
                 words.append(_there(confirmed and confirmed.name, "confirmed columns", "confirm the columns first"))
@@ -191,9 +131,15 @@ class ToolsStep:
         if said["code"] == 0 and (folder / ARCHIVE).exists():
             archive = await asyncio.to_thread(self.user.session.download, folder / ARCHIVE)
         with self.body:
+            if said["refused"] is not None:
+                tool = TASKS[self.tool.value]
+                frame.show_error(
+                    self.errors, InputError(**said["refused"]), self.user.session, {**tool.fields, **tool.switches}
+                )
+                return
             if said["code"]:
                 with ui.element("div").classes("error").props("role=alert"):
-                    ui.label(frame.page_words(said["errors"])).classes("problem")
+                    ui.label(said["errors"]).classes("problem")
                 return
             frame.Text("said-text", "\n".join(filter(None, (said["text"].strip(), said["errors"].strip()))))
             for name, picture in said["pictures"]:
@@ -207,7 +153,7 @@ class ToolsStep:
         kept = 0
         for path in sorted((folder / OUT).rglob("result.json"))[:10]:
             model, estimator = await self.user.look(facts, path)
-            self.user.keep(f"{TOOLS[self.tool.value].title}: {path.parent.name}, {model}, {estimator}", path)
+            self.user.keep(f"{TASKS[self.tool.value].title}: {path.parent.name}, {model}, {estimator}", path)
             kept += 1
         if kept:
             await self.on_result(go=False)

@@ -6,6 +6,7 @@ The process works in the folder of the data, as the command line does.
 from __future__ import annotations
 
 import asyncio
+import json
 import logging
 import os
 import subprocess
@@ -21,6 +22,7 @@ from vibrident.app.web.confinement import confined
 from vibrident.app.web.session import refuse_outside
 from vibrident.base.errors import InputError
 from vibrident.base.process import Died, Ended, Limits, Process, WorkerError
+from vibrident.base.settings import AS_JSON
 
 #: Memory of an identification, bytes, and further memory for each byte of data.
 _MEMORY, _MEMORY_A_BYTE = 4_000_000_000, 20
@@ -92,7 +94,13 @@ def command(arguments: Sequence[str]) -> dict[str, Any]:
     for word in arguments:
         if word.endswith(".toml"):
             refuse_outside(Path(word))
-    surroundings = {**os.environ, "COLUMNS": "110", "NO_COLOR": "1", "MPLCONFIGDIR": tempfile.gettempdir()}
+    surroundings = {
+        **os.environ,
+        AS_JSON: "1",
+        "COLUMNS": "110",
+        "NO_COLOR": "1",
+        "MPLCONFIGDIR": tempfile.gettempdir(),
+    }
     asked = [sys.executable, "-P", "-m", "vibrident", *arguments]
     done = subprocess.run(
         asked, capture_output=True, text=True, env=surroundings, stdin=subprocess.DEVNULL, check=False
@@ -107,9 +115,19 @@ def command(arguments: Sequence[str]) -> dict[str, Any]:
         "code": done.returncode,
         "text": done.stdout[-_MOST_SAID:].replace(here, ""),
         "errors": done.stderr[-_MOST_SAID:].replace(here, ""),
+        "refused": _refused(done.stderr, here) if done.returncode else None,
         "files": [str(path.relative_to(OUT)) for path in files],
         "pictures": [(path.name, path.read_bytes()) for path in pictures[:_MOST_PICTURES]],
     }
+
+
+def _refused(said: str, here: str) -> dict[str, str] | None:
+    """Return the texts of a command's error, which is the last line; None where that is none."""
+    try:
+        texts = json.loads(said.rstrip().rpartition("\n")[2])
+        return {str(key): str(text).replace(here, "") for key, text in texts.items()}
+    except (ValueError, AttributeError):
+        return None
 
 
 def simulate_demo() -> None:

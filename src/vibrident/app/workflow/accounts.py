@@ -133,12 +133,14 @@ def _nobody() -> str:
 
 
 def _unusable(
-    file: Path, found: str, remedy: str = "make it with vibrident serve --auth FILE --add NAME:ROLE"
+    file: Path,
+    found: str,
+    remedy: str = "make it with ⟦command = serve⟧, ⟦serve.auth = FILE⟧ and ⟦serve.add = NAME:ROLE⟧",
 ) -> InputError:
     return InputError(
         "The file of accounts cannot be used.",
         expected="lines NAME:ROLE:HASH, in a file that its owner alone may write",
         found=found,
-        where=f"--auth {file}",
+        where=f"⟦serve.auth = {str(file)!r}⟧",
         remedy=remedy,
     )

@@ -17,7 +17,7 @@ UNCERTAINTIES = ("auto", "noise", "inflated")
 
 
 def estimator_names() -> tuple[str, ...]:
-    """The values of ``--estimator``; nothing is loaded."""
+    """Return the names of estimators, the choice by the data first; nothing is loaded."""
     return (AUTO, *ESTIMATORS.names())
 
 
@@ -41,18 +41,18 @@ def checked(name: str, settings: Mapping[str, Any], *, weights: bool = False) ->
         owners = estimators_with(setting)
         if not owners:
             known = sorted({name for one in ESTIMATORS.all().values() for name in one.settings})
-            raise unknown(f"No estimator has a setting {setting!r}.", setting, known, "command line")
+            raise unknown(f"No estimator has a setting {setting!r}.", setting, known, "⟦here⟧")
         if name not in owners:
-            raise misfit(_option(setting), f"--estimator {' or '.join(owners)}", f"--estimator {name}")
+            raise misfit(_option(setting), _estimators(owners), _estimators([name]))
         needs = ESTIMATORS[name].settings[setting].needs
         if needs is not None and asked.get(needs[0]) != needs[1]:
             other = asked.get(needs[0], ESTIMATORS[name].settings[needs[0]].default)
-            raise misfit(_option(setting), f"{_option(needs[0])} {needs[1]}", f"{_option(needs[0])} {other}")
+            raise misfit(_option(setting), _option(*needs), _option(needs[0], other))
     if asked:
         ESTIMATORS[name].configured(**asked)
     if weights and name != AUTO and not ESTIMATORS[name].trains_network:
         networks = [key for key, one in ESTIMATORS.all().items() if one.trains_network]
-        raise misfit("--weights", f"--estimator {' or '.join(networks)}", f"--estimator {name}")
+        raise misfit(_option("weights"), _estimators(networks), _estimators([name]))
 
 
 def estimator(name: str, settings: Mapping[str, Any]) -> str | Estimator:
@@ -61,8 +61,12 @@ def estimator(name: str, settings: Mapping[str, Any]) -> str | Estimator:
     return ESTIMATORS[name].configured(**asked) if asked else name
 
 
-def _option(name: str) -> str:
-    return f"--{name.replace('_', '-')}"
+def _option(name: str, value: Any = None) -> str:
+    return f"⟦identify.{name}⟧" if value is None else f"⟦identify.{name} = {value!r}⟧"
+
+
+def _estimators(names: Iterable[str]) -> str:
+    return f"⟦identify.estimator = {' or '.join(map(repr, names))}⟧"
 
 
 def misfit(option: str, wanted: str, found: str) -> InputError:
@@ -71,6 +75,6 @@ def misfit(option: str, wanted: str, found: str) -> InputError:
         f"The option {option} does not fit.",
         expected=f"{option} with {wanted}",
         found=f"{option} with {found}",
-        where="command line",
+        where="⟦here⟧",
         remedy=f"add {wanted}, or leave {option} out",
     )

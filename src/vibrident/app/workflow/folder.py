@@ -27,7 +27,7 @@ def load_result(path: Path) -> Result:
     if path.suffix.lower() == ".toml" and os.path.isfile(path):
         raise InputError(
             "A result is needed here, not a calibration file.",
-            expected="a result.json that `vibrident identify` wrote",
+            expected="a result.json that ⟦command = identify⟧ wrote",
             found=path.name,
             where=str(path),
             remedy="name the result first and the calibration file after it, or identify first",
@@ -61,7 +61,7 @@ def written_whole(target: Path) -> Iterator[Folder]:
             expected="a folder, or a name that is free",
             found="a file",
             where=str(target),
-            remedy="give another --out",
+            remedy="give another ⟦export.folder⟧",
         )
     missing = [folder for folder in (target, *target.parents) if not folder.exists()]
     # Inside an existing folder: the one above may belong to another user or file system.
@@ -108,5 +108,5 @@ def refuse_used(target: Path, *, force: bool) -> None:
         expected="a new or empty folder",
         found=f"{sum(1 for _ in target.iterdir())} files or folders",
         where=str(target),
-        remedy="give another --out, or --force to replace files of the same names",
+        remedy="give another ⟦simulate.folder⟧, or ⟦simulate.force⟧ to replace files of the same names",
     )

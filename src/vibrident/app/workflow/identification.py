@@ -33,14 +33,14 @@ class Request:
         """Refuse options that exclude each other; nothing is read."""
         checked(self.estimator, self.settings, weights=self.weights)
         if calibrations == 1 and self.share:
-            raise several("--share", f"--share {','.join(self.share)}")
+            raise several("⟦identify.share⟧", f"⟦identify.share = {list(self.share)!r}⟧")
         if calibrations > 1 and self.posterior:
             raise InputError(
                 "The posterior is sampled for one calibration at a time.",
-                expected="one calibration file with --posterior",
+                expected="one calibration file with ⟦identify.posterior⟧",
                 found=f"{calibrations} files",
-                where="command line",
-                remedy="leave --posterior out, or identify each file by itself",
+                where="⟦here⟧",
+                remedy="leave ⟦identify.posterior⟧ out, or identify each file by itself",
             )
 
 
@@ -57,7 +57,7 @@ def run(request: Request, calibrations: Sequence[Calibration], progress: Progres
         from vibrident.fit.identification import identify
 
         if models is not None and len(models) > 1:
-            raise several("--model A,B", f"--model {','.join(models)}")
+            raise several("⟦identify.model = [A, B]⟧", f"⟦identify.model = {list(models)!r}⟧")
         model, sampling = None if models is None else models[0], None
         if request.posterior:
             from vibrident.fit.uncertainty.posterior import Sampling
@@ -83,6 +83,6 @@ def several(option: str, found: str) -> InputError:
         f"The option {option} is for several calibrations.",
         expected=f"two or more calibration files with {option}",
         found=f"{found} with one",
-        where="command line",
+        where="⟦here⟧",
         remedy=f"name the other calibrations of this sensor, or leave {option} out",
     )

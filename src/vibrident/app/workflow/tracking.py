@@ -65,7 +65,7 @@ class Files:
                 expected="a new folder, or the same result, calibration file and options as before",
                 found=CHECKPOINT,
                 where=str(self._folder),
-                remedy="give another --out, or remove that file to begin anew",
+                remedy="give another ⟦track.folder⟧, or remove that file to begin anew",
             )
         session = self._session
         session.tracker.state.restore(state)

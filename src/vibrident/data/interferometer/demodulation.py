@@ -246,5 +246,5 @@ def _require_enough(left_out: float, name: str) -> None:
             expected="two signals whose amplitude holds, with less than half a turn of phase from sample to sample",
             found=f"{100 * left_out:.3g} % of the record lost",
             where=name,
-            remedy="look at the Lissajous figure (`vibrident inspect`); sample faster, or move more slowly",
+            remedy="look at the Lissajous figure (⟦command = inspect⟧); sample faster, or move more slowly",
         )

@@ -86,7 +86,7 @@ def _by_axis(entries: Any, name: str, where: str) -> dict[str, dict[str, Any]]:
             expected=f"two or three {name}, each with its axis",
             found=f"{len(entries) if isinstance(entries, list) else 1} of them",
             where=f"{where}, {name}",
-            remedy="add the others, or identify it with `vibrident identify`",
+            remedy="add the others, or identify it with ⟦command = identify⟧",
         )
     found: dict[str, dict[str, Any]] = {}
     for number, entry in enumerate(entries, 1):

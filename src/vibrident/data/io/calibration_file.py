@@ -216,7 +216,7 @@ def checked_calibration(document: Mapping[str, Any], where: str) -> CalibrationF
                 expected=f"one [{section}]",
                 found=f"[[{section}]], {len(document[section])} of them",
                 where=where,
-                remedy="use `vibrident axes`, or write the section in single brackets",
+                remedy="use ⟦command = axes⟧, or write the section in single brackets",
             )
     calibration = validated(CalibrationFile, document, where)
     _check_sensor(calibration, where)

@@ -38,7 +38,8 @@ def require_room(path: Path, numbers: int, number_bytes: int = _NUMBER_BYTES) ->
             expected=f"at most {most / 1e6:.0f} MB of numbers from a file of {file_bytes} bytes",
             found=f"{numbers} numbers, or {needed / 1e6:.0f} MB",
             where=str(path),
-            remedy=f"check that the file is whole; if so, set {memory.VARIABLE} to more megabytes",
+            remedy=f"check that the file is whole; if so, set ⟦environment.{memory.VARIABLE}⟧ to more "
+            "megabytes",
         )
 
 
@@ -49,10 +50,10 @@ def memory_for(file_bytes: int) -> float:
     except ValueError as error:
         raise InputError(
             "The limit of memory is not a number.",
-            expected=f"{memory.VARIABLE} to be a number of megabytes above 0",
+            expected=f"⟦environment.{memory.VARIABLE}⟧ to be a number of megabytes above 0",
             found=str(error),
             where="environment",
-            remedy=f"correct or unset {memory.VARIABLE}",
+            remedy=f"correct or unset ⟦environment.{memory.VARIABLE}⟧",
         ) from error
 
 

@@ -225,7 +225,7 @@ def _named(one: _Opened) -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        raise error.at(f"{one.part.where}, {error.where}") from None
+        raise error.within(one.part.where) from None
 
 
 def _open(

@@ -38,7 +38,7 @@ def read_signal(
         InputError: nothing tells the sampling rate, or the file contradicts rate or unit.
     """
     source = open_columns(path)
-    place = source.position_of(_key(column), "--column")
+    place = source.position_of(_key(column), "⟦correct.column⟧")
     (values,) = source.load((place,))
     time_column = None if time is None else _key(time)
     reader = ClockReader(None if time is not None else rate_hz, time_column, str(path), source)
@@ -46,7 +46,7 @@ def read_signal(
     if clock is None:
         raise InputError(
             "Nothing tells the sampling rate of the table.",
-            expected="--time with the column of the times, or --rate",
+            expected="⟦correct.time⟧ with the column of the times, or ⟦correct.rate_hz⟧",
             found="neither",
             where=str(path),
             remedy="give one of the two",
@@ -59,7 +59,7 @@ def read_signal(
             expected="a row a sample, at an even rate",
             found=f"{aligned.response.size} even samples in {values.size} rows",
             where=str(path),
-            remedy="correct it with a calibration file that names the table: vibrident correct RESULT CAL.toml",
+            remedy="name the table in a calibration file, and give that in its place",
         )
     step = f"response: column {column} × {conversion.factor * scale!r}"
     provenance = Provenance(path.name, sha256(path), (step,))

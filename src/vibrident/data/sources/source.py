@@ -41,7 +41,7 @@ class Wanted:
 class Source:
     """A source of samples."""
 
-    name: str  # as in ``--source NAME``
+    name: str  # as a user names it
     title: str  # in a few words
     open: Callable[[Wanted], Iterator[Chunk]]  # what is wanted → chunks. Raises InputError where it cannot be had
     resumable: bool = False  # whether it can go on at the position of a chunk

@@ -72,8 +72,8 @@ def _check(result: Result, options: Options) -> None:
             expected=", ".join(missing),
             found="nothing",
             where="result.json, certificate and sensor",
-            remedy="write it into a file and give that with --certificate, or into the calibration file and identify "
-            "again",
+            remedy="write it into a file and give that with ⟦export.certificate⟧, or into the calibration "
+            "file and identify again",
         )
     for key in _DATES:
         if stated.get(key) and not _is_date(str(stated[key])):
@@ -90,8 +90,8 @@ def _check(result: Result, options: Options) -> None:
             "The certificate needs the country of the laboratory.",
             expected="two capitals (ISO 3166-1), such as DE",
             found=repr(country),
-            where="--country",
-            remedy="give --country, or [certificate] country",
+            where="⟦export.country⟧",
+            remedy="give ⟦export.country⟧, or [certificate] country",
         )
 
 
@@ -274,7 +274,7 @@ def validate(text: bytes, schema: Path) -> None:
             where=str(schema),
             remedy="put that file beside it, or into a folder there, as in its address"
             if absent
-            else "give another --schema",
+            else "give another ⟦export.schema⟧",
         ) from error
     faults = list(rules.iter_errors(io.BytesIO(text), use_location_hints=False))
     if faults:

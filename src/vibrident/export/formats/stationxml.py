@@ -34,7 +34,7 @@ def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
             expected="texts and codes that FDSN StationXML allows",
             found=str(error),
             where="result.json, sensor",
-            remedy="correct the sensor's texts or --channel",
+            remedy="correct the sensor's texts or ⟦export.channel⟧",
         ) from error
     path = folder / f"{options.name}.station.xml"
     path.write_bytes(stream.getvalue())

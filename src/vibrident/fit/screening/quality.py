@@ -77,7 +77,7 @@ def screen(
             expected="at least one record in which both channels carry a signal",
             found="; ".join(f.message for f in findings),
             where="records",
-            remedy="check the columns of [reference] and [response] with `vibrident inspect`",
+            remedy="check the columns of [reference] and [response] with ⟦command = inspect⟧",
         )
     return tuple(kept), tuple(findings)
 

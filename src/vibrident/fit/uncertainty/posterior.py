@@ -59,7 +59,7 @@ def sampler(module: str = "numpyro") -> Any:
     """
     takes_part("numpyro", "jax", "jaxlib")
     return extras.library(
-        module, "bayes", "Sampling the posterior needs a library that is not installed.", "--posterior"
+        module, "bayes", "Sampling the posterior needs a library that is not installed.", "⟦identify.posterior⟧"
     )
 
 
@@ -85,8 +85,8 @@ def sample_posterior(evidence: Evidence, estimate: Estimate, scale: float, sampl
             "The posterior is sampled from the likelihood of the responses in frequency.",
             expected="sine records or a table, with an estimator of maximum likelihood",
             found=f"estimator {estimate.estimator!r}",
-            where="--posterior",
-            remedy="add --estimator ml, or leave --posterior out",
+            where="⟦identify.posterior⟧",
+            remedy="add ⟦identify.estimator = 'ml'⟧, or leave ⟦identify.posterior⟧ out",
         )
     infer, diagnostics = sampler("numpyro.infer"), sampler("numpyro.diagnostics")
     coordinates, middle = estimate.coordinates, np.asarray(estimate.z)

@@ -90,15 +90,21 @@ class Identifier:
                 expected=f"a Python process that loads vibrident within {_START_S:g} s",
                 found=f"{ending}: {printed.rpartition(chr(10))[2]}".removesuffix(": "),
                 where=sys.executable,
-                remedy="free memory, use fewer --workers, or a larger --memory-limit; "
-                "`vibrident doctor` checks the rest",
+                remedy="free memory, use fewer ⟦fleet.workers⟧, or a larger ⟦fleet.memory_limit_bytes⟧; "
+                "⟦command = doctor⟧ checks the rest",
             ) from death
 
 
 _TRIES_ALONE = 2  # attempts for a calibration alone: the process may have been ended from outside
 _PROBLEMS = {
-    "time": ("Identifying this calibration takes too long.", "fewer or shorter records, or a larger --time-limit"),
-    "memory": ("Identifying this calibration takes too much memory.", "shorter records, or a larger --memory-limit"),
+    "time": (
+        "Identifying this calibration takes too long.",
+        "fewer or shorter records, or a larger ⟦fleet.time_limit_s⟧",
+    ),
+    "memory": (
+        "Identifying this calibration takes too much memory.",
+        "shorter records, or a larger ⟦fleet.memory_limit_bytes⟧",
+    ),
     "crash": (
         "Identifying this calibration ends its process, also alone.",
         "check that its data files are whole: export them again, or in another format such as CSV",

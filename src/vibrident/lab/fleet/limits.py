@@ -80,7 +80,7 @@ def read_limits(path: Path) -> Specification:
             expected="one or more [[limits]] with parameter, nominal and tolerance",
             found="none",
             where=str(path),
-            remedy="add one, or leave --limits out",
+            remedy="add one, or leave ⟦fleet.limits⟧ out",
         )
     _check(found, str(path))
     return found

@@ -153,7 +153,7 @@ def _yields(found: Statistics) -> tuple[Block, ...]:
         "A calibration conforms where every limited parameter is within its limits; of types without limits, where no "
         "doubt was raised. “Beyond doubt” are those that conform whatever the value is within U (k = 2)."
         if found.limited
-        else "No limits were given (--limits), so a calibration counts that was identified without a doubt."
+        else "No limits were given, so a calibration counts that was identified without a doubt."
     )
     counts = columns("calibrations", "identified", "conform", "beyond doubt", kind="number")
     rows = tuple(

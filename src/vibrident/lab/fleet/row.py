@@ -58,7 +58,7 @@ def fault(error: Exception) -> InputError:
         expected="a result, or a message that says what is wrong with the data",
         found=f"{type(error).__name__}: {error}"[:500],
         where=f"{Path(last.filename).name}, line {last.lineno}" if last else "",
-        remedy="identify it by itself with `vibrident identify`, and report what it prints",
+        remedy="identify it by itself with ⟦command = identify⟧, and report what it prints",
     )
 
 

@@ -110,7 +110,7 @@ class Dask(Scheduler):
     def __init__(self, where: str) -> None:
         super().__init__()
         missing = "A scheduler needs Dask, which is not installed."
-        distributed = library("distributed", "cluster", missing, f"--scheduler {where}")
+        distributed = library("distributed", "cluster", missing, f"⟦fleet.scheduler = {where!r}⟧")
         self._where, self._futures = where, {}
         self._count, self._counted = 0, -self._COUNT_S
         in_file = where.endswith(".json")
@@ -180,6 +180,6 @@ class Dask(Scheduler):
             "No scheduler answers there.",
             expected="the address of a Dask scheduler, such as tcp://host:8786, or its file (.json)",
             found=found,
-            where=f"--scheduler {self._where}",
+            where=f"⟦fleet.scheduler = {self._where!r}⟧",
             remedy="start it with `dask scheduler`, and copy the address that it prints",
         )

@@ -62,7 +62,7 @@ class Tally:
 
     @property
     def doubts(self) -> int:
-        """Rows that ``--strict`` does not let pass."""
+        """Rows that a strict run does not let pass."""
         return self.statuses[REFUSED] + self.statuses[FAILED] + self.doubtful
 
     @property
@@ -101,7 +101,7 @@ def write_table(path: Path, names: Iterable[str], keys: NDArray[np.bytes_], orde
             expected="parts that stay where they are",
             found=f"{missing} rows that were written, and are not there",
             where=str(orders.parts_folder),
-            remedy="do not use --fresh while another run works in this folder; then give the same command again",
+            remedy="do not use ⟦fleet.fresh⟧ while another run works in this folder; then give the same command again",
         )
     schema = _schema(_parameters(index, places))
     tally = Tally()

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from vibrident.result import Result
 
 for _library in ("sqlalchemy", "alembic"):
-    require(_library, "history", "A history of sensors needs a library that is not installed.", "vibrident history")
+    require(_library, "history", "A history of sensors needs a library that is not installed.", "⟦command = history⟧")
 
 __all__ = ["add"]
 

@@ -103,7 +103,7 @@ def _no_such_quantity(store: Store, sensor: StoredSensor, question: Question) ->
         expected=", ".join(one if at is None else f"{one:g}" for one in known),
         found=question.quantity if at is None else f"{at:g} Hz",
         where=sensor.name,
-        remedy=f"give one of these as {'--quantity' if at is None else '--frequency'}",
+        remedy=f"give one of these as {'⟦history.quantity⟧' if at is None else '⟦history.frequency_hz⟧'}",
     )
 
 
@@ -188,7 +188,7 @@ def _drift(found: Life, question: Question) -> dict[str, Any]:
             "The date to predict for lies before the last calibration.",
             expected=f"a date from {last.date} on",
             found=str(until),
-            where="--at",
+            where="⟦history.until⟧",
             remedy="give a later date",
         )
     rate, size = drift.rate(), abs(float(found.value[-1])) or 1.0

@@ -67,7 +67,7 @@ def rows_of(result: Result, serial_number: str | None = None, date: datetime.dat
     when = when if date is None else date
     if when is None:
         key = '[certificate] date_of_calibration = "2025-03-31"'
-        raise _missing("date of its calibration", key, "--date", "none" if stated is None else repr(stated))
+        raise _missing("date of its calibration", key, "⟦history.date⟧", "none" if stated is None else repr(stated))
     calibration = {
         "sha256": identity(result),
         "date": when,
@@ -99,11 +99,11 @@ def _serial_number(stated: str, given: str | None) -> str:
             "The serial number is not that of the result.",
             expected=f"{stated}, as the result states",
             found=given,
-            where="--serial",
+            where="⟦history.serial_number⟧",
             remedy="leave the option away, or give the result of that sensor",
         )
     if not (stated or given):
-        raise _missing("serial number", '[sensor] serial_number = "4711"', "--serial")
+        raise _missing("serial number", '[sensor] serial_number = "4711"', "⟦history.serial_number⟧")
     return stated or given
 
 
@@ -300,8 +300,8 @@ def add_event(
             f"It is not said which calibration is {kind}.",
             expected="the number of a calibration",
             found="none",
-            where="--calibration",
-            remedy="vibrident history show SERIAL lists the numbers",
+            where="⟦history.calibration_id⟧",
+            remedy="⟦command = history show SERIAL⟧ lists the numbers",
         )
     with store.writing() as connection:
         if calibration_id is not None:

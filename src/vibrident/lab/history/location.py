@@ -28,7 +28,7 @@ def chosen(given: str | None) -> str:
         InputError: the URL or path cannot be used for a store.
     """
     text = (given if given is not None else os.environ.get(VARIABLE, "")).strip()
-    where = "--store" if given is not None else f"environment, {VARIABLE}"
+    where = "⟦history.store⟧" if given is not None else f"environment, ⟦environment.{VARIABLE}⟧"
     if not text and given is None:
         return sqlite_url(data_folder() / "history.sqlite")
     scheme, separator, rest = text.partition("://")

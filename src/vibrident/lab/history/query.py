@@ -110,14 +110,14 @@ def find(
             expected="one of " + "; ".join(one.name for one in found),
             found=serial_number,
             where=store.shown,
-            remedy="give --type, --axis or --manufacturer as well",
+            remedy="give ⟦history.type_name⟧, ⟦history.axis⟧ or ⟦history.manufacturer⟧ as well",
         )
     raise InputError(
         "The store holds no such sensor.",
         expected=f"one of its {len(known)} serial numbers",
         found=serial_number,
         where=store.shown,
-        remedy=did_you_mean(serial_number, known, "see vibrident history list"),
+        remedy=did_you_mean(serial_number, known, "see ⟦command = history list⟧"),
     )
 
 
@@ -254,7 +254,7 @@ def no_calibration(store: Store, calibration_id: int) -> InputError:
         expected="the number of a calibration",
         found=str(calibration_id),
         where=store.shown,
-        remedy="vibrident history show SERIAL lists the numbers",
+        remedy="⟦command = history show SERIAL⟧ lists the numbers",
     )
 
 

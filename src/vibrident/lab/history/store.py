@@ -70,7 +70,7 @@ class Store:
             return sa.create_engine(self.url, connect_args=options)
         except ModuleNotFoundError as error:
             raise self._failed(
-                "The driver of the store's database is not installed.", error, "pip install 'vibrident[postgres]'"
+                "The driver of the store's database is not installed.", error, "⟦install = vibrident[postgres]⟧"
             ) from None
         except (exc.ArgumentError, ValueError) as error:
             raise self._failed("The store's URL cannot be read.", error, "escape special characters as %40") from None
@@ -167,15 +167,16 @@ class Store:
     def _absent(self) -> InputError:
         return InputError(
             "There is no history here yet.",
-            expected="a store that `vibrident history add` began",
+            expected="a store that ⟦command = history add⟧ began",
             found="none",
             where=self.shown,
-            remedy="check --store, or add a result: vibrident history add result.json",
+            remedy="check ⟦history.store⟧, or add a result: ⟦command = history add result.json⟧",
         )
 
     def _other(self, found: str) -> InputError:
         newer = found > schema.REVISION
-        remedy = "install the newer version" if newer else "vibrident history upgrade; keep a copy of the store before"
+        upgrade = "⟦command = history upgrade⟧; keep a copy of the store before"
+        remedy = "install the newer version" if newer else upgrade
         return InputError(
             f"The store was laid out by {'a newer' if newer else 'an older'} version of vibrident.",
             expected=f"schema {schema.REVISION}",

@@ -111,7 +111,7 @@ def _drawn(figure: Figure) -> Any:
 
 @cache
 def _plotly() -> str:
-    require("plotly", "report", "The HTML report needs plotly, which is not installed.", "--format html")
+    require("plotly", "report", "The HTML report needs plotly, which is not installed.", "⟦report.form = 'html'⟧")
     spec = importlib.util.find_spec("plotly")
     assert spec is not None
     assert spec.submodule_search_locations is not None

@@ -35,7 +35,7 @@ def render(document: Document, template: Path | None = None, fonts: Iterable[Pat
     Raises:
         InputError: typst is not installed, no font has the document's letters, or the template fails.
     """
-    typst = library("typst", "report", "PDF needs typst, which is not installed.", "--format pdf")
+    typst = library("typst", "report", "PDF needs typst, which is not installed.", "⟦report.form = 'pdf'⟧")
     issued = document.letterhead
     day = None if issued is None else issued.date
     logo = b"" if issued is None else base64.b64decode(issued.logo)

@@ -71,7 +71,7 @@ def add(
         try:
             rows_of(loaded, serial, day)
         except InputError as error:
-            raise error.at(f"{path}, {error.where}") from error
+            raise error.within(str(path)) from error
     with _opened(store) as opened:
         added = list(add_all(opened, map(load_result, results), serial_number=serial, date=day))
         for path, one in zip(results, added, strict=True):
@@ -104,7 +104,7 @@ def show_sensor(
     maker: str | None = _MAKER,
     quantity: str | None = _QUANTITY,
     frequency: float | None = _FREQUENCY,
-    at: str | None = option("--at", "DATE", "Predict for it.", default="the end of the interval"),
+    until: str | None = option("--at", "DATE", "Predict for it.", default="the end of the interval"),
     tolerance: str | None = _TOLERANCE,
     nominal: float | None = _NOMINAL,
     limits: Path | None = _LIMITS,
@@ -118,7 +118,7 @@ def show_sensor(
 
     if target is not None:
         one_of("--out", target.suffix.lower(), (".html", *PICTURES, ".json"))
-    asked = _question(quantity, frequency, _tolerance(tolerance, nominal), limits, interval, _date(at, "--at"))
+    asked = _question(quantity, frequency, _tolerance(tolerance, nominal), limits, interval, _date(until, "--at"))
     with _opened(store) as opened:
         document = of_sensor(opened, query.find(opened, serial, type_name, axis, maker), asked)
     _print(form, document, lambda: page.printed(document))

@@ -16,6 +16,7 @@ from vibrident.app.web import frame
 from vibrident.app.web.form.entries import PLAIN, Rows, entry, filled
 from vibrident.app.web.held import Named
 from vibrident.app.web.users import User
+from vibrident.app.web.words import LABELS
 from vibrident.base.errors import InputError
 from vibrident.data.io.calibration_file import SensorSection
 from vibrident.data.io.certificate import (
@@ -65,7 +66,7 @@ class CertificateForm:
         if not self.user.may("identify"):
             return
         self.place = (
-            ui.expansion("What the certificate states").classes("w-full").props("id=certificate")
+            ui.expansion(LABELS["export.certificate"]).classes("w-full").props("id=certificate")
         )
         self.place.on_value_change(self._open)
 

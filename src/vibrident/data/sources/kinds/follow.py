@@ -21,7 +21,7 @@ def _open(wanted: Wanted) -> Iterator[Chunk]:
             expected="one [[records]] entry",
             found=str(len(records)),
             where=str(wanted.file),
-            remedy="give --source follow=FILE",
+            remedy="give ⟦track.source = 'follow=FILE'⟧",
         )
     file = Path(wanted.address) if wanted.address else wanted.file.parent / records[0].file
     form = "float32" if file.suffix.lower() in (".f32", ".raw", ".bin") else "csv"

@@ -20,7 +20,7 @@ def _open(wanted: Wanted) -> Iterator[Chunk]:
             "The address cannot be read.",
             expected="HOST:PORT, or HOST:PORT#float32",
             found=repr(wanted.address),
-            where="--source tcp=",
+            where="⟦track.source = 'tcp='⟧",
             remedy="give the host's name or address and the number of its port",
         )
     return chunks(_pieces(host, int(port), wanted.idle_s), wanted, form or "csv", address)

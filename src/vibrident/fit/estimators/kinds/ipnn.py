@@ -85,7 +85,7 @@ class Ipnn(Estimator):
                 "The learning rate is not usable.",
                 expected="a number between 0 and 1",
                 found=repr(rate),
-                where="--learning-rate",
+                where="⟦identify.learning_rate⟧",
                 remedy="try 0.001",
             )
         beside = settings.pop("residual", False)

@@ -1,0 +1,62 @@
+"""The command line's words for the settings that messages name: the options of its commands."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from typing import Any
+
+from vibrident.base.settings import Word, plain, python_word, rendered
+
+#: What a keyword says beside its option: the unit, or what identifies the object.
+_UNIT = re.compile(r"_(hz|s|bytes|id|number)$")
+
+
+def shell_word(root: Any, running: str | None = None) -> Word:
+    """Return the words of a command line.
+
+    Args:
+        root: the group of all commands.
+        running: name of the command that failed; its options come first.
+    """
+
+    def word(name: str, value: str) -> str | None:
+        if name == "here":
+            return "command line"
+        if name.startswith("--") or "." not in name:
+            return python_word(name, value)
+        path = name.split(".")
+        if path[0] not in root.commands:  # a variable of the environment
+            return path[-1]
+        flag = next(_flags(root, [running or path[0], path[0]], path[-1]), None)
+        if flag is None:  # a setting of another package's estimator
+            return f"--set {path[-1]}" + (f"={plain(value)}" if value else "")
+        return f"{flag} {plain(value)}".rstrip()
+
+    return word
+
+
+def with_options(text: str, words: Word) -> str:
+    """Return a text with options, still marked, in place of settings: for a form with their fields."""
+
+    def word(name: str, value: str) -> str | None:
+        if "." not in name or name.startswith(("--", "environment.")):
+            return None
+        flag, _, argument = (words(name, value) or "").partition(" ")
+        return f"⟦{flag}⟧ {argument}".rstrip()
+
+    return rendered(text, word)
+
+
+def _flags(root: Any, names: list[str], keyword: str) -> Iterator[str]:
+    """Options for a keyword, by the name of a command's parameter or by their own."""
+    own = f"--{_UNIT.sub('', keyword).replace('_', '-')}"
+    for name in names:
+        command = root.commands.get(name)
+        for each in getattr(command, "commands", {"": command}).values():
+            for parameter in getattr(each, "params", ()):
+                flags = [*parameter.opts, *parameter.secondary_opts]
+                if own in flags:
+                    yield own
+                elif parameter.name == keyword and flags[0].startswith("--"):
+                    yield flags[0]
