@@ -16,6 +16,7 @@ from vibrident.data.records import Calibration
 from vibrident.fit.decay import decays_alone, with_free_decays
 from vibrident.fit.descent.optimise import Progress, silent
 from vibrident.fit.estimators import AUTO, Estimate, Estimator, choose
+from vibrident.fit.estimators.kinds.ipnn import Ipnn
 from vibrident.fit.judge.attempts import Fitted, Told
 from vibrident.fit.judge.document import Uncertainty, document, own_rows
 from vibrident.fit.judge.refits import beside_departures, with_phase_scatter, without_dead_records
@@ -23,6 +24,7 @@ from vibrident.fit.judge.remedy import with_remedy
 from vibrident.fit.problem import Evidence
 from vibrident.fit.registry import ESTIMATORS
 from vibrident.fit.repeats import identify_runs, runs_of
+from vibrident.fit.screening.held import is_held_drive
 from vibrident.fit.temperature import identify_temperatures, temperatures_of
 from vibrident.fit.uncertainty.budget import BudgetRow
 from vibrident.physics.models import SensorModel, model_of
@@ -149,6 +151,13 @@ def _fit_model(
     evidence = with_free_decays(Evidence.gather(calibration, model))
     chosen, reason = _estimator(evidence, estimator, uncertainty)
     fitted = Fitted.of(evidence, chosen, progress)
+    if estimator == AUTO and model.is_linear and is_held_drive(calibration):
+        stairs = Ipnn(discretisation="zoh")
+        stairs = stairs.for_noise_alone() if uncertainty == "noise" else stairs
+        held = Fitted.of(evidence, stairs, progress)
+        if held.adequate or held.chi2 < fitted.chi2:
+            fitted = held
+            reason = f"{AUTO}: the drive is held between its samples, as stairs: zero-order hold"
     for step in (without_dead_records, with_phase_scatter, beside_departures):
         fitted = step(fitted)
     return replace(fitted, reason=reason)

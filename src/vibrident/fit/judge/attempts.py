@@ -114,6 +114,11 @@ class Fitted:
         return self.judgement.adequacy.adequate
 
     @property
+    def chi2(self) -> float:
+        """χ² of the adequacy test."""
+        return _chi2(self)
+
+    @property
     def in_noise_found(self) -> bool:
         """Whether the fit is the optimum in the noise that it found."""
         return _noise_weights(self) == "spectrum"
