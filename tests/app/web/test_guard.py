@@ -206,9 +206,9 @@ def test_a_place_that_cannot_be_had_gets_the_remedy_that_helps():
     with socket.socket() as other:
         other.bind(("127.0.0.1", 0))
         other.listen()
-        with pytest.raises(InputError, match="leave --port out"):
+        with pytest.raises(InputError, match="leave port out"):
             serve(host="127.0.0.1", port=other.getsockname()[1], show=False, limit_mb=1.0)
-    with pytest.raises(InputError, match="leave --host out"):
+    with pytest.raises(InputError, match="leave host out"):
         serve(host="203.0.113.7", port=0, show=False, limit_mb=1.0)  # of the block for documentation, RFC 5737
 
 

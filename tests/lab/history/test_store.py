@@ -47,8 +47,8 @@ def test_a_date_that_cannot_be_read_is_not_replaced_by_that_of_the_evaluation(tm
 @pytest.mark.parametrize(
     ("result", "option"),
     [
-        (replace(calibrated(), sensor={}), "--serial"),
-        (calibrated(date=None), "--date"),
+        (replace(calibrated(), sensor={}), "give serial_number"),
+        (calibrated(date=None), "give date"),
     ],
 )
 def test_a_result_without_name_or_date_is_refused_unless_both_are_given(tmp_path, result, option):
