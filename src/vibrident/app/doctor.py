@@ -91,7 +91,7 @@ def _packages_and_extras() -> list[Check]:
         broken = [f"{package}: {unusable[package]}" for package in packages if package in unusable]
         subject, install = f"Extra {extra}", f"pip install 'vibrident[{extra}]'"
         if broken:
-            remedy = f"pip install --upgrade --force-reinstall 'vibrident[{extra}]'"
+            remedy = f"reinstall vibrident[{extra}] with pip"
             checks.append(Check(subject, "; ".join(broken), "cannot be used", remedy, vital=False))
         elif missing:
             found, remedy = ", ".join(missing), f"if you want it: {install}"
@@ -107,7 +107,7 @@ def _packages(core: tuple[str, ...], unusable: dict[str, str]) -> Check:
     if missing or broken:
         found = "; ".join([*(f"{package}: missing" for package in missing), *broken])
         names = [*missing, *(package for package in core if package in unusable)]
-        remedy = f"pip install --upgrade --force-reinstall {' '.join(names)}"
+        remedy = f"reinstall with pip: {', '.join(names)}"
         return Check("Packages", found, "cannot be used", remedy)
     return Check("Packages", f"{len(core)} of {len(core)} present")
 
@@ -145,7 +145,7 @@ def _jax() -> list[Check]:
     except InputError as error:
         return [Check("JAX", f"{error.problem} {error.found}", "cannot be used", error.remedy)]
     except Exception as error:  # a native library may fail in any way
-        remedy = "pip install --upgrade --force-reinstall 'vibrident[network]'"
+        remedy = "reinstall vibrident[network] with pip"
         return [Check("JAX", f"{type(error).__name__}: {error}", "cannot be used", remedy)]
     install = f"pip install 'jax=={backend.TRUSTED}' 'jaxlib=={backend.TRUSTED}'"
     error = backend.arithmetic_error()

@@ -61,8 +61,8 @@ def rows_of(result: Result, serial_number: str | None = None, date: datetime.dat
             "The date is not that of the result.",
             expected=f"{when}, as its certificate states",
             found=str(date),
-            where="--date",
-            remedy="leave the option away, or correct date_of_calibration in the calibration file and identify again",
+            where="⟦history.date⟧",
+            remedy="leave it out, or correct date_of_calibration in the calibration file and identify again",
         )
     when = when if date is None else date
     if when is None:
@@ -292,7 +292,7 @@ def add_event(
             "It is not said which date the calibration has.",
             expected="a date such as 2025-03-31",
             found="none",
-            where="--date",
+            where="⟦history.date⟧",
             remedy="give the date of the calibration",
         )
     if kind in ("superseded", schema.REDATED) and calibration_id is None:
