@@ -190,7 +190,7 @@ _KINDS: tuple[WarningKind, ...] = (
     WarningKind(
         "clock_suspect",
         "the sampling rate looks wrong",
-        "The sampling rate in use contradicts the frequencies that are stated of the tones, or another channel's length. "
+        "The sampling rate in use contradicts the stated frequencies of tones, or another channel's length. "
         "All frequencies, the natural frequency among them, are wrong in the same ratio.",
         "Check rate_hz; correct frequency_hz where it is the one that is wrong.",
     ),

@@ -89,8 +89,8 @@ def align(
         where: entry of the calibration file, for messages.
 
     Raises:
-        InputError: the channels do not overlap, differ in length without clocks, or hold values that
-            are not finite.
+        InputError: the channels do not overlap, differ in length without clocks, or hold values
+            that are not finite.
     """
     assert response.clock is not None
     rate_hz = response.clock.clock.rate_hz
@@ -173,7 +173,7 @@ def _differ_in_length(response: Channel, reference: Channel) -> InputError:
         "The reference channel and the response differ in length.",
         expected=f"{response.values.size} samples, as the response has in {response.source.file}",
         found=f"{reference.values.size} samples",
-        where=f"{reference.source.file}, {reference.source.names[reference.position] or 'the column'}",
+        where=reference.source.locate(reference.position, 0),
         remedy="give both channels over the same samples, or their times in each file",
     )
 
@@ -210,7 +210,8 @@ def _on_raster(channel: Channel) -> _Raster:
         top = PASS_BAND * clock.rate_hz
         notes.append(
             f"evened: times deviate from an even raster by {100 * jitter:.3g} % of an interval "
-            f"(rms); stamps rounded to {timeline.rounding_s:.3g} s; nothing above {top:.6g} Hz is kept"
+            f"(rms); stamps rounded to {timeline.rounding_s:.3g} s; "
+            f"nothing above {top:.6g} Hz is kept"
         )
         if not np.any(np.isfinite(raster)):
             raise InputError(

@@ -1,7 +1,8 @@
-"""A calibration file of a sensor with several axes: a [[response]] an output, [reference] or [[reference]] the motion.
+"""A calibration file of several axes: a [[response]] an output, [reference] or [[reference]].
 
-Each output and each motion has its ``axis``. With one reference the sensor was turned, and ``axis`` of each [[records]]
-entry says along which of its axes it was moved; with several, the exciter moves along all of them.
+Each output and each motion has its ``axis``. With one reference the sensor was turned, and ``axis``
+of each [[records]] entry says along which of its axes it was moved; with several, the exciter moves
+along all of them.
 """
 
 from __future__ import annotations
@@ -28,7 +29,8 @@ class AxesCalibration:
     outputs: Mapping[
         str, Calibration
     ]  # axis of an output to its calibration by the first reference
-    # axis of a reference to its signals: a calibration whose records have that reference; empty where the exciter has
+    # axis of a reference to its signals: a calibration whose records have that reference; empty
+    # where the exciter has
     # one reference, and the records say along which axis it moved
     motions: Mapping[str, Calibration]
     # relative standard uncertainty of motion across the axis, with one reference (ISO 16063-31)
@@ -51,7 +53,8 @@ def read_axes(path: str | os.PathLike[str]) -> AxesCalibration:
     if isinstance(purity, bool) or not isinstance(purity, int | float) or not 0 <= purity < 1:
         raise InputError(
             "The transverse motion cannot be used.",
-            expected="a number from 0 to 1: standard uncertainty relative to the motion along the axis",
+            expected="a number from 0 to 1: standard uncertainty relative to the motion along "
+            "the axis",
             found=f"transverse_motion = {purity!r}",
             where=f"{where}, [reference]",
             remedy="correct it, or leave it out",
@@ -73,7 +76,8 @@ def read_axes(path: str | os.PathLike[str]) -> AxesCalibration:
                 + ("" if several else ', and axis = "x", "y" or "z"'),
                 found=f"{record.excitation!r}, axis {record.circumstances.axis!r}",
                 where=f"{where}, record {record.name!r}",
-                remedy="state the axis of the motion in its [[records]] entry, or leave the record out",
+                remedy="state the axis of the motion in its [[records]] entry, or leave the record "
+                "out",
             )
     return AxesCalibration(outputs, motions, float(purity))
 

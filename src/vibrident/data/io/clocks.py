@@ -171,7 +171,7 @@ class ClockReader:
     def _timeline_beside_rate(
         self, source: ColumnFile, column: int, times: FloatArray
     ) -> Timeline | None:
-        """Return the timeline of a column without a unit, in the unit that suits the stated rate."""
+        """Return the timeline of a column without a unit, in that which suits the stated rate."""
         assert self.stated_hz is not None
         usual = float(np.median(np.diff(times)))
         if np.all(np.diff(times) == 1.0) or usual <= 0.0:
@@ -186,7 +186,7 @@ class ClockReader:
             expected=f"even times, for rate_hz = {self.stated_hz!r}",
             found="times that deviate from an even raster by more than their rounding",
             where=self._name(source, column),
-            remedy="give time_column instead of rate_hz: the samples are then evened by their times",
+            remedy="give time_column instead of rate_hz: the samples are evened by their times",
         )
 
 

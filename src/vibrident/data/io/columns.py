@@ -1,7 +1,7 @@
-"""What the file formats have in common: ordered, possibly named columns of numbers, and places of values.
+"""What the file formats have in common: ordered columns of numbers, and places of values.
 
-A file of a few kilobytes can declare more numbers than any machine holds: the number is checked before memory is
-allocated.
+A file of a few kilobytes can declare more numbers than any machine holds: the number is checked
+before memory is allocated.
 """
 
 from __future__ import annotations
@@ -38,13 +38,17 @@ def require_room(path: Path, numbers: int, number_bytes: int = _NUMBER_BYTES) ->
             expected=f"at most {most / 1e6:.0f} MB of numbers from a file of {file_bytes} bytes",
             found=f"{numbers} numbers, or {needed / 1e6:.0f} MB",
             where=str(path),
-            remedy=f"check that the file is whole; if so, set ⟦environment.{memory.VARIABLE}⟧ to more "
-            "megabytes",
+            remedy="check that the file is whole; if so, set "
+            f"⟦environment.{memory.VARIABLE}⟧ to more megabytes",
         )
 
 
 def memory_for(file_bytes: int) -> float:
-    """Most bytes that the numbers of files of this size may take; InputError where the environment's limit is none."""
+    """Return the most bytes that the numbers of files of this size may take.
+
+    Raises:
+        InputError: the limit in the environment is not a number.
+    """
     try:
         return memory.most_bytes(file_bytes)
     except ValueError as error:
@@ -71,7 +75,7 @@ def require_few(path: Path, columns: Sequence[object], what: str = "columns") ->
 
 @dataclass(frozen=True)
 class Start:
-    """Time of a first sample, in nanoseconds. Two are comparable only if both or neither are of the epoch."""
+    """Time of a first sample. Two are comparable only if both or neither are of the epoch."""
 
     ns: int
     epoch: bool  # since 1970-01-01 UTC; else since the file's own zero, such as its trigger
@@ -111,15 +115,19 @@ class Channel:
 class ColumnFile(ABC):
     """A file of columns, opened but not yet converted; a subclass for each format reads them.
 
-    A position is a column's place in ``names``, from 0. What the user writes in the calibration file (a number
-    from 1, or a name) becomes a position through ``position_of``.
+    A position is a column's place in ``names``, from 0. What the user writes in the calibration
+    file (a number from 1, or a name) becomes a position through ``position_of``.
     """
 
     names_are_paths = False  # True for a unit in the last part only
     word = "channel"  # what the format calls a column
 
     def __init__(self, path: Path, channels: Sequence[Channel], refused: Mapping[str, str]) -> None:
-        """Take the usable columns, and the refused ones: name → reason; InputError for none or too many."""
+        """Take the usable columns, and the refused ones: name → reason.
+
+        Raises:
+            InputError: there is no usable column, or too many.
+        """
         self._path = path
         self._channels = tuple(channels)
         self._refused = refused
@@ -186,8 +194,9 @@ class ColumnFile(ABC):
         return int(self._held([position])[0].shape[0])
 
     def block(self, positions: Sequence[int], start: int, stop: int) -> FloatArray:
-        """Samples of columns from ``start`` up to ``stop``, shape (columns, stop − start); errors as ``load``.
+        """Return samples of columns from ``start`` up to ``stop``; errors as ``load``.
 
+        The shape is (columns, stop − start).
         Formats that cannot read a part of a file keep all of it in memory.
         """
         return np.stack([values[start:stop] for values in self._held(positions)])
@@ -198,7 +207,7 @@ class ColumnFile(ABC):
         return [self._kept[position] for position in positions]
 
     def locate(self, position: int, row: int) -> str:
-        """Place of a value for messages: file, column, and line or sample. ``row`` counts samples from 0."""
+        """Return the place of a value for messages; ``row`` counts samples from 0."""
         return f"{self.file}, {self.word} {self.names[position]!r}, sample {row + 1}"
 
     def require_finite(
@@ -206,7 +215,7 @@ class ColumnFile(ABC):
     ) -> None:
         """Refuse a value that is missing, NaN or infinite, with its place.
 
-        ``values``: of the column, shape (samples,); ``first_row``: row of the first in the file, from 0.
+        ``values``: of the column, shape (samples,); ``first_row``: row of the first, from 0.
         """
         bad = np.flatnonzero(~np.isfinite(values))
         if bad.size:
@@ -214,7 +223,8 @@ class ColumnFile(ABC):
             raise InputError(
                 "A value that is needed is not a number.",
                 expected="finite numbers",
-                found=f"{'an empty cell or NaN' if np.isnan(value) else value}; {bad.size} such in this column",
+                found=f"{'an empty cell, NaN or an overflow' if np.isnan(value) else value}; "
+                f"{bad.size} such in this column",
                 where=self.locate(position, first_row + int(bad[0])),
                 remedy=remedy,
             )
@@ -231,7 +241,7 @@ class ColumnFile(ABC):
             )
 
     def position_of(self, column: int | str, key: str) -> int:
-        """Return the position of a column that the calibration file names by number from 1, or name.
+        """Return the position of a column that is named by number from 1, or by name.
 
         A name may leave out the unit in brackets. ``key``: the key that names it, such as
         "[response] column", for the message. InputError where the column does not exist or was
@@ -310,7 +320,11 @@ class ColumnFile(ABC):
 
 
 def real_numbers(values: Any) -> FloatArray:
-    """Values as float64 of shape (samples,), timestamps as seconds since the first; ValueError for others."""
+    """Return values as float64 of shape (samples,), timestamps as seconds since the first.
+
+    Raises:
+        ValueError: the values are neither, or not of one dimension.
+    """
     array = np.asarray(values)
     if array.dtype.kind == "M":
         array = (array - array[:1]) / np.timedelta64(
@@ -324,14 +338,14 @@ def real_numbers(values: Any) -> FloatArray:
 
 
 def library(name: str, extra: str, path: Path) -> Any:
-    """Import a format's library, ``name``, which the extra ``extra`` of this package installs and ``path`` needs."""
+    """Import a format's library ``name``, which ``path`` needs and ``extra`` installs."""
     return extras.library(
         name, extra, "This file format needs a library that is not installed.", str(path)
     )
 
 
 def require_regular(path: Path, what: str) -> None:
-    """Refuse what may never end; for a missing file or a folder, the system's own error is clearer."""
+    """Refuse what may never end; of a missing file or a folder the system's error is clearer."""
     if os.path.exists(path) and not (os.path.isfile(path) or os.path.isdir(path)):
         raise InputError(
             "This is not a regular file.",
@@ -344,7 +358,7 @@ def require_regular(path: Path, what: str) -> None:
 
 @contextmanager
 def reading(path: Path, expected: str) -> Iterator[None]:
-    """Around the calls of a format's library: damaged files make them raise anything, which becomes InputError.
+    """Turn whatever a format's library raises for a damaged file into InputError.
 
     The file is opened and closed first, because the system's error is clearer than a library's.
     """

@@ -37,8 +37,9 @@ SAME_FACTOR = 1e-3  # relative; a scale this close to a conversion is that conve
 _SUFFIX = re.compile(r"^.*\w[_.\s-]+([^\W\d_]+)$")
 _RUN_ON = re.compile(r"^(?:t|time|timestamp|zeit|elapsed)(ms|us|ns|µs|μs)$", re.IGNORECASE)
 _TIME_NAMES = frozenset(
-    {"t", "time", "times", "timestamp", "zeit", "seconds", "second", "sec", "elapsed", "elapsed time",
-     "relative time", "时间", "時間", "时刻", "время", "temps", "tiempo", "tempo", "x_value", "timestamps",
+    {"t", "time", "times", "timestamp", "zeit", "seconds", "second", "sec", "elapsed",
+     "elapsed time", "relative time", "时间", "時間", "时刻", "время", "temps",
+     "tiempo", "tempo", "x_value", "timestamps",
      "uhrzeit", "zeitstempel", "datetime", "date/time", "date time", "seconds_elapsed"}
 )  # fmt: skip
 #: Names of what numbers the rows; no unit of time.
@@ -208,7 +209,7 @@ def reference_conversion(
 
 
 def _declared_unit(section: ReferenceSection, stated: str, source: ColumnFile) -> str:
-    """Return ``[reference] unit`` where it is the unit in the file; "" where it names SI or none."""
+    """Return ``[reference] unit`` where it is the unit in the file; "" for SI or none."""
     si = REFERENCE_UNITS[section.quantity]
     if not section.unit or factor_between(section.unit, si) == 1.0:
         return ""

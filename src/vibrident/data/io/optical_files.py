@@ -21,7 +21,7 @@ from vibrident.data.interferometer.carrier import (
 )
 from vibrident.data.interferometer.choice import Choice, choose, of_carrier
 from vibrident.data.interferometer.demodulation import Demodulated, demodulate
-from vibrident.data.interferometer.effects import Answer, Cyclic, effects, significant
+from vibrident.data.interferometer.effects import effects
 from vibrident.data.interferometer.rough import highest_frequency, rough_frequency, slower
 from vibrident.data.interferometer.setting import FloatArray, Interferometer, Signals, held
 from vibrident.data.interferometer.summary import OpticalFinding
@@ -31,6 +31,7 @@ from vibrident.data.io.calibration_file import CalibrationFile
 from vibrident.data.io.clocks import ChannelClock, ClockReader, require_even
 from vibrident.data.io.columns import ColumnFile
 from vibrident.data.io.header_units import response_conversion
+from vibrident.data.io.optical_effects import cyclic_errors, left_of, stated_effects
 from vibrident.data.io.optical_motion import (
     clocks_apart,
     part_outside,
@@ -85,7 +86,7 @@ class Optical(NamedTuple):
 
 
 def read_optical(calibration: CalibrationFile, folder: Path, where: str) -> Optical:
-    """Read the records of a calibration whose reference is an interferometer's signals; arguments as `named_parts`.
+    """Read records whose reference is an interferometer's signals; arguments as `named_parts`.
 
     Raises:
         InputError: a file cannot be used, or the signals cannot be followed.
@@ -109,7 +110,7 @@ def read_optical(calibration: CalibrationFile, folder: Path, where: str) -> Opti
         _record(one, look, choice, setting, calibration, folder, moving=moving)
         for one, look, choice in zip(opened, seen, choices, strict=True)
     ]
-    errors = _cyclic_errors([found for found, _ in made], setting)
+    errors = cyclic_errors([found for found, _ in made], setting)
     for index, error in enumerate(errors):
         if error is not None:
             one, found = opened[index], made[index][0]
@@ -127,56 +128,11 @@ def read_optical(calibration: CalibrationFile, folder: Path, where: str) -> Opti
     ]
     answers = [found.answer for found, _ in made]
     found = (
-        *_stated_effects(setting),
-        *(effects(answers, _left_of(errors, answers, setting)) if made else ()),
+        *stated_effects(setting),
+        *(effects(answers, left_of(errors, answers, setting)) if made else ()),
     )
     kind: tuple[Quantity, str] = ("acceleration", "m/s^2") if moving else ("displacement", "m")
     return Optical(tuple(ordered), *kind, found)
-
-
-def _cyclic_errors(made: Sequence[Demodulated], setting: Interferometer) -> list[Cyclic | None]:
-    """The significant cyclic error of each record: one of the set-up, or its own beside a carrier, whose phase begins
-    anew in every record."""
-    measured = [found.answer.cyclic for found in made]
-    if setting.kind == "quadrature":
-        return [significant(measured)] * len(made)
-    return [significant([one]) for one in measured]
-
-
-def _left_of(
-    errors: Sequence[Cyclic | None], answers: Sequence[Answer], setting: Interferometer
-) -> list[tuple[Sequence[Answer], FloatArray]]:
-    """What is left of cyclic errors: the uncertainty of those that were taken out, and beside a carrier those that a
-    record does not show, of the size of the others' and of unknown phase."""
-    known = [error for error in errors if error is not None]
-    if not known:
-        return []
-    if setting.kind == "quadrature":
-        return [(answers, known[0].covariance)]
-    shown = np.array([error.waves for error in known]).reshape(
-        len(known), -1, 2
-    )  # zero where not significant
-    power = np.sum(shown**2, axis=(0, 2)) / np.maximum(
-        np.sum(np.any(shown != 0.0, axis=2), axis=0), 1
-    )
-    found: list[tuple[Sequence[Answer], FloatArray]] = []
-    for error, answer in zip(errors, answers, strict=True):
-        waves = np.zeros(shown[0].size) if error is None else error.waves
-        unknown = np.diag(np.where(waves == 0.0, np.repeat(0.5 * power, 2), 0.0))
-        found.append(([answer], unknown if error is None else unknown + error.covariance))
-    return found
-
-
-def _stated_effects(setting: Interferometer) -> list[SystematicEffect]:
-    wavelength, delay_s = (
-        setting.wavelength_relative_uncertainty,
-        setting.delay_standard_uncertainty_s,
-    )
-    found = [
-        SystematicEffect("wavelength of the interferometer", "gain", wavelength),
-        SystematicEffect("delay of the interferometer", "timing", delay_s),
-    ]
-    return [effect for effect in found if effect.standard_uncertainty > 0]
 
 
 def _looked_at(
@@ -201,7 +157,7 @@ def _looked_at(
 
 
 def _held(opened: Sequence[_Opened]) -> list[_Opened]:
-    """The records with their filtered signals in memory, as many as have room: they are read several times."""
+    """Return the records with filtered signals in memory, as many as have room."""
     room, found = MOST_HELD, []
     for one in opened:
         signals = one.optical
@@ -261,7 +217,8 @@ def _open(
             expected=f"{response.samples} samples, as the response has in {main.file}",
             found=f"{optical.samples} samples in {other.file}",
             where=part.where,
-            remedy="give both over the same samples, or rate_hz of [interferometer] if they are sampled faster",
+            remedy="give both over the same samples, or rate_hz of [interferometer] if they are "
+            "sampled faster",
         )
     lasting = other.length(places[0]) / optical_hz, main.length(at) / sampling.rate_hz
     doubts = () if beside else clocks_apart(*lasting, name)
@@ -380,8 +337,8 @@ def _record(
     )
     history = (
         one.step,
-        f"reference: {what} from the {setting.kind} signals, {one.optical.rate_hz:.9g} Hz, every {found.factor}"
-        f"{unsure}",
+        f"reference: {what} from the {setting.kind} signals, {one.optical.rate_hz:.9g} Hz, "
+        f"every {found.factor}{unsure}",
         *one.part.other_file(folder),
     )
     record = Record(

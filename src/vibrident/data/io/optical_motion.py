@@ -1,4 +1,4 @@
-"""Is the motion in what is used of a record whose reference is an interferometer's signals? Else it is refused."""
+"""Records of raw light whose motion lies in stretches that are left out are refused."""
 
 from __future__ import annotations
 
@@ -20,30 +20,35 @@ MOST_TIMES = 10
 SAME_TIME = 5e-3
 #: Least mean square of a shock's acceleration over that of its noise, less one.
 LEAST_ABOVE = 1.5
-#: A response is the shock's above this multiple of its median power: 3 standard deviations of noise.
+#: A response is the shock's above this multiple of its median power: 3 standard deviations of
+#: noise.
 LOUD = 20.0
-#: Samples beside these that tell nothing either: a fit interpolates the reference from so many on either side …
+#: Samples beside these that tell nothing either: a fit interpolates the reference from so many on
+#: either side …
 BESIDE = 32
 #: … and from so many at the ends of a record, where the state of the sensor is an unknown, too.
 ENDS = 48
 
 
 def clocks_apart(optical_s: float, response_s: float, name: str) -> tuple[OpticalFinding, ...]:
-    """A doubt where one channel lasts, by its rate, a whole number of times as long as the other: a rate is wrong."""
+    """Return a doubt where one channel lasts a whole number of times as long as the other."""
     times = max(optical_s, response_s) / max(min(optical_s, response_s), 1e-300)
     whole = round(min(times, MOST_TIMES + 1.0))
     if not 2 <= whole <= MOST_TIMES or abs(times / whole - 1.0) > SAME_TIME:
         return ()
     text = (
-        f"{name}: the optical signals last {optical_s:.6g} s, the response {response_s:.6g} s. If both were recorded "
+        f"{name}: the optical signals last {optical_s:.6g} s, the response {response_s:.6g} s. "
+        f"If both were recorded "
         f"together, rate_hz of [interferometer] or of [sampling] is wrong by a factor of {whole}."
     )
     return (OpticalFinding("clock_suspect", text),)
 
 
 def require_motion(aligned: Aligned, excitation: str, name: str) -> None:
-    """Refuse a record whose motion falls into stretches that are left out, as a shock's pulse does: what is beside it
-    tells nothing of the sensor."""
+    """Refuse a record whose motion falls into stretches that are left out.
+
+    What is beside the pulse of a shock tells nothing of the sensor.
+    """
     most = MOST_LOST_OF_SHOCK if excitation == "shock" else MOST_LOST
     power = (aligned.response - np.mean(aligned.response)) ** 2
     beside = np.convolve(~aligned.valid, np.ones(2 * BESIDE + 1), "same") > 0.5
@@ -51,15 +56,17 @@ def require_motion(aligned: Aligned, excitation: str, name: str) -> None:
     if lost > most:
         raise InputError(
             "The light is lost while the sensor moves (fringe_slip).",
-            expected=f"at least {100 * (1 - most):.0f} % of the response's power outside the stretches left out",
-            found=f"{100 * (1 - lost):.2g} %; {100 * float(np.mean(~aligned.valid)):.2g} % of the time is left out",
+            expected=f"at least {100 * (1 - most):.0f} % of the response's power outside the "
+            "stretches left out",
+            found=f"{100 * (1 - lost):.2g} %; {100 * float(np.mean(~aligned.valid)):.2g} % of the "
+            "time is left out",
             where=name,
             remedy="repeat the measurement, or leave this record out",
         )
 
 
 def part_outside(response: Signals, seen: Aligned) -> float:
-    """Part of a response's power so near to its ends that no fit sees it: filters and interpolation reach so far."""
+    """Return the part of a response's power that lies so near to its ends that no fit sees it."""
     beside = ENDS / seen.rate_hz
     first, last = (
         seen.start_s + beside,
@@ -77,13 +84,16 @@ def part_outside(response: Signals, seen: Aligned) -> float:
 
 
 def require_pulse(seen: Aligned, outside: float, name: str) -> None:
-    """Refuse a shock that is not seen: too near to an end, where what is left is free ringing, which any sensitivity
-    explains; or too weak, where the differences of a displacement are noise of the phase."""
+    """Refuse a shock that is not seen.
+
+    Too near to an end only free ringing remains, which any sensitivity explains; of one too weak
+    the differences of a displacement are noise of the phase.
+    """
     if outside > MOST_LOST_OF_SHOCK:
         raise InputError(
             "The shock is too near to an end of the record.",
-            expected=f"at least {100 * (1 - MOST_LOST_OF_SHOCK):.0f} % of the response's power where the displacement "
-            "can be differentiated",
+            expected=f"at least {100 * (1 - MOST_LOST_OF_SHOCK):.0f} % of the response's power "
+            "where the displacement can be differentiated",
             found=f"{100 * (1 - outside):.2g} %",
             where=name,
             remedy="record more before and after the shock",
@@ -92,12 +102,13 @@ def require_pulse(seen: Aligned, outside: float, name: str) -> None:
     if above < LEAST_ABOVE:
         raise InputError(
             "The shock is hidden by the noise of the interferometer's phase.",
-            expected=f"an acceleration whose mean square during the shock exceeds that of its noise {LEAST_ABOVE:g} "
-            f"times, at {seen.rate_hz:.6g} Hz",
+            expected="an acceleration whose mean square during the shock exceeds that of its "
+            f"noise {LEAST_ABOVE:g} times, at {seen.rate_hz:.6g} Hz",
             found=f"{above:.2g} times",
             where=name,
-            remedy="shock harder, reduce the noise of the optical signals, or record more before and after the shock: "
-            "fewer samples a second, of less noise, then do; check rate_hz and delay_s of [interferometer], too",
+            remedy="shock harder, reduce the noise of the optical signals, or record more before "
+            "and after the shock: fewer samples a second, of less noise, then do; check rate_hz "
+            "and delay_s of [interferometer], too",
         )
 
 

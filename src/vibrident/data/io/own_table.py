@@ -31,7 +31,7 @@ def read_signal(
         column: name, or number from 1, of the signal.
         time: the same of the times; None for one whose name says so, if any.
         rate_hz: where there are no times and the file states no rate.
-        scale: response unit per unit of the column, beside the factor of a unit that the file states.
+        scale: response unit per unit of the column, after the factor of a stated unit.
         unit: of the response.
 
     Raises:

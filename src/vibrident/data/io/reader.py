@@ -21,16 +21,17 @@ class Reader:
     name: str  # short name of the format
     title: str  # in a few words
     endings: tuple[str, ...]  # of its files, each with its dot, in lower case
-    # path → the file opened; numbers are converted on demand. Raises InputError if the file is not of this format
+    # path → the file opened; numbers are converted on demand. InputError: not of this format
     open: Callable[[Path], ColumnFile]
     extra: str = (
         ""  # extra of vibrident, or package, that brings the library it needs; empty: it needs none
     )
-    plain: bool = False  # no native library and no links, so that it needs no separate process (docs/security.md)
+    # no native library and no links, so that it needs no separate process (docs/security.md)
+    plain: bool = False
 
 
 def by_ending() -> dict[str, Reader]:
-    """Ending → reader, of the built-in ones and those of plug-ins; a built-in one has precedence."""
+    """Return ending → reader, of plug-ins too; a built-in reader has precedence."""
     found: dict[str, Reader] = {}
     for reader in READERS.all().values():
         for ending in reader.endings:
@@ -68,7 +69,8 @@ def unknown_format(suffix: str, where: str) -> InputError:
             expected="a text file of columns, such as CSV, or one of " + ", ".join(by_ending()),
             found=repr(suffix),
             where=where,
-            remedy='open it and save the sheet as CSV ("CSV UTF-8"), one header line above the numbers',
+            remedy='open it and save the sheet as CSV ("CSV UTF-8"), one header line above the '
+            "numbers",
         )
     return InputError(
         "The file's format is not known.",

@@ -24,16 +24,17 @@ from vibrident.data.io.sections import effects_at
 from vibrident.data.io.table_file import read_table, table_response_unit
 from vibrident.data.records import Calibration, Record
 
-# Of a reading process: memory for its libraries, and more as a multiple of the numbers' limit; time, and more a byte.
+# Of a reading process: memory for its libraries, and more as a multiple of the numbers' limit;
+# time, and more a byte.
 _LIBRARIES_BYTES, _COPIES = 600_000_000, 2
 _SECONDS, _SECONDS_PER_BYTE = 30.0, 1e-6
 
 
 def read_guarded(path: str | os.PathLike[str]) -> Calibration:
-    """Read as :func:`read` does; binary data files in a separate process, with limits on memory and time.
+    """Read as :func:`read` does; binary data files in a separate process, with limits.
 
-    A damaged file that crashes or hangs a native library is then merely bad input. The cost is one process a
-    calibration.
+    A damaged file that crashes or hangs a native library is then merely bad input. The cost is one
+    process a calibration.
 
     Raises:
         InputError: as ``read`` does; or reading takes more than it may, or crashed.
@@ -65,18 +66,18 @@ def read(path: str | os.PathLike[str]) -> Calibration:
         path: the calibration file; relative paths in it start at its folder.
 
     Returns:
-        Calibration: records, or a table, in physical units: the reference in m/s², m/s, m or the drive's own unit,
-        the response in [response] unit.
+        Calibration: records, or a table, in physical units: the reference in m/s², m/s, m or the
+        drive's own unit, the response in [response] unit.
 
     Raises:
-        InputError: the file or the data cannot be used; the message says what, where and what to do.
+        InputError: the file or the data cannot be used.
     """
     file = Path(path)
     return calibration_of(read_calibration_file(file), file.parent, str(file))
 
 
 def calibration_of(document: CalibrationFile, folder: Path, where: str) -> Calibration:
-    """Return the calibration of a checked file; relative paths start at ``folder``; errors as read."""
+    """Return the calibration of a checked file, whose relative paths start at ``folder``."""
     quantity = document.reference.quantity
     records: tuple[Record, ...] = ()
     table = None

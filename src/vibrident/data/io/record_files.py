@@ -57,10 +57,12 @@ class Part:
 
 
 def named_parts(calibration: CalibrationFile, folder: Path, where: str) -> list[tuple[Part, str]]:
-    """The part to read for each record, and the record's name: by entry and, within a glob, in natural order.
+    """Return the part to read for each record, and the record's name, in natural order.
 
-    ``folder``: where relative paths start; ``where``: the calibration file, for messages. InputError where a glob
-    matches nothing, or a file is asked for twice.
+    ``folder``: where relative paths start; ``where``: the calibration file, for messages.
+
+    Raises:
+        InputError: a glob matches nothing, or a file is asked for twice.
     """
     parts = list(_parts(calibration.records, folder, where))
     _refuse_overlaps(parts, folder)
@@ -68,7 +70,11 @@ def named_parts(calibration: CalibrationFile, folder: Path, where: str) -> list[
 
 
 def data_files(calibration: CalibrationFile, folder: Path, where: str) -> list[str]:
-    """Names of all data files of a calibration, relative to its folder; InputError where a glob matches nothing."""
+    """Return the names of all data files of a calibration, relative to its folder.
+
+    Raises:
+        InputError: a glob matches nothing.
+    """
     if calibration.table is not None:
         return [calibration.table.file]
     parts = list(_parts(calibration.records, folder, where))
@@ -109,7 +115,7 @@ def _files(pattern: str, folder: Path, where: str) -> list[str]:
 
 
 def _refuse_overlaps(parts: Sequence[Part], folder: Path) -> None:
-    """Refuse samples in two entries: they would count twice. Separate parts of one file are two records."""
+    """Refuse samples in two entries, which would count twice."""
     seen: dict[Path, list[Part]] = {}
     for part in parts:
         others = seen.setdefault((folder / part.file).resolve(), [])
@@ -120,7 +126,8 @@ def _refuse_overlaps(parts: Sequence[Part], folder: Path) -> None:
                     expected="each sample in one record",
                     found=f"{part.file!r}, which {other.where.rsplit(', ', 1)[-1]} asks for too",
                     where=part.where,
-                    remedy="narrow the glob, or give each entry its own part with start_s and stop_s",
+                    remedy="narrow the glob, or give each entry its own part with start_s and "
+                    "stop_s",
                 )
         others.append(part)
 
@@ -151,7 +158,7 @@ def same_name(name: str, where: str) -> InputError:
 
 @dataclass(frozen=True)
 class ReadRecord:
-    """A record, and the standard uncertainty of the time between its channels by their stamps, s."""
+    """A record, and the standard uncertainty of the time between its channels by stamps, s."""
 
     record: Record
     timing_u_s: float = 0.0
@@ -322,12 +329,13 @@ def _check_frequency(part: Part, rate_hz: float, file: str) -> None:
         )
 
 
-#: A number or what is between two. One before "Hz", such as in ``0_05Hz`` or ``2.5 kHz``, may have a fraction.
+#: A number or what is between two. One before "Hz", such as in ``0_05Hz`` or ``2.5 kHz``, may have
+#: a fraction.
 _PIECE = re.compile(r"(\d+)(?:(?:[._,p](\d+))?[ _-]?(k?)hz)?|\D+", re.IGNORECASE)
 
 
 def natural(name: str) -> tuple[tuple[tuple[int, float, str], ...], str]:
-    """Sort key under which "2 Hz" comes before "10 Hz", "0_05hz" before "0_5hz", and "500 Hz" before "1 kHz"."""
+    """Return a sort key: "2 Hz" before "10 Hz", "0_05hz" before "0_5hz", "500 Hz" before 1 kHz."""
     pieces: list[tuple[int, float, str]] = []
     for found in _PIECE.finditer(name):
         whole, fraction, kilo = found.groups()

@@ -15,9 +15,12 @@ SAME_RATE = 1e-9  # rates closer than this, relatively, are the same
 def cut(
     samples: int, rate_hz: float, start_s: float | None, stop_s: float | None, where: str
 ) -> slice:
-    """Return the samples with start_s ≤ t < stop_s, t from the file's first sample; InputError where none are left.
+    """Return the samples with start_s ≤ t < stop_s, t from the file's first sample.
 
     A stop beyond the end means the end.
+
+    Raises:
+        InputError: no sample remains.
     """
     stated = {"start_s": start_s, "stop_s": stop_s}
     first = 0 if start_s is None else math.ceil(start_s * rate_hz - _ROUNDING_SAMPLES)
@@ -27,7 +30,8 @@ def cut(
     if first >= last:
         raise InputError(
             "The part of the record is empty.",
-            expected=f"start_s and stop_s within 0 to {samples / rate_hz:.6g} s, counted from the first sample",
+            expected=f"start_s and stop_s within 0 to {samples / rate_hz:.6g} s, counted from the "
+            "first sample",
             found=", ".join(
                 f"{key} = {value:g}" for key, value in stated.items() if value is not None
             ),
@@ -38,11 +42,15 @@ def cut(
 
 
 def plainest_clock(interval_s: float, half_unit_s: float, start: Start | None = None) -> Clock:
-    """Return the clock of a file with a rounded sampling interval: the rate with the fewest digits that agrees.
+    """Return the clock of a file that rounds its interval: the rate of fewest digits that agrees.
 
-    9.76562e-06 s in a file means some rate from 102399.99 to 102400.11 Hz; the plain reciprocal may be wrong by 5e-7.
-    Of all numbers within the rounding, the one with the fewest digits is taken, as rate in Hz or interval in s, with
-    the rounding. ``half_unit_s``: half a unit of the interval's last place. ValueError for one that is not above 0.
+    9.76562e-06 s in a file means some rate from 102399.99 to 102400.11 Hz; the plain reciprocal may
+    be wrong by 5e-7. Of all numbers within the rounding, the one with the fewest digits is taken,
+    as rate in Hz or interval in s, with the rounding. ``half_unit_s``: half a unit of the
+    interval's last place.
+
+    Raises:
+        ValueError: the interval is not above 0.
     """
     if not (math.isfinite(interval_s) and interval_s > 0):
         raise ValueError(f"a sampling interval of {interval_s!r} s")

@@ -27,7 +27,7 @@ SAME_RATE = 1e-9  # rates closer than this, relatively, are the same
 _MAX_SPAN = 2.5
 #: Of times without a unit, s: a longer one is of another unit, or a counter.
 MAX_INTERVAL_S = 1.0
-#: Seconds since 1970 of the years 2000 to 2100; multiples of a thousand of this span do not overlap.
+#: Seconds since 1970 of the years 2000 to 2100; in s, ms, µs and ns the spans do not overlap.
 _EPOCH_S = (946_684_800.0, 4_102_444_800.0)
 _EPOCH_UNITS = {"s": 1.0, "ms": 1e-3, "µs": 1e-6, "ns": 1e-9}
 _MAX_LOST = 0.5  # part of the raster; with more, the raster itself is a guess
@@ -85,8 +85,8 @@ def timeline_of(
         unit_s: seconds in a unit of the times where that is known; None: by the header.
 
     Raises:
-        InputError: a time is missing, the unit is not plausible, times go back, or no even raster is
-            within half an interval of all of them.
+        InputError: a time is missing, the unit is not plausible, times go back, or no even raster
+            is within half an interval of all of them.
     """
     source.require_finite(position, times, 0, "repair the time column, or give rate_hz")
 
@@ -221,7 +221,7 @@ def _rounding(times: FloatArray, resolution_s: float) -> float:
 def _plausible_unit(
     times: FloatArray, name: str, locate: Callable[[int], str]
 ) -> tuple[float, str]:
-    """Return the seconds in a unit of times that state none, and a note about what was understood."""
+    """Return the seconds in a unit of times that state none, and what was understood."""
     first = float(times[0])
     usual = float(np.median(np.diff(times)))
     for unit, seconds in _EPOCH_UNITS.items():

@@ -1,9 +1,9 @@
 """Units as people and programs write them, parsed into dimension and factor.
 
-``parse_unit("mm/s²")`` is 1e-3 of m s⁻¹; "g" is standard gravity, 9.80665 m/s² (CGPM 1901; ISO 80000-3), never gram.
-The grammar: symbols or words with SI prefixes and exponents, joined by ``*``, ``·``, blanks, ``/`` or "per"; a second
-slash divides again ("m/s/s"). Symbols are case-sensitive first; capitals alone count as lower case where only one
-reading is left ("M/S2", not "MV").
+``parse_unit("mm/s")`` is 1e-3 of m s⁻¹; "g" is standard gravity, 9.80665 m/s² (CGPM 1901; ISO
+80000-3), never gram. The grammar: symbols or words with SI prefixes and exponents, joined by ``*``,
+``·``, blanks, ``/`` or "per"; a second slash divides again ("m/s/s"). Symbols are case-sensitive;
+capitals alone count as lower case where only one reading remains ("M/S2", not "MV").
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ _INCH_M = 0.0254  # exact (international yard and pound agreement, 1959)
 
 #: Signs that mean the same as a plain one.
 PLAIN_SIGNS = str.maketrans({
-    "²": "^2", "³": "^3", "⁻": "-", "−": "-", "¹": "1", "·": "*", "⋅": "*", "×": "*", "∙": "*", "µ": "u", "μ": "u",
+    "²": "^2", "³": "^3", "⁻": "-", "−": "-", "¹": "1", "·": "*", "⋅": "*", "×": "*", "∙": "*",
+    "µ": "u", "μ": "u",
     "（": "(", "）": ")", "［": "[", "］": "]", "／": "/", "Ω": "Ohm", "′": "'",
 })  # fmt: skip
 
@@ -30,16 +31,19 @@ PLAIN_BRACKETS = str.maketrans("（）［］【】｛｝＜＞／", "()[][]{}<>/
 
 #: Symbol → factor, dimension (base → exponent), and the SI prefixes that it is written with.
 _SYMBOLS: dict[str, tuple[float, dict[str, int], str]] = {
-    "m": (1.0, {"m": 1}, "pnumcdk"), "in": (_INCH_M, {"m": 1}, "um"), "ft": (12 * _INCH_M, {"m": 1}, ""),
-    "mil": (1e-3 * _INCH_M, {"m": 1}, ""), "micron": (1e-6, {"m": 1}, ""), "ips": (_INCH_M, {"m": 1, "s": -1}, ""),
+    "m": (1.0, {"m": 1}, "pnumcdk"), "in": (_INCH_M, {"m": 1}, "um"),
+    "ft": (12 * _INCH_M, {"m": 1}, ""), "mil": (1e-3 * _INCH_M, {"m": 1}, ""),
+    "micron": (1e-6, {"m": 1}, ""), "ips": (_INCH_M, {"m": 1, "s": -1}, ""),
     "s": (1.0, {"s": 1}, "pnumcdk"), "min": (60.0, {"s": 1}, ""), "h": (3600.0, {"s": 1}, ""),
     "d": (86400.0, {"s": 1}, ""), "Hz": (1.0, {"s": -1}, "umkMG"), "rpm": (1 / 60, {"s": -1}, "k"),
     "g": (STANDARD_GRAVITY, {"m": 1, "s": -2}, "num"), "Gal": (1e-2, {"m": 1, "s": -2}, "num"),
     "V": (1.0, {"V": 1}, "pnumk"), "A": (1.0, {"A": 1}, "pnum"), "C": (1.0, {"C": 1}, "pnum"),
-    "N": (1.0, {"N": 1}, "mkM"), "lbf": (4.4482216152605, {"N": 1}, ""), "Pa": (1.0, {"Pa": 1}, "umhkM"),
+    "N": (1.0, {"N": 1}, "mkM"), "lbf": (4.4482216152605, {"N": 1}, ""),
+    "Pa": (1.0, {"Pa": 1}, "umhkM"),
     "kg": (1.0, {"kg": 1}, ""), "Ohm": (1.0, {"Ohm": 1}, "mkM"),
     "rad": (1.0, {"rad": 1}, "numk"), "deg": (math.pi / 180, {"rad": 1}, "m"),
-    "gon": (math.pi / 200, {"rad": 1}, "m"), "counts": (1.0, {"counts": 1}, ""), "%": (1e-2, {}, ""),
+    "gon": (math.pi / 200, {"rad": 1}, "m"), "counts": (1.0, {"counts": 1}, ""),
+    "%": (1e-2, {}, ""),
     "ppm": (1e-6, {}, ""), "dB": (1.0, {"dB": 1}, ""), "1": (1.0, {}, ""),
 }  # fmt: skip
 #: Words and other spellings, in lower case → symbol.
@@ -50,7 +54,8 @@ _WORDS = {
     **dict.fromkeys(("minute", "minuten", "分", "分钟", "мин"), "min"),
     **dict.fromkeys(("hr", "hour", "stunde", "stunden", "小时"), "h"), "day": "d",
     **dict.fromkeys(("hertz", "赫", "赫兹", "гц"), "Hz"), "cps": "Hz",
-    **dict.fromkeys(("gn", "g_n", "gee", "grav", "gravity", "g's", "g-force"), "g"), "galileo": "Gal",
+    **dict.fromkeys(("gn", "g_n", "gee", "grav", "gravity", "g's", "g-force"), "g"),
+    "galileo": "Gal",
     **dict.fromkeys(("volt", "伏", "伏特", "в"), "V"), **dict.fromkeys(("amp", "ampere"), "A"),
     **dict.fromkeys(("coulomb", "cb"), "C"), "newton": "N", "pascal": "Pa", "ohm": "Ohm",
     **dict.fromkeys(("radian", "弧度", "рад"), "rad"),
@@ -59,10 +64,12 @@ _WORDS = {
     "percent": "%", "prozent": "%", "decibel": "dB", "db": "dB", "u/min": "rpm", "1/min": "rpm",
 }  # fmt: skip
 _PREFIXES = {
-    "p": 1e-12, "n": 1e-9, "u": 1e-6, "m": 1e-3, "c": 1e-2, "d": 0.1, "h": 1e2, "k": 1e3, "M": 1e6, "G": 1e9,
+    "p": 1e-12, "n": 1e-9, "u": 1e-6, "m": 1e-3, "c": 1e-2, "d": 0.1, "h": 1e2, "k": 1e3,
+    "M": 1e6, "G": 1e9,
 }  # fmt: skip
 _PREFIX_WORDS = {
-    "pico": "p", "nano": "n", "micro": "u", "mikro": "u", "milli": "m", "centi": "c", "kilo": "k", "mega": "M",
+    "pico": "p", "nano": "n", "micro": "u", "mikro": "u", "milli": "m", "centi": "c",
+    "kilo": "k", "mega": "M",
     "纳": "n", "微": "u", "毫": "m", "千": "k", "мк": "u",
     "н": "n", "м": "m", "к": "k", "ミリ": "m", "マイクロ": "u",
 }  # fmt: skip
@@ -288,7 +295,7 @@ def quantity_of(unit: str) -> str | None:
 
 
 def factor_between(unit: str, target: str) -> float | None:
-    """Return how many ``target`` units a ``unit`` is; None if they are not of one dimension, or unknown."""
+    """Return how many ``target`` units a ``unit`` is; None if unknown or of another dimension."""
     parsed, wanted = parse_unit(unit), parse_unit(target)
     if parsed is None or wanted is None or parsed.dimension != wanted.dimension:
         return None

@@ -1,5 +1,6 @@
 """One data format a file; each holds a :class:`vibrident.data.io.reader.Reader` in the file's name.
 
-Opening and loading raise as ``Reader.open`` and :class:`vibrident.data.io.columns.ColumnFile` state: InputError where
-the file is damaged or not of the format, holds no numbers, or its library is not installed.
+Opening and loading raise as ``Reader.open`` and :class:`vibrident.data.io.columns.ColumnFile`
+state: InputError where the file is damaged or not of the format, holds no numbers, or its library
+is not installed.
 """
