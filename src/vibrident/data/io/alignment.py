@@ -267,7 +267,7 @@ def _on_one_raster(
     ``apart``: how much later the reference begins, s, and its standard uncertainty.
     """
     apart_s, timing_u_s = apart
-    notes = [*response.notes, *reference.notes]
+    notes = [*dict.fromkeys((*response.notes, *reference.notes))]
     is_same = is_same_rate(response.clock, reference.clock)
     slower, faster = response, reference
     faster_begins_s = apart_s

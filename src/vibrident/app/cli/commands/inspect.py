@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +17,8 @@ if TYPE_CHECKING:
     from vibrident.data.interferometer.summary import OpticalSummary
     from vibrident.data.records import Calibration
     from vibrident.fit.screening import Finding
+
+MAX_STEPS = 8  # of the reading that are shown
 
 
 def inspect(
@@ -74,6 +77,11 @@ def _show(calibration: Calibration, findings: list[Finding], files: list[Path]) 
     show_rows(_telling(io.describe(calibration)), "Tabulated response" if calibration.table else "Records")
     if light := [_light_row(record.name, record.optical) for record in calibration.records if record.optical]:
         show_rows(light, "Interferometer")
+    if steps := _steps(calibration):
+        console.print(Text("Read as:", "bold"))
+        for step in steps:
+            console.print(Padding(Text(printable(step)), (0, 0, 0, 2), expand=False))
+        console.print()
     for code in dict.fromkeys(finding.code for finding in findings):
         console.print(Text.assemble(("Finding: ", "bold yellow"), (words.explain(code).title, "bold"), f" ({code})"))
         for finding in findings:
@@ -82,6 +90,16 @@ def _show(calibration: Calibration, findings: list[Finding], files: list[Path]) 
     if not findings and calibration.records:
         say("No findings: no clipped samples, no channel without signal, no sign of aliasing.")
     wrote(files)
+
+
+def _steps(calibration: Calibration) -> list[str]:
+    """Return what was done with the files: units, clocks and cuts; the most usual steps first."""
+    sources = [record.provenance for record in calibration.records]
+    if calibration.table is not None:
+        sources = [calibration.table.provenance]
+    counts = Counter(step for source in sources for step in source.history).most_common(MAX_STEPS + 1)
+    shown = [step if count == len(sources) else f"{step} ({count} records)" for step, count in counts[:MAX_STEPS]]
+    return [*shown, "further steps: provenance in result.json"] if len(counts) > MAX_STEPS else shown
 
 
 def _understood(calibration: Calibration) -> dict[str, str]:
