@@ -212,7 +212,7 @@ def _judged_place(shown: str) -> Check:
         "History",
         f"none yet; it would be {shown}",
         usable=folder.is_dir() and os.access(folder, os.W_OK),
-        remedy="set VIBRIDENT_STORE to a place that can be written",
+        remedy="name a store in a folder that can be written",
         vital=False,
     )
 

@@ -14,7 +14,15 @@ from __future__ import annotations
 
 from vibrident.fit.bins.normal import Batch, BinNormal, SegmentNormals, Step, add_batch, residual_and_jacobian
 from vibrident.fit.bins.record import BinsAt, RecordBins, without_offset
-from vibrident.fit.bins.segments import Segment, hum_of, seen_by_network, segment_of, transformable, unbroken
+from vibrident.fit.bins.segments import (
+    Segment,
+    hum_of,
+    seen_by_network,
+    segment_of,
+    transformable,
+    unbroken,
+    usable_steps,
+)
 from vibrident.fit.bins.series import SegmentSeries, add_series, series_of
 from vibrident.fit.bins.transfer import DiscreteTransfer, Trained, transfer_of
 
@@ -39,5 +47,6 @@ __all__ = [
     "transfer_of",
     "transformable",
     "unbroken",
+    "usable_steps",
     "without_offset",
 ]

@@ -12,6 +12,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy import fft
@@ -23,7 +24,9 @@ from vibrident.data.records.basis import runs_of_true
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.rest import offset_of_reference
 from vibrident.fit.response.transform import MOST_KEPT
-from vibrident.physics.discretisation.inputs import StepFilters
+from vibrident.physics.discretisation.inputs import StepFilters, StepInputs
+
+_Step = TypeVar("_Step", StepInputs, StepFilters)
 
 #: Shorter runs keep all their samples.
 WHOLE = 1 << 13
@@ -49,7 +52,10 @@ class Transforms:
 
     @functools.cached_property
     def inputs(self) -> ComplexArray:
-        """Of the inputs of the steps, shape (q, L)."""
+        """Of the inputs of the steps, shape (q, L); zero for a free decay."""
+        if self.record.reference is None:
+            lines = (self.span.stop - self.span.start) // 2 + 1
+            return np.zeros((self.step.filters.shape[0], lines), dtype=complex)
         return input_lines(seen_by_network(self.record, centred=True)[0], self.span, self.step)
 
     @functools.cached_property
@@ -163,6 +169,17 @@ def seen_by_network(record: Record, *, centred: bool) -> tuple[FloatArray, BoolA
     # A spring that is not linear is taken from rest, where it is in its middle.
     offset = record.reference[used].mean() if centred else offset_of_reference(record)
     return np.where(used, record.reference - offset, 0.0), used
+
+
+def usable_steps(step: _Step, record: Record) -> _Step:
+    """Return the steps of a record without those that lack an input.
+
+    Without a reference nothing is interpolated: a free decay keeps its first samples, which say
+    most. A step goes from one sample to the next.
+    """
+    if record.reference is not None:
+        return step
+    return replace(step, usable=np.arange(record.samples) < record.samples - 1)
 
 
 def unbroken(usable: BoolArray) -> list[slice]:

@@ -35,6 +35,7 @@ from vibrident.fit.bins import (
     series_of,
     transformable,
     unbroken,
+    usable_steps,
 )
 from vibrident.fit.bins.normal import AT_ONCE
 from vibrident.fit.bins.record import FreeLines, ModelLines, counted, free_of_pieces, free_of_run
@@ -69,11 +70,7 @@ class BinProblem(NetworkProblem):
             frame.method.filters(seen_by_network(r, centred=True)[1], frame.terms, frame.delay_s * r.sampling_rate_hz)
             for r in records
         ]
-        # Without a reference nothing is interpolated, and the beginning says most.
-        steps = [
-            replace(step, usable=np.ones_like(step.usable)) if r.reference is None else step
-            for r, step in zip(records, steps, strict=True)
-        ]
+        steps = [usable_steps(step, record) for step, record in zip(steps, records, strict=True)]
         segments = tuple(
             segment_of(number, record, span, step)
             for number, (record, step) in enumerate(zip(records, steps, strict=True))

@@ -20,7 +20,7 @@ import numpy as np
 from vibrident.base.backend import jax, jnp, release_kernels
 from vibrident.base.participants import takes_part
 from vibrident.data.records import FloatArray, Quantity, Record
-from vibrident.fit.bins import RecordBins, seen_by_network
+from vibrident.fit.bins import RecordBins, seen_by_network, usable_steps
 from vibrident.fit.problem.coordinates import Coordinates
 from vibrident.fit.problem.cutting import Piece, bucket, cut
 from vibrident.fit.problem.network_problem import Frame, NetworkProblem
@@ -84,7 +84,10 @@ class TimeProblem(NetworkProblem):
         # ends within a period.
         seen = [seen_by_network(record, centred=model.is_linear) for record in records]
         late = [frame.delay_s * record.sampling_rate_hz for record in records]
-        steps = [method.inputs(*own, frame.terms, delay) for own, delay in zip(seen, late, strict=True)]
+        steps = [
+            usable_steps(method.inputs(*signal, frame.terms, delay), record)
+            for signal, delay, record in zip(seen, late, records, strict=True)
+        ]
         fractions = np.zeros(len(intervals))
         fractions[rate] = [step.fraction for step in steps]
         lanes, pieces = cut(records, steps, rate, frame.fewest, CHUNK)
