@@ -24,6 +24,7 @@ from vibrident.data.io.units import (
     PLAIN_BRACKETS,
     QUANTITY_UNITS,
     Unit,
+    counts_rows,
     factor_between,
     parse_unit,
     quantity_of,
@@ -32,7 +33,7 @@ from vibrident.data.io.units import (
 )
 from vibrident.data.records import REFERENCE_UNITS, STANDARD_GRAVITY
 
-SAME_FACTOR = 1e-3  # relative; a scale this close to a conversion is that conversion (9.81 for g)
+_SAME_FACTOR = 1e-3  # relative; a scale this close to a conversion is that conversion (9.81 for g)
 #: A unit behind an underscore or a blank, of times only: "_m" or "_a" are ambiguous.
 _SUFFIX = re.compile(r"^.*\w[_.\s-]+([^\W\d_]+)$")
 _RUN_ON = re.compile(r"^(?:t|time|timestamp|zeit|elapsed)(ms|us|ns|µs|μs)$", re.IGNORECASE)
@@ -42,22 +43,6 @@ _TIME_NAMES = frozenset(
      "tiempo", "tempo", "x_value", "timestamps",
      "uhrzeit", "zeitstempel", "datetime", "date/time", "date time", "seconds_elapsed"}
 )  # fmt: skip
-#: Names of what numbers the rows; no unit of time.
-_COUNTS_ROWS = frozenset(
-    {
-        "samples",
-        "sample",
-        "ticks",
-        "tick",
-        "counts",
-        "count",
-        "points",
-        "point",
-        "index",
-        "smp",
-        "#",
-    }
-)
 
 
 @dataclass(frozen=True)
@@ -70,15 +55,20 @@ class Conversion:
 
 def unit_in_name(name: str) -> str:
     """Return the unit at the end of a column's name, as written; "" if none."""
-    return split_unit(_short(name))[1]
+    return split_unit(short_name(name))[1]
 
 
 def header(source: ColumnFile, position: int) -> str:
     """Return a column's name, with the unit that the file states beside it."""
     unit = source.stated_unit(position)
-    name = source.names[position]
-    name = name.rsplit("/", 1)[-1] if source.names_are_paths else name
+    name = last_name(source, position)
     return f"{name} ({unit})" if unit else name
+
+
+def last_name(source: ColumnFile, position: int) -> str:
+    """Return a column's name without the path in front of it."""
+    name = source.names[position]
+    return name.rsplit("/", 1)[-1] if source.names_are_paths else name
 
 
 def seconds_per_unit(source: ColumnFile, position: int) -> float | None:
@@ -94,7 +84,7 @@ def seconds_per_unit(source: ColumnFile, position: int) -> float | None:
     parsed = parse_unit(unit)
     if parsed is not None and parsed.dimension == (("s", 1),):
         return parsed.factor
-    if unit.lower() in _COUNTS_ROWS or (parsed is not None and parsed.dimension):
+    if counts_rows(unit) or (parsed is not None and parsed.dimension):
         raise InputError(
             "The header of a column contradicts the calibration file.",
             expected="a column in seconds, or in a multiple of it",
@@ -107,13 +97,12 @@ def seconds_per_unit(source: ColumnFile, position: int) -> float | None:
 
 def states_a_time_unit(name: str) -> bool:
     """Tell whether a column's name states the unit of its times."""
-    parsed = parse_unit(_unit_of_time(name))
-    return parsed is not None and parsed.dimension == (("s", 1),)
+    return _is_a_time(_unit_of_time(name))
 
 
 def is_time(name: str) -> bool:
     """Tell whether a column's name is that of times, with a unit or without."""
-    name = _short(name)
+    name = short_name(name)
     plain = name.lower()
     base = re.split(r"[\[(<{/_,]|\s+in\s", plain, maxsplit=1)[0].strip()
     numbered = base.rstrip("0123456789").rstrip()  # "t2": the clock of another channel
@@ -126,9 +115,9 @@ def is_time(name: str) -> bool:
 
 def _unit_of_time(name: str) -> str:
     """Return the unit in the name of a column of times; "" if none."""
-    short = _short(name)
+    short = short_name(name)
     unit = unit_in_name(short)
-    if parse_unit(unit) is not None or unit.lower() in _COUNTS_ROWS:
+    if parse_unit(unit) is not None or counts_rows(unit):
         return unit
     if len(short) > 1 and _is_a_time(short):  # "seconds"
         return short
@@ -142,7 +131,7 @@ def _is_a_time(text: str) -> bool:
     return parsed is not None and parsed.dimension == (("s", 1),)
 
 
-def _short(name: str) -> str:
+def short_name(name: str) -> str:
     """Return the stripped name with plain brackets; "" for a very long one."""
     if len(name) > MAX_NAME_LENGTH:
         return ""
@@ -190,9 +179,10 @@ def reference_conversion(
         return Conversion(1.0, stated)
     wanted = QUANTITY_UNITS[section.quantity]
     if parsed is not None and parsed.dimension == wanted.dimension:
-        return Conversion(
-            _factor_of_motion(source, position, section, parsed, text, declared), text
-        )
+        if declared:
+            return Conversion(declared_factor(section, source), text)
+        _refuse_second_conversion(source, position, section, parsed.factor, text)
+        return Conversion(parsed.factor, text)
     quantity = quantity_of(text)
     if quantity is not None:
         remedy = f'set quantity = "{quantity}", or correct the unit in the file'
@@ -213,57 +203,52 @@ def _declared_unit(section: ReferenceSection, stated: str, source: ColumnFile) -
     si = REFERENCE_UNITS[section.quantity]
     if not section.unit or factor_between(section.unit, si) == 1.0:
         return ""
-    where = f"{source.file}, asked for by [reference] unit"
     factor = factor_between(section.unit, stated) if stated else 1.0
-    if stated and parse_unit(section.unit) is not None and (factor is None or factor != 1.0):
+    if stated and parse_unit(section.unit) is not None and factor != 1.0:
         raise InputError(
             "The unit of the reference contradicts the file.",
             expected=f"{stated!r}, as the file states",
             found=f"unit = {section.unit!r}",
-            where=where,
+            where=f"{source.file}, asked for by [reference] unit",
             remedy=f"leave unit out; the file's is converted to {si}",
         )
-    if factor_between(section.unit, si) is None and abs(section.scale) == 1.0:
-        raise InputError(
-            f"The unit of the reference does not fit the quantity {section.quantity!r}.",
-            expected=f"{si} after scaling",
-            found=f"unit = {section.unit!r} with scale = {section.scale!r}",
-            where=where,
-            remedy="correct unit, quantity or scale",
-        )
+    declared_factor(section, source)
     return section.unit
 
 
-def _factor_of_motion(
-    source: ColumnFile,
-    position: int,
-    section: ReferenceSection,
-    parsed: Unit,
-    text: str,
-    declared: str,
-) -> float:
-    """Return the factor to SI of a unit of the reference's own quantity."""
-    factor = parsed.factor
-    is_converted = _is_same(section.scale, factor)
-    if factor == 1.0:
-        if _is_same(section.scale, STANDARD_GRAVITY):
-            remedy = "set scale = 1.0; or correct the unit in the file"
-            raise _contradiction(source, position, "[reference] scale", "values in g", text, remedy)
+def declared_factor(section: ReferenceSection, source: ColumnFile) -> float:
+    """Return the factor to SI of ``[reference] unit``: 1 for SI, none, and one that scale converts.
+
+    Raises:
+        InputError: neither the unit nor scale converts to SI, or both would.
+    """
+    si = REFERENCE_UNITS[section.quantity]
+    factor = factor_between(section.unit, si)
+    if section.quantity == "drive" or not section.unit or factor == 1.0:
         return 1.0
-    if declared and is_converted:  # unit = "g", scale = 9.80665: the scale is the conversion
+    is_scaled = abs(section.scale) != 1.0
+    if factor is not None and not is_scaled:
+        return factor
+    if is_scaled and (factor is None or is_same_factor(section.scale, factor)):
         return 1.0
-    if is_converted:
+    raise InputError(
+        f"The unit of the reference does not fit the quantity {section.quantity!r} and the scale.",
+        expected=f"a unit of {section.quantity} without scale, or scale to {si} without unit",
+        found=f"unit = {section.unit!r} with scale = {section.scale!r}",
+        where=f"{source.file}, asked for by [reference] unit",
+        remedy=f"correct unit or quantity; or leave unit out where scale leads to {si}",
+    )
+
+
+def _refuse_second_conversion(
+    source: ColumnFile, position: int, section: ReferenceSection, factor: float, text: str
+) -> None:
+    """Refuse a scale that is the factor of the file's unit, or of g where the file has SI."""
+    if factor != 1.0 and is_same_factor(section.scale, factor):
         raise _converted_twice(source, position, "[reference]", text, section.scale)
-    if declared and abs(section.scale) != 1.0:
-        si = REFERENCE_UNITS[section.quantity]
-        raise InputError(
-            "The scale of the reference has two meanings.",
-            expected=f"scale to {si} (then leave unit out), or unit = {text!r} without scale",
-            found=f"unit = {text!r} with scale = {section.scale!r}",
-            where=f"{source.file}, asked for by [reference] scale",
-            remedy=f"leave out unit where scale leads to {si}",
-        )
-    return factor
+    if factor == 1.0 and is_same_factor(section.scale, STANDARD_GRAVITY):
+        remedy = "set scale = 1.0; or correct the unit in the file"
+        raise _contradiction(source, position, "[reference] scale", "values in g", text, remedy)
 
 
 def response_unit(source: ColumnFile, position: int, section: ResponseSection) -> str:
@@ -321,7 +306,7 @@ def _convert(
         return Conversion(1.0, text)
     if parsed is not None and wanted is not None and parsed.dimension == wanted.dimension:
         factor = parsed.factor / wanted.factor
-        if factor != 1.0 and _is_same(section.scale, factor):
+        if factor != 1.0 and is_same_factor(section.scale, factor):
             raise _converted_twice(source, position, key, text, section.scale)
         return Conversion(factor, text)
     sure = bool(source.stated_unit(position)) or (parsed is not None and not _is_time_like(parsed))
@@ -331,8 +316,9 @@ def _convert(
     return Conversion(1.0, text)
 
 
-def _is_same(scale: float, factor: float) -> bool:
-    return math.isclose(abs(scale), factor, rel_tol=SAME_FACTOR)
+def is_same_factor(scale: float, factor: float) -> bool:
+    """Tell whether a scale is a conversion, as 9.81 is that of g."""
+    return math.isclose(abs(scale), factor, rel_tol=_SAME_FACTOR)
 
 
 def _converted_twice(

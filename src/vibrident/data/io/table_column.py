@@ -12,10 +12,8 @@ from dataclasses import dataclass
 
 from vibrident.base.errors import InputError
 from vibrident.data.io.columns import ColumnFile
-from vibrident.data.io.header_units import header
+from vibrident.data.io.header_units import header, last_name, short_name
 from vibrident.data.io.units import (
-    MAX_NAME_LENGTH,
-    PLAIN_BRACKETS,
     parse_unit,
     says_nothing,
     split_unit,
@@ -61,10 +59,7 @@ class TableColumn:
     @property
     def name(self) -> str:
         """Name without its path and without "k = 1"; "" for a very long one."""
-        name = self.source.names[self.position]
-        name = name.rsplit("/", 1)[-1] if self.source.names_are_paths else name
-        name = "" if len(name) > MAX_NAME_LENGTH else name.strip().translate(PLAIN_BRACKETS)
-        return _COVERAGE_OF_ONE.sub("", name)
+        return _COVERAGE_OF_ONE.sub("", short_name(last_name(self.source, self.position)))
 
     @property
     def stated_unit(self) -> str:

@@ -5,10 +5,9 @@ The factor leads to the unit of the response per SI unit of the reference.
 
 from __future__ import annotations
 
-import math
-
 from vibrident.base.errors import InputError
 from vibrident.data.io.calibration_file import CalibrationFile
+from vibrident.data.io.header_units import declared_factor, is_same_factor
 from vibrident.data.io.table_column import RELATIVE_UNITS, TableColumn, per_unit_in
 from vibrident.data.io.units import (
     PLAIN_BRACKETS,
@@ -20,7 +19,6 @@ from vibrident.data.io.units import (
 )
 from vibrident.data.records import REFERENCE_UNITS, STANDARD_GRAVITY
 
-SAME_FACTOR = 1e-3  # relative; a scale this close to a conversion is that conversion (9.81 for g)
 _OUTPUTS = frozenset({"V", "A", "C", "counts"})  # of sensors
 _NO_DIMENSION = Unit(1.0, ())
 
@@ -195,7 +193,7 @@ def _refuse_second_conversion(
         conversions += [(reference, STANDARD_GRAVITY), (response, 1.0 / STANDARD_GRAVITY)]
     scales = {"[response]": response, "[reference]": reference}
     for scale, known in conversions:
-        if known not in (None, 1.0) and math.isclose(abs(scale), known, rel_tol=SAME_FACTOR):
+        if known not in (None, 1.0) and is_same_factor(scale, known):
             keys = " and ".join(key for key, value in scales.items() if abs(value) != 1.0)
             raise column.refused(
                 f"no scale {scale!r}: the unit of the file is converted already",
@@ -212,26 +210,11 @@ def _factor_of_reference(
     ``below``: what the file states that the response is per; None for nothing.
     """
     reference = calibration.reference
-    si = REFERENCE_UNITS[reference.quantity]
-    declared = factor_between(reference.unit, si)
-    if reference.quantity == "drive" or not reference.unit or declared == 1.0:
+    factor = factor_between(reference.unit, REFERENCE_UNITS[reference.quantity])
+    is_si = reference.quantity == "drive" or not reference.unit or factor == 1.0
+    if below is None or is_si:
+        return 1.0 / declared_factor(reference, column.source)
+    if parse_unit(reference.unit) == below:
         return 1.0
-    if below is not None:
-        if parse_unit(reference.unit) == below:
-            return 1.0
-        remedy = "remove unit under [reference], or correct the header"
-        raise column.refused(f"a response per {reference.unit}", text, remedy)
-    is_scaled = abs(reference.scale) != 1.0
-    if declared is not None and not is_scaled:
-        return 1.0 / declared
-    if is_scaled and (
-        declared is None or math.isclose(abs(reference.scale), declared, rel_tol=SAME_FACTOR)
-    ):
-        return 1.0
-    raise InputError(
-        "The unit of the reference does not fit.",
-        expected=f"unit of {reference.quantity} without scale, or scale to {si} without unit",
-        found=f"unit = {reference.unit!r} with scale = {reference.scale!r}",
-        where=f"{column.source.file}, asked for by [reference] unit",
-        remedy="remove one of the two, or correct the unit",
-    )
+    remedy = "remove unit under [reference], or correct the header"
+    raise column.refused(f"a response per {reference.unit}", text, remedy)

@@ -21,7 +21,14 @@ from vibrident.data.io.table_ratio import (
     sensitivity_factor,
     sensitivity_unit,
 )
-from vibrident.data.io.units import MAX_NAME_LENGTH, PLAIN_BRACKETS, Unit, parse_unit, split_unit
+from vibrident.data.io.units import (
+    MAX_NAME_LENGTH,
+    PLAIN_BRACKETS,
+    Unit,
+    counts_rows,
+    parse_unit,
+    split_unit,
+)
 from vibrident.data.records import FloatArray
 
 _HERTZ = (("s", -1),)
@@ -29,7 +36,6 @@ _RADIANS_PER_SECOND = (("rad", 1), ("s", -1))
 _RADIAN = (("rad", 1),)
 _OMEGA = re.compile(r"omega|ω|w|kreisfrequenz|angular frequency", re.IGNORECASE)
 _CYCLES = re.compile(r"hz|hertz|rpm|min", re.IGNORECASE)
-_COUNTED = re.compile(r"(samples?|points?|index|bins?|lines?|#)", re.IGNORECASE)
 _PARTS_OF_A_TURN = re.compile(r"cycles?|turns?|rev(olutions?)?|.*(π|\bpi\b).*", re.IGNORECASE)
 #: Gon in most languages; German for degrees, which as a noun has a capital.
 _DEGREES_OR_GON = ("grad", "grads", "GRAD")
@@ -90,7 +96,7 @@ def frequency_conversion(column: TableColumn) -> Conversion:
                 is_angular and not _CYCLES.search(text)
             )
             return Conversion(parsed.factor / (2 * math.pi if in_radians else 1.0), unit=text)
-        if is_sure and ((parsed is not None and parsed.dimension) or _COUNTED.fullmatch(text)):
+        if is_sure and ((parsed is not None and parsed.dimension) or counts_rows(text)):
             remedy = "write the frequencies in Hz, and Hz into the header"
             raise column.refused("Hz, or a multiple of it", text, remedy)
     return Conversion(0.5 / math.pi, unit="rad/s, by its name") if is_angular else Conversion()

@@ -15,7 +15,7 @@ from vibrident.data.io.columns import Clock, Start
 from vibrident.data.io.plain_text import BLANKS
 from vibrident.data.io.sampling import plainest_clock
 from vibrident.data.io.stamps import has_fraction, is_stamp, parse_stamps
-from vibrident.data.io.units import Unit, parse_unit, says_nothing
+from vibrident.data.io.units import Unit, parse_unit, says_nothing, without_brackets
 
 #: Keys of a statement, by what they state; a blank stands for "_", "-", "." and blanks, or none.
 _KEYS = {
@@ -66,7 +66,6 @@ _SAMPLES_PER_SECOND = re.compile(
     r"(?:(?:samples?|sa|smp|points|pts|scans|s)\s*(?:/|per)\s*s(?:ec(?:ond)?)?|sps)\b",
     re.IGNORECASE,
 )
-_IN_BRACKETS = re.compile(r"\[[^\[\]]*\]|\([^()]*\)|\{[^{}]*\}|<[^<>]*>")
 _PREFIXES = {"": 1.0, "k": 1e3, "m": 1e6, "g": 1e9}
 #: A number of more digits may be rounded; an interval is often the reciprocal of a round number.
 _EXACT_DIGITS = {"rate": 5, "interval": 3}
@@ -221,11 +220,6 @@ def _take_units(statement: Statement, columns: list[_Column], x_column: int | No
     for column, value in pairs:
         if not says_nothing(value):
             column.unit = column.unit or without_brackets(value)
-
-
-def without_brackets(unit: str) -> str:
-    """Return a unit without brackets around the whole of it."""
-    return unit[1:-1].strip() if _IN_BRACKETS.fullmatch(unit) else unit
 
 
 def _take_clock(

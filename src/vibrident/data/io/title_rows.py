@@ -8,16 +8,12 @@ from itertools import pairwise
 
 from vibrident.data.io.plain_text import BLANKS
 from vibrident.data.io.text_head import HeadLine, is_key
-from vibrident.data.io.units import parse_unit, says_nothing
+from vibrident.data.io.units import counts_rows, parse_unit, says_nothing
 
 #: Names above a column that the rows do not have (LabVIEW).
 COMMENTS = frozenset({"comment", "comments", "kommentar", "commentaire"})
 _NUMBER = re.compile(r"[+-]?\d*\.?\d+(?:[eE][+-]?\d+)?")
 _BRACKETED = re.compile(r"\[.*\]|\(.*\)|<.*>")
-#: In a row of units, of a column that counts.
-_COUNTERS = frozenset(
-    {"sequence", "no.", "no", "nr", "nr.", "number", "index", "samples", "points", "ticks", "tick"}
-)
 #: Of an abscissa.
 TIME_NAMES = re.compile(
     r"(?:x|t|x[ _-]?(?:value|axis|achse)|time\w*|zeit|seconds?|source|f|freq\w*)\b", re.IGNORECASE
@@ -88,7 +84,7 @@ def _are_units(row: Sequence[str], names: Sequence[str]) -> bool:
     for cell, name in zip(row, names, strict=True):
         if _BRACKETED.fullmatch(cell) or parse_unit(cell) is not None:
             known += 1
-        elif cell.lower() in _COUNTERS or (cell and cell.lower() in name.lower()):
+        elif counts_rows(cell) or (cell and cell.lower() in name.lower()):
             unknown += 1
         elif not says_nothing(cell):
             return False

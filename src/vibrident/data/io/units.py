@@ -76,24 +76,15 @@ _PREFIX_WORDS = {
 #: Written without a sign between metre and second, also in "mV/ms-2"; by the rules a millisecond.
 _RUN_TOGETHER = re.compile(r"(?<![^\W_])ms\^?-([12])(?!\d)")
 #: What programs write where there is no unit.
-_NO_UNIT = frozenset(
-    {
-        "",
-        "-",
-        "--",
-        "none",
-        "n/a",
-        "unknown",
-        "unit",
-        "units",
-        "eu",
-        "arb",
-        "a.u.",
-        "au",
-        "raw",
-    }
-    | {"?", "[]", "()", "1"}
-)
+_NO_UNIT = frozenset((
+    "", "-", "--", "none", "n/a", "unknown", "unit", "units", "eu", "arb", "a.u.", "au", "raw",
+    "?", "[]", "()", "1",
+))  # fmt: skip
+#: Of what numbers the rows, in place of a unit.
+_COUNTERS = frozenset((
+    "#", "sample", "samples", "smp", "point", "points", "tick", "ticks", "count", "counts", "index",
+    "sequence", "number", "no", "no.", "nr", "nr.", "bin", "bins", "line", "lines",
+))  # fmt: skip
 _AFTER_WORD = re.compile(r"^(.*\S)\s+(?:in|en)\s+(\S.*)$", re.IGNORECASE)
 _AFTER_SLASH = re.compile(r"^([^/]*[\w)\]|])\s*/\s*(\(.+\)|.+)$")
 _TOKEN = re.compile(
@@ -133,6 +124,11 @@ def _sorted(exponents: Counter[str]) -> tuple[tuple[str, int], ...]:
 def says_nothing(text: str) -> bool:
     """Tell whether a stated unit is one of the words for none, such as "-" or "n/a"."""
     return text.strip().lower() in _NO_UNIT
+
+
+def counts_rows(text: str) -> bool:
+    """Tell whether a text in place of a unit says that a column numbers the rows."""
+    return text.strip().lower() in _COUNTERS
 
 
 @functools.lru_cache(maxsize=1024)

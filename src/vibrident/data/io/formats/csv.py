@@ -28,7 +28,7 @@ from vibrident.data.io.plain_text import BLANKS, TAIL_BYTES, PlainText, respelle
 from vibrident.data.io.reader import Reader
 from vibrident.data.io.stamps import Stamps, is_stamp, parse_stamps
 from vibrident.data.io.text_cleaning import clean
-from vibrident.data.io.text_head import without_brackets
+from vibrident.data.io.units import without_brackets
 from vibrident.data.records import FloatArray
 
 _CHUNK_BYTES = 1 << 20  # counting needs ten times as much memory
