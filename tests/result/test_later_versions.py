@@ -60,7 +60,7 @@ def mappings(value: object, place: tuple = ()) -> Iterator[dict]:
             yield from mappings(item, (*place, "[]"))
 
 
-@settings(max_examples=100)
+@settings(max_examples=40)
 @given(extras)
 def test_fields_of_a_later_version_are_given_back_wherever_they_are(drawn):
     document = json.loads(whole().to_json())
