@@ -1,4 +1,4 @@
-"""Both channels of a record on one even raster, by the clocks that their files state.
+"""Bring both channels of a record to one even raster, by the clocks that their files state.
 
 A whole number of samples between two clocks is cut; a fraction, another rate and uneven stamps are
 resampled, band-limited. What that costs is said in the record's history.
@@ -154,17 +154,19 @@ def _is_plain(channel: Channel) -> bool:
 
 def _share_raster(first: Channel, second: Channel) -> bool:
     """Tell whether two channels are known to be sampled together, or nothing else is known."""
-    one, other = first.clock, second.clock
-    assert one is not None
-    if other is None or (one.timeline is other.timeline and one.timeline is not None):
+    first_clock, second_clock = first.clock, second.clock
+    assert first_clock is not None
+    if second_clock is None or (
+        first_clock.timeline is second_clock.timeline and first_clock.timeline is not None
+    ):
         return True
-    if not _is_plain(second) or not is_same_rate(one.clock, other.clock):
+    if not _is_plain(second) or not is_same_rate(first_clock.clock, second_clock.clock):
         return False
-    begin, other_begin = one.clock.start, other.clock.start
-    if begin is None or other_begin is None or begin.epoch != other_begin.epoch:
+    first_start, second_start = first_clock.clock.start, second_clock.clock.start
+    if first_start is None or second_start is None or first_start.epoch != second_start.epoch:
         return True
-    apart = (other_begin.ns - begin.ns) * 1e-9 * one.clock.rate_hz
-    is_together = abs(apart) <= _SAME_PLACE + _START_ROUNDING_S * one.clock.rate_hz
+    apart = (second_start.ns - first_start.ns) * 1e-9 * first_clock.clock.rate_hz
+    is_together = abs(apart) <= _SAME_PLACE + _START_ROUNDING_S * first_clock.clock.rate_hz
     return is_together and first.values.size == second.values.size
 
 
@@ -306,16 +308,15 @@ def _on_one_raster(
             f"reference begins {apart_s * rate_hz:+.4g} samples after the response: resampled "
             f"{moved}band-limited; nothing above {top:.6g} Hz is kept"
         )
-    begins_s = (
-        0.0 if slower is response else apart_s
-    )  # the raster, from the response's first sample
+    # of the raster, from the response's first sample
+    begins_s = 0.0 if slower is response else apart_s
     low = max(first, math.ceil((begin_s - begins_s) * rate_hz - _SAME_PLACE))
     high = last
     if math.isfinite(end_s):
         high = min(last, math.ceil((end_s - begins_s) * rate_hz - _SAME_PLACE))
     _require_overlap(low, high, response, reference, apart_s)
-    part = slice(low - first, high - first)
-    pair = (at_slower[part], at_faster[part])
+    rows = slice(low - first, high - first)
+    pair = (at_slower[rows], at_faster[rows])
     values, motion = pair if slower is response else pair[::-1]
     assert response.channel.clock is not None
     start_s = response.channel.clock.begins_s + begins_s + low / rate_hz
@@ -326,13 +327,18 @@ def _time_between(response: Channel, reference: Channel) -> tuple[float, float]:
     """Return how much later the reference begins, s, and its standard uncertainty."""
     assert response.clock is not None
     assert reference.clock is not None
-    begin, other = response.clock.clock.start, reference.clock.clock.start
+    response_start, reference_start = response.clock.clock.start, reference.clock.clock.start
     stamps = [response.clock.timeline, reference.clock.timeline]
     is_one_clock = stamps[0] is stamps[1] and stamps[0] is not None
-    if is_one_clock or begin is None or other is None or begin.epoch != other.epoch:
+    if (
+        is_one_clock
+        or response_start is None
+        or reference_start is None
+        or response_start.epoch != reference_start.epoch
+    ):
         return 0.0, 0.0
     variance = sum(line.rounding_s**2 / 12.0 for line in stamps if line is not None)
-    return (other.ns - begin.ns) * 1e-9, math.sqrt(variance)
+    return (reference_start.ns - response_start.ns) * 1e-9, math.sqrt(variance)
 
 
 def _require_overlap(
@@ -374,11 +380,11 @@ def _without_holes(
             where=source.file,
             remedy="check the file and start_s / stop_s",
         )
-    part = slice(int(there[0]), int(there[-1]) + 1)
-    valid = complete[part]
-    filled = [None if v is None else _filled(v[part], valid) for v in (response, reference)]
+    rows = slice(int(there[0]), int(there[-1]) + 1)
+    valid = complete[rows]
+    filled = [None if v is None else _filled(v[rows], valid) for v in (response, reference)]
     assert filled[0] is not None
-    start_s += part.start / rate_hz
+    start_s += rows.start / rate_hz
     holes = None if valid.all() else valid
     return Aligned(filled[0], filled[1], holes, rate_hz, start_s, notes, timing_u_s)
 

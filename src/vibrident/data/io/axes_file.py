@@ -1,4 +1,4 @@
-"""A calibration file of several axes: a [[response]] an output, [reference] or [[reference]].
+"""Read calibration files of several axes: [[response]] per output, one reference or several.
 
 Each output and each motion has its ``axis``. With one reference the sensor was turned, and ``axis``
 of each [[records]] entry says along which of its axes it was moved; with several, the exciter moves
@@ -24,16 +24,18 @@ AXES = ("x", "y", "z")
 
 @dataclass(frozen=True)
 class AxesCalibration:
-    """A sensor with several outputs."""
+    """A sensor with several outputs.
 
-    outputs: Mapping[
-        str, Calibration
-    ]  # axis of an output to its calibration by the first reference
-    # axis of a reference to its signals: a calibration whose records have that reference; empty
-    # where the exciter has
-    # one reference, and the records say along which axis it moved
+    Attributes:
+        outputs: axis of an output to its calibration by the first reference.
+        motions: axis of a reference to a calibration whose records have that reference; empty with
+            one reference, where the records say along which axis the exciter moved.
+        transverse_motion: relative standard uncertainty of motion across the axis, with one
+            reference (ISO 16063-31).
+    """
+
+    outputs: Mapping[str, Calibration]
     motions: Mapping[str, Calibration]
-    # relative standard uncertainty of motion across the axis, with one reference (ISO 16063-31)
     transverse_motion: float = 0.0
 
 
@@ -62,12 +64,12 @@ def read_axes(path: str | os.PathLike[str]) -> AxesCalibration:
     first = next(iter(references.values()), single)
 
     def read(response: Mapping[str, Any], reference: Mapping[str, Any]) -> Calibration:
-        one = {**document, "response": response, "reference": reference}
-        return calibration_of(checked_calibration(one, where), file.parent, where)
+        axis_document = {**document, "response": response, "reference": reference}
+        return calibration_of(checked_calibration(axis_document, where), file.parent, where)
 
     outputs = {axis: read(response, first) for axis, response in responses.items()}
-    some = next(iter(responses.values()))
-    motions = {axis: read(some, reference) for axis, reference in references.items()}
+    first_response = next(iter(responses.values()))
+    motions = {axis: read(first_response, reference) for axis, reference in references.items()}
     for record in next(iter(outputs.values())).records:
         if record.excitation != "sine" or (not several and not record.circumstances.axis):
             raise InputError(
@@ -83,7 +85,7 @@ def read_axes(path: str | os.PathLike[str]) -> AxesCalibration:
 
 
 def _by_axis(entries: Any, name: str, where: str) -> dict[str, dict[str, Any]]:
-    """Each entry by its axis, without it."""
+    """Return axis → entry, without the key ``axis``."""
     if not isinstance(entries, list) or len(entries) < 2:
         raise InputError(
             "This is no calibration of several axes.",
@@ -92,13 +94,14 @@ def _by_axis(entries: Any, name: str, where: str) -> dict[str, dict[str, Any]]:
             where=f"{where}, {name}",
             remedy="add the others, or identify it with ⟦command = identify⟧",
         )
-    found: dict[str, dict[str, Any]] = {}
+    by_axis: dict[str, dict[str, Any]] = {}
     for number, entry in enumerate(entries, 1):
-        here, own = f"{where}, {name} entry {number}", dict(entry)
-        axis = own.pop("axis", None)
+        here = f"{where}, {name} entry {number}"
+        fields = dict(entry)
+        axis = fields.pop("axis", None)
         if axis not in AXES:
             raise unknown(f"An entry of {name} has no axis.", str(axis), AXES, here)
-        if axis in found:
+        if axis in by_axis:
             raise InputError(
                 f"Two entries of {name} have one axis.",
                 expected="a different axis each",
@@ -106,5 +109,5 @@ def _by_axis(entries: Any, name: str, where: str) -> dict[str, dict[str, Any]]:
                 where=here,
                 remedy="correct one of them",
             )
-        found[axis] = own
-    return found
+        by_axis[axis] = fields
+    return by_axis

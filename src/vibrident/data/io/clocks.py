@@ -1,4 +1,4 @@
-"""The clock of each channel of a record: what its file states, by time stamps or in a header.
+"""Find the clock of each channel of a record, by time stamps or a header of its file.
 
 The rate of the calibration file must agree with what the files state, each within its own rounding.
 """
@@ -33,7 +33,7 @@ class ChannelClock:
 
     @property
     def begins_s(self) -> float:
-        """Time of the first sample by its stamp, s; 0 without stamps."""
+        """Return the time of the first sample by its stamp, s; 0 without stamps."""
         if self.timeline is None or self.clock.start is None:
             return 0.0
         return self.clock.start.ns * 1e-9

@@ -1,4 +1,4 @@
-"""What the file formats have in common: ordered columns of numbers, and places of values.
+"""Share what all file formats have: ordered columns of numbers, and places of values.
 
 A file of a few kilobytes can declare more numbers than any machine holds: the number is checked
 before memory is allocated.
@@ -91,9 +91,7 @@ class Clock:
     """A file's statement of a column's sampling."""
 
     rate_hz: float  # samples per second
-    rate_rounding: float = (
-        1e-9  # relative; largest deviation of the true rate by the file's rounding
-    )
+    rate_rounding: float = 1e-9  # relative; most that the file's rounding changes the true rate
     start: Start | None = None  # of the first sample; None if the file states none
 
 
@@ -147,17 +145,17 @@ class ColumnFile(ABC):
 
     @property
     def file(self) -> str:
-        """Name of the file in messages."""
+        """Return the name of the file for messages."""
         return str(self._path)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Name of each column; repeats are possible."""
+        """Return the name of each column; repeats are possible."""
         return tuple(channel.name for channel in self._channels)
 
     @property
     def numbered(self) -> tuple[int, ...]:
-        """Positions of the column numbers 1, 2, …; empty if numbers are ambiguous."""
+        """Return the positions of column numbers 1, 2, …; empty if numbers are ambiguous."""
         return tuple(range(len(self._channels)))
 
     def clock(self, position: int) -> Clock | None:
@@ -174,11 +172,11 @@ class ColumnFile(ABC):
         return None if clock is None else clock.start
 
     def stated_unit(self, position: int) -> str:
-        """Unit of a column that the file states beside its name; "" if none."""
+        """Return the unit of a column that the file states beside its name; "" if none."""
         return self._channels[position].unit
 
     def in_seconds(self, position: int) -> bool:
-        """Whether this column is of a time type."""
+        """Tell whether this column is of a time type."""
         return self._channels[position].in_seconds
 
     @abstractmethod
@@ -190,14 +188,14 @@ class ColumnFile(ABC):
         """
 
     def length(self, position: int) -> int:
-        """Number of samples of a column."""
+        """Return the number of samples of a column."""
         return int(self._held([position])[0].shape[0])
 
     def block(self, positions: Sequence[int], start: int, stop: int) -> FloatArray:
         """Return samples of columns from ``start`` up to ``stop``; errors as ``load``.
 
-        The shape is (columns, stop − start).
-        Formats that cannot read a part of a file keep all of it in memory.
+        The shape is (columns, stop − start). Formats that cannot read a part of a file keep all of
+        it in memory.
         """
         return np.stack([values[start:stop] for values in self._held(positions)])
 
@@ -392,9 +390,9 @@ def unreadable(file: str, error: BaseException, expected: str) -> InputError:
             where=file,
             remedy="check that the file is whole; read a shorter record, or free memory",
         )
-    found, remedy = reasons.get(
+    reason, remedy = reasons.get(
         type(error), (f"{type(error).__name__}: {error}", "check that the file is whole")
     )
     return InputError(
-        "The file cannot be read.", expected=expected, found=found, where=file, remedy=remedy
+        "The file cannot be read.", expected=expected, found=reason, where=file, remedy=remedy
     )

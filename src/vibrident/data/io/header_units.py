@@ -1,4 +1,4 @@
-"""The rule of units for columns of records: what the file states is applied, or refused.
+"""Apply the units that files state of columns of records, or refuse them.
 
 A unit stands in a format's own field, in a row below the names, or in a name: "Time (ms)",
 "time_us", "t/min", "a in mm/s²". Whatever the place, the rule is the same:
@@ -47,7 +47,7 @@ _TIME_NAMES = frozenset(
 
 @dataclass(frozen=True)
 class Conversion:
-    """What leads from a number in a file to the unit of its channel, before ``scale``."""
+    """Factor from a number in a file to the unit of its channel, before ``scale``."""
 
     factor: float
     unit: str  # that the file states; "" for none

@@ -1,4 +1,4 @@
-"""From photodetector signals in files to records with a displacement as their reference."""
+"""Turn photodetector signals in files into records with a displacement as reference."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ WELL_INSIDE = 2e-3
 
 @dataclass(frozen=True, eq=False)
 class _Opened:
-    """One record to be made; ``beside`` if response and optical signals are sampled together."""
+    """A record's signals before demodulation; ``beside`` if sampled together."""
 
     part: Part
     name: str
@@ -77,7 +77,7 @@ class _Opened:
 
 
 class Optical(NamedTuple):
-    """What is read where an interferometer's signals are the reference."""
+    """Records whose reference is an interferometer's signals, and what is known of them."""
 
     records: tuple[Record, ...]
     quantity: Quantity
@@ -100,88 +100,90 @@ def read_optical(calibration: CalibrationFile, folder: Path, where: str) -> Opti
         for part, name in parts
         if part.entry.excitation != "decay"
     ]
-    doubted = next(
-        (one.name for one in opened if one.doubts), ""
-    )  # said once: the rate is that of all
-    opened = [one if one.name == doubted else replace(one, doubts=()) for one in opened]
+    # said once: the rate is that of all
+    doubted = next((raw.name for raw in opened if raw.doubts), "")
+    opened = [raw if raw.name == doubted else replace(raw, doubts=()) for raw in opened]
     opened, seen, choices = _looked_at(opened, setting)
-    moving = any(one.part.entry.excitation != "sine" for one in opened)
-    made = [
-        _record(one, look, choice, setting, calibration, folder, moving=moving)
-        for one, look, choice in zip(opened, seen, choices, strict=True)
+    moving = any(raw.part.entry.excitation != "sine" for raw in opened)
+    results = [
+        _record(raw, look, choice, setting, calibration, folder, moving=moving)
+        for raw, look, choice in zip(opened, seen, choices, strict=True)
     ]
-    errors = cyclic_errors([found for found, _ in made], setting)
+    errors = cyclic_errors([demodulated for demodulated, _ in results], setting)
     for index, error in enumerate(errors):
         if error is not None:
-            one, found = opened[index], made[index][0]
-            if found.carrier is not None:
-                turned = turned_back(one.optical, found.carrier)
-                one = replace(one, optical=turned, carrier_hz=found.summary.carrier_hz)
+            raw, demodulated = opened[index], results[index][0]
+            if demodulated.carrier is not None:
+                turned = turned_back(raw.optical, demodulated.carrier)
+                raw = replace(raw, optical=turned, carrier_hz=demodulated.summary.carrier_hz)
             choice = replace(choices[index], error=error.waves)
-            made[index] = _record(
-                one, seen[index], choice, setting, calibration, folder, moving=moving
+            results[index] = _record(
+                raw, seen[index], choice, setting, calibration, folder, moving=moving
             )
-    records = {one.name: record for one, (_, record) in zip(opened, made, strict=True)}
+    records = {raw.name: record for raw, (_, record) in zip(opened, results, strict=True)}
     ordered = [
         records.get(name) or read_record(part, name, calibration, folder, "m").record
         for part, name in parts
     ]
-    answers = [found.answer for found, _ in made]
-    found = (
+    answers = [demodulated.answer for demodulated, _ in results]
+    all_effects = (
         *stated_effects(setting),
-        *(effects(answers, left_of(errors, answers, setting)) if made else ()),
+        *(effects(answers, left_of(errors, answers, setting)) if results else ()),
     )
     kind: tuple[Quantity, str] = ("acceleration", "m/s^2") if moving else ("displacement", "m")
-    return Optical(tuple(ordered), *kind, found)
+    return Optical(tuple(ordered), *kind, all_effects)
 
 
 def _looked_at(
     opened: Sequence[_Opened], setting: Interferometer
 ) -> tuple[list[_Opened], list[Survey], list[Choice]]:
-    """The records, those of a small motion without needless noise, with their ellipses."""
+    """Return the records with their surveys and ellipses.
+
+    Signals of a small motion are filtered to a lower rate, without needless noise.
+    """
     opened = _held(opened)
-    seen = [_surveyed(one) for one in opened]
+    seen = [_surveyed(raw) for raw in opened]
     if setting.kind == "heterodyne":
         return opened, seen, [of_carrier(look, index) for index, look in enumerate(seen)]
-    found = [
-        None if look.whole else slower(one.optical) for one, look in zip(opened, seen, strict=True)
+    slowed = [
+        None if look.whole else slower(raw.optical) for raw, look in zip(opened, seen, strict=True)
     ]
     slow = _held(
-        [replace(one, optical=to) if to else one for one, to in zip(opened, found, strict=True)]
+        [replace(raw, optical=to) if to else raw for raw, to in zip(opened, slowed, strict=True)]
     )
     seen = [
-        look if one is was else replace(_surveyed(one), at_limit=look.at_limit)
-        for one, was, look in zip(slow, opened, seen, strict=True)
+        look if raw is was else replace(_surveyed(raw), at_limit=look.at_limit)
+        for raw, was, look in zip(slow, opened, seen, strict=True)
     ]
-    return slow, seen, choose(seen, [one.name for one in opened])
+    return slow, seen, choose(seen, [raw.name for raw in opened])
 
 
 def _held(opened: Sequence[_Opened]) -> list[_Opened]:
     """Return the records with filtered signals in memory, as many as have room."""
-    room, found = MOST_HELD, []
-    for one in opened:
-        signals = one.optical
+    room, loaded = MOST_HELD, []
+    for raw in opened:
+        signals = raw.optical
         if signals.first_s > 0.0 and signals.samples <= room:
-            with _named(one):
+            with _named(raw):
                 values = signals.block(0, signals.samples)
-            one = replace(one, optical=held(values, signals.rate_hz, signals.first_s))
+            raw = replace(raw, optical=held(values, signals.rate_hz, signals.first_s))
             room -= signals.samples
-        found.append(one)
-    return found
+        loaded.append(raw)
+    return loaded
 
 
-def _surveyed(one: _Opened) -> Survey:
-    with _named(one):
-        return survey(one.optical)
+def _surveyed(raw: _Opened) -> Survey:
+    with _named(raw):
+        return survey(raw.optical)
 
 
 @contextmanager
-def _named(one: _Opened) -> Iterator[None]:
-    """Errors name the record's place in the calibration file."""
+def _named(raw: _Opened) -> Iterator[None]:
+    """Let errors name the record's place in the calibration file."""
     try:
         yield
     except InputError as error:
-        raise error.within(one.part.where) from None
+        raise error.within(raw.part.where) from None
 
 
 def _open(
@@ -192,7 +194,7 @@ def _open(
     folder: Path,
 ) -> _Opened:
     main = open_columns(folder / part.file)
-    other = (
+    optical_file = (
         main
         if part.entry.reference_file is None
         else open_columns(folder / part.entry.reference_file)
@@ -200,28 +202,28 @@ def _open(
     column = calibration.response.column
     assert column is not None  # checked with the calibration file
     at = main.position_of(column, "[response] column")
-    places = tuple(other.position_of(c, "[interferometer] columns") for c in section.columns)
-    beside_response = [at, *places] if other is main else [at]
+    places = tuple(optical_file.position_of(c, "[interferometer] columns") for c in section.columns)
+    beside_response = [at, *places] if optical_file is main else [at]
     clock = clock_reader(part, calibration, main).clock_of(main, at, beside_response)
     if clock is None:
         raise no_rate(part.where)
     sampling = clock.clock
     require_even(clock, main, part.where)
-    optical_hz = _optical_rate(section, calibration, other, places, clock, part)
-    optical = _of_file(other, places, optical_hz, part)
+    optical_hz = _optical_rate(section, calibration, optical_file, places, clock, part)
+    optical = _of_file(optical_file, places, optical_hz, part)
     response = _of_file(main, (at,), sampling.rate_hz, part)
-    beside = abs(optical_hz / sampling.rate_hz - 1.0) < SAME_RATE
-    if beside and optical.samples != response.samples:
+    together = abs(optical_hz / sampling.rate_hz - 1.0) < SAME_RATE
+    if together and optical.samples != response.samples:
         raise InputError(
             "The optical signals and the response differ in length.",
             expected=f"{response.samples} samples, as the response has in {main.file}",
-            found=f"{optical.samples} samples in {other.file}",
+            found=f"{optical.samples} samples in {optical_file.file}",
             where=part.where,
             remedy="give both over the same samples, or rate_hz of [interferometer] if they are "
             "sampled faster",
         )
-    lasting = other.length(places[0]) / optical_hz, main.length(at) / sampling.rate_hz
-    doubts = () if beside else clocks_apart(*lasting, name)
+    lasting = optical_file.length(places[0]) / optical_hz, main.length(at) / sampling.rate_hz
+    doubts = () if together else clocks_apart(*lasting, name)
     carrier_hz = section.carrier_hz
     if carrier_hz is not None:
         most = MOST_OF_SHOCK if part.entry.excitation == "shock" else MOST_OF_ALL
@@ -230,39 +232,39 @@ def _open(
     conversion = response_conversion(main, at, to, to.unit)
     step = f"response: {main.file}, column {at + 1} × {to.scale!r} → {to.unit}"
     return _Opened(
-        part, name, optical, response, step, clock, beside, doubts, carrier_hz, conversion.factor
+        part, name, optical, response, step, clock, together, doubts, carrier_hz, conversion.factor
     )
 
 
 def _of_file(source: ColumnFile, positions: tuple[int, ...], rate_hz: float, part: Part) -> Signals:
-    """Columns of a file, read block by block; a value that is not finite is refused."""
-    kept = cut(
+    """Return columns of a file to be read block by block; refuse values that are not finite."""
+    rows = cut(
         source.length(positions[0]), rate_hz, part.entry.start_s, part.entry.stop_s, part.where
     )
 
     def block(start: int, stop: int) -> FloatArray:
-        values = source.block(positions, kept.start + start, kept.start + stop)
+        values = source.block(positions, rows.start + start, rows.start + stop)
         if not np.isfinite(np.sum(values)):
             for position, column in zip(positions, values, strict=True):
-                source.require_finite(position, column, kept.start + start, REPAIR)
+                source.require_finite(position, column, rows.start + start, REPAIR)
         return values
 
-    return Signals(kept.stop - kept.start, rate_hz, block)
+    return Signals(rows.stop - rows.start, rate_hz, block)
 
 
 def _optical_rate(
     section: InterferometerSection,
     calibration: CalibrationFile,
-    other: ColumnFile,
+    optical_file: ColumnFile,
     places: Sequence[int],
     response: ChannelClock,
     part: Part,
 ) -> float:
     """Return the rate of the optical signals; InputError for one that contradicts or is too low."""
     time_column = calibration.sampling.time_column if section.rate_hz is None else None
-    reader = ClockReader(section.rate_hz, time_column, part.where, other)
-    clock = reader.clock_of(other, places[0], places) or response
-    require_even(clock, other, part.where)
+    reader = ClockReader(section.rate_hz, time_column, part.where, optical_file)
+    clock = reader.clock_of(optical_file, places[0], places) or response
+    require_even(clock, optical_file, part.where)
     sampling, rate_hz = response.clock, clock.clock.rate_hz
     begin, other_begin = sampling.start, clock.clock.start
     if begin is not None and other_begin is not None and begin.epoch == other_begin.epoch:
@@ -272,7 +274,7 @@ def _optical_rate(
                 "The channels do not begin at the same time.",
                 expected="optical signals that begin with the response",
                 found=f"{apart_s:+.9g} s, or {apart_s * sampling.rate_hz:+.3g} samples",
-                where=f"{part.where}, for {other.file}",
+                where=f"{part.where}, for {optical_file.file}",
                 remedy="export both channels over the same samples, or state delay_s without times",
             )
     if rate_hz < sampling.rate_hz * (1.0 - SAME_RATE):
@@ -280,19 +282,19 @@ def _optical_rate(
             "The optical signals are sampled more slowly than the response.",
             expected=f"[interferometer] rate_hz of {sampling.rate_hz:.9g} Hz or more",
             found=f"{rate_hz:.9g} Hz",
-            where=f"{part.where}, for {other.file}",
+            where=f"{part.where}, for {optical_file.file}",
             remedy="correct rate_hz of [interferometer] or of [sampling]",
         )
     return rate_hz
 
 
-def _begins_s(one: _Opened) -> float:
-    stated = one.part.entry.start_time_s
-    return one.clock.begins_s if stated is None else stated
+def _begins_s(raw: _Opened) -> float:
+    stated = raw.part.entry.start_time_s
+    return raw.clock.begins_s if stated is None else stated
 
 
 def _record(
-    one: _Opened,
+    raw: _Opened,
     look: Survey,
     choice: Choice,
     setting: Interferometer,
@@ -301,34 +303,34 @@ def _record(
     *,
     moving: bool,
 ) -> tuple[Demodulated, Record]:
-    entry, sine = one.part.entry, one.part.entry.excitation == "sine"
-    near = (entry.frequency_hz or rough_frequency(one.optical, choice)) if sine else None
-    coarse = alignment.finer(one.optical.rate_hz, one.response.rate_hz)
-    top, broken = (near, False) if near else highest_frequency(one.optical, choice, coarse)
-    kept = alignment.OF_SINE if sine else alignment.BESIDE_GAPS if broken else alignment.OF_OTHERS
-    every = alignment.thinning(one.response.samples, one.response.rate_hz, top, kept)
-    least = alignment.no_finer(one.response.rate_hz, one.optical.rate_hz)
+    entry, sine = raw.part.entry, raw.part.entry.excitation == "sine"
+    near = (entry.frequency_hz or rough_frequency(raw.optical, choice)) if sine else None
+    coarse = alignment.finer(raw.optical.rate_hz, raw.response.rate_hz)
+    top, broken = (near, False) if near else highest_frequency(raw.optical, choice, coarse)
+    fewest = alignment.OF_SINE if sine else alignment.BESIDE_GAPS if broken else alignment.OF_OTHERS
+    every = alignment.thinning(raw.response.samples, raw.response.rate_hz, top, fewest)
+    least = alignment.no_finer(raw.response.rate_hz, raw.optical.rate_hz)
     every = max(every, least)
 
-    def made(every: int) -> tuple[Demodulated, alignment.Aligned]:
-        alike = one.beside and one.optical.first_s == 0.0
+    def demodulate_every(every: int) -> tuple[Demodulated, alignment.Aligned]:
+        alike = raw.beside and raw.optical.first_s == 0.0
         factor = (
-            every if alike else alignment.finer(one.optical.rate_hz, one.response.rate_hz / every)
+            every if alike else alignment.finer(raw.optical.rate_hz, raw.response.rate_hz / every)
         )
-        found = demodulate(
-            one.optical, setting, look, choice, factor, one.name, near, top, one.carrier_hz
+        demodulated = demodulate(
+            raw.optical, setting, look, choice, factor, raw.name, near, top, raw.carrier_hz
         )
-        aligned = alignment.together(found, one.optical, one.response, every, setting.delay_s)
-        return found, aligned.accelerated if moving else aligned
+        aligned = alignment.together(demodulated, raw.optical, raw.response, every, setting.delay_s)
+        return demodulated, aligned.accelerated if moving else aligned
 
-    found, aligned = made(every)
+    demodulated, aligned = demodulate_every(every)
     if entry.excitation == "shock":
-        while (outside := part_outside(one.response, aligned)) > WELL_INSIDE and every > least:
+        while (outside := part_outside(raw.response, aligned)) > WELL_INSIDE and every > least:
             every = max(int(0.8 * every), least)
-            found, aligned = made(every)
-        require_pulse(aligned, outside, one.name)
-    require_motion(aligned, entry.excitation, one.name)
-    to_response = one.factor * calibration.response.scale
+            demodulated, aligned = demodulate_every(every)
+        require_pulse(aligned, outside, raw.name)
+    require_motion(aligned, entry.excitation, raw.name)
+    to_response = raw.factor * calibration.response.scale
     what = "acceleration in m/s²" if moving else "displacement in m"
     unsure = (
         ""
@@ -336,24 +338,24 @@ def _record(
         else "; the direction is not stated: the sign of x is not known"
     )
     history = (
-        one.step,
-        f"reference: {what} from the {setting.kind} signals, {one.optical.rate_hz:.9g} Hz, "
-        f"every {found.factor}{unsure}",
-        *one.part.other_file(folder),
+        raw.step,
+        f"reference: {what} from the {setting.kind} signals, {raw.optical.rate_hz:.9g} Hz, "
+        f"every {demodulated.factor}{unsure}",
+        *raw.part.other_file(folder),
     )
     record = Record(
-        name=one.name,
+        name=raw.name,
         reference=aligned.displacement_m,
         response=aligned.response * to_response,
         sampling_rate_hz=aligned.rate_hz,
         excitation=entry.excitation,
         frequency_hz=entry.frequency_hz,
         valid=aligned.valid,
-        start_time_s=_begins_s(one) + one.part.start_s + aligned.start_s,
-        provenance=Provenance(one.part.file, sha256(folder / one.part.file), history),
+        start_time_s=_begins_s(raw) + raw.part.start_s + aligned.start_s,
+        provenance=Provenance(raw.part.file, sha256(folder / raw.part.file), history),
         response_full_scale=scaled(calibration.response.full_scale, to_response),
         reference_noise_order=4 if moving else 0,
         circumstances=entry.circumstances,
-        optical=replace(found.summary, findings=(*one.doubts, *found.summary.findings)),
+        optical=replace(demodulated.summary, findings=(*raw.doubts, *demodulated.summary.findings)),
     )
-    return replace(found, displacement_m=np.zeros(0), valid=np.zeros(0, dtype=bool)), record
+    return replace(demodulated, displacement_m=np.zeros(0), valid=np.zeros(0, dtype=bool)), record

@@ -1,4 +1,4 @@
-"""Records of raw light whose motion lies in stretches that are left out are refused."""
+"""Refuse records of raw light whose motion lies in stretches that are left out."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ ENDS = 48
 def clocks_apart(optical_s: float, response_s: float, name: str) -> tuple[OpticalFinding, ...]:
     """Return a doubt where one channel lasts a whole number of times as long as the other."""
     times = max(optical_s, response_s) / max(min(optical_s, response_s), 1e-300)
-    whole = round(min(times, MOST_TIMES + 1.0))
-    if not 2 <= whole <= MOST_TIMES or abs(times / whole - 1.0) > SAME_TIME:
+    ratio = round(min(times, MOST_TIMES + 1.0))
+    if not 2 <= ratio <= MOST_TIMES or abs(times / ratio - 1.0) > SAME_TIME:
         return ()
     text = (
         f"{name}: the optical signals last {optical_s:.6g} s, the response {response_s:.6g} s. "
-        f"If both were recorded "
-        f"together, rate_hz of [interferometer] or of [sampling] is wrong by a factor of {whole}."
+        f"If both were recorded together, rate_hz of [interferometer] or of [sampling] is wrong "
+        f"by a factor of {ratio}."
     )
     return (OpticalFinding("clock_suspect", text),)
 
@@ -51,8 +51,8 @@ def require_motion(aligned: Aligned, excitation: str, name: str) -> None:
     """
     most = MOST_LOST_OF_SHOCK if excitation == "shock" else MOST_LOST
     power = (aligned.response - np.mean(aligned.response)) ** 2
-    beside = np.convolve(~aligned.valid, np.ones(2 * BESIDE + 1), "same") > 0.5
-    lost = float(np.sum(power[beside])) / max(float(np.sum(power)), 1e-300)
+    unseen = np.convolve(~aligned.valid, np.ones(2 * BESIDE + 1), "same") > 0.5
+    lost = float(np.sum(power[unseen])) / max(float(np.sum(power)), 1e-300)
     if lost > most:
         raise InputError(
             "The light is lost while the sensor moves (fringe_slip).",
@@ -66,21 +66,20 @@ def require_motion(aligned: Aligned, excitation: str, name: str) -> None:
 
 
 def part_outside(response: Signals, seen: Aligned) -> float:
-    """Return the part of a response's power that lies so near to its ends that no fit sees it."""
-    beside = ENDS / seen.rate_hz
-    first, last = (
-        seen.start_s + beside,
-        seen.start_s + seen.response.shape[0] / seen.rate_hz - beside,
-    )
-    first, last = int(first * response.rate_hz), int(last * response.rate_hz)
+    """Return the part of a response's power so near to its ends that no fit sees it."""
+    margin_s = ENDS / seen.rate_hz
+    first_s = seen.start_s + margin_s
+    last_s = seen.start_s + seen.response.shape[0] / seen.rate_hz - margin_s
+    first = int(first_s * response.rate_hz)
+    last = int(last_s * response.rate_hz)
     sums = np.zeros((2, 3))
     for start in range(0, response.samples, BLOCK):
         values = response.block(start, min(start + BLOCK, response.samples))[0].astype(float)
         inside = values[max(first - start, 0) : max(last - start, 0)]
-        sums += [[part.size, np.sum(part), part @ part] for part in (values, inside)]
+        sums += [[chunk.size, np.sum(chunk), chunk @ chunk] for chunk in (values, inside)]
     mean = sums[0, 1] / sums[0, 0]
-    whole, within = sums[:, 2] - 2.0 * mean * sums[:, 1] + mean**2 * sums[:, 0]
-    return float(1.0 - within / max(whole, 1e-300))
+    total, within = sums[:, 2] - 2.0 * mean * sums[:, 1] + mean**2 * sums[:, 0]
+    return float(1.0 - within / max(total, 1e-300))
 
 
 def require_pulse(seen: Aligned, outside: float, name: str) -> None:
@@ -113,8 +112,9 @@ def require_pulse(seen: Aligned, outside: float, name: str) -> None:
 
 
 def _above_noise(seen: Aligned) -> float:
-    """Mean square of the acceleration during a shock, beyond that of its noise and over it."""
-    power, square = (seen.response - np.median(seen.response)) ** 2, seen.displacement_m**2
+    """Return the mean square of a shock's acceleration over that of its noise, less one."""
+    power = (seen.response - np.median(seen.response)) ** 2
+    square = seen.displacement_m**2
     energy = np.cumsum(np.where(power > LOUD * np.median(power), power, 0.0))
     begin, middle, end = np.searchsorted(energy, np.array([0.01, 0.5, 0.999]) * energy[-1])
     still = seen.valid.copy()

@@ -1,4 +1,4 @@
-"""A user's own table (CSV, Parquet, Excel): a signal from it, the table with further columns."""
+"""Read a signal from a user's table (CSV, Parquet, Excel); write it with further columns."""
 
 from __future__ import annotations
 

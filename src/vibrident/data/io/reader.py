@@ -1,4 +1,4 @@
-"""Data formats: what one is, and the reader for a file's ending."""
+"""Define what a data format is, and choose the reader for a file's ending."""
 
 from __future__ import annotations
 
@@ -23,20 +23,19 @@ class Reader:
     endings: tuple[str, ...]  # of its files, each with its dot, in lower case
     # path → the file opened; numbers are converted on demand. InputError: not of this format
     open: Callable[[Path], ColumnFile]
-    extra: str = (
-        ""  # extra of vibrident, or package, that brings the library it needs; empty: it needs none
-    )
+    # extra of vibrident, or package, that brings the library it needs; "" if it needs none
+    extra: str = ""
     # no native library and no links, so that it needs no separate process (docs/security.md)
     plain: bool = False
 
 
 def by_ending() -> dict[str, Reader]:
     """Return ending → reader, of plug-ins too; a built-in reader has precedence."""
-    found: dict[str, Reader] = {}
+    readers: dict[str, Reader] = {}
     for reader in READERS.all().values():
         for ending in reader.endings:
-            found.setdefault(ending, reader)
-    return found
+            readers.setdefault(ending, reader)
+    return readers
 
 
 def open_columns(path: Path) -> ColumnFile:
@@ -53,7 +52,11 @@ def open_columns(path: Path) -> ColumnFile:
 
 
 def sha256(path: Path) -> str:
-    """Return the hex digest of the bytes of a data file. InputError: the file cannot be read."""
+    """Return the hex digest of the bytes of a data file.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
     try:
         with path.open("rb") as stream:
             return hashlib.file_digest(stream, "sha256").hexdigest()
@@ -62,7 +65,7 @@ def sha256(path: Path) -> str:
 
 
 def unknown_format(suffix: str, where: str) -> InputError:
-    """The error of a file ending without a reader; a spreadsheet has its own."""
+    """Return the error of a file ending without a reader; a spreadsheet has its own."""
     if suffix.lower() in _SPREADSHEETS:
         return InputError(
             "A spreadsheet is not read.",

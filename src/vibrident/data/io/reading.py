@@ -1,4 +1,4 @@
-"""From a calibration file and its data to a Calibration."""
+"""Read a calibration file and its data into a Calibration."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From [[records]] entries to Records: find the files, choose the columns, cut, scale."""
+"""Read Records by [[records]] entries: find the files, choose the columns, cut, scale."""
 
 from __future__ import annotations
 
@@ -40,20 +40,18 @@ class Part:
 
     @property
     def start_s(self) -> float:
-        """Where the record begins in the file."""
+        """Return where the record begins in the file, s."""
         return self.entry.start_s or 0.0
 
     @property
     def stop_s(self) -> float:
-        """Where it ends, infinite for the file's end."""
+        """Return where the record ends in the file, s; infinite for the file's end."""
         return math.inf if self.entry.stop_s is None else self.entry.stop_s
 
     def other_file(self, folder: Path) -> list[str]:
-        """For the history: the file of the reference, where it has one of its own."""
-        other = self.entry.reference_file
-        return (
-            [] if other is None else [f"reference from {other}, SHA-256 {sha256(folder / other)}"]
-        )
+        """Return, for the history, the file of the reference where it is another."""
+        name = self.entry.reference_file
+        return [] if name is None else [f"reference from {name}, SHA-256 {sha256(folder / name)}"]
 
 
 def named_parts(calibration: CalibrationFile, folder: Path, where: str) -> list[tuple[Part, str]]:
@@ -101,8 +99,8 @@ def _parts(entries: Sequence[RecordsEntry], folder: Path, where: str) -> Iterato
 def _files(pattern: str, folder: Path, where: str) -> list[str]:
     if not _GLOB_SIGNS.search(pattern) or os.path.exists(folder / pattern):
         return [pattern]
-    found = glob.glob(pattern, root_dir=folder, recursive=True)
-    matches = [Path(match).as_posix() for match in found if not (folder / match).is_dir()]
+    paths = glob.glob(pattern, root_dir=folder, recursive=True)
+    matches = [Path(match).as_posix() for match in paths if not (folder / match).is_dir()]
     if not matches:
         raise InputError(
             "No file matches.",
@@ -119,12 +117,12 @@ def _refuse_overlaps(parts: Sequence[Part], folder: Path) -> None:
     seen: dict[Path, list[Part]] = {}
     for part in parts:
         others = seen.setdefault((folder / part.file).resolve(), [])
-        for other in others:
-            if part.start_s < other.stop_s and other.start_s < part.stop_s:
+        for earlier in others:
+            if part.start_s < earlier.stop_s and earlier.start_s < part.stop_s:
                 raise InputError(
                     "Two [[records]] entries contain the same samples.",
                     expected="each sample in one record",
-                    found=f"{part.file!r}, which {other.where.rsplit(', ', 1)[-1]} asks for too",
+                    found=f"{part.file!r}, which {earlier.where.rsplit(', ', 1)[-1]} asks for too",
                     where=part.where,
                     remedy="narrow the glob, or give each entry its own part with start_s and "
                     "stop_s",
@@ -146,7 +144,7 @@ def _record_names(parts: Sequence[Part]) -> list[str]:
 
 
 def same_name(name: str, where: str) -> InputError:
-    """The error of two records of one name."""
+    """Return the error of two records of one name."""
     return InputError(
         "Two records have the same name.",
         expected="a unique name for each record",
@@ -243,8 +241,8 @@ def _load(part: Part, calibration: CalibrationFile, folder: Path) -> tuple[Chann
     main = open_columns(folder / part.file)
     wanted = [(main, calibration.response.column, "[response] column")]
     if part.entry.excitation != "decay":
-        other = part.entry.reference_file
-        source = main if other is None else open_columns(folder / other)
+        reference_file = part.entry.reference_file
+        source = main if reference_file is None else open_columns(folder / reference_file)
         wanted.append((source, calibration.reference.column, "[reference] column"))
     channels: list[Channel] = []
     for source, column, key in wanted:
@@ -268,8 +266,8 @@ def _with_clocks(
     reader = clock_reader(part, calibration, main)
     clocks = []
     for channel in channels:
-        beside = [c.position for c in channels if c.source is channel.source]
-        clocks.append(reader.clock_of(channel.source, channel.position, beside))
+        channel_columns = [c.position for c in channels if c.source is channel.source]
+        clocks.append(reader.clock_of(channel.source, channel.position, channel_columns))
     known = next((clock for clock in clocks if clock is not None), None)
     if known is None:
         raise no_rate(part.where)
@@ -337,12 +335,12 @@ _PIECE = re.compile(r"(\d+)(?:(?:[._,p](\d+))?[ _-]?(k?)hz)?|\D+", re.IGNORECASE
 def natural(name: str) -> tuple[tuple[tuple[int, float, str], ...], str]:
     """Return a sort key: "2 Hz" before "10 Hz", "0_05hz" before "0_5hz", "500 Hz" before 1 kHz."""
     pieces: list[tuple[int, float, str]] = []
-    for found in _PIECE.finditer(name):
-        whole, fraction, kilo = found.groups()
-        if whole is None:
-            pieces.append((0, 0.0, found.group()))
+    for match in _PIECE.finditer(name):
+        digits, fraction, kilo = match.groups()
+        if digits is None:
+            pieces.append((0, 0.0, match.group()))
         else:
             pieces.append(
-                (1, float(f"{whole}.{fraction or 0}"[:300]) * (1000.0 if kilo else 1.0), "")
+                (1, float(f"{digits}.{fraction or 0}"[:300]) * (1000.0 if kilo else 1.0), "")
             )
     return tuple(pieces), name

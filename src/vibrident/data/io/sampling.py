@@ -1,4 +1,4 @@
-"""From seconds to samples, and the plainest clock of an interval that a file rounds."""
+"""Turn seconds into samples, and a rounded interval into its plainest clock."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Time stamps of a column: their unit, their rounding, and the even raster they lie on or beside.
+"""Read time stamps of a column: their unit, rounding, and the even raster that they lie near.
 
 A column of times is a statement about every sample. It is checked for a plausible unit, its doubled
 and lost samples are found, and what deviates from an even raster by more than the rounding of the
@@ -59,7 +59,7 @@ class Timeline:
 
     @property
     def is_uneven(self) -> bool:
-        """Whether samples were taken at uneven times."""
+        """Tell whether samples were taken at uneven times."""
         return bool(np.any(self.offsets))
 
     @property
@@ -137,15 +137,15 @@ def timeline_from(
     rows = np.concatenate([[0], np.flatnonzero(steps > 0) + 1])
     if rows.size < 2 or rows.size < (1.0 - _MAX_LOST) * elapsed_s.size:
         raise _uneven("The times do not increase.", "the same time in most rows", locate(1))
-    kept = elapsed_s[rows]
-    places, interval, origin = _raster(kept, lambda index: locate(int(rows[index])))
-    deviation = kept - origin - interval * places
-    rounding_s = _rounding(kept, resolution_s)
+    times_s = elapsed_s[rows]
+    places, interval, origin = _raster(times_s, lambda index: locate(int(rows[index])))
+    deviation = times_s - origin - interval * places
+    rounding_s = _rounding(times_s, resolution_s)
     span = float(np.max(deviation) - np.min(deviation))
     is_even = span <= _MAX_SPAN * rounding_s + 4.0 * resolution_s
-    offsets = np.zeros(kept.size) if is_even else deviation / interval
+    offsets = np.zeros(times_s.size) if is_even else deviation / interval
     worst = float(np.max(np.abs(deviation - deviation.mean())))
-    spread = max(3.0 * worst / interval / kept.size, SAME_RATE) if is_even else SAME_RATE
+    spread = max(3.0 * worst / interval / times_s.size, SAME_RATE) if is_even else SAME_RATE
     begin = Start(start.ns + round(origin * 1e9), start.epoch)
     clock = Clock(1.0 / interval, spread, begin)
     return Timeline(clock, rows, places, offsets, max(rounding_s, resolution_s), note)

@@ -1,4 +1,4 @@
-"""Units as people and programs write them, parsed into dimension and factor.
+"""Parse units as people and programs write them into dimension and factor.
 
 ``parse_unit("mm/s")`` is 1e-3 of m s⁻¹; "g" is standard gravity, 9.80665 m/s² (CGPM 1901; ISO
 80000-3), never gram. The grammar: symbols or words with SI prefixes and exponents, joined by ``*``,

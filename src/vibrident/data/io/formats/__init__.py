@@ -1,4 +1,4 @@
-"""One data format a file; each holds a :class:`vibrident.data.io.reader.Reader` in the file's name.
+"""Hold one format a file: a :class:`vibrident.data.io.reader.Reader` in the file's name.
 
 Opening and loading raise as ``Reader.open`` and :class:`vibrident.data.io.columns.ColumnFile`
 state: InputError where the file is damaged or not of the format, holds no numbers, or its library
