@@ -15,7 +15,8 @@ import numpy as np
 from vibrident.base.errors import InputError
 from vibrident.data.io.columns import Clock, ColumnFile, Start
 from vibrident.data.io.header_units import header, is_time, seconds_per_unit
-from vibrident.data.io.timeline import SAME_RATE, Timeline, timeline_from, timeline_of
+from vibrident.data.io.sampling import SAME_RATE
+from vibrident.data.io.timeline import Timeline, timeline_from, timeline_of
 from vibrident.data.records import FloatArray
 
 _MIN_STAMPS = 8  # fewer are no statement about a rate
@@ -127,8 +128,6 @@ class ClockReader:
         group = next((g for g in reversed(groups) if g[0] < position), groups[0])
         if asked is not None and (asked in group or len(groups) == 1):
             return asked, True
-        if asked is None and source is self.main and len(groups) == 1 and len(group) > 1:
-            return group[0], False
         return group[0], asked is not None
 
     def _asked_column(self, source: ColumnFile, channels: Sequence[int]) -> int | None:

@@ -310,7 +310,12 @@ def _convert(
             raise _converted_twice(source, position, key, text, section.scale)
         return Conversion(factor, text)
     sure = bool(source.stated_unit(position)) or (parsed is not None and not _is_time_like(parsed))
-    if sure and abs(section.scale) == 1.0 and not says_nothing(text) and unit != "drive unit":
+    if (
+        sure
+        and abs(section.scale) == 1.0
+        and not says_nothing(text)
+        and unit != REFERENCE_UNITS["drive"]
+    ):
         remedy = f'set unit = "{text}"; or set scale to {unit} per {text}; or correct the file'
         raise _contradiction(source, position, f"{key} unit", f"a multiple of {unit}", text, remedy)
     return Conversion(1.0, text)

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from vibrident.base.errors import InputError
 from vibrident.data.io.columns import Clock, ColumnFile, Start
 from vibrident.data.io.header_units import header, seconds_per_unit
+from vibrident.data.io.sampling import SAME_RATE
 from vibrident.data.records import FloatArray
 
 #: A stamp further from its place than this, in intervals, belongs to another place.
 MAX_JITTER = 0.5
-SAME_RATE = 1e-9  # rates closer than this, relatively, are the same
 #: Rounded times span a width about their true places, and turn the regression by at most three
 #: halves of it over the record.
 _MAX_SPAN = 2.5
