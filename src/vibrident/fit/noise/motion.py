@@ -47,6 +47,8 @@ class Motion:
         own: power of the prediction, smoothed except at outstanding lines, shape (samples // 2 + 1,).
         seen: g |H|² in bins, shape (bins,).
         colour: g, power of the reference's own noise over its mean, one or shape (samples // 2 + 1,).
+        last: bins from here on are not looked at.
+        reference: transform of the reference; None where the prediction alone says what is motion.
     """
 
     count: float
@@ -56,6 +58,8 @@ class Motion:
     own: FloatArray
     seen: FloatArray
     colour: FloatArray | float = 1.0
+    last: int = 0
+    reference: ComplexArray | None = None
 
     @classmethod
     def of(
@@ -64,19 +68,23 @@ class Motion:
         count: float,
         through: FloatArray | None,
         colour: FloatArray | float = 1.0,
+        last: int = 0,
+        reference: ComplexArray | None = None,
     ) -> Motion:
         """Of what makes lines of the prediction's real transform, g |H|² and g."""
         expected = power_of(predicted(slice(None)))
         around = lines_around(expected)
         moves = expected if through is None else expected / np.maximum(through, 1e-300)  # a resonance is no line
         alone = (expected > OUTSTANDING * mean_around(expected, around, NEAREST)) | _lines_close_by(moves)
+        last = last or int(HIGHEST * 2 * (len(expected) - 1)) + 1
         if through is None:
             nothing = np.zeros(0)
-            return cls(count, predicted, None, alone, nothing, nothing, colour)
+            return cls(count, predicted, None, alone, nothing, nothing, colour, last, reference)
         expected /= count
         own = typical(expected, around)
         own = np.where(expected > OUTSTANDING * own, expected, own)
-        return cls(count, predicted, through, alone, own, means(through, bins_of(len(expected)).edges), colour)
+        seen = means(through, bins_of(len(expected), last).edges)
+        return cls(count, predicted, through, alone, own, seen, colour, last, reference)
 
     def windowed(self, part: slice) -> ComplexArray:
         """The prediction's lines under Hann's window, of which line 1 is the first."""
@@ -92,7 +100,7 @@ class Motion:
 
     def _made_level(self) -> tuple[FloatArray, BoolArray]:
         assert self.through is not None
-        power = np.empty(int(bins_of(len(self.through)).edges[-1]) - 1)
+        power = np.empty(int(bins_of(len(self.through), self.last).edges[-1]) - 1)
         for part in in_blocks(len(power)):
             power[part] = power_of(self.windowed(part)) / self.count
         own = typical(power, lines_around(self.through))
@@ -172,9 +180,9 @@ class Bins(NamedTuple):
 
 
 @functools.lru_cache(maxsize=8)
-def bins_of(lines: int) -> Bins:
-    """Bins of so many lines, evenly spread over the logarithm up to a part of the sampling rate."""
-    last = max(int(HIGHEST * 2 * (lines - 1)), 8)
+def bins_of(lines: int, last: int) -> Bins:
+    """Bins of so many lines, evenly spread over the logarithm up to the last that is looked at."""
+    last = max(last - 1, 8)
     edges = distinct(np.round(np.geomspace(1, last + 1, BINS)).astype(int))
     wide = np.diff(edges).astype(float)
     order = means(np.arange(lines, dtype=float), edges)

@@ -174,12 +174,12 @@ class _Levels(NamedTuple):
 def _binned_levels(powers: Sequence[FloatArray], motions: Sequence[Motion]) -> list[_Levels | None]:
     """Of each residual; records whose bins see the same of the reference are fitted side by side."""
     found: list[_Levels | None] = [None] * len(powers)
-    alike: dict[tuple[int, bytes], list[int]] = {}
+    alike: dict[tuple[int, int, bytes], list[int]] = {}
     for number, (power, motion) in enumerate(zip(powers, motions, strict=True)):
         if motion.through is not None:
-            alike.setdefault((len(power), motion.seen.tobytes()), []).append(number)
-    for (lines, _), numbers in alike.items():
-        edges, wide, order, geometric = bins_of(lines)
+            alike.setdefault((len(power), motion.last, motion.seen.tobytes()), []).append(number)
+    for (lines, last, _), numbers in alike.items():
+        edges, wide, order, geometric = bins_of(lines, last)
         level, seen = np.stack([means(powers[i], edges) for i in numbers]) * geometric, motions[numbers[0]].seen
         shapes = np.stack([np.ones_like(order), order[0] / order, np.maximum(seen / np.max(seen), LEAST_LEVEL)])
         for number, own, amounts, spread in zip(numbers, level, *_levels(shapes, level, wide), strict=True):
@@ -191,7 +191,7 @@ def _parts(lines: ComplexArray, power: FloatArray, motion: Motion, binned: _Leve
     through = motion.through
     if through is None or binned is None:
         return _Parts(np.ones_like(power), 0.0, 0.0, functools.partial(np.broadcast_to, 0.0, power.shape), False)
-    edges, wide, order, _ = bins_of(len(power))
+    edges, wide, order, _ = bins_of(len(power), motion.last)
     level, shapes, amounts, spread = binned
     seen, scale = motion.seen, float(np.max(motion.seen))
     variance, spread = amounts[2] / scale, spread / scale

@@ -1,0 +1,145 @@
+"""The network over a group at the bins of the band, initial states and drift projected out.
+
+The residual of a segment is
+
+    R = Y − Σ_k b_k wᵏ U / a(w) − (z Σ_{k<n} d_k wᵏ) / a(w) − …,    w = z − 1,
+
+where the initial states' d_k, a drift, and tones of hum are nuisance columns N: their amounts are
+least squares in the weights W (variable projection; Kaufman 1975), so nothing leaks.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from vibrident.data.records import FloatArray
+from vibrident.fit.bins.normal import horner
+from vibrident.fit.bins.transfer import DiscreteTransfer
+from vibrident.fit.group.group import Group
+from vibrident.fit.information import inverse_where_shown
+from vibrident.fit.response.response import ComplexArray
+
+
+class Step(NamedTuple):
+    """A network's transfer function of a step, and its derivatives with P parameters.
+
+    Attributes:
+        transfer: the transfer function.
+        slope: its derivatives in a leading axis of P; None where they are not asked for.
+    """
+
+    transfer: DiscreteTransfer
+    slope: DiscreteTransfer | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """The network over a group at given parameters.
+
+    Attributes:
+        residual: measured less predicted response, nuisance columns projected out, shape (R, K).
+        predicted: the network's response with its initial states, shape (R, K).
+        forced: the network's response to the reference alone, shape (R, K).
+        jacobian: ∂ predicted, initial states held, less what nuisance columns could imitate,
+            shape (R, P, K); P is zero where no slopes were asked for.
+        nuisances: nuisance columns, shape (R, m, K); the n initial states first.
+    """
+
+    residual: ComplexArray
+    predicted: ComplexArray
+    forced: ComplexArray
+    jacobian: ComplexArray
+    nuisances: ComplexArray
+
+
+def real_rows(rows: ComplexArray) -> FloatArray:
+    """View complex rows (…, K) as real ones (…, 2 K), so that Re a* b is their product."""
+    return np.ascontiguousarray(rows).view(float)
+
+
+def products(rows: ComplexArray, others: ComplexArray) -> FloatArray:
+    """Return Re Σ rows* others over bins; (…, i, K) and (…, j, K) to (…, i, j)."""
+    return real_rows(rows) @ np.swapaxes(real_rows(others), -1, -2)
+
+
+def amounts_of(columns: ComplexArray, rows: ComplexArray, weight: FloatArray) -> FloatArray:
+    """Return the amounts of columns that fit rows best in a weight.
+
+    Args:
+        columns: shape (R, m, K).
+        rows: shape (R, i, K).
+        weight: shape (R, K).
+
+    Returns:
+        Shape (R, i, m).
+    """
+    weighted = columns * weight[:, None]
+    inverse = inverse_where_shown(products(weighted, columns))
+    return products(rows, weighted) @ inverse
+
+
+def combined(amounts: FloatArray, columns: ComplexArray) -> ComplexArray:
+    """Return Σ_m amounts[…, m] columns[…, m, :]; (R, i, m) and (R, m, K) to (R, i, K)."""
+    return (amounts @ real_rows(columns)).view(complex)
+
+
+def evaluate(group: Group, step: Step, weight: FloatArray) -> Rows:
+    """Evaluate the network over a group.
+
+    Args:
+        group: the segments.
+        step: the network's step.
+        weight: of the bins in the sums of squares that choose the nuisance amounts, shape (R, K).
+    """
+    shifted = group.grid.shifted
+    over = 1.0 / horner(step.transfer.denominator, shifted)
+    order = len(step.transfer.denominator) - 1
+    forced = _driven(group, step.transfer.numerator[None], over)[:, 0]
+    nuisances = _nuisances(group, over, order)
+    residual = group.response - group.where_used(forced[:, None])[:, 0]
+    amounts = amounts_of(nuisances, residual[:, None], weight)
+    residual -= combined(amounts, nuisances)[:, 0]
+    free = combined(amounts[:, :, :order], _states(shifted, over, order)[None])[:, 0]
+    predicted = forced + free
+    jacobian = np.empty((len(residual), 0, len(over)), complex)
+    if step.slope is not None:
+        jacobian = _driven(group, step.slope.numerator, over)
+        for number, denominator in enumerate(step.slope.denominator):
+            if np.any(denominator):
+                jacobian[:, number] -= predicted * (horner(denominator, shifted) * over)
+        jacobian = group.where_used(jacobian)
+        jacobian -= combined(amounts_of(nuisances, jacobian, weight), nuisances)
+    return Rows(residual, predicted, forced, jacobian, nuisances)
+
+
+def _states(shifted: ComplexArray, over: ComplexArray, order: int) -> ComplexArray:
+    """Return z wᵏ / a, shape (n, K)."""
+    columns = np.empty((order, len(shifted)), complex)
+    columns[:1] = (1.0 + shifted) * over
+    for power in range(1, order):
+        np.multiply(columns[power - 1], shifted, out=columns[power])
+    return columns
+
+
+def _nuisances(group: Group, over: ComplexArray, order: int) -> ComplexArray:
+    """Return the nuisance columns of each segment, shape (R, m, K)."""
+    columns = np.concatenate([_states(group.grid.shifted, over, order), group.grid.unmoved])
+    every = np.broadcast_to(columns, (len(group.segments), *columns.shape))
+    return group.where_used(every)
+
+
+def _driven(group: Group, numerators: FloatArray, over: ComplexArray) -> ComplexArray:
+    """Return Σ_k wᵏ Σ_j b[p, k, j] U_j / a; numerators (P, n + 1, q) to shape (R, P, K)."""
+    count, powers, terms = numerators.shape
+    while powers > 1 and not np.any(numerators[:, powers - 1]):
+        powers -= 1  # the response does not contain the reference itself
+    flat = np.swapaxes(numerators[:, :powers], 0, 1).reshape(powers * count, terms)
+    sums = (flat @ real_rows(group.inputs)).view(complex)
+    driven = sums[:, -count:]
+    for power in range(powers - 2, -1, -1):
+        driven = driven * group.grid.shifted
+        driven += sums[:, power * count : (power + 1) * count]
+    return driven * over
