@@ -1,4 +1,4 @@
-"""Records of one length and rate as one array, at the bins of the band.
+"""Records of one sampling rate as one array, at the bins of the band.
 
 Bins above the band of the motion say nothing of the sensor, so they are left out before anything
 else is computed.
@@ -7,24 +7,22 @@ else is computed.
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy import fft
+from numpy.typing import NDArray
 
 from vibrident.data.records import BoolArray, FloatArray
-from vibrident.fit.bins.segments import TONE_COLUMNS, Segment, shifted_lines, tone_bins
+from vibrident.fit.bins.segments import Segment, shifted_lines, tone_bins
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import line_counts
-
-#: Numbers of an array of (records, bins) that is worked on at once: it stays in the cache.
-MAX_AT_ONCE = 1 << 15
 
 
 @dataclass(frozen=True)
 class Grid:
-    """Bins of a transform, and the step of the network over it.
+    """Bins of the transform of N samples, and the step of the network over them.
 
     Attributes:
         samples: N.
@@ -32,7 +30,10 @@ class Grid:
         fraction: place within a step at which the response is read, at the delay of the inputs.
         bins: number of bins K, from 0 on.
         last: bins from here on do not count.
-        hum: places of tones that no motion causes, in bins.
+        tones: places of tones that no motion causes, in bins.
+        edges: whether the initial states' slopes over the record are nuisances, too: where the
+            noise is steep, what leaks at the ends of a record would count as information.
+        in_pieces: whether samples of the response are left out.
     """
 
     samples: int
@@ -40,7 +41,9 @@ class Grid:
     fraction: float
     bins: int
     last: int
-    hum: tuple[float, ...] = ()
+    tones: tuple[float, ...] = ()
+    edges: bool = False
+    in_pieces: bool = False
 
     @property
     def step(self) -> tuple[float, float]:
@@ -49,53 +52,82 @@ class Grid:
 
     @functools.cached_property
     def shifted(self) -> ComplexArray:
-        """Return w = z − 1 at the bins, shape (K,)."""
+        """w = z − 1 at the bins, shape (K,)."""
         return shifted_lines(self.samples, slice(0, self.bins))
 
     @functools.cached_property
     def frequency_hz(self) -> FloatArray:
-        """Return frequencies, shape (K,); bin 0, which does not count, has that of bin 1."""
+        """Frequencies, shape (K,); bin 0, which does not count, has that of bin 1."""
         return np.maximum(np.arange(self.bins), 1) * (self.rate_hz / self.samples)
 
     @functools.cached_property
     def counts(self) -> FloatArray:
-        """Return how often each bin counts in a sum over the transform, shape (K,)."""
-        counts = line_counts(self.samples)[: self.bins]
+        """How often each bin counts in a mean over the samples, shape (K,)."""
+        counts = line_counts(self.samples)[: self.bins] / self.samples
         counts[0] = 0.0
         counts[self.last :] = 0.0
         return counts
 
     @functools.cached_property
     def unmoved(self) -> ComplexArray:
-        """Return columns that depend on no parameter, shape (m, K): drift, and tones of hum."""
-        shifted = np.where(self.shifted == 0.0, 1.0, self.shifted)
-        drift = ((1.0 + self.shifted) / shifted)[None]
-        if not self.hum:
-            return drift
-        tones = tone_bins(self.hum, self.samples, slice(0, self.bins))
-        return np.concatenate([drift, tones.reshape(TONE_COLUMNS * len(self.hum), -1)])
+        """Columns that depend on no parameter, shape (m, K): drift, and tones of hum."""
+        nonzero = np.where(self.shifted == 0.0, 1.0, self.shifted)
+        columns = [((1.0 + self.shifted) / nonzero)[None]]
+        if self.edges:
+            columns.append(columns[0] / nonzero)
+        if self.in_pieces:  # an offset is not at bin 0 alone
+            columns.append((np.arange(self.bins) == 0)[None] * complex(self.samples))
+        if self.tones:
+            columns.append(tone_bins(self.tones, self.samples, slice(0, self.bins)))
+        return np.concatenate(columns)
 
 
 @dataclass(frozen=True, eq=False)
-class Group:
-    """Segments of records on one grid.
+class Bins:
+    """Rows of R segments at K bins each, of which the network can be evaluated.
 
     Attributes:
-        grid: the bins.
-        segments: number of each segment in the problem, shape (R,).
+        step: sampling interval, s, and place within a step at which the response is read.
         inputs: transforms of the inputs of the steps, shape (R, q, K).
         response: transforms of the response, zero where it is not used, shape (R, K).
+        shifted: w = z − 1, shape (R, K), or (1, K) where all have the same.
+        unmoved: nuisance columns that depend on no parameter, shape (R or 1, m, K).
+        edges: as of :class:`Grid`.
         used: samples of the response that are used, shape (R, N); None: all.
     """
 
-    grid: Grid
-    segments: tuple[int, ...]
+    step: tuple[float, float]
     inputs: ComplexArray
     response: ComplexArray
+    shifted: ComplexArray
+    unmoved: ComplexArray
+    edges: bool = False
     used: BoolArray | None = None
 
+    def where_used(self, rows: ComplexArray) -> ComplexArray:
+        """Set signals to zero where the response is not used; (R or 1, i, K) to (R, i, K)."""
+        if self.used is None:
+            return rows
+        signals = fft.irfft(rows, self.used.shape[1], axis=-1)
+        return np.asarray(fft.rfft(signals * self.used[:, None], axis=-1))
+
+
+@dataclass(frozen=True, eq=False)
+class Group(Bins):
+    """Segments of one length and rate.
+
+    Attributes:
+        grid: their bins.
+        segments: number of each segment in the problem, shape (R,).
+    """
+
+    grid: Grid = Grid(0, 1.0, 0.0, 0, 0)
+    segments: tuple[int, ...] = ()
+
     @classmethod
-    def from_segments(cls, grid: Grid, numbers: Sequence[int], segments: Sequence[Segment]) -> Group:
+    def from_segments(
+        cls, grid: Grid, numbers: Sequence[int], segments: Sequence[Segment]
+    ) -> Group:
         """Join segments of one length and rate."""
         bins = slice(0, grid.bins)
         inputs = np.stack([segment.inputs[:, bins] for segment in segments])
@@ -104,36 +136,23 @@ class Group:
         if any(segment.used is not None for segment in segments):
             everywhere = np.ones(grid.samples, dtype=bool)
             used = np.stack([everywhere if s.used is None else s.used for s in segments])
-        return cls(grid, tuple(numbers), inputs, response, used)
-
-    def part(self, rows: slice) -> Group:
-        """Return some of the segments."""
-        used = None if self.used is None else self.used[rows]
-        return replace(
-            self,
-            segments=self.segments[rows],
-            inputs=self.inputs[rows],
-            response=self.response[rows],
-            used=used,
-        )
+        columns = grid.shifted[None], grid.unmoved[None]
+        return cls(grid.step, inputs, response, *columns, grid.edges, used, grid, tuple(numbers))
 
     @property
-    def samples_used(self) -> FloatArray:
-        """Return the number of samples that are used, shape (R,)."""
+    def count(self) -> FloatArray:
+        """Number of samples that are used, shape (R,)."""
         if self.used is None:
             return np.full(len(self.segments), float(self.grid.samples))
         return np.sum(self.used, axis=1).astype(float)
 
-    def where_used(self, rows: ComplexArray) -> ComplexArray:
-        """Set signals to zero where the response is not used; (R, i, K) to the same shape."""
-        if self.used is None:
-            return rows
-        signals = fft.irfft(rows, self.grid.samples, axis=-1)
-        return np.asarray(fft.rfft(signals * self.used[:, None], axis=-1))[..., : rows.shape[-1]]
-
-
-def in_parts(rows: int, bins: int) -> Iterator[slice]:
-    """Yield slices of rows that are worked on at once."""
-    width = max(MAX_AT_ONCE // max(bins, 1), 1)
-    for begin in range(0, rows, width):
-        yield slice(begin, min(begin + width, rows))
+    def at(self, row: int, bins: NDArray[np.int_]) -> Bins:
+        """Return one segment, whose samples are all used, at some bins, shape (b,)."""
+        return Bins(
+            self.step,
+            self.inputs[row : row + 1, :, bins],
+            self.response[row : row + 1, bins],
+            self.shifted[:, bins],
+            self.unmoved[:, :, bins],
+            self.edges,
+        )

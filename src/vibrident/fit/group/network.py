@@ -18,7 +18,7 @@ import numpy as np
 from vibrident.data.records import FloatArray
 from vibrident.fit.bins.normal import horner
 from vibrident.fit.bins.transfer import DiscreteTransfer
-from vibrident.fit.group.group import Group
+from vibrident.fit.group.group import Bins
 from vibrident.fit.information import inverse_where_shown
 from vibrident.fit.response.response import ComplexArray
 
@@ -86,25 +86,28 @@ def combined(amounts: FloatArray, columns: ComplexArray) -> ComplexArray:
     return (amounts @ real_rows(columns)).view(complex)
 
 
-def evaluate(group: Group, step: Step, weight: FloatArray) -> Rows:
-    """Evaluate the network over a group.
+def evaluate(group: Bins, step: Step, weight: FloatArray) -> Rows:
+    """Evaluate the network over segments.
 
     Args:
         group: the segments.
         step: the network's step.
         weight: of the bins in the sums of squares that choose the nuisance amounts, shape (R, K).
     """
-    shifted = group.grid.shifted
+    shifted = group.shifted
     over = 1.0 / horner(step.transfer.denominator, shifted)
     order = len(step.transfer.denominator) - 1
     forced = _driven(group, step.transfer.numerator[None], over)[:, 0]
-    nuisances = _nuisances(group, over, order)
+    states = _states(shifted, over, order)
+    columns = [states, group.unmoved]
+    if group.edges:
+        columns.append(states * over[:, None])
+    nuisances = _every(group, np.concatenate(columns, axis=1))
     residual = group.response - group.where_used(forced[:, None])[:, 0]
     amounts = amounts_of(nuisances, residual[:, None], weight)
     residual -= combined(amounts, nuisances)[:, 0]
-    free = combined(amounts[:, :, :order], _states(shifted, over, order)[None])[:, 0]
-    predicted = forced + free
-    jacobian = np.empty((len(residual), 0, len(over)), complex)
+    predicted = forced + combined(amounts[:, :, :order], states)[:, 0]
+    jacobian = np.empty((len(residual), 0, residual.shape[1]), complex)
     if step.slope is not None:
         jacobian = _driven(group, step.slope.numerator, over)
         for number, denominator in enumerate(step.slope.denominator):
@@ -115,23 +118,21 @@ def evaluate(group: Group, step: Step, weight: FloatArray) -> Rows:
     return Rows(residual, predicted, forced, jacobian, nuisances)
 
 
+def _every(group: Bins, columns: ComplexArray) -> ComplexArray:
+    """Return columns (R or 1, m, K) of every segment, where its response is used, (R, m, K)."""
+    return group.where_used(np.broadcast_to(columns, (len(group.response), *columns.shape[1:])))
+
+
 def _states(shifted: ComplexArray, over: ComplexArray, order: int) -> ComplexArray:
-    """Return z wᵏ / a, shape (n, K)."""
-    columns = np.empty((order, len(shifted)), complex)
-    columns[:1] = (1.0 + shifted) * over
+    """Return z wᵏ / a, shape (R or 1, n, K)."""
+    columns = np.empty((len(shifted), order, shifted.shape[1]), complex)
+    columns[:, :1] = ((1.0 + shifted) * over)[:, None]
     for power in range(1, order):
-        np.multiply(columns[power - 1], shifted, out=columns[power])
+        np.multiply(columns[:, power - 1], shifted, out=columns[:, power])
     return columns
 
 
-def _nuisances(group: Group, over: ComplexArray, order: int) -> ComplexArray:
-    """Return the nuisance columns of each segment, shape (R, m, K)."""
-    columns = np.concatenate([_states(group.grid.shifted, over, order), group.grid.unmoved])
-    every = np.broadcast_to(columns, (len(group.segments), *columns.shape))
-    return group.where_used(every)
-
-
-def _driven(group: Group, numerators: FloatArray, over: ComplexArray) -> ComplexArray:
+def _driven(group: Bins, numerators: FloatArray, over: ComplexArray) -> ComplexArray:
     """Return Σ_k wᵏ Σ_j b[p, k, j] U_j / a; numerators (P, n + 1, q) to shape (R, P, K)."""
     count, powers, terms = numerators.shape
     while powers > 1 and not np.any(numerators[:, powers - 1]):
@@ -140,6 +141,6 @@ def _driven(group: Group, numerators: FloatArray, over: ComplexArray) -> Complex
     sums = (flat @ real_rows(group.inputs)).view(complex)
     driven = sums[:, -count:]
     for power in range(powers - 2, -1, -1):
-        driven = driven * group.grid.shifted
+        driven *= group.shifted[:, None]
         driven += sums[:, power * count : (power + 1) * count]
-    return driven * over
+    return driven * over[:, None]

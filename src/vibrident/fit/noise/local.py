@@ -35,8 +35,8 @@ def incoherent_level(
         motions: each of shape (R, K).
 
     Returns:
-        Level of each bin, shape (R, K), smooth over five blocks; and power that each block has in
-        common with the motions over what chance gives it, F with (6, rest) degrees, shape (R, B).
+        Level of each bin, shape (R, K), smooth over five blocks; and the chance that noise alone
+        has as much in common with the motions in each of B blocks, shape (R, B).
     """
     records, bins = signal.shape
     blocks = max((bins - 1) // BLOCK_BINS, 1)
@@ -60,14 +60,17 @@ def incoherent_level(
     freedom = np.maximum(width - taken, 1.0)
     level = squares / freedom
     shared = np.sum(power_of(rest), axis=-1)[..., 0] - squares
-    ratio = shared / np.maximum(taken - DEGREES, 1.0) / np.maximum(level, 1e-300)
+    share = np.clip(squares / np.maximum(squares + shared, 1e-300), 0.0, 1.0)
     padded = np.pad(level, ((0, 0), (NEIGHBOURS, NEIGHBOURS)), mode="edge")
     smooth = sum(padded[:, i : i + blocks] for i in range(2 * NEIGHBOURS + 1))
     middles = 1.0 + width * (np.arange(blocks) + 0.5)
     every = np.arange(bins)
     log = np.log(np.maximum(np.asarray(smooth) / (2 * NEIGHBOURS + 1), 1e-300))
     levels = np.stack([np.exp(np.interp(every, middles, own)) for own in log])
-    return levels, ratio
+    # Of n − m complex numbers, m of them taken: 1 − γ² is Beta(n − m, m) by chance, m = 3.
+    less = 1.0 - share
+    chance = share**freedom * (1.0 + freedom * less * (1.0 + 0.5 * (freedom + 1.0) * less))
+    return levels, np.minimum(chance, 1.0)
 
 
 def _without(rows: ComplexArray, columns: ComplexArray) -> tuple[ComplexArray, FloatArray]:

@@ -1,0 +1,171 @@
+"""Maximum likelihood in the noise of both channels: descent and noise, in turn.
+
+One criterion serves every motion and reference quantity (errors in variables; Pintelon & Schoukens
+2012, ch. 9):
+
+    V(z) = Σ |R|² / S(z),    S(z) = S_y + S_x |H(z)|²,
+
+with S_y and S_x the noise of the response and of the reference. Its gradient is that at the most
+likely motion X̂ = X + S_x H* R / S; damped Gauss–Newton steps have V as merit. The noise is read
+from what of R is incoherent with the motion, and the descent goes on until the estimate stays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vibrident.data.records import FloatArray
+from vibrident.fit.group.band import Band
+from vibrident.fit.group.group import Group
+from vibrident.fit.group.network import Rows, Step, amounts_of, combined, evaluate, products
+from vibrident.fit.problem.coordinates import Coordinates
+from vibrident.fit.response.response import ComplexArray
+from vibrident.fit.response.transform import power_of
+from vibrident.physics.models.slopes import response_and_slopes
+
+#: Part of a noise level that is certain when noise of the reference falls on the way.
+CERTAIN = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class GroupWeights:
+    """Noise of a group's bins.
+
+    Attributes:
+        response: PSD of the noise of the response, shape (R, K).
+        reference: PSD of the noise of the reference, shape (R, K).
+        excited: weight of each bin beside its noise, shape (R, K).
+    """
+
+    response: FloatArray
+    reference: FloatArray
+    excited: FloatArray
+
+    def psd(self, through: FloatArray) -> FloatArray:
+        """Return S, shape (R, K); ``through``: |H|², shape (K,)."""
+        return self.response + self.reference * through
+
+    @property
+    def has_reference(self) -> bool:
+        """Whether noise of the reference counts."""
+        return bool(np.any(self.reference))
+
+
+@dataclass(frozen=True, eq=False)
+class GroupAt:
+    """A group at an iterate.
+
+    Attributes:
+        group: the group.
+        rows: the network there.
+        jacobian: ∂ predicted with z at the most likely motion, nuisances projected out, (R, P, K).
+        through: H, shape (K,).
+        turns: ∂H with z, shape (P, K).
+        psd: S, shape (R, K).
+        weight: of the bins, shape (R, K).
+        of_noise: part of the information that noise of the reference makes up, shape (P, P).
+    """
+
+    group: Group
+    rows: Rows
+    jacobian: ComplexArray
+    through: ComplexArray
+    turns: ComplexArray
+    psd: FloatArray
+    weight: FloatArray
+    of_noise: FloatArray
+
+    @classmethod
+    def evaluated(
+        cls,
+        group: Group,
+        step: Step,
+        weights: GroupWeights,
+        response: tuple[ComplexArray, ComplexArray],
+        slopes: FloatArray,
+    ) -> GroupAt:
+        """Evaluate a group.
+
+        Args:
+            group: the segments.
+            step: the network's.
+            weights: the noise.
+            response: H, shape (K,), and its derivatives with z, shape (P, K).
+            slopes: derivatives of the parameters with z, shape (P,).
+        """
+        through, turns = response
+        psd = weights.psd(power_of(through))
+        weight = group.grid.counts * weights.excited / psd
+        rows = evaluate(group, step, weight)
+        jacobian = rows.jacobian * slopes[:, None]
+        of_noise = np.zeros((len(slopes), len(slopes)))
+        if weights.has_reference:
+            toward = weights.reference * through.conj() * rows.residual / psd  # X̂ − X
+            jacobian = jacobian + turns * toward[:, None]
+            jacobian -= combined(amounts_of(rows.nuisances, jacobian, weight), rows.nuisances)
+            alone = weight * weights.reference * weights.response / psd
+            of_noise = products(turns * np.sum(alone, axis=0), turns)
+        return cls(group, rows, jacobian, through, turns, psd, weight, of_noise)
+
+
+@dataclass(frozen=True, eq=False)
+class Iterate:
+    """V, its gradient and information at coordinates z.
+
+    Attributes:
+        cost: V.
+        gradient: Jᵀ W R, shape (P,).
+        matrix: Jᵀ W J, shape (P, P).
+        of_noise: part of it that noise of the reference makes up, shape (P, P).
+        groups: the groups there; empty where V is not finite.
+    """
+
+    cost: float
+    gradient: FloatArray
+    matrix: FloatArray
+    of_noise: FloatArray
+    groups: tuple[GroupAt, ...]
+
+
+def iterate(
+    band: Band, coordinates: Coordinates, weights: Sequence[GroupWeights], z: FloatArray
+) -> Iterate:
+    """Evaluate all groups at z."""
+    count = len(z)
+    nothing = np.zeros((count, count))
+    astray = Iterate(np.inf, np.zeros(count), nothing, nothing, ())
+    with np.errstate(all="ignore"):
+        values = coordinates.values(z)
+        steps = band.steps(values, slopes=True)
+        if steps is None:
+            return astray
+        slopes = coordinates.slopes(z)
+        responses: dict[int, tuple[ComplexArray, ComplexArray]] = {}
+        places: list[GroupAt] = []
+        for group, own in zip(band.groups, weights, strict=True):
+            grid = group.grid
+            if hash(grid) not in responses:
+                through, turns = response_and_slopes(
+                    band.model, values, grid.frequency_hz, band.problem.frame.quantity
+                )
+                responses[hash(grid)] = through, turns * slopes[:, None]
+            response = responses[hash(grid)]
+            places.append(GroupAt.evaluated(group, steps[group.step], own, response, slopes))
+        cost = 0.0
+        gradient = np.zeros(count)
+        matrix = np.zeros((count, count))
+        of_noise = np.zeros((count, count))
+        for at in places:
+            root = np.sqrt(at.weight)
+            whitened = (at.jacobian * root[:, None]).swapaxes(0, 1).reshape(count, -1)
+            residual = (at.rows.residual * root).reshape(1, -1)
+            cost += float(products(residual, residual)[0, 0])
+            gradient += products(whitened, residual)[:, 0]
+            matrix += products(whitened, whitened)
+            of_noise += at.of_noise
+    if not (np.isfinite(cost) and np.all(np.isfinite(matrix)) and np.all(np.isfinite(gradient))):
+        return astray
+    return Iterate(cost, gradient, matrix, of_noise, tuple(places))

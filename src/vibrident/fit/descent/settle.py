@@ -1,0 +1,236 @@
+"""From start values to the estimate in the noise that the data have."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vibrident.base.errors import NotConverged
+from vibrident.data.records import FloatArray
+from vibrident.fit.descent.in_noise import GroupAt, GroupWeights, Iterate, iterate
+from vibrident.fit.descent.optimise import NOT_FINITE, Progress, Trace, levenberg_marquardt
+from vibrident.fit.descent.sandwich import width
+from vibrident.fit.descent.weighting import Weighting, read_weighting
+from vibrident.fit.group.band import Band
+from vibrident.fit.group.network import amounts_of, combined, products, real_rows
+from vibrident.fit.information import inverse_normal, sandwich_covariance
+from vibrident.fit.noise.found import SpectralNoise, doubtful
+from vibrident.fit.noise.motion import NEAREST
+from vibrident.fit.noise.spectrum import DOUBT
+from vibrident.fit.problem.coordinates import Coordinates
+from vibrident.fit.response.transform import mean_around, power_of
+from vibrident.fit.start.at_bins import Candidate
+from vibrident.fit.start.look import Look
+
+#: Rounds of descent and noise, and of moving the inputs to the delay.
+MAX_ROUNDS = 8
+MAX_MOVES = 4
+#: The estimate stays where a round moves it by less, in standard uncertainties.
+SETTLED = 0.05
+#: Decrease of V that is not worth a step: while start values compete, and at the end.
+ROUGH = 0.1
+FINE = 1e-3
+#: V of a start that leaves nothing but noise, a multiple of the number of bins that count.
+ENOUGH = 1.5
+#: Least part of the information that stays beside what noise of the reference makes up.
+MIN_INFORMATION = 0.2
+
+
+@dataclass(frozen=True, eq=False)
+class Settled:
+    """The estimate.
+
+    Attributes:
+        band: the groups, with inputs at the delay and the noise's nuisances.
+        coordinates: the map from z to parameters.
+        z: the estimate, shape (P,).
+        covariance: of z, shape (P, P).
+        degrees_of_freedom: behind the noise.
+        trace: of the last descent.
+        weighting: the noise of every segment.
+        noise: what a result states of it.
+        deviation: standard deviation of each record's noise, response unit, shape (records,).
+    """
+
+    band: Band
+    coordinates: Coordinates
+    z: FloatArray
+    covariance: FloatArray
+    degrees_of_freedom: float
+    trace: Trace
+    weighting: Weighting
+    noise: SpectralNoise
+    deviation: FloatArray
+
+
+@dataclass
+class _Objective:
+    """V for an optimiser; remembers the last iterate."""
+
+    band: Band
+    coordinates: Coordinates
+    weights: Sequence[GroupWeights]
+    last: tuple[FloatArray, Iterate] | None = None
+
+    def __call__(self, z: FloatArray, _: None = None) -> _Quadratic:
+        at = iterate(self.band, self.coordinates, self.weights, z)
+        self.last = z, at
+        return _Quadratic(at.cost, at.gradient, information(at))
+
+    def at(self, z: FloatArray) -> Iterate:
+        """Return the iterate at z."""
+        if self.last is None or self.last[0] is not z:
+            self(z)
+        assert self.last is not None
+        return self.last[1]
+
+
+@dataclass(frozen=True, eq=False)
+class _Quadratic:
+    cost: float
+    gradient: FloatArray
+    matrix: FloatArray
+
+
+def information(at: Iterate) -> FloatArray:
+    """Return the information less that of the reference's noise, a fifth of the whole at least."""
+    if not np.any(at.of_noise):
+        return at.matrix
+    scale = np.sqrt(np.maximum(np.diag(at.matrix), np.finfo(float).tiny))
+    both = np.outer(scale, scale)
+    count = len(scale)
+    whole = at.matrix / both + 1e-12 * np.eye(count)
+    root = np.linalg.cholesky(whole)
+    inner = np.linalg.solve(root, np.linalg.solve(root, (at.matrix - at.of_noise) / both).T)
+    values, vectors = np.linalg.eigh(0.5 * (inner + inner.T))
+    half = root @ vectors * np.sqrt(np.maximum(values, MIN_INFORMATION))
+    return (half @ half.T) * both
+
+
+@dataclass(frozen=True, eq=False)
+class Descended:
+    """Where a descent ended."""
+
+    band: Band
+    coordinates: Coordinates
+    trace: Trace
+    at: Iterate
+
+    @property
+    def z(self) -> FloatArray:
+        return self.trace.last
+
+
+def descend(
+    band: Band,
+    coordinates: Coordinates,
+    z: FloatArray,
+    weighting: Weighting,
+    tolerance: float,
+    progress: Progress,
+) -> Descended:
+    """Go down V, with the inputs moved to the delay on the way.
+
+    Raises:
+        NotConverged: V is not finite at z.
+    """
+    for _ in range(MAX_MOVES):
+        objective = _Objective(band, coordinates, weighting.of_groups(band))
+        trace = levenberg_marquardt(objective, z, None, tolerance=tolerance, progress=progress)
+        z = trace.last
+        at = objective.at(z)
+        moved = band.at_delay_of(coordinates.values(z))
+        if moved is band:
+            break
+        band = moved
+    return Descended(band, coordinates, trace, at)
+
+
+def settle(
+    starts: Sequence[Descended], progress: Progress
+) -> Settled:
+    """Go on from the best of descents until noise and estimate stay."""
+    best = min(starts, key=lambda descended: descended.at.cost)
+    band = best.band
+    coordinates = best.coordinates
+    z = best.z
+    places = best.at.groups
+    trace = best.trace
+    for number in range(MAX_ROUNDS):
+        weighting = read_weighting(band, places)
+        band = weighting.beside(band)
+        descended = descend(band, coordinates, z, weighting, FINE, progress)
+        band = descended.band
+        at = descended.at
+        trace = descended.trace
+        deviation = np.sqrt(np.diag(inverse_normal(information(at))))
+        moved = float(np.max(np.abs(trace.last - z) / deviation))
+        z = trace.last
+        places = at.groups
+        if number > 0 and moved < SETTLED:
+            break
+    return _stated(band, coordinates, z, at, trace, weighting)
+
+
+def _stated(
+    band: Band,
+    coordinates: Coordinates,
+    z: FloatArray,
+    at: Iterate,
+    trace: Trace,
+    weighting: Weighting,
+) -> Settled:
+    """Return the estimate with its covariance, by the residual's own spectrum (sandwich)."""
+    count = len(z)
+    middle = np.zeros((count, count))
+    freedom = 0.0
+    floors = band.problem.noise_floor**2
+    pulls = []
+    untold = []
+    inverse = inverse_normal(information(at))
+    deviation = np.zeros(len(floors))
+    reference = np.zeros(len(floors))
+    tones: list[tuple[float, ...]] = [()] * len(floors)
+    for place in at.groups:
+        grid = place.group.grid
+        around = width(grid.samples, 1 / 128)
+        excited = np.stack([weighting.spectra[n].excited for n in place.group.segments])
+        owners = band.owners(place.group)
+        local = np.stack(
+            [
+                np.maximum(mean_around(power_of(residual) / samples, around, NEAREST), floors[owner])
+                for residual, samples, owner in zip(
+                    place.rows.residual, place.group.count, owners, strict=True
+                )
+            ]
+        )
+        loud = place.weight * excited * local / place.psd
+        middle += np.sum(products(place.jacobian * loud[:, None], place.jacobian), axis=0)
+        freedom += len(owners) * 4.0 * (around - NEAREST)
+        for row, (number, owner) in enumerate(zip(place.group.segments, owners, strict=True)):
+            spectrum = weighting.spectra[number]
+            drawn = _draw(place, row, spectrum.doubt())
+            pulls.append(inverse @ drawn / DOUBT)
+            if not spectrum.free:
+                untold.append(pulls[-1])
+            reference[owner] = max(reference[owner], np.sqrt(spectrum.input_noise))
+            deviation[owner] = np.sqrt(np.mean(spectrum.psd))
+            unit = grid.rate_hz / max(grid.samples, 1)
+            tones[owner] = tuple(tone * unit for tone in spectrum.tones)
+    values, vectors = np.linalg.eigh(inverse)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    covariance = sandwich_covariance(root, middle, at.matrix)
+    covariance = covariance + np.sum([np.outer(pull, pull) for pull in pulls], axis=0)
+    each = np.array(untold).reshape(-1, count)
+    noise = SpectralNoise(reference, doubtful(each, covariance), tuple(tones), each)
+    return Settled(
+        band, coordinates, z, covariance, freedom, trace, weighting, noise, deviation
+    )
+
+
+def _draw(place: GroupAt, row: int, doubt: FloatArray) -> FloatArray:
+    """Return the pull of noise of the reference that may be left (95 %), shape (P,)."""
+    weighted = place.through * (place.weight[row] * doubt)
+    return products(place.turns, weighted[None])[:, 0]

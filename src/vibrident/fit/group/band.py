@@ -1,0 +1,117 @@
+"""All groups of a problem: its segments at the bins of the band, and its network over them."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vibrident.data.records import FloatArray
+from vibrident.fit.group.group import Grid, Group
+from vibrident.fit.group.network import Step
+from vibrident.fit.problem.bin_problem import BinProblem
+from vibrident.fit.problem.coordinates import FARTHEST
+from vibrident.physics.models import SensorModel
+
+#: Numbers of an array of (records, bins) that are worked on at once: they stay in the cache.
+MAX_AT_ONCE = 1 << 15
+#: Bins up to this many times the highest frequency of the motion count: beyond, a misfit that
+#: motion makes and the level of the noise are seen, and nothing else.
+BAND_MARGIN = 1.5
+
+
+@dataclass(frozen=True, eq=False)
+class Band:
+    """The segments of a problem at the bins of the band.
+
+    Attributes:
+        problem: the segments, with inputs at a delay.
+        top_hz: highest frequency of the motion; infinite where it is not known.
+        tones: tones that no motion causes, in bins, of every segment.
+        edges: whether the initial states' slopes over the record are nuisances, too.
+    """
+
+    problem: BinProblem
+    top_hz: float
+    tones: tuple[tuple[float, ...], ...] = ()
+    edges: bool = False
+
+    @property
+    def model(self) -> SensorModel:
+        """The sensor model."""
+        return self.problem.frame.model
+
+    @functools.cached_property
+    def groups(self) -> tuple[Group, ...]:
+        """Segments of one length and rate side by side, as many as stay in the cache."""
+        alike: dict[Grid, list[int]] = {}
+        for number in range(len(self.problem.segments)):
+            alike.setdefault(self._grid_of(number), []).append(number)
+        groups = []
+        for grid, numbers in alike.items():
+            width = max(MAX_AT_ONCE // grid.bins, 1)
+            for begin in range(0, len(numbers), width):
+                part = numbers[begin : begin + width]
+                segments = [self.problem.segments[number] for number in part]
+                groups.append(Group.from_segments(grid, part, segments))
+        return tuple(groups)
+
+    def _grid_of(self, number: int) -> Grid:
+        segment = self.problem.segments[number]
+        rate_hz = self.problem.records[segment.record].sampling_rate_hz
+        highest = min(self.problem.highest * rate_hz, BAND_MARGIN * self.top_hz)
+        every = segment.samples // 2 + 1
+        last = min(int(highest / rate_hz * segment.samples) + 1, every)
+        fraction = float(self.problem.fractions[segment.record])
+        tones = self.tones[number] if self.tones else segment.hum
+        pieces = segment.used is not None
+        bins = every if pieces else last
+        return Grid(segment.samples, rate_hz, fraction, bins, last, tones, self.edges, pieces)
+
+    def within(self, top_hz: float) -> Band:
+        """Return the same up to another frequency of the motion, Hz."""
+        return replace(self, top_hz=top_hz)
+
+    def beside(self, tones: Sequence[tuple[float, ...]], *, edges: bool) -> Band:
+        """Return the same beside tones of each segment, in bins; itself where nothing changes."""
+        if tuple(tones) == self.tones and edges == self.edges:
+            return self
+        return replace(self, tones=tuple(tones), edges=edges)
+
+    def at_delay_of(self, values: Mapping[str, float]) -> Band:
+        """Return the same with inputs at the delay of ``values``; itself where they nearly are."""
+        moved = self.problem.at_delay_of(values)
+        return self if moved is self.problem else replace(self, problem=moved)
+
+    def steps(
+        self, values: dict[str, float], *, slopes: bool
+    ) -> dict[tuple[float, float], Step] | None:
+        """Return the network's steps by sampling interval and fraction.
+
+        None where a state grows beyond all numbers over its segment, as Euler's may.
+        """
+        trained = self.problem.trained
+        steps: dict[tuple[float, float], Step] = {}
+        for group in self.groups:
+            if group.step in steps:
+                continue
+            at = values, *group.step, self.problem.frame.delay_s
+            transfer = trained.transfer(*at)
+            if not self._is_stable(transfer.denominator, group.step):
+                return None
+            steps[group.step] = Step(transfer, trained.jacobian(*at) if slopes else None)
+        return steps
+
+    def _is_stable(self, denominator: FloatArray, kind: tuple[float, float]) -> bool:
+        if not np.all(np.isfinite(denominator)):
+            return False
+        longest = max(group.grid.samples for group in self.groups if group.step == kind)
+        poles = 1.0 + np.roots(denominator[::-1])
+        growth = np.log(np.max(np.abs(poles), initial=1.0))
+        return bool(growth * longest <= FARTHEST)
+
+    def owners(self, group: Group) -> list[int]:
+        """Return the number of each segment's record."""
+        return [self.problem.segments[number].record for number in group.segments]

@@ -1,0 +1,259 @@
+"""Start values from everywhere: a grid at the exact bins.
+
+Natural frequency and damping come from a grid, the gain (and the share of a second mode, which the
+response is linear in, too) in closed form, the delay from the peak of a correlation. A model with
+add-ons starts from the best values of the model without them. No nonparametric response is needed.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy import fft
+
+from vibrident.base.errors import NotConverged
+from vibrident.base.fft_lengths import fast_length
+from vibrident.data.records import FloatArray
+from vibrident.fit.group.band import Band
+from vibrident.fit.group.network import Step
+from vibrident.fit.response.response import ComplexArray
+from vibrident.fit.response.transform import power_of
+from vibrident.fit.start.coarse import CoarseRows, coarse_rows
+from vibrident.fit.start.look import MIN_WEIGHT, Look
+from vibrident.physics.models import ParameterSpec, SensorModel
+
+#: Natural frequencies of the grid, from a part of the lowest to a multiple of the highest.
+FREQUENCIES = 32
+BELOW = 1.0 / 3.0
+ABOVE = 8.0
+#: Values of a parameter that differ by less than these factors are one start.
+APART_FREQUENCY = 1.8
+APART = 2.5
+#: Places of the smaller model from which add-ons are looked for.
+PLACES = 3
+#: A delay is looked for at so many places a period of the highest frequency.
+PER_PERIOD = 8
+#: Of delays that differ by a factor of two, the longer must fit better by this part: a record that
+#: recurs fits as well a period later.
+LONGER = 2e-3
+#: Spacing of frequencies that bins of records of several lengths are brought to, a part of a bin.
+FINE = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A place to begin at.
+
+    Attributes:
+        cost: weighted sum of squares that it leaves at the coarse bins.
+        values: the parameters by name.
+    """
+
+    cost: float
+    values: dict[str, float]
+
+
+def candidates(band: Band, look: Look, most: int) -> list[Candidate]:
+    """Return the best and most different places of the grid, the best first.
+
+    Raises:
+        NotConverged: no place of the grid has a finite response.
+    """
+    model = band.model
+    search = _Search(band, look.band_hz, tuple(coarse_rows(band, look)))
+    core = [spec for spec in model.core.parameters if spec.grid]
+    front = search.best(_places(core, [_axis(spec, look.band_hz) for spec in core]), PLACES)
+    added = [
+        spec
+        for add_on in model.add_ons
+        for spec in add_on.parameters
+        if spec.guesses and spec.name not in model.shares
+    ]
+    if added and front:
+        guesses = _places(added, [_guesses(spec, look.band_hz) for spec in added])
+        known = [{spec.name: place.values[spec.name] for spec in core} for place in front]
+        front = search.best([here | more for here in known for more in guesses], most)
+    if not front:
+        raise NotConverged("No start value gives a finite fit: are the columns and units right?")
+    return front[:most]
+
+
+def _places(
+    specs: Sequence[ParameterSpec], axes: Sequence[Sequence[float]]
+) -> list[dict[str, float]]:
+    """Return every combination of values of parameters, by name."""
+    names = [spec.name for spec in specs]
+    return [dict(zip(names, values, strict=True)) for values in itertools.product(*axes)]
+
+
+def _axis(spec: ParameterSpec, band_hz: tuple[float, float]) -> list[float]:
+    if spec.grid == "band":
+        low, high = band_hz
+        return np.geomspace(BELOW * low, ABOVE * high, FREQUENCIES).tolist()
+    return list(spec.grid)
+
+
+def _guesses(spec: ParameterSpec, band_hz: tuple[float, float]) -> list[float]:
+    low, high = band_hz
+    guesses = np.array(spec.guesses)
+    if spec.guess_at == "band":
+        return (low * (high / low) ** guesses).tolist()
+    unit = {"lowest": low, "highest": high, "period": 1.0 / high, "one": 1.0}[spec.guess_at]
+    return (guesses * unit).tolist()
+
+
+def _neutral(model: SensorModel, band_hz: tuple[float, float]) -> dict[str, float]:
+    """Return values at which add-ons do nothing that shows, and the gain is one."""
+    low, high = band_hz
+    at = {"lowest": 1e-3 * low, "highest": 1e3 * high, "period": 1e-3 / high, "band": 3.0 * high}
+    values = {}
+    for spec in model.parameters:
+        nothing = at.get(spec.guess_at, 0.1) if spec.kind in ("log", "duration", "positive") else 0.0
+        values[spec.name] = 1.0 if spec.kind == "gain" else nothing
+    return values
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """Compares places of a grid.
+
+    Attributes:
+        band: the network.
+        band_hz: of the motion.
+        rows: the coarse bins.
+    """
+
+    band: Band
+    band_hz: tuple[float, float]
+    rows: tuple[CoarseRows, ...]
+
+    def best(self, places: Sequence[Mapping[str, float]], most: int) -> list[Candidate]:
+        """Return the best and most different of places, the best first."""
+        neutral = _neutral(self.band.model, self.band_hz)
+        scored = [self._scored(neutral | dict(place)) for place in places]
+        finite = [each for each in scored if each is not None]
+        finite.sort(key=lambda each: each.cost)
+        chosen: list[Candidate] = []
+        for each in finite:
+            if len(chosen) == most:
+                break
+            if all(self._differ(each.values, other.values, places[0]) for other in chosen):
+                chosen.append(each)
+        return chosen
+
+    def _differ(
+        self, values: Mapping[str, float], others: Mapping[str, float], names: Mapping[str, float]
+    ) -> bool:
+        specs = {spec.name: spec for spec in self.band.model.parameters}
+        for name in names:
+            factor = APART_FREQUENCY if specs[name].kind == "log" else APART
+            ratio = (values[name] + 1e-300) / (others[name] + 1e-300)
+            if not 1.0 / factor < ratio < factor:
+                return True
+        return False
+
+    def _scored(self, values: dict[str, float]) -> Candidate | None:
+        """Return a place with the best gain, shares and delay; None where it is not finite."""
+        model = self.band.model
+        trials = [values, *({**values, name: 1.0} for name in model.shares)]
+        forced: list[list[ComplexArray]] = []
+        measured: list[ComplexArray] = []
+        for rows in self.rows:
+            own: list[ComplexArray] = []
+            for trial in trials:
+                step = self._step(rows, trial)
+                if step is None:
+                    return None
+                response, nuisances = rows.forced(step)
+                own.append(response)
+            own[1:] = [each - own[0] for each in own[1:]]
+            freed = rows.freed(np.stack([rows.bins.response, *own], axis=1), nuisances)
+            measured.append(freed[:, 0])
+            forced.append([freed[:, 1 + place] for place in range(len(trials))])
+        late = 0.0
+        if model.has_delay:
+            late = self._late([each[0] for each in forced], measured)
+        gram = np.zeros((len(trials), len(trials)))
+        right = np.zeros(len(trials))
+        power = 0.0
+        for rows, columns, response in zip(self.rows, forced, measured, strict=True):
+            turned = response * np.exp(2j * np.pi * late * rows.frequency_hz)
+            stack = np.stack([each.reshape(-1) for each in columns])
+            gram += (stack.conj() @ stack.T).real
+            right += (stack.conj() @ turned.reshape(-1)).real
+            power += float(np.sum(power_of(response)))
+        scale = np.sqrt(np.diag(gram))
+        if not np.all(np.isfinite(gram)) or not np.all(scale > 0.0):
+            return None
+        amounts = np.linalg.lstsq(gram / np.outer(scale, scale), right / scale, rcond=1e-10)[0]
+        cost = power - float(amounts @ (right / scale))
+        amounts = amounts / scale
+        if amounts[0] == 0.0:
+            return None
+        found = {**values, model.gain_name: float(amounts[0])}
+        for name, amount in zip(model.shares, amounts[1:].tolist(), strict=True):
+            found[name] = amount / float(amounts[0])
+        for spec in model.parameters:
+            if spec.kind == "time":
+                found[spec.name] = late + float(self.band.problem.frame.delay_s)
+        return Candidate(cost, found)
+
+    def _step(self, rows: CoarseRows, values: dict[str, float]) -> Step | None:
+        problem = self.band.problem
+        for spec in self.band.model.parameters:
+            if spec.kind == "time":
+                values = {**values, spec.name: problem.frame.delay_s}
+        transfer = problem.trained.transfer(values, *rows.bins.step, problem.frame.delay_s)
+        return Step(transfer) if np.all(np.isfinite(transfer.denominator)) else None
+
+    def _late(self, forced: Sequence[ComplexArray], measured: Sequence[ComplexArray]) -> float:
+        """Return the delay at which the response agrees best with the forced one, s."""
+        low, high = self.band_hz
+        reach = max(2.0 / max(high - low, 1e-3 * high), 4.0 * self.rows[0].bins.step[0])
+        count = int(np.ceil(reach * high * PER_PERIOD))
+        late = np.arange(-count, count + 1) / (PER_PERIOD * high)
+        sums = np.zeros(late.size)
+        for rows, response, predicted in zip(self.rows, measured, forced, strict=True):
+            common = (predicted.conj() * response).reshape(-1)
+            told = np.flatnonzero(power_of(common) > 0.0)
+            turns = np.exp(2j * np.pi * np.outer(late, rows.frequency_hz.reshape(-1)[told]))
+            sums += (turns @ common[told]).real
+        whole = late + self.band.problem.frame.delay_s
+        return float(late[np.argmax(preferred(np.abs(sums), whole * high))])
+
+
+def preferred(agreement: FloatArray, periods: FloatArray) -> FloatArray:
+    """Return the agreement at delays, in periods, less what a longer one must be better by."""
+    return agreement * (1.0 - LONGER * np.log2(1.0 + np.abs(periods)))
+
+
+def rough_delay(band: Band, look: Look) -> float:
+    """Return the delay at which the phases between the channels agree best, s.
+
+    Amplitudes count for nothing, so a resonance does not hide the delay by its ringing; nor does a
+    constant phase count. Exact to about the inverse of the width of the band.
+    """
+    longest = max(group.grid.samples / group.grid.rate_hz for group in band.groups)
+    grids = {(group.grid.samples, group.grid.rate_hz) for group in band.groups}
+    fine = 1 if len(grids) == 1 else FINE
+    spacing_hz = 1.0 / (fine * longest)
+    high = look.band_hz[1]
+    size = max(group.grid.frequency_hz[-1] for group in band.groups)
+    phases = np.zeros(int(size / spacing_hz) + 2, complex)
+    for group, weight in zip(band.groups, look.weights, strict=True):
+        common = group.response * group.inputs[:, 0].conj()
+        common *= weight > np.max(weight) * 2.0 * MIN_WEIGHT
+        common /= np.maximum(np.abs(common), np.finfo(float).tiny)
+        places = np.round(group.grid.frequency_hz / spacing_hz).astype(int)
+        np.add.at(phases, places, np.sum(common, axis=0))
+    length = fast_length(2 * PER_PERIOD * len(phases))
+    agreement = np.abs(fft.ifft(phases, length))
+    late = np.arange(length) / (length * spacing_hz)
+    late = np.where(late > 0.5 / spacing_hz, late - 1.0 / spacing_hz, late)
+    agreement = np.where(np.abs(late) <= 0.5 * longest, agreement, 0.0)
+    return float(late[np.argmax(preferred(agreement, late * high))])
+
+

@@ -1,0 +1,125 @@
+"""A few bins of the records, by which places of a grid are compared.
+
+Initial states and drift are projected out of response and forced response, so nothing leaks, and a
+few bins say as much as all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibrident.data.records import FloatArray
+from vibrident.fit.group.band import Band
+from vibrident.fit.group.group import Bins, Group
+from vibrident.fit.group.network import Step, amounts_of, combined, evaluate
+from vibrident.fit.response.response import ComplexArray
+from vibrident.fit.response.transform import power_of
+from vibrident.fit.start.look import Look
+
+#: Bins of all records together, and of one at least and at most.
+ALL_BINS = 3000
+MIN_BINS = 24
+MAX_BINS = 600
+#: Of each part of the band those bins that say most.
+BINS_A_PART = 4
+
+
+@dataclass(frozen=True, eq=False)
+class CoarseRows:
+    """Segments of one sampling rate at bins of their own.
+
+    Attributes:
+        bins: the segments.
+        weight: shape (R, K), zero where a row has fewer bins.
+        frequency_hz: shape (R, K).
+    """
+
+    bins: Bins
+    weight: FloatArray
+    frequency_hz: FloatArray
+
+    def freed(self, rows: ComplexArray, nuisances: ComplexArray) -> ComplexArray:
+        """Return rows (R, i, K) less what nuisance columns could imitate, times the root weight."""
+        rest = rows - combined(amounts_of(nuisances, rows, self.weight), nuisances)
+        return rest * np.sqrt(self.weight)[:, None]
+
+    def forced(self, step: Step) -> tuple[ComplexArray, ComplexArray]:
+        """Return the forced response, shape (R, K), and nuisance columns, shape (R, m, K)."""
+        rows = evaluate(self.bins, step, self.weight)
+        return rows.forced, rows.nuisances
+
+
+def coarse_rows(band: Band, look: Look) -> list[CoarseRows]:
+    """Choose the bins that say most, of as many records as there is room for."""
+    rows = [
+        (float(np.sum(weight[row] * power_of(group.response[row]))), number, row)
+        for number, (group, weight) in enumerate(zip(band.groups, look.weights, strict=True))
+        for row in range(len(group.segments))
+        if group.used is None
+    ]
+    if not rows:  # every segment has samples left out: all of their bins
+        return [
+            CoarseRows(group, weight, np.broadcast_to(group.grid.frequency_hz, weight.shape))
+            for group, weight in zip(band.groups, look.weights, strict=True)
+        ]
+    rows.sort(key=lambda item: item[1:])
+    most = ALL_BINS // MIN_BINS
+    if len(rows) > most:
+        rows = [rows[place] for place in np.linspace(0, len(rows) - 1, most).astype(int)]
+    width = int(np.clip(ALL_BINS // len(rows), MIN_BINS, MAX_BINS))
+    alike: dict[tuple[float, float], list[tuple[Group, int, NDArray[np.int_], FloatArray]]] = {}
+    for _, number, row in rows:
+        group = band.groups[number]
+        weight = look.weights[number][row]
+        bins = _telling_bins(weight * power_of(group.response[row]), width)
+        alike.setdefault(group.step, []).append((group, row, bins, weight[bins]))
+    return [_joined(parts) for parts in alike.values()]
+
+
+def _telling_bins(information: FloatArray, width: int) -> NDArray[np.int_]:
+    """Return the bins with the most information in each of equal parts of a logarithmic band."""
+    last = len(information)
+    if last - 1 <= width:
+        return np.arange(1, last)
+    edges = np.unique(np.geomspace(1, last, width // BINS_A_PART + 1).astype(int))
+    chosen = [
+        begin + np.argsort(-information[begin:end], kind="stable")[:BINS_A_PART]
+        for begin, end in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)
+    ]
+    bins = np.concatenate(chosen)
+    if bins.size < width:  # narrow parts have fewer bins than they may
+        others = np.setdiff1d(np.arange(1, last), bins)
+        more = others[np.argsort(-information[others], kind="stable")[: width - bins.size]]
+        bins = np.concatenate([bins, more])
+    return np.sort(bins)
+
+
+def _joined(
+    parts: Sequence[tuple[Group, int, NDArray[np.int_], FloatArray]],
+) -> CoarseRows:
+    """Join rows of one sampling rate; shorter ones end with bins of weight zero."""
+    most = max(len(bins) for _, _, bins, _ in parts)
+    columns = max(group.unmoved.shape[1] for group, *_ in parts)
+    first = parts[0][0]
+    count = len(parts)
+    inputs = np.zeros((count, first.inputs.shape[1], most), complex)
+    response = np.zeros((count, most), complex)
+    shifted = np.ones((count, most), complex)
+    unmoved = np.zeros((count, columns, most), complex)
+    weight = np.zeros((count, most))
+    frequency_hz = np.ones((count, most))
+    for place, (group, row, bins, own_weight) in enumerate(parts):
+        size = len(bins)
+        own = group.at(row, bins)
+        inputs[place, :, :size] = own.inputs[0]
+        response[place, :size] = own.response[0]
+        shifted[place, :size] = own.shifted[0]
+        unmoved[place, : own.unmoved.shape[1], :size] = own.unmoved[0]
+        weight[place, :size] = own_weight
+        frequency_hz[place, :size] = group.grid.frequency_hz[bins]
+    joined = Bins(first.step, inputs, response, shifted, unmoved, first.edges)
+    return CoarseRows(joined, weight, frequency_hz)

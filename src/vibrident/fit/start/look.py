@@ -1,0 +1,63 @@
+"""What records say before any model: the noise of their bins, and the band of their motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vibrident.data.records import FloatArray
+from vibrident.fit.group.band import Band
+from vibrident.fit.noise.local import incoherent_level
+from vibrident.fit.response.transform import power_of
+
+#: A bin shows motion where the response's power is so many times the noise.
+HEARD = 10.0
+#: Part of its weight that a bin without motion keeps, so that the equations stay regular.
+MIN_WEIGHT = 1e-9
+#: Chance that any block of bins without motion counts as band.
+FALSE_BLOCK = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """Noise of the response given the motion, without a model.
+
+    Attributes:
+        levels: PSD of the noise of each group's bins, shape (R, K) each.
+        weights: of the bins, zero where no motion shows, shape (R, K) each.
+        band_hz: lowest and highest frequency at which response and reference have something in
+            common.
+    """
+
+    levels: tuple[FloatArray, ...]
+    weights: tuple[FloatArray, ...]
+    band_hz: tuple[float, float]
+
+
+def look_at(band: Band) -> Look:
+    """Measure the noise of each group, and the band of the motion."""
+    levels: list[FloatArray] = []
+    weights: list[FloatArray] = []
+    shown: list[FloatArray] = []
+    everywhere: list[FloatArray] = []
+    for group in band.groups:
+        level, chance = incoherent_level(group.response, [group.inputs[:, 0]])
+        power = power_of(group.response)
+        heard = power > HEARD * level
+        floor = np.maximum(level, np.finfo(float).tiny)
+        weight = group.grid.counts * (heard + MIN_WEIGHT) * group.grid.samples / floor
+        levels.append(level / group.count[:, None])
+        weights.append(weight)
+        frequency = group.grid.frequency_hz
+        everywhere.append(frequency[[1, group.grid.last - 1]])
+        blocks = chance.shape[1]
+        if blocks:
+            width = (group.grid.bins - 1) // blocks
+            sure = chance * blocks * len(chance) < FALSE_BLOCK
+            first = 1 + width * np.flatnonzero(np.any(sure, axis=0))
+            shown.append(frequency[first])
+            shown.append(frequency[np.minimum(first + width - 1, group.grid.last - 1)])
+    span = np.concatenate(shown) if shown else np.zeros(0)
+    span = span if span.size else np.concatenate(everywhere)
+    return Look(tuple(levels), tuple(weights), (float(np.min(span)), float(np.max(span))))
