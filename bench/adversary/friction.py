@@ -121,7 +121,7 @@ def _steady(kind: str, count: int, rng: np.random.Generator) -> Trial:
         values = recorded_channel(values, noise, rng) * 10.0 ** rng.uniform(-3.0, 3.0)
         made.append(Raw(f"decay-{i}", np.zeros(0), values, rate, "decay"))
     given = Setting(sensor, rate, "acceleration", (0.0, rate))
-    nothing = dict.fromkeys(("natural_frequency", "damping_ratio"), np.inf)
+    nothing = {"natural_frequency": np.inf, "damping_ratio": np.inf}
     return Trial(
         calibration(made, "accelerometer", "acceleration"),
         "accelerometer",

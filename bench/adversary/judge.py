@@ -168,7 +168,7 @@ def distances(result: Result, truth: Mapping[str, float]) -> dict[str, float]:
         if parameter is None or parameter.standard_uncertainty is None:
             continue
         error = abs(parameter.value - true)
-        if error <= ROUNDING * abs(true):
+        if math.isfinite(true) and error <= ROUNDING * abs(true):
             found[name] = 0.0
         elif not parameter.standard_uncertainty > 0.0:
             found[name] = math.inf
