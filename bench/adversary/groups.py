@@ -33,6 +33,7 @@ above), damping, level and colour of the noise, shape of the motion, number and 
 - Nothing that is stated is true: `unlike`, models that explain little; `steady`, steady tones and
   noise declared decays.
 
+`named`: a warning names the cause (`clocks`: `clock_suspect`; `friction`: `nonlinear`).
 `runaway`: a parameter is wrong and more than 30 % off, warned of or not. A case is given up after
 60 CPU s (`long`: 150) and counts as a traceback then.
 """
@@ -101,7 +102,9 @@ def describe_failure(line: dict[str, Any]) -> str:
     z = line.get("z") or {"-": 0.0}
     name = max(z, key=lambda key: z[key])
     away = f" runaway {','.join(line['runaway'])}" if line.get("runaway") else ""
-    said = ",".join(line["codes"]) or (line["says"][0][:90] if line.get("says") else "-")
+    said = ",".join(line["codes"])
+    if said in ("", "refused"):
+        said = line["says"][0][:90] if line["says"] else "nothing"
     off = "" if name == "-" or z[name] >= 1e300 else f"{name} {z[name]:.3g} u; "
     return (
         f"{line['class']}{away} `{line['name']}` --run {line['run']}: {off}said {said};"
@@ -112,7 +115,7 @@ def describe_failure(line: dict[str, Any]) -> str:
 def sums(lines: list[dict[str, Any]]) -> list[tuple[str, ...]]:
     """Return a header and a row a group: cases, classes, runaways, silence, CPU seconds."""
     head = ("group", "cases", "right", "warned", "refused", "silent-wrong", "false alarm")
-    rows: list[tuple[str, ...]] = [(*head, "traceback", "runaway", "CPU s", "longest")]
+    rows: list[tuple[str, ...]] = [(*head, "traceback", "named", "runaway", "CPU s", "longest")]
     for group in dict.fromkeys(line["name"].split("/")[0] for line in lines):
         own = [line for line in lines if line["name"].split("/")[0] == group]
         counts = Counter(line["class"] for line in own)
@@ -121,6 +124,7 @@ def sums(lines: list[dict[str, Any]]) -> list[tuple[str, ...]]:
                 group,
                 str(len(own)),
                 *(str(counts[kind] or "") for kind in (*head[2:], "traceback")),
+                str(sum(bool(line.get("named")) for line in own) or ""),
                 str(sum(bool(line.get("runaway")) for line in own) or ""),
                 f"{sum(line['cpu'] for line in own):.0f}",
                 f"{max(line['cpu'] for line in own):.1f}",
@@ -154,8 +158,8 @@ def sections() -> list[str]:
     for file in sorted(RESULTS.glob("adversary-*.json")):
         figures = json.loads(file.read_text(encoding="utf-8"))
         state = file.stem.partition("-")[2]
-        rows = [tuple(group["figures"].values()) for group in figures.values()]
-        head = tuple(next(iter(figures.values()))["figures"])
+        head = sums([])[0]
+        rows = [tuple(group["figures"][label] for label in head) for group in figures.values()]
         parts += [f"{SECTION}{state}", "", TEXT.format(state=state)]
         parts += [markdown.table(head, rows, right=range(1, len(head))), "", LISTED, ""]
         for name, group in figures.items():

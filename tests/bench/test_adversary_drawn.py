@@ -152,3 +152,19 @@ def test_the_sums_of_groups_count_classes_and_runaways():
     counts = dict(zip(head, row, strict=True))
     assert (counts["cases"], counts["right"], counts["silent-wrong"]) == ("2", "1", "1")
     assert (counts["runaway"], counts["longest"]) == ("1", "2.5")
+
+
+def test_kept_figures_stand_at_the_end_of_the_page_once(tmp_path, monkeypatch):
+    page = tmp_path / "adversary.md"
+    page.write_text("# Page\n\nText.\n", encoding="utf-8")
+    monkeypatch.setattr(groups, "PAGE", page)
+    monkeypatch.setattr(groups, "RESULTS", tmp_path)
+    wrong = {"class": "silent-wrong", "cpu": 2.5, "codes": [], "says": [], "z": {"delay": 9.0}}
+    for run in (34, 35):
+        groups.keep("before", run, [{"name": "held/b", "run": run, **wrong}])
+        groups.keep("before", run, [{"name": "wild/a", "run": run, **wrong, "class": "right"}])
+    text = page.read_text(encoding="utf-8")
+    assert text.startswith("# Page\n\nText.\n\n## Drawn groups: before\n")
+    assert text.count("## Drawn groups") == 1
+    assert text.count("`held/b` --run 35: delay 9 u; said nothing") == 1
+    assert "run 34" not in text
