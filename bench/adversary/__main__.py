@@ -5,6 +5,9 @@ python -m bench.adversary --only clean/in        cases whose name holds the text
 python -m bench.adversary --list                 names of the cases
 python -m bench.adversary --repeat-failures      run again what failed with the last code; keep nothing
 python -m bench.adversary --show NAME [--run 2]  one case in detail
+python -m bench.adversary --groups clocks held   groups alone, printed: [--first 34] [--runs 1]
+                                                 [--cases N] of each [--only TEXT] [--limit CPU-S]
+                                                 [--keep before]
 
 The page is docs/adversary.md; see :mod:`bench.study`.
 """
@@ -15,6 +18,7 @@ import json
 import sys
 from typing import Any
 
+from bench.adversary import groups
 from bench.adversary.cases import BY_NAME, CASES
 from bench.adversary.judge import BAD, judged, quiet
 from bench.adversary.table import table
@@ -31,7 +35,9 @@ STUDY = Study("adversary", __doc__.splitlines()[0], 1, CASES, block, table)
 
 
 def main(arguments: list[str]) -> int:
-    """What the study does not do itself: list, show, and run the failures again."""
+    """What the study does not do itself: groups, list, show, and run the failures again."""
+    if "--groups" in arguments:
+        return groups.main(arguments)
     only = _after(arguments, "--only")
     if "--list" in arguments:
         sys.stdout.write("".join(f"{name}\n" for name in sorted(BY_NAME) if only in name))

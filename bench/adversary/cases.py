@@ -7,7 +7,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.adversary import clean, damaged, decays, extremes, files, foreign, lacking, several, tables
+from bench.adversary import (
+    clean,
+    clocks,
+    damaged,
+    decays,
+    extremes,
+    files,
+    foreign,
+    friction,
+    held,
+    lacking,
+    quantities,
+    several,
+    tables,
+    unlike,
+    wild,
+)
 from bench.adversary.trial import Maker, Trial
 
 GROUPS = {
@@ -20,6 +36,15 @@ GROUPS = {
     "file": files.cases,
     "several": several.cases,
     "foreign": foreign.cases,
+    "quantities": quantities.quantities,
+    "noises": quantities.noises,
+    "long": quantities.long,
+    "clocks": clocks.cases,
+    "held": held.cases,
+    "wild": wild.cases,
+    "unlike": unlike.cases,
+    "friction": friction.friction,
+    "steady": friction.steady,
 }
 
 

@@ -19,6 +19,7 @@ from vibrident import Result, VibridentError, identify
 from vibrident.physics.naming import in_words
 
 LIMIT = 4.0  # A parameter further from the truth than this many standard uncertainties is wrong
+AWAY = 0.3  # of the truth: a parameter that is wrong by more was found at another optimum
 ROUNDING = 1e-8  # errors below this part of the truth are rounding
 #: A stated impact is true within this part of the real one, or one standard uncertainty.
 IMPACT_WITHIN = 0.3
@@ -46,6 +47,7 @@ def judged(trial: Trial) -> dict[str, Any]:
     """Class of the trial, and what led to it, as plain values."""
     begin, cpu = time.perf_counter(), time.process_time()
     found: dict[str, Any] = {"cause": trial.cause, "clean": not trial.cause}
+    found |= {"drawn": trial.drawn} if trial.drawn else {}
     try:
         with warnings.catch_warnings(record=True) as noted:
             warnings.simplefilter("always")
@@ -78,12 +80,42 @@ def of_result(trial: Trial, result: Result) -> dict[str, Any]:
         "codes": list(result.warning_codes),
         "says": [f"{w.code}: {w.message}"[:240] for w in result.warnings],
         "alarms": alarms,
+        "runaway": runaway(result, trial.truth, z),
         "impact": told_impact(trial, result) if trial.cause else None,
         "chi2": fit.chi2_reduced,
         "degrees": fit.degrees_of_freedom,
         "estimator": result.estimator,
         "samples_left_out": sum("left out" in step for f in result.provenance["files"] for step in f["history"]),
+        **({"named": bool(trial.expected & set(result.warning_codes))} if trial.expected else {}),
+        **({"u_ratio": u_ratio(trial, result)} if trial.compared else {}),
     }
+
+
+def runaway(result: Result, truth: Mapping[str, float], z: Mapping[str, float]) -> list[str]:
+    """Return the parameters that another optimum has: wrong, and off by more than ``AWAY`` of the truth."""
+    return [
+        name
+        for name, distance in z.items()
+        if distance > LIMIT
+        and name not in MADE_OF
+        and math.isfinite(truth[name])
+        and abs(result.parameters[name].value - truth[name]) > AWAY * abs(truth[name])
+    ]
+
+
+def u_ratio(trial: Trial, result: Result) -> float | None:
+    """Return the largest ratio of u to u from the same recordings without what is wrong."""
+    if trial.sound is None:
+        return None
+    with suppress(VibridentError):
+        sound = identify(trial.sound(), model=trial.model).parameters
+        pairs = [
+            (own.standard_uncertainty, sound[name].standard_uncertainty)
+            for name, own in result.parameters.items()
+            if name in trial.truth and name in sound
+        ]
+        return round(max(own / other for own, other in pairs if own and other), 3)
+    return None
 
 
 #: What a warning says of the parameter that a departure moves most.
@@ -136,7 +168,7 @@ def distances(result: Result, truth: Mapping[str, float]) -> dict[str, float]:
         if parameter is None or parameter.standard_uncertainty is None:
             continue
         error = abs(parameter.value - true)
-        if error <= ROUNDING * abs(true):
+        if math.isfinite(true) and error <= ROUNDING * abs(true):
             found[name] = 0.0
         elif not parameter.standard_uncertainty > 0.0:
             found[name] = math.inf

@@ -5,8 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.signal import lfilter
 
 from bench.adversary.physics import TAU, Real
+
+#: Exponent of 1/f in the power of coloured noise.
+POWERS = {"pink": 1.0, "brown": 2.0}
 
 
 @dataclass(frozen=True)
@@ -16,11 +20,13 @@ class Noise:
     name: str  # short
     response: float  # standard deviation on the response
     reference: float = 0.0  # standard deviation on the reference, which the sensor does not feel
-    # ``white``, ``pink`` (1/f in power) or ``growing`` (three times as strong at the end as at the start)
+    # ``white``, ``pink`` (1/f in power), ``brown`` (1/f² in power), ``ar2`` (a broad peak drawn within the band) or
+    # ``growing`` (three times as strong at the end as at the start)
     colour: str = "white"
     hum: float = 0.0  # amplitude of mains hum on the response
     felt: float = 0.0  # rms of vibration that the sensor feels beside the motion, over the rms of the motion
     bits: int = 0  # of both converters, whose range is twice the peak; 0: none
+    reference_colour: str = "white"  # of the noise of the reference, as ``colour``
 
 
 def added(values: Real, level: float, colour: str, rng: np.random.Generator) -> Real:
@@ -29,14 +35,24 @@ def added(values: Real, level: float, colour: str, rng: np.random.Generator) -> 
         return values
     size = values.size
     noise = rng.normal(size=size)
-    if colour == "pink":
+    if colour in POWERS:
         spectrum = np.fft.rfft(rng.normal(size=2 * size))
-        spectrum[1:] /= np.sqrt(np.arange(1, spectrum.size))
+        spectrum[1:] /= np.arange(1, spectrum.size) ** (0.5 * POWERS[colour])
         spectrum[0] = 0.0
         noise = np.fft.irfft(spectrum)[:size]
+    elif colour == "ar2":
+        noise = second_order(size, rng)
     elif colour == "growing":
         noise = noise * np.linspace(0.5, 1.5, size)
     return values + level * rms(values) * noise / rms(noise - noise.mean())
+
+
+def second_order(size: int, rng: np.random.Generator) -> Real:
+    """Return autoregressive noise of order two whose pole is drawn: a broad peak, past its beginning."""
+    radius, angle = rng.uniform(0.7, 0.98), np.pi * rng.uniform(0.02, 0.9)
+    recursion = [1.0, -2.0 * radius * np.cos(angle), radius**2]
+    settling = int(40.0 / (1.0 - radius))
+    return np.asarray(lfilter([1.0], recursion, rng.normal(size=size + settling)))[settling:]
 
 
 def hum(values: Real, level: float, rate: float, mains_hz: float, rng: np.random.Generator) -> Real:

@@ -114,6 +114,11 @@ class Motion:
         """The same motion, larger."""
         return Motion(self.frequency_hz, factor * self.amplitude)
 
+    def later(self, time_s: float) -> Motion:
+        """Return the same motion as a record sees it that begins this much later."""
+        turns = np.mod(self.frequency_hz * time_s, 1.0)
+        return Motion(self.frequency_hz, self.amplitude * np.exp(1j * TAU * turns))
+
 
 def tones(frequency_hz: Real, amplitude: Complex, time_s: Real) -> Real:
     """Re Σ A e^{jωt}, in pieces that fit the memory."""

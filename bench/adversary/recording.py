@@ -179,7 +179,7 @@ def free_motion(sensor: Sensor, size: float, time_s: Real, rng: np.random.Genera
 def recorded(reference: Real, response: Real, rate: float, noise: Noise, rng: np.random.Generator) -> tuple[Real, Real]:
     """Both channels with noise, hum and the steps of their converters."""
     response = added(response, noise.response, noise.colour, rng)
-    reference = added(reference, noise.reference, "white", rng)
+    reference = added(reference, noise.reference, noise.reference_colour, rng)
     if noise.hum:
         response = hum(response, noise.hum, rate, 0.01234 * rate, rng)
     if noise.bits:

@@ -33,6 +33,7 @@ modes has the static sensitivity of both. `table`: tabulated responses.
 measurement, one that is rectified or runs backwards): nothing that is stated of it is true.
 `decay`: free decays. `extreme`: scales from 1e-150 to 1e150, one to sixty records of 100 to 100 000 samples, records of
 few periods, declared systematic effects. `file`: time columns in many units, and rates that contradict them.
+What the other groups draw stands at the end of the page.
 
 - **right**: every stated parameter within {limit:g} standard uncertainties of the truth, and on clean data no warning.
 - **warned**: a parameter is further off, and a warning is there that a person would heed: any but `polarity`;
@@ -53,6 +54,7 @@ Errors below {rounding:g} of the truth count as none. A parameter without a stat
 def table(lines: list[dict[str, Any]], commit: str) -> str:
     """The page as Markdown."""
     from bench.adversary.cases import CASES
+    from bench.adversary.groups import sections
 
     found = [
         {"name": line["cell"], "run": run, **one}
@@ -67,7 +69,7 @@ def table(lines: list[dict[str, Any]], commit: str) -> str:
     parts += _counted("Clean recordings by sensor", "sensor", clean, _part(1))
     parts += _counted("Clean recordings by noise", "noise", clean, _part(3))
     parts += _counted("Defects by cause", "cause", [one for one in found if one["cause"]], lambda one: one["cause"])
-    return "\n".join([*parts, *_impacts(found), *_scatter(found), *_failures(found), ""])
+    return "\n".join([*parts, *_impacts(found), *_scatter(found), *_failures(found), *sections(), ""])
 
 
 def _part(number: int) -> Callable[[dict[str, Any]], str]:

@@ -26,6 +26,9 @@ class Trial:
     allowed: frozenset[str] = frozenset()  # warnings that are true of these data though nothing is wrong with them
     strange: bool = False  # not a defect, but what a refusal is a right answer to
     sound: Callable[[], Calibration] | None = None  # the same recordings, noise and all, without what is wrong
+    drawn: str = ""  # what chance has set, for who reads a failure
+    expected: frozenset[str] = frozenset()  # warnings that name what is wrong
+    compared: bool = False  # whether u is held against that of the same recordings without what is wrong
 
 
 def calibration(records: Sequence[Raw], model: str, quantity: str, **more: object) -> Callable[[], Calibration]:

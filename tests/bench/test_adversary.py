@@ -172,6 +172,13 @@ def test_what_is_silent_and_what_is_said_is_told_apart(result, cause, expected):
     assert judge.of_result(trial, result)["class"] == expected
 
 
+def test_where_nothing_is_true_a_statement_without_a_warning_is_silent():
+    nothing = Trial(lambda: None, "accelerometer", {"natural_frequency": np.inf}, cause="noise")
+    assert judge.of_result(nothing, made_up(100.5, 0.1))["class"] == judge.SILENT
+    warned = made_up(100.5, 0.1, ("lack_of_fit", "no"))
+    assert judge.of_result(nothing, warned)["class"] == judge.WARNED
+
+
 def test_a_message_names_a_parameter_by_its_name_or_in_words():
     for message in ("hardly determine the second-mode damping ratio", "hardly determine mode2_damping"):
         assert "mode2_damping" in judge.named(message)

@@ -1,0 +1,147 @@
+"""Dry friction in the sensor, and decays that do not decay."""
+
+from __future__ import annotations
+
+import itertools
+from functools import partial
+
+import numpy as np
+from scipy.linalg import expm
+
+from bench.adversary.defects import Raw
+from bench.adversary.draws import (
+    describe,
+    draw_motions,
+    draw_noise,
+    draw_setting,
+    faulty_trial,
+    level,
+    log_uniform,
+)
+from bench.adversary.noise import recorded_channel
+from bench.adversary.physics import TAU, Motion, Real, Sensor
+from bench.adversary.recording import RATES, Setting, recorded
+from bench.adversary.trial import Cases, Trial, calibration
+
+OVER = 16  # steps a sample
+SIZES = {"0.1 to 1 %": (1e-3, 1e-2), "1 to 10 %": (1e-2, 1e-1)}
+MOTIONS = ("random", "sweep running", "sweep", "multisine", "sine", "burst")
+STEADY = ("tone", "two tones", "tone in noise", "growing tone", "beating tones", "noise")
+COUNTS = (1, 3)
+
+
+def friction() -> Cases:
+    """Names and makers: how large the friction is in parts of the rms acceleration."""
+    for size, motion in itertools.product(SIZES, MOTIONS):
+        yield f"{size}/{motion}", partial(_rubbing, size, motion)
+
+
+def steady() -> Cases:
+    """Names and makers: what is declared a decay and is none."""
+    for kind, count in itertools.product(STEADY, COUNTS):
+        yield f"{kind}/{count}", partial(_steady, kind, count)
+
+
+def _rubbing(size: str, motion: str, rng: np.random.Generator) -> Trial:
+    given, drawn = draw_setting("accelerometer", "acceleration", rng, ("in",), ("light", "damped"))
+    noise = draw_noise(rng, (1e-4, 3e-3))
+    shape = (8, 1000) if motion == "sine" else (4, 2000)
+    part = log_uniform(*SIZES[size], rng)
+    moves = draw_motions(motion, given, rng, shape)
+    answers = rubbed(moves, given.sensor, part, shape[1], given.rate)
+    time_s = np.arange(shape[1]) / given.rate
+    declared = {"burst": "random"}.get(motion, motion.partition(" ")[0])
+    made, sound = [], []
+    for i, (move, answer) in enumerate(zip(moves, answers, strict=True)):
+        for response, into in ((answer, made), (move.response(given.sensor, time_s), sound)):
+            channels = recorded(move.acceleration(time_s), response, given.rate, noise, rng)
+            into.append(Raw(f"{declared}-{i}", *channels, given.rate, declared))
+    text = f"friction {part:.2e}; {describe(given, made, noise, drawn)}"
+    named = frozenset({"nonlinear"})
+    return faulty_trial(made, sound, given, "dry friction", text, expected=named)
+
+
+def rubbed(moves: list[Motion], sensor: Sensor, part: float, samples: int, rate: float) -> Real:
+    """Return responses (records, samples) of ẍ + 2δω ẋ + ω² x = a − F sgn ẋ, F in parts of a's rms.
+
+    Each of the steps solves the linear sensor exactly for an acceleration that is straight within
+    it; where the mass turns it sticks as long as the spring and the acceleration are below F.
+    A quarter of the record before it begins is computed and left out.
+    """
+    step = 1.0 / (rate * OVER)
+    before = samples // 4
+    t = (np.arange((samples + before) * OVER + 1) - before * OVER) * step
+    push = np.array([_at(move, t) for move in moves])
+    inner = push[:, before * OVER :: OVER]
+    force = part * np.array([level(values) for values in inner])
+    w, d = TAU * sensor.parameters["natural_frequency"], sensor.parameters["damping_ratio"]
+    block = np.zeros((4, 4))  # state, acceleration and its slope
+    block[:2, :2] = [[0.0, w], [-w, -2.0 * d * w]]  # x ω², v ω
+    block[1, 2] = w
+    block[2, 3] = 1.0 / step
+    whole = expm(block * step)
+    move_on, from_level, from_slope = whole[:2, :2].T, whole[:2, 2], whole[:2, 3]
+    state = np.zeros((len(moves), 2))
+    out = np.zeros((len(moves), samples))
+    for k in range((samples + before) * OVER):
+        if k % OVER == 0 and k >= before * OVER:
+            out[:, k // OVER - before] = state[:, 0]
+        drive = push[:, k]
+        direction = np.sign(state[:, 1])
+        resting = direction == 0.0
+        free = drive - state[:, 0]
+        direction = np.where(resting, np.clip(free / np.maximum(force, 1e-300), -1.0, 1.0), direction)
+        held = resting & (np.abs(free) <= force)
+        net = drive - force * direction
+        slope = push[:, k + 1] - drive
+        ahead = state @ move_on + np.outer(net, from_level) + np.outer(slope, from_slope)
+        turned = ahead[:, 1] * state[:, 1] < 0.0
+        stuck = turned & (np.abs(push[:, k + 1] - ahead[:, 0]) <= force)
+        ahead[stuck, 1] = 0.0
+        ahead[held] = state[held]
+        state = ahead
+    return sensor.gain * out
+
+
+def _at(move: Motion, time_s: Real) -> Real:
+    """Return the acceleration at evenly spaced times that may begin before zero."""
+    early = move.later(float(time_s[0]))
+    return early.acceleration(time_s - time_s[0])
+
+
+def _steady(kind: str, count: int, rng: np.random.Generator) -> Trial:
+    rate = float(rng.choice(RATES))
+    samples = int(log_uniform(2e3, 2e4, rng))
+    noise = draw_noise(rng, (1e-3, 1e-1))
+    sensor = Sensor("accelerometer", {"sensitivity": 1.0, "natural_frequency": 1.0, "damping_ratio": 0.1})
+    frequency = rate * log_uniform(5e-3, 0.3, rng)
+    made = []
+    for i in range(count):
+        values = steady_motion(kind, frequency / rate, samples, rng)
+        values = recorded_channel(values, noise, rng) * 10.0 ** rng.uniform(-3.0, 3.0)
+        made.append(Raw(f"decay-{i}", np.zeros(0), values, rate, "decay"))
+    given = Setting(sensor, rate, "acceleration", (0.0, rate))
+    nothing = {"natural_frequency": np.inf, "damping_ratio": np.inf}
+    return Trial(
+        calibration(made, "accelerometer", "acceleration"),
+        "accelerometer",
+        nothing,
+        cause="no decay",
+        strange=True,
+        drawn=describe(given, made, noise, f"tone at {frequency:.4g} Hz"),
+    )
+
+
+def steady_motion(kind: str, turns: float, samples: int, rng: np.random.Generator) -> Real:
+    """Return a motion that goes on; ``turns``: of its tone a sample."""
+    k = np.arange(samples)
+    tone = np.sin(TAU * (turns * k + rng.random()))
+    if kind == "two tones":
+        return tone + rng.uniform(0.2, 1.0) * np.sin(TAU * (rng.uniform(0.2, 1.2) * turns * k))
+    if kind == "tone in noise":
+        return tone + rng.uniform(0.3, 1.0) * rng.normal(size=samples)
+    if kind == "growing tone":
+        return tone * np.exp(rng.uniform(0.5, 3.0) * k / samples)
+    if kind == "beating tones":
+        return tone + np.sin(TAU * (turns + rng.uniform(1.0, 4.0) / samples) * k)
+    return rng.normal(size=samples) if kind == "noise" else tone

@@ -1,0 +1,89 @@
+"""Inputs that are held between samples: a step, telegraph signals, and the stairs of a converter."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from numpy.polynomial import polynomial as poly
+from scipy.signal import lfilter
+
+from bench.adversary.defects import Raw
+from bench.adversary.draws import describe, draw_noise, faulty_trial, log_uniform
+from bench.adversary.physics import TAU, Real, Sensor
+from bench.adversary.recording import recorded, setting
+from bench.adversary.trial import Cases, Trial
+
+SENSORS = (
+    "in-light",
+    "in-damped",
+    "below-damped",
+    "in-over",
+    "pickup-below-damped",
+    "pickup-in-light",
+)
+KINDS = ("single step", "pulse", "telegraph", "staircase", "stairs of a sweep", "stairs of noise")
+QUANTITIES = ("drive", "acceleration")
+
+
+def cases() -> Cases:
+    """Names and makers."""
+    for kind, sensor in itertools.product(KINDS, SENSORS):
+        yield f"{kind}/{sensor}", partial(_maker, kind, sensor)
+
+
+def _maker(kind: str, sensor: str, rng: np.random.Generator) -> Trial:
+    given = replace(setting(sensor, rng), quantity=str(rng.choice(QUANTITIES)))
+    noise = draw_noise(rng, (1e-4, 1e-2))
+    count, samples = ((1, 8000), (1, 3000), (4, 1500))[rng.integers(3)]
+    period = given.rate / given.sensor.parameters["natural_frequency"]
+    hold = max(1, round(log_uniform(0.05, 1.5, rng) * period))
+    made = []
+    for i in range(count):
+        levels = stairs(kind, samples, hold, period, rng)
+        response = held_response(given.sensor, levels, given.rate)
+        channels = recorded(levels, response, given.rate, noise, rng)
+        made.append(Raw(f"held-{i}", *channels, given.rate, "random"))
+    text = f"held for {hold} samples, {period:.1f} a period; {describe(given, made, noise, sensor)}"
+    return faulty_trial(made, None, given, "held input", text)
+
+
+def stairs(kind: str, samples: int, hold: int, period: float, rng: np.random.Generator) -> Real:
+    """Return levels that a held input has at the samples; ``period``: of the sensor, in samples."""
+    steps = samples // hold + 1
+    t = np.arange(steps) * hold
+    if kind in ("single step", "pulse"):
+        begin = int(samples * rng.uniform(0.03, 0.3))
+        levels = np.zeros(samples)
+        levels[begin : begin + int(samples * rng.uniform(0.1, 0.3))] = 1.0
+        if kind == "single step":
+            levels[begin:] = 1.0
+        return levels
+    if kind == "telegraph":
+        values = rng.choice([-1.0, 1.0], steps)
+    elif kind == "staircase":
+        values = np.cumsum(rng.choice([-1.0, 0.0, 1.0], steps)) * 0.1
+    elif kind == "stairs of a sweep":
+        low, high = 0.05 / period, min(3.0 / period, 0.2 / hold)
+        values = np.sin(TAU * (low * t + 0.5 * (high - low) * t**2 / samples))
+    else:
+        smooth = np.fft.rfft(rng.normal(size=2 * steps))
+        smooth[int(0.5 * smooth.size) :] = 0.0
+        values = np.fft.irfft(smooth)[:steps]
+    return np.repeat(values, hold)[:samples]
+
+
+def held_response(sensor: Sensor, levels: Real, rate: float) -> Real:
+    """Return the response, from rest, to an input that keeps each level until the next sample.
+
+    Exactly, pole by pole: ẋ = p x + r u has x(t + T) = e^{pT} x(t) + (e^{pT} − 1) r u / p.
+    """
+    top, below = sensor.fraction()
+    total = np.zeros(levels.size)
+    for pole in sensor.poles():
+        residue = poly.polyval(pole, top) / poly.polyval(pole, poly.polyder(below))
+        gain = np.expm1(pole / rate) * residue / pole
+        total += np.real(lfilter([0.0, gain], [1.0, -np.exp(pole / rate)], levels.astype(complex)))
+    return total

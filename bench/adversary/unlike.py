@@ -1,0 +1,137 @@
+"""Models that explain little: right is anything but an adequate result without a warning."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+
+from bench.adversary.defects import Raw
+from bench.adversary.draws import (
+    describe,
+    draw_motions,
+    draw_noise,
+    draw_setting,
+    faulty_trial,
+    log_uniform,
+)
+from bench.adversary.physics import TAU, Complex, Motion, Real
+from bench.adversary.recording import DECLARED, Setting, recorded
+from bench.adversary.trial import Cases, Trial
+
+MOTIONS = ("random", "multisine", "sweep running", "shock", "burst running")
+QUANTITIES = ("acceleration", "velocity", "displacement")
+MODELS = ("accelerometer", "accelerometer+delay", "velocity-pickup")
+Answer = Callable[[Motion, Motion, Setting, np.random.Generator], Motion]
+
+
+def modes(frequency_hz: Real, given: Setting, rng: np.random.Generator, count: int) -> Complex:
+    """Return acceleration per acceleration of a structure with light modes all over the band."""
+    low, top = given.band_hz
+    s = 1j * TAU * frequency_hz
+    total = np.zeros(frequency_hz.shape, dtype=complex)
+    for _ in range(count):
+        w, d = TAU * log_uniform(low, top, rng), log_uniform(0.005, 0.05, rng)
+        total += rng.normal() * w * w / (s * s + 2.0 * d * w * s + w * w)
+    return total
+
+
+def _seen(motion: Motion, factor: Complex | float) -> Motion:
+    return Motion(motion.frequency_hz, motion.amplitude * factor)
+
+
+def _structure(move: Motion, other: Motion, given: Setting, rng: np.random.Generator) -> Motion:
+    """Another point of a structure of many modes."""
+    return _seen(move, modes(move.frequency_hz, given, rng, 8))
+
+
+def _tower(move: Motion, other: Motion, given: Setting, rng: np.random.Generator) -> Motion:
+    """A structure far away, of which the reference drives little, much later."""
+    late = 1j * TAU * move.frequency_hz * rng.uniform(20.0, 200.0) / given.rate
+    driven = _seen(move, modes(move.frequency_hz, given, rng, 4) * np.exp(-late))
+    return _sum(driven, _seen(other, modes(other.frequency_hz, given, rng, 4)), 0.2)
+
+
+def _cause(move: Motion, other: Motion, given: Setting, rng: np.random.Generator) -> Motion:
+    """The sensor's answer to what it felt, of which the reference knows little."""
+    return _sum(move, other, float(rng.uniform(0.05, 0.5)))
+
+
+def _mode(move: Motion, other: Motion, given: Setting, rng: np.random.Generator) -> Motion:
+    """A second mode as strong as the first."""
+    fn = given.sensor.parameters["natural_frequency"]
+    w, s = TAU * fn * rng.uniform(1.4, 2.5), 1j * TAU * move.frequency_hz
+    share = rng.uniform(0.5, 2.0) * rng.choice([-1.0, 1.0])
+    second = w * w / (s * s + 2.0 * rng.uniform(0.01, 0.05) * w * s + w * w)
+    return _seen(move, 1.0 + share * second / given.sensor.transfer(move.frequency_hz))
+
+
+def _fixture(move: Motion, other: Motion, given: Setting, rng: np.random.Generator) -> Motion:
+    """A fixture that resonates between the reference and the sensor."""
+    w = TAU * given.band_hz[1] * rng.uniform(0.2, 0.8)
+    s = 1j * TAU * move.frequency_hz
+    return _seen(move, w * w / (s * s + 2.0 * rng.uniform(0.005, 0.05) * w * s + w * w))
+
+
+def _place(move: Motion, other: Motion, given: Setting, rng: np.random.Generator) -> Motion:
+    """A reference that moves with a structure, which the sensor does not."""
+    return _seen(move, 1.0 / modes(move.frequency_hz, given, rng, 5))
+
+
+def _late(move: Motion, other: Motion, given: Setting, rng: np.random.Generator) -> Motion:
+    """A response that began elsewhere in the same motion."""
+    return move.later(float(rng.choice([-1.0, 1.0])) * rng.uniform(50.0, 500.0) / given.rate)
+
+
+def _sum(move: Motion, other: Motion, coherence: float) -> Motion:
+    """Return both motions with this share of the rms from the first."""
+    first = coherence / np.linalg.norm(move.amplitude)
+    second = np.sqrt(1.0 - coherence**2) / np.linalg.norm(other.amplitude)
+    frequency = np.concatenate([move.frequency_hz, other.frequency_hz])
+    amplitude = np.concatenate([first * move.amplitude, second * other.amplitude])
+    lines, places = np.unique(frequency, return_inverse=True)
+    total = np.zeros(lines.size, dtype=complex)
+    np.add.at(total, places, amplitude)
+    return Motion(lines, total)
+
+
+ANSWERS: dict[str, Answer] = {
+    "another point of a structure": _structure,
+    "a tower far away": _tower,
+    "reference is not the cause": _cause,
+    "second mode missing": _mode,
+    "fixture resonates": _fixture,
+    "reference at another place": _place,
+    "response of another moment": _late,
+}
+#: A pickup of two modes is none of the simulator's, and with a delay another moment is explained.
+ONE_MODEL = ("second mode missing", "response of another moment")
+NOTHING_TRUE = dict.fromkeys(("sensitivity", "generator_constant", "natural_frequency", "damping_ratio"), np.inf)
+
+
+def cases() -> Cases:
+    """Names and makers."""
+    for kind, motion in itertools.product(ANSWERS, MOTIONS):
+        yield f"{kind}/{motion}", partial(_maker, kind, motion)
+
+
+def _maker(kind: str, motion: str, rng: np.random.Generator) -> Trial:
+    model = "accelerometer" if kind in ONE_MODEL else str(rng.choice(MODELS))
+    quantity = str(rng.choice(QUANTITIES))
+    given, drawn = draw_setting(model, quantity, rng, ("in", "edge"), ("light", "damped"))
+    noise = draw_noise(rng, (1e-3, 1e-1))
+    shape = ((1, 8000), (1, 4000), (4, 2000))[rng.integers(3)]
+    declared = DECLARED.get(motion.partition(" ")[0], motion.partition(" ")[0])
+    time_s = np.arange(shape[1]) / given.rate
+    pairs = zip(draw_motions(motion, given, rng, shape), draw_motions(motion, given, rng, shape), strict=True)
+    seed = int(rng.integers(2**31))  # one structure for all records
+    made = []
+    for i, (move, other) in enumerate(pairs):
+        felt = ANSWERS[kind](move, other, given, np.random.default_rng(seed))
+        response = felt.response(given.sensor, time_s)
+        channels = recorded(move.reference(time_s, given.quantity), response, given.rate, noise, rng)
+        made.append(Raw(f"{declared}-{i}", *channels, given.rate, declared))
+    text = describe(given, made, noise, drawn)
+    return faulty_trial(made, None, given, f"unlike: {kind}", text, true=NOTHING_TRUE, strange=True)
