@@ -148,9 +148,7 @@ def descend(
     return Descended(band, coordinates, trace, at)
 
 
-def settle(
-    starts: Sequence[Descended], progress: Progress
-) -> Settled:
+def settle(starts: Sequence[Descended], look: Look, progress: Progress) -> Settled:
     """Go on from the best of descents until noise and estimate stay."""
     best = min(starts, key=lambda descended: descended.at.cost)
     band = best.band
@@ -159,7 +157,7 @@ def settle(
     places = best.at.groups
     trace = best.trace
     for number in range(MAX_ROUNDS):
-        weighting = read_weighting(band, places)
+        weighting = read_weighting(band, places, look.heard)
         band = weighting.beside(band)
         descended = descend(band, coordinates, z, weighting, FINE, progress)
         band = descended.band

@@ -58,7 +58,7 @@ def train(evidence: Evidence, method: Method, progress: Progress) -> Settled:
         found = candidates(band, look, STARTS if more else FEW_STARTS)
         starts = [candidate.values for candidate in found]
     ends = _descended(evidence, band, look, starts, progress)
-    return settle(ends, progress)
+    return settle(ends, look, progress)
 
 
 def _before(evidence: Evidence) -> dict[str, float]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vibrident.data.records import FloatArray
+from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.descent.in_noise import GroupAt, GroupWeights
 from vibrident.fit.group.band import Band
 from vibrident.fit.noise.motion import Motion
@@ -62,8 +62,17 @@ def is_steep(spectrum: NoiseSpectrum) -> bool:
     return spectrum.input_noise > 0.0 or least < STEEP * float(np.mean(spectrum.psd))
 
 
-def read_weighting(band: Band, places: Sequence[GroupAt]) -> Weighting:
-    """Read the noise of every segment from the residuals at an iterate."""
+def read_weighting(
+    band: Band, places: Sequence[GroupAt], heard: Mapping[int, BoolArray]
+) -> Weighting:
+    """Read the noise of every segment from the residuals at an iterate.
+
+    Args:
+        band: the segments.
+        places: the groups at the iterate.
+        heard: bins at which motion shows, by number of the segment. Elsewhere what a residual has
+            in common with the reference is noise of that.
+    """
     floors = band.problem.noise_floor**2
     spectra: dict[int, NoiseSpectrum] = {}
     passed: dict[int, FloatArray] = {}
@@ -88,6 +97,7 @@ def read_weighting(band: Band, places: Sequence[GroupAt]) -> Weighting:
                     colour,
                     last,
                     group.inputs[row, 0],
+                    heard[number],
                 )
             )
             passed[number] = squares

@@ -36,6 +36,8 @@ def incoherent(residual: ComplexArray, motion: Motion) -> ComplexArray:
         motion: the prediction, and the reference where it is known: a wrong model's residual is
             coherent with that, not with the prediction, and must not count as noise.
     """
+    if motion.heard is not None:
+        return without_coherent(residual, motion, motion.heard)
     measured = np.empty(residual.size)
     around = lines_around(residual)
     for part in in_blocks(residual.size):  # of a long record each copy counts

@@ -60,6 +60,7 @@ class Motion:
     colour: FloatArray | float = 1.0
     last: int = 0
     reference: ComplexArray | None = None
+    heard: BoolArray | None = None
 
     @classmethod
     def of(
@@ -70,6 +71,7 @@ class Motion:
         colour: FloatArray | float = 1.0,
         last: int = 0,
         reference: ComplexArray | None = None,
+        heard: BoolArray | None = None,
     ) -> Motion:
         """Of what makes lines of the prediction's real transform, g |H|² and g."""
         expected = power_of(predicted(slice(None)))
@@ -79,12 +81,12 @@ class Motion:
         last = last or int(HIGHEST * 2 * (len(expected) - 1)) + 1
         if through is None:
             nothing = np.zeros(0)
-            return cls(count, predicted, None, alone, nothing, nothing, colour, last, reference)
+            return cls(count, predicted, None, alone, nothing, nothing, colour, last, reference, heard)
         expected /= count
         own = typical(expected, around)
         own = np.where(expected > OUTSTANDING * own, expected, own)
         seen = means(through, bins_of(len(expected), last).edges)
-        return cls(count, predicted, through, alone, own, seen, colour, last, reference)
+        return cls(count, predicted, through, alone, own, seen, colour, last, reference, heard)
 
     def windowed(self, part: slice) -> ComplexArray:
         """The prediction's lines under Hann's window, of which line 1 is the first."""

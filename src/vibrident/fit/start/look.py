@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from vibrident.data.records import FloatArray
+from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.group.band import Band
 from vibrident.fit.noise.local import incoherent_level
 from vibrident.fit.response.transform import power_of
@@ -25,13 +26,15 @@ class Look:
 
     Attributes:
         levels: PSD of the noise of each group's bins, shape (R, K) each.
-        weights: of the bins, zero where no motion shows, shape (R, K) each.
+        weights: of the bins, next to zero where no motion shows, shape (R, K) each.
+        heard: bins at which motion shows in the response, by number of the segment, shape (K,).
         band_hz: lowest and highest frequency at which response and reference have something in
             common.
     """
 
     levels: tuple[FloatArray, ...]
     weights: tuple[FloatArray, ...]
+    heard: Mapping[int, BoolArray]
     band_hz: tuple[float, float]
 
 
@@ -40,24 +43,29 @@ def look_at(band: Band) -> Look:
     levels: list[FloatArray] = []
     weights: list[FloatArray] = []
     shown: list[FloatArray] = []
+    audible: dict[int, BoolArray] = {}
     everywhere: list[FloatArray] = []
     for group in band.groups:
         level, chance = incoherent_level(group.response, [group.inputs[:, 0]])
-        power = power_of(group.response)
-        heard = power > HEARD * level
+        heard = power_of(group.response) > HEARD * level
+        blocks = chance.shape[1]
+        sure = chance * chance.size < FALSE_BLOCK
+        if blocks:  # what leaks over from elsewhere is no motion
+            place = (np.arange(group.grid.bins) - 1) // ((group.grid.bins - 1) // blocks)
+            heard &= sure[:, np.clip(place, 0, blocks - 1)]
+        audible |= dict(zip(group.segments, heard, strict=True))
         floor = np.maximum(level, np.finfo(float).tiny)
         weight = group.grid.counts * (heard + MIN_WEIGHT) * group.grid.samples / floor
         levels.append(level / group.count[:, None])
         weights.append(weight)
         frequency = group.grid.frequency_hz
         everywhere.append(frequency[[1, group.grid.last - 1]])
-        blocks = chance.shape[1]
         if blocks:
             width = (group.grid.bins - 1) // blocks
-            sure = chance * blocks * len(chance) < FALSE_BLOCK
             first = 1 + width * np.flatnonzero(np.any(sure, axis=0))
             shown.append(frequency[first])
             shown.append(frequency[np.minimum(first + width - 1, group.grid.last - 1)])
     span = np.concatenate(shown) if shown else np.zeros(0)
     span = span if span.size else np.concatenate(everywhere)
-    return Look(tuple(levels), tuple(weights), (float(np.min(span)), float(np.max(span))))
+    band_hz = float(np.min(span)), float(np.max(span))
+    return Look(tuple(levels), tuple(weights), audible, band_hz)
