@@ -38,19 +38,25 @@ class DiscreteTransfer(NamedTuple):
 
 
 def transfer_of(weights: Weights) -> DiscreteTransfer:
-    """Transfer function of a step with these weights, of NumPy's or JAX's arrays; complex where they are."""
-    xp, order = array_library(weights.output), len(weights.output)
-    shifted = weights.transition - xp.eye(order)
-    coefficients = [xp.ones((), dtype=shifted.dtype)]
-    adjugate = [xp.eye(order, dtype=shifted.dtype)]  # the matrices of w^{n−1}, w^{n−2}, …
+    """Transfer function of a step with these weights, of NumPy's or JAX's arrays; complex where they are.
+
+    Weights of many steps, with an axis of these first, give a transfer function with that axis first.
+    """
+    xp, order = array_library(weights.output), weights.output.shape[-1]
+    unit = xp.eye(order)
+    shifted = weights.transition - unit
+    coefficients = [xp.ones(shifted.shape[:-2], dtype=shifted.dtype)]
+    adjugate = [xp.broadcast_to(unit.astype(shifted.dtype), shifted.shape)]  # the matrices of w^{n−1}, w^{n−2}, …
     for k in range(1, order + 1):
         product = shifted @ adjugate[-1]
-        coefficients.append(-xp.trace(product) / k)
-        adjugate.append(product + coefficients[-1] * xp.eye(order))
-    denominator = xp.stack(coefficients[::-1])
-    rows = [weights.output @ matrix @ weights.drive for matrix in adjugate[order - 1 :: -1]]
+        coefficients.append(-xp.trace(product, axis1=-2, axis2=-1) / k)
+        adjugate.append(product + coefficients[-1][..., None, None] * unit)
+    denominator = xp.stack(coefficients[::-1], axis=-1)
+    output = weights.output[..., None, :]
+    rows = [(output @ matrix @ weights.drive)[..., 0, :] for matrix in adjugate[order - 1 :: -1]]
     rows.append(xp.zeros_like(rows[0]))
-    return DiscreteTransfer(denominator, xp.stack(rows) + denominator[:, None] * weights.feedthrough)
+    direct = denominator[..., None] * weights.feedthrough[..., None, :]
+    return DiscreteTransfer(denominator, xp.stack(rows, axis=-2) + direct)
 
 
 @dataclass(frozen=True)
@@ -99,10 +105,16 @@ class Trained:
         self, values: dict[str, float], interval_s: float, fraction: float, delay_s: float
     ) -> DiscreteTransfer:
         """Derivatives of :meth:`transfer` with each parameter, in a leading axis of P, by complex step."""
-        found = []
-        for name, value in values.items():
-            size = max(abs(value), 1e-30)
-            moved = {**values, name: complex(value, STEP * size)}
-            ahead = self.transfer(moved, interval_s, fraction, delay_s)
-            found.append(DiscreteTransfer(*(np.imag(part) / (STEP * size) for part in ahead)))
-        return DiscreteTransfer(*(np.stack(parts) for parts in zip(*found, strict=True)))
+        places = np.array(list(values.values()), dtype=float)
+        steps = STEP * np.maximum(np.abs(places), 1e-30)
+        moved = np.repeat(places[:, None].astype(complex), len(places), axis=1)
+        each = np.arange(len(places))
+        moved[each, each] += 1j * steps
+        if not self.method.takes_many:
+            columns = [dict(zip(values, column.tolist(), strict=True)) for column in moved.T]
+            ahead = [self.transfer(column, interval_s, fraction, delay_s) for column in columns]
+            many = DiscreteTransfer(*(np.stack(parts) for parts in zip(*ahead, strict=True)))
+        else:
+            many = self.transfer(dict(zip(values, moved, strict=True)), interval_s, fraction, delay_s)
+        per = 1.0 / steps
+        return DiscreteTransfer(np.imag(many.denominator) * per[:, None], np.imag(many.numerator) * per[:, None, None])

@@ -77,16 +77,23 @@ def expm(matrix: Any) -> Any:
 
 
 def _expm(matrix: Any) -> Any:
-    norm = float(np.max(np.sum(np.abs(matrix), axis=0)))
-    if not np.isfinite(norm):
-        return np.full_like(matrix, np.nan)
-    squarings = max(0, int(np.ceil(np.log2(max(norm, 1e-300)))) + 1)
-    scaled, unit = matrix * 0.5**squarings, np.eye(len(matrix))
+    """exp(matrix) of one matrix or of many, shape (…, n, n), each with its own scaling."""
+    norm = np.max(np.sum(np.abs(matrix), axis=-2), axis=-1)
+    finite = np.isfinite(norm)
+    if not np.all(finite):
+        matrix = np.where(finite[..., None, None], matrix, np.nan)
+    squarings = np.ceil(np.log2(np.where(finite, np.maximum(norm, 1e-300), 1.0))) + 1.0
+    squarings = np.maximum(squarings, 0.0)
+    scaled, unit = matrix * 0.5 ** squarings[..., None, None], np.eye(matrix.shape[-1])
     power = unit
     for terms in range(TERMS, 0, -1):
         power = unit + scaled @ power / terms
-    for _ in range(squarings):
-        power = power @ power
+    for squared in range(int(np.max(squarings, initial=0.0))):
+        if power.ndim == 2:
+            power = power @ power
+        else:
+            more = squarings > squared
+            power[more] = power[more] @ power[more]
     return power
 
 
@@ -113,6 +120,11 @@ class Method:
     order: int | None  # order of convergence for smooth signals; None if it is faster than any power
     fixed_terms: int | None  # inputs a step; None if the sensor's stiffness decides
     step: Callable[[StateSpace, Any, Any, int], Weights]  # (system, sampling interval, fraction f, terms) → Weights
+
+    @property
+    def takes_many(self) -> bool:
+        """Whether ``step`` takes many systems at once, with an axis of these first."""
+        return self.step is _exponential_step
 
     @property
     def is_exact(self) -> bool:
@@ -162,26 +174,32 @@ def legendre_shift(terms: int) -> np.ndarray:
 
 def _exponential_step(system: StateSpace, ts: Any, fraction: Any, terms: int) -> Weights:
     xp = array_library(system.a, system.b, ts, fraction)
-    n = system.order
+    n, many = system.order, system.b.shape[:-1]
     start = (-1.0) ** np.arange(terms)  # P_j(−1)
     shift = legendre_shift(terms)
-    size = drive_size(system.b, system.scale)
-    top = xp.concatenate([system.a * ts, ts * (system.b / size)[:, None] * start], axis=1)
-    generator = xp.concatenate([top, xp.concatenate([np.zeros((terms, n)), shift], axis=1)], axis=0)
+    size = xp.asarray(drive_size(system.b, system.scale))
+    drive = (system.b / size[..., None])[..., None] * (ts * start)
+    top = xp.concatenate([system.a * ts, drive], axis=-1)
+    below = np.concatenate([np.zeros((terms, n)), shift], axis=1)
+    generator = xp.concatenate([top, xp.broadcast_to(below, (*many, *below.shape))], axis=-2)
     whole = expm(generator)
-    if isinstance(fraction, float) and fraction == 0.0:  # read at the sample itself: no second exponential
-        output, basis = system.c, start
-        feedthrough = xp.zeros(terms)
+    if not getattr(fraction, "ndim", 0) and isinstance(fraction, float) and fraction == 0.0:
+        output = system.c  # read at the sample itself: no second exponential
+        basis = xp.broadcast_to(start, (*many, terms))
+        feedthrough = xp.zeros((*many, terms))
     else:
-        part = expm(generator * fraction)
-        output = system.c @ part[:n, :n]
-        feedthrough = size * (system.c @ part[:n, n:])
-        basis = start @ part[n:, n:]
+        part = expm(generator * xp.asarray(fraction)[..., None, None])
+        read = (system.c[..., None, :] @ part[..., :n, :])[..., 0, :]
+        output = read[..., :n]
+        feedthrough = size[..., None] * read[..., n:]
+        basis = start @ part[..., n:, n:]
     for m, d in enumerate(system.d):
-        feedthrough = feedthrough + d * basis
+        feedthrough = feedthrough + xp.asarray(d)[..., None] * basis
         if m + 1 < len(system.d):
             basis = basis @ shift / ts
-    return Weights(whole[:n, :n], size * whole[:n, n:], output, feedthrough)
+    return Weights(
+        whole[..., :n, :n], size[..., None, None] * whole[..., :n, n:], output, feedthrough
+    )
 
 
 def drive_size(b: Any, rate: Any) -> Any:
@@ -191,7 +209,7 @@ def drive_size(b: Any, rate: Any) -> Any:
     in the exponential, and repeated squaring would lose digits.
     """
     xp = array_library(b, rate)
-    ratio = xp.max(xp.abs(b)) / abs(rate)
+    ratio = xp.max(xp.abs(b), axis=-1) / abs(rate)
     if xp is not np:
         from vibrident.base.backend import lax
 

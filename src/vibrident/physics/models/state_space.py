@@ -29,13 +29,14 @@ class StateSpace:
     @property
     def order(self) -> int:
         """Number of states n."""
-        return int(self.b.shape[0])
+        return int(self.b.shape[-1])
 
 
 def realise(system: Rational) -> StateSpace:
     """Companion realisation of ``system``; the gain sits in B, as in the paper.
 
     Arrays are of NumPy where every coefficient is, complex where one is; of JAX otherwise.
+    Coefficients may be arrays of many systems: each array of the result gets their axis first.
     """
     xp = array_library(system.gain, system.angular_scale, *system.numerator, *system.denominator)
     order = len(system.denominator) - 1
@@ -51,14 +52,23 @@ def realise(system: Rational) -> StateSpace:
             remainder[shift + k] = remainder[shift + k] - lead * coefficient
     remainder += [0.0] * (order - len(remainder))
     last = -_vector(den, xp)
-    a = w * xp.concatenate([np.eye(order)[1:], last[None, :]], axis=0)
-    b = xp.concatenate([np.zeros(order - 1), _vector([w * system.gain], xp)])
+    shape = last.shape[:-1]
+    above = xp.broadcast_to(np.eye(order)[1:], (*shape, order - 1, order))
+    a = _rate(w) * xp.concatenate([above, last[..., None, :]], axis=-2)
+    drive = _vector([0.0 * w] * (order - 1) + [w * system.gain], xp)
+    b = xp.broadcast_to(drive, (*shape, order))
     d = tuple(system.gain * value * w ** (-m) for m, value in enumerate(reversed(direct)))
-    return StateSpace(a, b, _vector(remainder, xp), d, w)
+    return StateSpace(a, b, xp.broadcast_to(_vector(remainder, xp), (*shape, order)), d, w)
 
 
 def _vector(values: list[Any], xp: Any) -> Any:
-    return xp.stack([xp.asarray(value) * 1.0 for value in values])
+    """Stack numbers, or arrays of many systems, along a last axis."""
+    return xp.stack(xp.broadcast_arrays(*(xp.asarray(value) * 1.0 for value in values)), axis=-1)
+
+
+def _rate(w: Any) -> Any:
+    """Return the angular scale of one system, or of many against matrices of theirs."""
+    return w[..., None, None] if getattr(w, "ndim", 0) else w
 
 
 def state_scaling(system: StateSpace) -> Any:
