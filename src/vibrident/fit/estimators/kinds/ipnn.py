@@ -1,9 +1,8 @@
 """The estimator ``ipnn``: the network, trained end to end on excitation and response, as in the paper, and beyond.
 
 Weights tied to the physics through the chosen discretisation, initial state and offset of every record found exactly,
-each record weighted by its own noise. Trained by Levenberg–Marquardt, or by Adam as in the paper; Levenberg–Marquardt
-is followed by steps that weigh every line of the residual by the noise found there, to maximum likelihood for any
-noise (:mod:`vibrident.fit.descent.reweighting`).
+each record weighted by its own noise. A linear model is trained to maximum likelihood in the noise of both channels
+(:mod:`vibrident.fit.descent.train`); others by Levenberg–Marquardt or, as in the paper, by Adam, with equal weights.
 """
 
 from __future__ import annotations
@@ -20,8 +19,9 @@ from vibrident.data.records import FloatArray
 from vibrident.fit.bins import RecordBins
 from vibrident.fit.descent.geodesic import geodesic_steps
 from vibrident.fit.descent.optimise import Progress, Trace, levenberg_marquardt, silent
-from vibrident.fit.descent.reweighting import reweighted
 from vibrident.fit.descent.sandwich import hac_covariance
+from vibrident.fit.descent.settle import Settled
+from vibrident.fit.descent.train import train
 from vibrident.fit.estimators.base import Estimate, Estimator, Setting
 from vibrident.fit.estimators.findings import Findings, TrainedNetwork
 from vibrident.fit.problem import BinProblem, Coordinates, Evidence, NetworkProblem, network_objective
@@ -111,25 +111,47 @@ class Ipnn(Estimator):
                 where="estimator",
                 remedy="use the estimator 'auto' for a table; add a record with a reference to free decays",
             )
+        if self.by_lines(evidence) and self.weights == "tied":
+            return _settled(self, train(evidence, method(self.discretisation), progress))
         trained = _trained(self, evidence, progress)
         if self.weights == "free":
             return _freed(self, evidence, trained, progress)
         # A nonlinear model has no residual line by line, and Adam trains as the paper does.
-        return trained.in_the_noise_found(evidence) if self.by_lines(evidence) else trained.with_equal_weights()
+        return trained.with_equal_weights()
 
     def by_lines(self, evidence: Evidence) -> bool:
         """Whether the network is run at the bins of its transform; Adam runs it in time, as the paper does."""
         return self.optimiser == "lm" and evidence.model.is_linear
 
-    def where_rejected(self, evidence: Evidence, estimate: Estimate, progress: Progress = silent) -> Estimate | None:
-        """The best overall fit: equal weights for all samples of a record; None where its lines were not weighted."""
-        network, problem, begin = estimate.findings.network, estimate.problem, estimate.begin
-        if estimate.findings.noise is None or network is None or problem is None or begin is None:
-            return None
-        return _Trained(problem, estimate.coordinates, estimate.trace, begin, network).with_equal_weights()
-
 
 IPNN = Ipnn()
+
+
+def _settled(network: Ipnn, settled: Settled) -> Estimate:
+    """Return the estimate of a linear model's network in the noise of both channels."""
+    problem = settled.band.problem
+    hum = settled.noise.hum_hz
+    trained = TrainedNetwork(
+        network.discretisation,
+        settled.trace.optimiser,
+        problem.frame.terms,
+        settled.deviation,
+        weights="spectrum",
+        hum_hz=hum,
+    )
+    return Estimate(
+        Ipnn.name,
+        settled.coordinates,
+        settled.z,
+        settled.covariance,
+        settled.degrees_of_freedom,
+        settled.trace,
+        problem=problem,
+        equations=float(np.sum(problem.degrees_of_freedom)),
+        criterion="samples",
+        findings=Findings(trained, settled.noise),
+        predicted=tuple(problem.predict(settled.coordinates, settled.z)),
+    )
 
 
 def _trained(network: Ipnn, evidence: Evidence, progress: Progress) -> _Trained:
@@ -254,19 +276,6 @@ class _Trained:
 
     def _with_response(self, found: Estimate) -> Estimate:
         return replace(found, predicted=tuple(self.problem.predict(self.coordinates, found.z)))
-
-    def in_the_noise_found(self, evidence: Evidence) -> Estimate:
-        """The last step of training: every line of the residual weighted by its own noise."""
-        two_modes = bool(self.coordinates.model.shares)  # they trade against each other along a curved valley
-        bent, noise = None, self.network.noise
-        begins = [self.trace.last, self.coordinates.place(self.begin.values)]
-        if two_modes:
-            bent = geodesic_steps(evidence, self.coordinates, noise)
-        end = reweighted(self.problem, self.coordinates, begins, noise, bent)
-        if end is None:
-            return self.with_equal_weights()
-        found = Findings(replace(self.network, weights="spectrum"), end.noise)
-        return self._with_response(self.estimate(end.z, end.covariance, end.degrees_of_freedom, found))
 
 
 def _with_harmonic_start(problem: NetworkProblem, normal: Any, evidence: Evidence, z: FloatArray) -> FloatArray:
