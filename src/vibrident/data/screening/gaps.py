@@ -11,7 +11,7 @@ import numpy as np
 
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.data.records.basis import distinct, runs_of_true
-from vibrident.fit.response.rounding import SAME, converter_step, smallest_step
+from vibrident.data.screening.steps import SAME, converter_step, smallest_step
 
 #: Equal samples in a row that are looked at.
 FEWEST = 3
