@@ -13,7 +13,7 @@ from vibrident import identify
 from vibrident.base.errors import InputError
 from vibrident.data.io import read
 from vibrident.data.records import Calibration, FloatArray, Record
-from vibrident.data.screening import screen
+from vibrident.data.screening import gaps, screen
 from vibrident.data.screening.clipping import clipped
 from vibrident.data.screening.gaps import lost
 from vibrident.data.screening.wild import GUARD, MAX_RUN, Channel, breaks
@@ -217,6 +217,17 @@ def test_lost_samples_are_found(motion: str, count: int, length: int, held: bool
         bad = lost(values, ALL)
         assert np.all(bad[values != kept])
         assert np.sum(bad & (values == kept)) <= 3 * count
+
+
+@pytest.mark.parametrize("steps", [2, 8, 30])
+def test_what_held_samples_look_like_is_counted_once(
+    steps: int, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where most values return at once, no run of them needs a look at its neighbours."""
+    looks: list[int] = []
+    monkeypatch.setattr(gaps, "_chance_of_equal", lambda *_: looks.append(1) or 1.0)
+    assert not lost(np.repeat(rng.standard_normal(N // steps), steps), ALL[: N // steps * steps]).any()
+    assert not looks
 
 
 @pytest.mark.parametrize("motion", MOTIONS)

@@ -15,6 +15,7 @@ from vibrident.base.warning_kinds import WarningCode
 from vibrident.data.records import BoolArray, FloatArray, Record
 from vibrident.data.records.basis import runs_of_true
 from vibrident.data.screening.clipping import clipped
+from vibrident.data.screening.decays import goes_on
 from vibrident.data.screening.gaps import lost
 from vibrident.data.screening.repeats import repeated_block
 from vibrident.data.screening.wild import MAX_RUN, MAX_SHORT_RUN, Channel, breaks, moves
@@ -70,10 +71,10 @@ def screen(
     if not kept:
         raise InputError(
             "No record can be used.",
-            expected="at least one record in which both channels carry a signal",
+            expected="at least one record in which both channels carry a signal, of a decay one that dies away",
             found="; ".join(f.message for f in findings),
             where="records",
-            remedy="check the columns of [reference] and [response] with ⟦command = inspect⟧",
+            remedy="check the excitation, and the columns of [reference] and [response] with ⟦command = inspect⟧",
         )
     return tuple(kept), tuple(findings)
 
@@ -84,6 +85,8 @@ def _dead(record: Record) -> str:
         values = values[record.mask]
         if values.size == 0 or np.ptp(values) == 0.0:
             return f"the {label} channel never changes"
+    if record.excitation == "decay" and goes_on(record.response, record.mask):
+        return "the response does not die away, it is as large at the end as throughout"
     return ""
 
 

@@ -23,10 +23,12 @@ from vibrident.data.screening.steps import converter_step
 
 #: Samples that predict one.
 ORDER = 16
-#: Samples of a fit, at most, and what is added to its products, as a part of their mean: rounding of double precision.
-MAX_ROWS, RIDGE = 4_000, 1e-14
-#: Samples that the prediction explains worst, as a part of all, are left out of its fit; rounds of this.
-WORST, ROUNDS = 0.015, 3
+#: A prediction is fitted to at most so many blocks of so many samples.
+MAX_BLOCKS, BLOCK = 16, 256
+#: What is added to the products of a fit, as a part of their sum: rounding of double precision.
+RIDGE = 1e-14
+#: Rounds of a fit without what it does not explain.
+ROUNDS = 3
 #: Wild samples and breaks stand out by so many standard deviations; noise alone seldom exceeds NOISE of them.
 STANDS_OUT, NOISE = 9.0, 5.0
 #: Wild samples are larger than so many steps of the converter, and this part of the channel's range: rounding.
@@ -131,33 +133,28 @@ class Channel:
     @functools.cached_property
     def prediction(self) -> Prediction:
         """The prediction fitted to the samples that it explains well."""
-        clean, prediction = self.follows, Prediction.fitted(self.series, self.follows)
-        if not self._alike(prediction):
-            prediction = Prediction.fitted(self.series, clean := self._without_worst(prediction))
-        for _ in range(ROUNDS - 1 if clean is not self.follows else 0):
-            prediction = Prediction.fitted(self.series, self._without_worst(prediction))
-        return prediction
+        return self._fitted[0]
 
-    def _alike(self, prediction: Prediction) -> bool:
-        """Tell whether all errors are those of noise or rounding, which spares a closer look."""
-        size = np.abs(prediction.matched(self.series, self.judged))
-        above = np.count_nonzero(size > MEDIAN / NOISE * np.max(size))  # half of them are above the median
-        return bool(above > 0.5 * np.count_nonzero(self.judged))
+    @functools.cached_property
+    def _fitted(self) -> tuple[Prediction, FloatArray]:
+        """The prediction, and its errors matched to a wild sample; these are noise or rounding where it is the first.
 
-    def _without_worst(self, prediction: Prediction) -> BoolArray:
-        """Return which samples are far from those that a prediction explains worst, shape (samples,)."""
-        size = np.abs(prediction.forward(self.series, self.follows))
-        worst = max(3, int(WORST * np.count_nonzero(self.follows)))
-        peaks = np.flatnonzero(size * (size >= maximum_filter1d(size, 5)))
-        bad = np.zeros(size.shape, dtype=bool)
-        bad[peaks[np.argsort(size[peaks])[-worst:]]] = True
-        clean = self.follows & ~_near(bad, ORDER)
-        return clean if np.sum(clean) >= 8 * ORDER else self.follows
+        Then the largest is below NOISE standard deviations, and half of them are above the median.
+        """
+        samples = Samples.from_series(self.series, self.follows)
+        prediction = samples.fit()
+        errors = prediction.matched(self.series, self.judged)
+        size = np.abs(errors)
+        if np.count_nonzero(size > MEDIAN / NOISE * np.max(size)) > 0.5 * np.count_nonzero(self.judged):
+            return prediction, errors
+        for _ in range(ROUNDS):
+            prediction = samples.without_worst(prediction).fit()
+        return prediction, prediction.matched(self.series, self.judged)
 
     @functools.cached_property
     def errors(self) -> FloatArray:
         """Errors matched to a single wild sample in standard deviations, shape (samples,); zero where not judged."""
-        return self.prediction.matched(self.series, self.judged)
+        return self._fitted[1]
 
     def level(self, places: NDArray[np.int_]) -> FloatArray:
         """Return the usual size of the errors around some samples in standard deviations, at least one."""
@@ -258,31 +255,53 @@ class Prediction:
     taps: FloatArray
     deviation: float
 
-    @classmethod
-    def fitted(cls, series: FloatArray, clean: BoolArray) -> Prediction:
-        """Return the prediction of least squares, forwards and backwards, of the samples in ``clean``."""
-        rows = np.flatnonzero(clean) - ORDER
-        rows = rows[:: max(1, rows.size // MAX_ROWS)]
-        windows = sliding_window_view(series, ORDER + 1)[rows]
-        products = windows.T @ windows
-        products = products + products[::-1, ::-1]
-        products += RIDGE * (np.trace(products) + rows.size) * np.eye(ORDER + 1)
-        taps = np.append(-np.linalg.solve(products[:-1, :-1], products[:-1, -1]), 1.0)[::-1]
-        return cls(taps, max(float(np.std(windows @ taps[::-1])), np.finfo(float).eps))
-
     def both(self, series: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the forward errors of all but the first ORDER samples, and the backward errors of all but the last."""
         return np.convolve(series, self.taps, mode="valid"), np.convolve(series, self.taps[::-1], mode="valid")
-
-    def forward(self, series: FloatArray, follows: BoolArray) -> FloatArray:
-        """Return the error of each sample by those before it, shape (samples,); zero where they are not valid."""
-        return np.where(follows, np.pad(np.convolve(series, self.taps, mode="valid"), (ORDER, 0)), 0.0)
 
     def matched(self, series: FloatArray, judged: BoolArray) -> FloatArray:
         """Return the forward errors matched to a single wild sample, of variance one, shape (samples,)."""
         scale = self.deviation * float(np.linalg.norm(self.taps))
         double = np.convolve(self.taps, self.taps[::-1]) / scale
         return np.where(judged, np.convolve(series, double, mode="same"), 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Samples that a prediction is fitted to, with those before them, in blocks of a record.
+
+    Attributes:
+        windows: each sample behind ORDER others, shape (rows, ORDER + 1).
+        clean: rows to use, shape (rows,).
+    """
+
+    windows: FloatArray
+    clean: BoolArray
+
+    @classmethod
+    def from_series(cls, series: FloatArray, follows: BoolArray) -> Samples:
+        """Return some samples of a series, evenly spread, those that ``follows`` says to be predictable."""
+        every = sliding_window_view(series, ORDER + 1)
+        begins = np.linspace(0, max(len(every) - BLOCK, 0), MAX_BLOCKS if len(every) > BLOCK * MAX_BLOCKS else 1)
+        length = BLOCK if begins.size > 1 else len(every)
+        rows = (begins.astype(int)[:, None] + np.arange(length)).ravel()
+        return cls(every[rows], follows[rows + ORDER])
+
+    def fit(self) -> Prediction:
+        """Return the prediction of least squares, forwards and backwards."""
+        windows = self.windows if self.clean.all() else self.windows[self.clean]
+        products = windows.T @ windows
+        products = products + products[::-1, ::-1]
+        products += RIDGE * (np.trace(products) + len(windows)) * np.eye(ORDER + 1)
+        taps = np.append(-np.linalg.solve(products[:-1, :-1], products[:-1, -1]), 1.0)[::-1]
+        return Prediction(taps, max(float(np.std(windows @ taps[::-1])), np.finfo(float).eps))
+
+    def without_worst(self, prediction: Prediction) -> Samples:
+        """Return the same samples without those near what a prediction does not explain."""
+        size = np.abs(self.windows @ prediction.taps[::-1])
+        usual = float(np.median(size[self.clean])) / MEDIAN
+        clean = self.clean & ~_near(self.clean & (size > NOISE * usual), ORDER)
+        return Samples(self.windows, clean) if np.sum(clean) >= 8 * ORDER else self
 
 
 def moves(other: Channel, bad: BoolArray) -> BoolArray:
