@@ -16,7 +16,7 @@ T = np.arange(N)
 
 def tones(rng: np.random.Generator, count: int) -> FloatArray:
     """Steady tones far enough apart not to beat slowly."""
-    angles = np.exp(rng.uniform(np.log(0.03), np.log(0.1))) * 2.0 ** np.arange(count)
+    angles = np.exp(rng.uniform(np.log(0.06), np.log(0.15))) * 2.0 ** np.arange(count)
     return sum(np.sin(angle * T + rng.uniform(0.0, 6.3)) for angle in angles)
 
 
@@ -46,7 +46,7 @@ def test_a_weak_line_that_dies_away_under_noise_does_not_go_on(rng: np.random.Ge
     """The power of all is noise alone: the line's shows it."""
     for _ in range(20):
         free = np.exp(-2.0 * T / N) * np.sin(0.3 * T)
-        assert not goes_on(free + 2.0 * rng.standard_normal(N), np.ones(N, dtype=bool))
+        assert not goes_on(free + 1.5 * rng.standard_normal(N), np.ones(N, dtype=bool))
 
 
 def test_a_record_that_goes_on_is_left_out_and_said(rng: np.random.Generator) -> None:
