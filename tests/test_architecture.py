@@ -14,10 +14,10 @@ import vibrident
 #: files, these have an order as well, and those joined by | do not know each other.
 ROOMS = {
     "base": "",
-    "data": "registry effects interferometer records resampling io sources",
+    "data": "registry effects interferometer records resampling screening io sources",
     "physics": "registry naming models discretisation network simulation",
     "result": "document earlier parts sensor result",
-    "fit": "registry information response screening bins problem noise start descent estimators decay uncertainty "
+    "fit": "registry information response bins problem noise start descent estimators decay uncertainty "
     "departures judge repeats temperature identification joint",
     "use": "",
     "show": "",

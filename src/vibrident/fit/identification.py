@@ -13,6 +13,7 @@ from vibrident.base.errors import InputError
 from vibrident.base.memory import in_one_thread
 from vibrident.base.participants import watching
 from vibrident.data.records import Calibration
+from vibrident.data.screening.held import is_held_drive
 from vibrident.fit.decay import decays_alone, with_free_decays
 from vibrident.fit.descent.optimise import Progress, silent
 from vibrident.fit.estimators import AUTO, Estimate, Estimator, choose
@@ -24,7 +25,6 @@ from vibrident.fit.judge.remedy import with_remedy
 from vibrident.fit.problem import Evidence
 from vibrident.fit.registry import ESTIMATORS
 from vibrident.fit.repeats import identify_runs, runs_of
-from vibrident.fit.screening.held import is_held_drive
 from vibrident.fit.temperature import identify_temperatures, temperatures_of
 from vibrident.fit.uncertainty.budget import BudgetRow
 from vibrident.physics.models import SensorModel, model_of

@@ -16,7 +16,7 @@ import numpy as np
 
 from vibrident.data.io import read
 from vibrident.data.records import Calibration, FloatArray, Record
-from vibrident.fit.screening.quality import screen
+from vibrident.data.screening import screen
 from vibrident.paper.dataset import SENSOR, Dataset, prepared, reference_of
 from vibrident.physics.simulation import ChannelNoise, Sensor, simulate
 

@@ -17,8 +17,8 @@ from vibrident.base.brief import brief
 from vibrident.base.errors import InputError
 from vibrident.base.memory import in_one_thread
 from vibrident.data.records import BoolArray, Calibration, FloatArray, Record
+from vibrident.data.screening import Finding, screen
 from vibrident.fit.problem import Coordinates, network_of
-from vibrident.fit.screening import Finding, screen
 from vibrident.physics.discretisation import method
 from vibrident.result import Result
 

@@ -12,7 +12,7 @@ import vibrident
 from vibrident.base.errors import InputError
 from vibrident.data.interferometer.alignment import LOST, accelerated
 from vibrident.data.interferometer.setting import Interferometer
-from vibrident.fit.screening.quality import screen
+from vibrident.data.screening import screen
 from vibrident.physics.simulation import sensor_named, simulate
 from vibrident.physics.simulation.optics import Optics, write_optical_calibration
 

@@ -8,7 +8,7 @@ import pytest
 from vibrident import identify, simulate
 from vibrident.data.records import Calibration, Record
 from vibrident.fit.response import find_tones
-from vibrident.fit.screening.quality import silent_records
+from vibrident.fit.response.tone_quality import silent_records
 
 #: A resonance rings for some 1600 samples after the motion that it answers.
 SHARP = {"sensitivity": 0.01, "natural_frequency": 2000.0, "damping_ratio": 0.0005}

@@ -6,7 +6,7 @@ from scipy import signal
 
 import vibrident
 from vibrident.data.records import Calibration, Record
-from vibrident.fit.screening.held import is_held_drive
+from vibrident.data.screening.held import is_held_drive
 
 RATE_HZ, SAMPLES = 100.0, 3000
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import vibrident
-from vibrident.fit.response.rounding import converter_step
+from vibrident.data.screening.steps import converter_step
 
 SHOCK = {"sampling_rate_hz": 20_000.0, "samples": 1000, "repeats": 6, "amplitude": 100.0}
 

@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vibrident.data.records import FloatArray, Record
+from vibrident.data.screening import Finding
 from vibrident.fit.decay.examine import Parts, change_of, parts_of, weighed
 from vibrident.fit.decay.motion import DecayFit, DecayProblem, free_motion
 from vibrident.fit.decay.release import free_stretch
-from vibrident.fit.screening.quality import Finding
 from vibrident.physics.models import SensorModel
 
 

@@ -17,12 +17,12 @@ import numpy as np
 from vibrident.base.tails import chi2_tail, f_tail
 from vibrident.data.records import FloatArray, Record
 from vibrident.data.records.basis import resolution
+from vibrident.fit.decay.drift import SIGNIFICANT, significant_rise
 from vibrident.fit.decay.motion import DecayFit, Stretch, basis_of, fit, free_motion, motion_slopes, shortened, unit
 from vibrident.fit.decay.noise import WHITE, Noise, autoregression, tones_of
 from vibrident.fit.decay.release import free_stretch, trimmed, without_first
 from vibrident.fit.descent.optimise import Progress, silent
 from vibrident.fit.response.verdict import REJECTION
-from vibrident.fit.screening.drift import SIGNIFICANT, significant_rise
 
 #: Stretches of time that are compared: at most this many, of at least so many samples.
 MOST_PARTS, FEWEST_SAMPLES = 12, 8

@@ -14,7 +14,7 @@ from vibrident.fit.departures.examination import Found, Together, examine
 from vibrident.fit.departures.points import PointsPart
 from vibrident.fit.departures.sources import parts_of, scale_of
 from vibrident.fit.judge.attempts import Fitted, Told
-from vibrident.fit.screening.hum import hum_tones, lacking
+from vibrident.fit.response.hum import hum_tones, lacking
 from vibrident.fit.uncertainty.budget import patterns
 from vibrident.fit.uncertainty.parameters import deviations, parameter_units
 from vibrident.physics.naming import in_words

@@ -10,14 +10,14 @@ import numpy as np
 
 from vibrident.data.records import Calibration, FloatArray, Quantity, Record
 from vibrident.data.records.basis import distinct
+from vibrident.data.screening import Finding, screen
+from vibrident.data.screening.copies import without_copies
 from vibrident.fit.problem.frequency_domain import FrequencyProblem
 from vibrident.fit.response import MeasuredResponse, find_tones, measure_bands
 from vibrident.fit.response.bands import uncorrelated_records
+from vibrident.fit.response.clock import judge_clocks
 from vibrident.fit.response.response import ComplexArray
-from vibrident.fit.screening import Finding, screen
-from vibrident.fit.screening.clock import judge_clocks
-from vibrident.fit.screening.copies import without_copies
-from vibrident.fit.screening.quality import (
+from vibrident.fit.response.tone_quality import (
     nothing_in_common,
     refuse_other_motion,
     short_records,

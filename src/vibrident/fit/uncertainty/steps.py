@@ -18,13 +18,13 @@ from numpy import fft
 
 from vibrident.data.records import BoolArray, FloatArray, Record, SystematicEffect
 from vibrident.data.records.basis import distinct
+from vibrident.data.screening.steps import converter_step
 from vibrident.fit.response.bands import band_edges
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.rounding import (
     DITHERED,
     FEW,
     TRIALS,
-    converter_step,
     repeated_errors,
     rounding_errors,
     undithered,

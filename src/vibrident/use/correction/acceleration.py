@@ -26,7 +26,7 @@ from vibrident.base.brief import brief
 from vibrident.base.errors import InputError
 from vibrident.base.memory import in_one_thread
 from vibrident.data.records import BoolArray, Calibration, FloatArray, Quantity, Record
-from vibrident.fit.screening.quality import Finding
+from vibrident.data.screening import Finding
 from vibrident.result import Result
 from vibrident.result.sensor import IdentifiedSensor
 from vibrident.use.correction.background import at_the_ends, background, begins_at_once, preceded

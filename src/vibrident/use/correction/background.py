@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vibrident.data.records import BoolArray, FloatArray, Record
-from vibrident.fit.screening.quality import Finding
+from vibrident.data.screening import Finding
 from vibrident.use.correction.band import Band
 from vibrident.use.correction.quiet import Surroundings
 

@@ -16,7 +16,7 @@ from scipy import fft
 from vibrident.base.errors import InputError
 from vibrident.data.records import BoolArray, FloatArray, Record
 from vibrident.data.records.basis import resolution, runs_of_true
-from vibrident.fit.screening.quality import Finding, screen
+from vibrident.data.screening import Finding, screen
 
 #: Motions that may begin after a rest; ``decay`` stands for any motion without a reference. Others begin gradually,
 #: which could be taken for rest.

@@ -152,7 +152,7 @@ def _show(results: list[Any], files: list[Path], *, quiet: bool, weights: bool) 
         from vibrident.show.views import Sentence
 
         show(*methods.joint(results[0]), Sentence(""))
-    from vibrident.fit.screening.copies import said_of_copies
+    from vibrident.data.screening.copies import said_of_copies
 
     for result in results:
         for text in said_of_copies((file["file"], file["history"]) for file in result.provenance.get("files", ())):

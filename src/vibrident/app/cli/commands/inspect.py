@@ -16,7 +16,7 @@ from vibrident.base.escaping import terminal as printable
 if TYPE_CHECKING:
     from vibrident.data.interferometer.summary import OpticalSummary
     from vibrident.data.records import Calibration
-    from vibrident.fit.screening import Finding
+    from vibrident.data.screening import Finding
 
 MAX_STEPS = 8  # of the reading that are shown
 
@@ -45,8 +45,8 @@ def inspect(
 def _screened(calibration: Calibration) -> tuple[Calibration, list[Finding]]:
     """The calibration with clipped samples marked, and all findings; records without signal stay."""
     from vibrident.base.errors import InputError
-    from vibrident.fit.screening import Finding, screen
-    from vibrident.fit.screening.copies import said_of_copies, without_copies
+    from vibrident.data.screening import Finding, screen
+    from vibrident.data.screening.copies import said_of_copies, without_copies
 
     once = without_copies(calibration.records)
     for text in said_of_copies((record.name, record.provenance.history) for record in once):

@@ -25,7 +25,7 @@ from vibrident.fit.descent.train import train
 from vibrident.fit.estimators.base import Estimate, Estimator, Setting
 from vibrident.fit.estimators.findings import Findings, TrainedNetwork
 from vibrident.fit.problem import BinProblem, Coordinates, Evidence, NetworkProblem, network_objective
-from vibrident.fit.screening.hum import hum_tones, lacking
+from vibrident.fit.response.hum import hum_tones, lacking
 from vibrident.fit.start.start import Start, find_start
 from vibrident.physics.discretisation import method
 

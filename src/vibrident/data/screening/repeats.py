@@ -12,7 +12,7 @@ import numpy as np
 
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.data.records.basis import runs_of_true
-from vibrident.fit.screening.gaps import CHANCE
+from vibrident.data.screening.gaps import CHANCE
 
 #: Samples in a row that are looked for, and how many of them at least differ from the one before.
 WINDOW, CHANGING = 32, 12

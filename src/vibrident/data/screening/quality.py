@@ -6,23 +6,22 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy import fft
+from scipy import fft
+from scipy.signal.windows import hann
 
 from vibrident.base.amounts import amount
 from vibrident.base.errors import InputError
+from vibrident.base.warning_kinds import WarningCode
 from vibrident.data.records import BoolArray, FloatArray, Record
-from vibrident.fit.response.motion import kind_of_motion, stray_motion
-from vibrident.fit.response.response import MeasuredResponse
-from vibrident.fit.response.transform import hann
-from vibrident.fit.screening.clipping import clipped
-from vibrident.fit.screening.gaps import lost
-from vibrident.fit.screening.repeats import repeated_block
-from vibrident.fit.screening.spikes import Channel, breaks, moves
-from vibrident.result import WarningCode
+from vibrident.data.records.basis import runs_of_true
+from vibrident.data.screening.clipping import clipped
+from vibrident.data.screening.decays import goes_on
+from vibrident.data.screening.gaps import lost
+from vibrident.data.screening.repeats import repeated_block
+from vibrident.data.screening.wild import MAX_RUN, MAX_SHORT_RUN, Channel, breaks, moves
 
 #: Part of the reference's power above 0.45 of the sampling rate that is taken for a missing anti-alias filter.
 ALIAS_POWER = 0.01
-FEWEST_PERIODS = 2.0
 #: Samples on either side that the interpolation of the reference takes in.
 REACH = 40
 #: A record that lost samples is used where at least this part of it is whole over as many …
@@ -31,10 +30,8 @@ LEAST_WHOLE = 0.05
 FEWEST_WHOLE = 128
 #: Stationary motions; others may end within the record.
 STEADY = ("sine", "multisine", "random")
-#: A tone is significant above this many standard deviations of its amplitude.
-SILENT_SIGMA = 5.0
-#: Largest power of other motion (vibration noise) beside a sine, over the power of its tone.
-MOST_STRAY = 5.0
+#: Motions throughout which the channels go together in one way.
+LINEAR = (*STEADY, "sweep")
 
 
 @dataclass(frozen=True)
@@ -74,10 +71,10 @@ def screen(
     if not kept:
         raise InputError(
             "No record can be used.",
-            expected="at least one record in which both channels carry a signal",
+            expected="at least one record in which both channels carry a signal, of a decay one that dies away",
             found="; ".join(f.message for f in findings),
             where="records",
-            remedy="check the columns of [reference] and [response] with ⟦command = inspect⟧",
+            remedy="check the excitation, and the columns of [reference] and [response] with ⟦command = inspect⟧",
         )
     return tuple(kept), tuple(findings)
 
@@ -88,6 +85,8 @@ def _dead(record: Record) -> str:
         values = values[record.mask]
         if values.size == 0 or np.ptp(values) == 0.0:
             return f"the {label} channel never changes"
+    if record.excitation == "decay" and goes_on(record.response, record.mask):
+        return "the response does not die away, it is as large at the end as throughout"
     return ""
 
 
@@ -130,17 +129,23 @@ def _without_spoilt(record: Record, units: Mapping[str, str]) -> tuple[Record, l
             findings.append(finding)
     record, copied = _without_copied(record)
     findings += copied
-    channels = {label: Channel.of(values, record.mask) for label, values, _ in _channels(record)}
-    for label, bad in _wild(channels).items():
-        first, wild = float(np.argmax(bad)) / record.sampling_rate_hz, int(bad.sum())
-        said = (
-            f"the {label} channel has a single sample far off its neighbours {_how_often(wild)}at {first:.6g} s, "
-            "as where a recorder or a contact fails"
-        )
-        record, finding = _without(record, label, bad, "dead_channel", said, f"{label} wild in single samples")
+    longest = MAX_RUN if record.reference is not None and record.excitation in LINEAR else MAX_SHORT_RUN
+    channels = {label: Channel.from_values(values, record.mask, longest) for label, values, _ in _channels(record)}
+    for label, bad in reversed(_wild(channels, record.excitation in LINEAR).items()):
+        record, finding = _without(record, label, bad, "dead_channel", _wild_words(record, label, bad), f"{label} wild")
         findings.append(finding)
     record, broken = _longest_part(record, channels)
     return record, findings + broken
+
+
+def _wild_words(record: Record, label: str, bad: BoolArray) -> str:
+    """Return what is wrong with a channel that has wild samples."""
+    begins, ends = runs_of_true(bad)
+    most = int(np.max(ends - begins))
+    what = "a single sample far off its neighbours" if most == 1 else f"up to {most} samples far off those around them"
+    often = _how_often(begins.size)
+    first_s = float(begins[0]) / record.sampling_rate_hz
+    return f"the {label} channel has {what} {often}at {first_s:.6g} s, as where a recorder or a contact fails"
 
 
 def _how_often(number: int) -> str:
@@ -180,7 +185,7 @@ def _longest_part(record: Record, channels: Mapping[str, Channel]) -> tuple[Reco
         return record, []
     valid = record.mask & record.reference_mask
     if not all(np.array_equal(valid, channel.valid) for channel in channels.values()):
-        channels = {label: Channel.of(values, valid) for label, values, _ in _channels(record)}
+        channels = {label: Channel.from_values(values, valid) for label, values, _ in _channels(record)}
     places = breaks(*channels.values())
     if places.size == 0:
         return record, []
@@ -198,20 +203,28 @@ def _longest_part(record: Record, channels: Mapping[str, Channel]) -> tuple[Reco
     return record, [finding]
 
 
-def _wild(channels: Mapping[str, Channel]) -> dict[str, BoolArray]:
-    """Wild samples of each channel that has any; where the other channel moves as oddly, it is motion."""
-    found = {label: channel.wild for label, channel in channels.items()}
-    for label, other in zip(found, [*channels.values()][::-1], strict=True):
-        if len(found) > 1 and found[label].any():
-            found[label] = found[label] & ~moves(other, found[label])
-    return {label: bad for label, bad in found.items() if bad.any()}
+def _wild(channels: Mapping[str, Channel], linear: bool) -> dict[str, BoolArray]:
+    """Return the wild samples of each channel that has any; where the other channel moves as oddly, it is motion.
+
+    But a sample or two of both at one time is none of a motion that goes on, ``linear``: a sensor answers for longer.
+    """
+    wild = {label: channel.wild.copy() for label, channel in channels.items()}
+    for label, other in zip(wild, [*channels.values()][::-1], strict=True):
+        if len(wild) == 1 or not wild[label].any():
+            continue
+        moved = moves(other, wild[label])
+        for first, end in zip(*runs_of_true(wild[label]), strict=True):
+            at_once = [event.brief for event in other.events if event.first <= end and first <= event.end]
+            if moved[first:end].any() and not (linear and end - first <= MAX_SHORT_RUN and at_once and all(at_once)):
+                wild[label][first:end] = False
+    return {label: bad for label, bad in wild.items() if bad.any()}
 
 
 def _without(
     record: Record, label: str, bad: BoolArray, code: WarningCode, said: str, reason: str
 ) -> tuple[Record, Finding]:
     """The record without some samples, of the response alone where no other channel is spoilt; and the finding."""
-    count = int(np.sum(bad & record.mask))
+    count = int(np.sum(bad & (record.reference_mask if label == "reference" else record.mask)))
     text = f"{record.name}: {said}; {count} of {record.samples} samples are left out of the fit."
     kept = record.without_response(bad, reason) if label == "response" else record.without(bad, reason)
     return kept, Finding(code, text)
@@ -234,77 +247,3 @@ def _aliasing(record: Record) -> list[Finding]:
         "rate, where no anti-alias filter leaves any; content above half the rate would look the same."
     )
     return [Finding("aliasing", text)]
-
-
-def short_records(records: Sequence[Record], frequencies_hz: FloatArray) -> list[Finding]:
-    """Sine records that hold fewer than two periods."""
-    findings = []
-    for record, frequency in zip(records, frequencies_hz, strict=True):
-        periods = frequency * record.mask.sum() / record.sampling_rate_hz
-        if periods < FEWEST_PERIODS:
-            text = f"{record.name}: only {periods:.2g} periods of {frequency:.4g} Hz."
-            findings.append(Finding("short_record", text))
-    return findings
-
-
-def refuse_other_motion(records: Sequence[Record], tones: MeasuredResponse) -> None:
-    """Refuse a record that is said to be a sine, though its sensor answers far more other motion.
-
-    Raises:
-        InputError: there is one.
-    """
-    samples = np.array([record.mask.sum() for record in records])
-    rest = np.abs(tones.line_reference[:, 0]) ** 2 * samples / 2.0  # twice the mean square beside the tone
-    for index in np.flatnonzero(rest > MOST_STRAY * np.abs(tones.reference) ** 2).tolist():
-        record, frequency = records[index], float(tones.frequency_hz[index])
-        likely = kind_of_motion(np.asarray(record.reference)[record.mask])
-        if likely == "shock":
-            found = "motion in a small part of the record"
-        elif frequency * samples[index] / record.sampling_rate_hz < FEWEST_PERIODS:
-            continue  # what is short may look like anything
-        else:
-            stray = stray_motion(record, frequency)
-            if stray < MOST_STRAY:
-                continue
-            found = f"the sensor answers {stray:.2g} times as much other motion as at {frequency:.4g} Hz"
-        other = "random" if likely == "sine" else likely
-        raise InputError(
-            "The motion of this record is no sine.",
-            expected='excitation = "sine" for motion at one frequency',
-            found=found,
-            where=record.name,
-            remedy=f'write excitation = "{other}", or cut the record to the tone',
-        )
-
-
-def nothing_in_common(records: Sequence[Record]) -> list[Finding]:
-    """Records whose response and reference have nothing in common, while others' have."""
-    return [
-        Finding(
-            "dead_channel",
-            f"{record.name}: response and reference have nothing in common; the record is left out. Is a channel dead, "
-            "or are they of two measurements?",
-        )
-        for record in records
-    ]
-
-
-def silent_channels(tones: MeasuredResponse) -> list[Finding]:
-    """A channel in which no record shows its tone above the noise: the wrong column, or a dead channel."""
-    return [
-        Finding("dead_channel", f"The {label} channel shows the tone above its noise in none of the records.")
-        for label, heard in zip(("reference", "response"), _heard(tones), strict=True)
-        if not heard.any()
-    ]
-
-
-def silent_records(tones: MeasuredResponse) -> list[int]:
-    """Sine records of which one channel does not show the tone above its noise: what ``tones.record`` calls them."""
-    return tones.record[~np.all(_heard(tones), axis=0)].tolist()
-
-
-def _heard(tones: MeasuredResponse) -> BoolArray:
-    """Whether reference and response show the tone of each record above their noise, shape (2, tones)."""
-    channels = (tones.reference, tones.line_reference), (tones.response, tones.line_response)
-    noise = [np.sqrt(np.sum(np.abs(lines) ** 2, axis=1) / np.sum(tones.line_weight, axis=1)) for _, lines in channels]
-    return np.array([np.abs(tone) > SILENT_SIGMA * own for (tone, _), own in zip(channels, noise, strict=True)])

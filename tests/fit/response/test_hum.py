@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import vibrident
-from vibrident.fit.screening.hum import hum_tones, lacking
+from vibrident.fit.response.hum import hum_tones, lacking
 from vibrident.physics.simulation import simulate
 
 RATE, N = 2000.0, 1000

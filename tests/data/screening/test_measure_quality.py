@@ -7,10 +7,10 @@ import pytest
 
 from vibrident.base.errors import InputError
 from vibrident.data.records import Record
+from vibrident.data.screening import screen
+from vibrident.data.screening.clipping import clipped
 from vibrident.fit.response import measure_tones
-from vibrident.fit.screening import screen
-from vibrident.fit.screening.clipping import clipped
-from vibrident.fit.screening.quality import short_records, silent_channels
+from vibrident.fit.response.tone_quality import short_records, silent_channels
 from vibrident.physics.simulation import simulate
 
 N = 8000

@@ -11,7 +11,7 @@ import numpy as np
 
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.data.records.basis import distinct, runs_of_true
-from vibrident.fit.response.rounding import SAME, converter_step, smallest_step
+from vibrident.data.screening.steps import SAME, converter_step, smallest_step
 
 #: Equal samples in a row that are looked at.
 FEWEST = 3
@@ -46,11 +46,15 @@ def lost(values: FloatArray, valid: BoolArray) -> BoolArray:
     rest = _levels_of_rest(values, begins, ends)
     candidate = long & (lengths <= REST * values.size) & (begins > 0) & (ends < values.size - 1)
     candidate &= ~np.isin(values[begins], rest)
-    step = smallest_step(values)
-    jumps = _leaves_by_jump(values, begins, ends)
-    for index in np.flatnonzero(candidate):
+    # Of the values that occur, so many return at once: of a held signal most, whatever its neighbours do.
+    returning = (begins.size - 1.0) / (values.size - np.count_nonzero(equal))
+    jumps = candidate & _leaves_by_jump(values, begins, ends)
+    rare = candidate & ~jumps & (values.size * returning ** (lengths - 1.0) < CHANCE)
+    step = smallest_step(values) if rare.any() else 0.0
+    for index in np.flatnonzero(rare):
         chance = _chance_of_equal(values, int(begins[index]), int(ends[index]), step)
-        candidate[index] = jumps[index] or values.size * chance ** (lengths[index] - 1.0) < CHANCE
+        rare[index] = values.size * chance ** (lengths[index] - 1.0) < CHANCE
+    candidate = jumps | rare
     for first, last in zip(begins[candidate], ends[candidate], strict=True):
         found[first : last + 1] = True
     return found

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from vibrident.data.records import Record
-from vibrident.fit.screening.clock import judge_clocks
+from vibrident.fit.response.clock import judge_clocks
 
 RATE_HZ = 10_000.0
 NOMINAL = (12.5, 31.5, 125.0, 315.0, 1250.0)

@@ -14,7 +14,7 @@ import numpy as np
 
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.data.records.basis import runs_of_true
-from vibrident.fit.response.rounding import SAME, grid_step, smallest_step
+from vibrident.data.screening.steps import SAME, grid_step, smallest_step
 
 #: The first bin holds this many times the second …
 FULLER = 4.0

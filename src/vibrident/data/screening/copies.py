@@ -19,6 +19,8 @@ _MOST_ERROR = 1e-3
 _MOST_PEAK = 2.0
 #: … and of as many sizes as there are samples: steps of one converter have few sizes.
 _LEAST_SIZES = 0.25
+#: Samples by which records are found that may be copies.
+_SEEN = 64
 #: Fewest samples that tell so.
 _FEWEST_SAMPLES = 200
 
@@ -30,20 +32,40 @@ def without_copies(records: Sequence[Record]) -> tuple[Record, ...]:
     fewer digits). Names, files and the time of the first sample do not matter. Repeated measurements differ in noise
     and are not copies.
     """
-    kept: list[Record] = []
     groups: dict[tuple[object, ...], list[int]] = {}
-    for record in records:
+    for index, record in enumerate(records):
         key = (record.samples, record.sampling_rate_hz, record.excitation, record.reference is None)
-        same = groups.setdefault(key, [])
-        found = next((place for place in same if _is_copy(kept[place], record)), None)
-        if found is None:
-            same.append(len(kept))
-            kept.append(record)
-        else:
-            first = kept[found]
-            history = first.provenance.then(f"{COUNTED_ONCE}{record.name}, which is left out")
-            kept[found] = dataclasses.replace(first, provenance=history)
-    return tuple(kept)
+        groups.setdefault(key, []).append(index)
+    first_of = {copy: first for group in groups.values() for copy, first in _copies(records, group)}
+    kept = {index: record for index, record in enumerate(records) if index not in first_of}
+    for copy, first in sorted(first_of.items()):
+        step = f"{COUNTED_ONCE}{records[copy].name}, which is left out"
+        kept[first] = dataclasses.replace(kept[first], provenance=kept[first].provenance.then(step))
+    return tuple(kept.values())
+
+
+def _copies(records: Sequence[Record], group: Sequence[int]) -> list[tuple[int, int]]:
+    """Return each copy among some records of one length, and the record that it is one of.
+
+    Only those are compared whose mean over a few samples is nearly the same.
+    """
+    if len(group) == 1:
+        return []
+    places = np.linspace(0, records[group[0]].samples - 1, _SEEN).astype(int)
+    seen = np.array([records[index].response[places] for index in group])
+    allowed = np.array([_MOST_ERROR * np.ptp(records[index].response) for index in group])
+    means = seen.mean(axis=1)
+    order = np.argsort(means, kind="stable")
+    low, high = (np.searchsorted(means[order], means + side * 1.01 * allowed) for side in (-1.0, 1.0))
+    copies: dict[int, int] = {}
+    for place, index in enumerate(group):
+        near = order[low[place] : high[place] + 1]
+        near = near[(near < place) & np.all(np.abs(seen[near] - seen[place]) <= allowed[near, None], axis=1)]
+        firsts = (group[other] for other in np.sort(near) if group[other] not in copies)
+        first = next((first for first in firsts if _is_copy(records[first], records[index])), None)
+        if first is not None:
+            copies[index] = first
+    return list(copies.items())
 
 
 def said_of_copies(histories: Iterable[tuple[str, Sequence[str]]]) -> list[str]:
@@ -66,8 +88,8 @@ def _is_copy(first: Record, second: Record) -> bool:
 
 def _same(one: FloatArray, other: FloatArray) -> bool:
     span = float(np.ptp(one))
-    if span == 0.0 or not abs(one[0] - other[0]) <= _MOST_ERROR * span:
-        return False  # the first sample tells most of them apart; a channel without signal is another matter
+    if span == 0.0:
+        return False  # a channel without signal is another matter
     difference = np.abs(one - other)
     largest = float(np.max(difference))
     if largest <= _ROUNDING * span:

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from vibrident.data.records import FloatArray, Record
-from vibrident.fit.screening import screen
-from vibrident.fit.screening.repeats import repeated_block
+from vibrident.data.screening import screen
+from vibrident.data.screening.repeats import repeated_block
 from vibrident.physics.simulation import simulate
 
 N = 1000

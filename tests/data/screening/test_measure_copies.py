@@ -5,7 +5,7 @@ import pytest
 
 from vibrident import Calibration, identify
 from vibrident.data.records import Record
-from vibrident.fit.screening.copies import COUNTED_ONCE, said_of_copies, without_copies
+from vibrident.data.screening.copies import COUNTED_ONCE, said_of_copies, without_copies
 
 
 def record(name, motion, answer, **more):

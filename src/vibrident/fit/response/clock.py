@@ -8,9 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from vibrident.data.records import BoolArray, FloatArray, Record
+from vibrident.data.screening import Finding
+from vibrident.fit.response.tone_quality import FEWEST_PERIODS
 from vibrident.fit.response.tones import spectral_peak, tone_frequency, turning
 from vibrident.fit.response.transform import median
-from vibrident.fit.screening.quality import FEWEST_PERIODS, Finding
 
 #: Tones in one ratio to what is stated, that far from one; a single record may have been given a rough frequency_hz.
 #: Nominal frequencies (ISO 266) are up to 0.9 % off the exact ones.

@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from vibrident.fit.screening.quality import Finding, screen
+from vibrident.data.screening.quality import Finding, screen
 
 __all__ = ["Finding", "screen"]

@@ -1,0 +1,65 @@
+"""Does a motion die away, as a free one does? A look at its power in pieces of time, before anything is fitted."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.signal.windows import hann
+
+from vibrident.data.records import BoolArray, FloatArray
+
+#: Pieces of time, and the fewest samples of each.
+PIECES, MIN_SAMPLES = 16, 32
+#: Largest power of a piece over the smallest, of a motion that goes on.
+MAX_RATIO = 2.0
+#: Largest power of a line in a piece over the median of the pieces: noise hardly ever exceeds it.
+MAX_LINE_RATIO = 60.0
+#: The strongest line falls by so many standard deviations of its slope …
+MIN_FALL = 4.0
+#: … and by this part of its amplitude in half a record, as what leaks from other lines may change.
+MIN_CHANGE = 5e-3
+
+
+def goes_on(response: FloatArray, valid: BoolArray) -> bool:
+    """Tell whether a response is as large at the end of a record as throughout.
+
+    The power of all of it, and that of each line, is much the same in all pieces, and its strongest line does not fall.
+
+    Args:
+        response: shape (samples,).
+        valid: samples to look at, shape (samples,).
+    """
+    length = response.size // PIECES
+    if length < MIN_SAMPLES or not valid.all():
+        return False
+    pieces = response[: PIECES * length].reshape(PIECES, length)
+    moving = pieces - pieces.mean(axis=1, keepdims=True)
+    power = np.sum(moving**2, axis=1)
+    if not np.max(power) < MAX_RATIO * np.min(power):
+        return False
+    lines = np.abs(np.fft.rfft(moving * hann(length), axis=1)) ** 2
+    if np.any(np.max(lines, axis=0) > MAX_LINE_RATIO * np.median(lines, axis=0)):
+        return False
+    return not _strongest_line_falls(response)
+
+
+def _strongest_line_falls(response: FloatArray) -> bool:
+    """Tell whether the amplitude of a record's strongest line becomes smaller with time, to first order."""
+    samples = response.size
+    window = hann(samples)
+    time = np.linspace(-1.0, 1.0, samples)
+    motion = response - np.average(response, weights=window)
+    power = np.abs(np.fft.rfft(motion * window)) ** 2
+    peak = 2 + int(np.argmax(power[2:-1]))
+    before, top, after = np.log(np.maximum(power[peak - 1 : peak + 2], np.finfo(float).tiny))
+    place = peak + 0.5 * (before - after) / min(before - 2.0 * top + after, -np.finfo(float).eps)
+    wave = np.exp(1j * np.pi * place * time)
+    columns = np.stack([wave.real, wave.imag, time * wave.real, time * wave.imag], axis=1)
+    inverse = np.linalg.inv(columns.T @ (window[:, None] * columns))
+    cosine, sine, rising_cosine, rising_sine = amounts = inverse @ (columns.T @ (window * motion))
+    squares = cosine**2 + sine**2
+    direction = np.array([0.0, 0.0, cosine, sine]) / squares
+    spread = inverse @ columns.T @ ((window**2)[:, None] * columns) @ inverse
+    residual = motion - columns @ amounts
+    variance = float(np.average(residual**2, weights=window)) * float(direction @ spread @ direction)
+    fall = -float(cosine * rising_cosine + sine * rising_sine) / squares
+    return fall > max(MIN_FALL * np.sqrt(variance), MIN_CHANGE)
