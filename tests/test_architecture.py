@@ -18,7 +18,7 @@ ROOMS = {
     "physics": "registry naming models discretisation network simulation",
     "result": "document earlier parts sensor result",
     "fit": "registry information response screening bins problem noise start descent estimators decay uncertainty "
-    "departures judge repeats temperature identification joint",
+    "departures judge identification joint",
     "use": "",
     "show": "",
     "export": "",

@@ -16,9 +16,9 @@ import numpy as np
 
 from vibrident.base.tails import chi2_tail
 from vibrident.data.records import Calibration
-from vibrident.fit.repeats import stated_by_some
 from vibrident.fit.uncertainty.parameters import coverage_factor
 from vibrident.result import Result
+from vibrident.use.repeats import stated_by_some
 
 USUAL_C = 23.0  # reference temperature where the certificate states none (ISO 16063-11, 4.1)
 
