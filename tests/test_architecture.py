@@ -17,8 +17,8 @@ ROOMS = {
     "data": "registry effects interferometer records resampling screening io sources",
     "physics": "registry naming models discretisation network simulation",
     "result": "document earlier parts sensor result",
-    "fit": "registry information response bins problem noise start descent estimators decay uncertainty "
-    "departures judge repeats temperature identification joint",
+    "fit": "registry information response bins group problem noise start descent estimators decay uncertainty "
+    "departures judge identification joint",
     "use": "",
     "show": "",
     "export": "",

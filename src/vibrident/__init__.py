@@ -26,7 +26,7 @@ _WHERE = {
     "NotConverged": "vibrident.base.errors",
     "VibridentError": "vibrident.base.errors",
     "read": "vibrident.data.io",
-    "identify": "vibrident.fit.identification",
+    "identify": "vibrident.use.identification",
     "identify_many": "vibrident.lab.many",
     "identify_together": "vibrident.fit.joint",
     "simulate": "vibrident.physics.simulation",

@@ -13,12 +13,12 @@ from vibrident.data.records import ResponseTable as ResponseTable
 from vibrident.fit.estimators import Ipnn as Ipnn
 from vibrident.fit.estimators import LeastSquares as LeastSquares
 from vibrident.fit.estimators import MaximumLikelihood as MaximumLikelihood
-from vibrident.fit.identification import identify as identify
 from vibrident.fit.joint import identify_together as identify_together
 from vibrident.lab.many import identify_many as identify_many
 from vibrident.physics.simulation import simulate as simulate
 from vibrident.result import Result as Result
 from vibrident.result.sensor import IdentifiedSensor as IdentifiedSensor
 from vibrident.use.correction import correct as correct
+from vibrident.use.identification import identify as identify
 from vibrident.use.planning import plan as plan
 from vibrident.use.prediction import predict as predict

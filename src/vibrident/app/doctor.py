@@ -220,9 +220,9 @@ def _judged_place(shown: str) -> Check:
 def _identification() -> list[Check]:
     """Identify a simulated sensor by the network and by maximum likelihood; compare with the truth."""
     from vibrident.fit.estimators import AUTO, ranked
-    from vibrident.fit.identification import identify
     from vibrident.physics.simulation import SENSORS, simulate
     from vibrident.use.comparison import deviations
+    from vibrident.use.identification import identify
 
     frequencies = (100.0, 300.0, 500.0, 630.0, 800.0)
     calibration = simulate(

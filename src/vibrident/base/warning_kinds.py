@@ -159,8 +159,8 @@ _KINDS: tuple[WarningKind, ...] = (
     WarningKind(
         "regimes",
         "the sensor or the chain changed",
-        "Parts of a record, or one record among the others, follow another sensitivity than the rest. The fit is a "
-        "mean of both, and the stated uncertainties say nothing of the change.",
+        "Parts of a record, or one record, run or mounting among the others, follow another sensitivity than the rest. "
+        "The fit is a mean of both; of records, the stated uncertainties say nothing of the change.",
         "Identify the parts before and after the time named by themselves (start_s and stop_s), or leave out the "
         "record named; look for a changed range, a loose cable or mount, or another sensor.",
     ),

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import os
 import time
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from vibrident.base.errors import InputError
-from vibrident.base.memory import in_one_thread
-from vibrident.base.participants import watching
 from vibrident.data.records import Calibration
 from vibrident.data.screening.held import is_held_drive
 from vibrident.fit.decay import decays_alone, with_free_decays
-from vibrident.fit.descent.optimise import Progress, silent
+from vibrident.fit.descent.optimise import Progress
 from vibrident.fit.estimators import AUTO, Estimate, Estimator, choose
 from vibrident.fit.estimators.kinds.ipnn import Ipnn
 from vibrident.fit.judge.attempts import Fitted, Told
@@ -24,8 +20,6 @@ from vibrident.fit.judge.refits import beside_departures, with_phase_scatter, wi
 from vibrident.fit.judge.remedy import with_remedy
 from vibrident.fit.problem import Evidence
 from vibrident.fit.registry import ESTIMATORS
-from vibrident.fit.repeats import identify_runs, runs_of
-from vibrident.fit.temperature import identify_temperatures, temperatures_of
 from vibrident.fit.uncertainty.budget import BudgetRow
 from vibrident.physics.models import SensorModel, model_of
 from vibrident.result import Result
@@ -34,70 +28,23 @@ if TYPE_CHECKING:
     from vibrident.fit.uncertainty.posterior import Sampling
 
 
-@in_one_thread
-@watching()
-def identify(
-    calibration: Calibration | str | os.PathLike[str],
-    model: str | None = None,
-    estimator: str | Estimator = AUTO,
+def identify_run(
+    calibration: Calibration,
+    model: str | None,
+    estimator: str | Estimator,
     *,
-    uncertainty: Uncertainty = "auto",
-    posterior: Sampling | None = None,
-    progress: Progress = silent,
+    uncertainty: Uncertainty,
+    posterior: Sampling | None,
+    progress: Progress,
 ) -> Result:
-    """Identify a sensor from its calibration.
+    """Identify a sensor from the records of one run at one temperature, or from a table.
 
-    Args:
-        calibration: from :func:`vibrident.read`, :func:`vibrident.simulate` or made by hand; or the path of a
-            calibration file.
-        model: name of the sensor model; None takes the calibration's.
-        estimator: ``auto``, a name, or an estimator object with settings of its own, such as
-            ``Ipnn(discretisation="euler", optimiser="adam")``.
-        uncertainty: what the uncertainties cover. ``noise``: the noise, or the stated uncertainty, of the data alone.
-            ``inflated``: where the deviations from the model are larger than that, the misfit too: sine records under
-            ``ml`` get a relative model error, all else is scaled by √(χ²/dof) (Birge ratio). ``auto``: ``inflated`` for
-            records whose model is rejected (with the warning ``lack_of_fit``), ``noise`` otherwise; the stated
-            uncertainties of a table are never scaled unasked.
-        posterior: settings for sampling the parameters' posterior distribution, which ``settings.posterior`` then
-            sums up; for the estimator ``ml``, with the extra ``bayes``. None: not sampled.
-        progress: called after each iteration of the optimiser.
-
-    Records of several runs (``run``, ``mounting``) are identified run by run, and the scatter of these is in the
-    uncertainty; records at several temperatures (``temperature_c``) temperature by temperature, with the coefficients.
-
-    Returns:
-        The result; its warnings are empty for a clean calibration of an adequate model.
-
-    Raises:
-        InputError: the data cannot be used.
-        ModelError: model, estimator and data do not fit together.
-        NotConverged: no start leads to a finite fit.
+    Arguments and errors as of :func:`vibrident.identify`.
     """
-    if not isinstance(calibration, Calibration):
-        from vibrident.data.io import read
-
-        calibration = read(calibration)
     if posterior is not None and decays_alone(calibration):
         from vibrident.fit.decay.estimate import require_plain
 
         require_plain(estimator, sampled=True)
-    groups, runs = temperatures_of(calibration), runs_of(calibration)
-    if posterior is not None and (groups or len(runs) > 1):
-        raise InputError(
-            "The posterior is sampled for one run at one temperature.",
-            expected="records without run, mounting and temperature_c, or of one each",
-            found=f"{len(runs)} runs, {max(len(groups), 1)} temperatures",
-            where=calibration.source or "calibration in memory",
-            remedy="leave the posterior out, or identify one of them",
-        )
-    if groups:
-        return identify_temperatures(
-            groups, lambda one: identify(one, model, estimator, uncertainty=uncertainty, progress=progress)
-        )
-    if len(runs) > 1:
-        return identify_runs(
-            runs, lambda one: fit(one, model, estimator, uncertainty=uncertainty, progress=progress), uncertainty
-        )
     begin = time.perf_counter()
     if posterior is not None:
         from vibrident.fit.uncertainty.posterior import sample_posterior, sampler
@@ -121,7 +68,7 @@ def fit(
     uncertainty: Uncertainty,
     progress: Progress,
 ) -> Fitted:
-    """Estimate and judge; arguments and errors as :func:`identify`."""
+    """Estimate and judge; arguments and errors as :func:`identify_run`."""
     sensor_model = model_of(calibration, model)
     if decays_alone(calibration):
         from vibrident.fit.decay import estimate as decays  # only where there are decays

@@ -87,7 +87,7 @@ def _told(found: Iterable[Result | VibridentError], refused: str) -> Iterator[Re
 
 
 def _identified(calibration: Given, given: dict[str, Any]) -> Result | VibridentError:
-    from vibrident.fit.identification import identify
+    from vibrident.use.identification import identify
 
     try:
         return identify(calibration, **given)
@@ -145,7 +145,7 @@ def _started(processes: int) -> ProcessPoolExecutor:
 
 
 def _load() -> None:
-    import vibrident.fit.identification  # noqa: F401
+    import vibrident.use.identification  # noqa: F401
 
 
 def _next(waiting: deque[_Waiting], given: dict[str, Any]) -> Result | VibridentError:

@@ -12,7 +12,6 @@ from vibrident.base.errors import NotConverged
 from vibrident.data.records import FloatArray
 from vibrident.fit.descent.optimise import Progress, silent
 from vibrident.fit.estimators import Estimator, Ipnn, LeastSquares, MaximumLikelihood
-from vibrident.fit.identification import identify
 from vibrident.paper.black_box import Kind, fit_recurrent, predict_recurrent
 from vibrident.paper.dataset import Dataset, scored
 from vibrident.paper.least_squares import from_extremes, from_sine_fits
@@ -20,6 +19,7 @@ from vibrident.paper.metrics import Metrics
 from vibrident.paper.pinn import fit_pinn
 from vibrident.paper.training import Schedule, Trained
 from vibrident.paper.unrolled import Activation, Network, fit, network_for, plain_model
+from vibrident.use.identification import identify
 
 # Names of the methods in the tables.
 PUBLISHED = "IPNN as published (Euler, Adam)"

@@ -9,7 +9,6 @@ import numpy as np
 
 from vibrident.data.records import FloatArray
 from vibrident.fit.estimators import LeastSquares
-from vibrident.fit.identification import identify
 from vibrident.paper import dataset as section_4
 from vibrident.paper import methods
 from vibrident.paper.dataset import SENSOR, Dataset
@@ -19,6 +18,7 @@ from vibrident.paper.metrics import CurveDeviation, curve_deviation, deviation_a
 from vibrident.paper.settings import Settings, Stages
 from vibrident.paper.unrolled import Activation, plain_model
 from vibrident.physics.models import parse
+from vibrident.use.identification import identify
 
 BAND_HZ = (10.0, 1000.0)  # band of the paper's 21 sines
 FULL_BAND_HZ = (0.1, 1000.0)  # band of its 41 sines

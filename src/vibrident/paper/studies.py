@@ -19,7 +19,6 @@ from vibrident.data.records import Calibration, FloatArray, Record
 from vibrident.fit.descent.optimise import Progress, levenberg_marquardt, silent
 from vibrident.fit.estimators import Estimator, Ipnn, LeastSquares, MaximumLikelihood
 from vibrident.fit.estimators.residual_network import ResidualIpnn
-from vibrident.fit.identification import identify
 from vibrident.fit.problem import Coordinates, network_objective, network_of
 from vibrident.paper.dataset import SENSOR, Dataset
 from vibrident.paper.least_squares import from_sine_fits
@@ -28,6 +27,7 @@ from vibrident.paper.unrolled import START
 from vibrident.physics.discretisation import method
 from vibrident.physics.models import SensorModel, parse
 from vibrident.physics.simulation import SENSORS, Motion, Sensor, exact_response, simulate, with_noise
+from vibrident.use.identification import identify
 from vibrident.use.prediction import predict
 
 BAND_HZ = (10.0, 1000.0)

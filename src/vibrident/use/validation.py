@@ -15,10 +15,10 @@ from vibrident.base.memory import in_one_thread
 from vibrident.data.records import BoolArray, Calibration, FloatArray
 from vibrident.fit.descent.optimise import Progress, silent
 from vibrident.fit.estimators import AUTO, Estimator
-from vibrident.fit.identification import identify
 from vibrident.fit.response.response import ComplexArray
 from vibrident.physics.models import parse
 from vibrident.result import MeasuredCurve, Result
+from vibrident.use.identification import identify
 
 FOLDS = 5
 FEWEST = 4  # fewer records or rows than this are not split into folds

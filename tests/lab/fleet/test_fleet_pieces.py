@@ -261,7 +261,7 @@ from types import SimpleNamespace
 from typing import NamedTuple
 from vibrident.lab.fleet.worker import ready
 ready()
-print("vibrident.data.io" in sys.modules, "vibrident.fit.identification" in sys.modules)
+print("vibrident.data.io" in sys.modules, "vibrident.use.identification" in sys.modules)
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=120)
     assert done.stdout.split() == ["True", "True"]

@@ -54,7 +54,7 @@ def run(request: Request, calibrations: Sequence[Calibration], progress: Progres
     """
     chosen, models = estimator(request.estimator, request.settings), request.models
     if len(calibrations) == 1:
-        from vibrident.fit.identification import identify
+        from vibrident.use.identification import identify
 
         if models is not None and len(models) > 1:
             raise several("⟦identify.model = [A, B]⟧", f"⟦identify.model = {list(models)!r}⟧")

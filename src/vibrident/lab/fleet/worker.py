@@ -27,7 +27,7 @@ Task = tuple[str, str]  # path and key
 def ready() -> None:
     """Load all that linear sensors need, before the time limit of a calibration runs."""
     import vibrident.data.io
-    import vibrident.fit.identification  # noqa: F401
+    import vibrident.use.identification  # noqa: F401
 
 
 def fingerprints(paths: Sequence[str], orders: Orders) -> list[Fingerprint]:
@@ -57,7 +57,7 @@ def identified(task: Task, orders: Orders) -> tuple[rows.Row, int]:
 def _outcome(path: str, orders: Orders) -> Any:
     """The result, or the exception that was raised. It does not depend on the folder of the files."""
     from vibrident.data.io import read
-    from vibrident.fit.identification import identify
+    from vibrident.use.identification import identify
 
     folder, name = os.path.split(path)
     try:

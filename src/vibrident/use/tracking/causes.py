@@ -13,9 +13,9 @@ from vibrident.base.amounts import amount
 from vibrident.base.errors import VibridentError
 from vibrident.base.warning_kinds import WarningCode
 from vibrident.data.records import Calibration, FloatArray, Quantity
-from vibrident.fit.identification import identify
 from vibrident.physics.models import AddOn, SensorModel, parse
 from vibrident.result import Result
+from vibrident.use.identification import identify
 from vibrident.use.tracking.state import CERTAIN, INNOVATION, Alarm
 
 #: Samples behind an alarm that are examined: as a calibration record has, in the time of a second of arithmetic.

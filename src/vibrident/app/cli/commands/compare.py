@@ -119,7 +119,7 @@ def _methods(estimators: list, models: tuple | list, steps: tuple | list) -> lis
 
 def _identified(calibration: Calibration, methods: list[Method], *, must: bool) -> dict[str, Result]:
     """Results by name. Methods that do not suit the data are left out, except those named: ``must`` for estimators."""
-    from vibrident.fit.identification import identify
+    from vibrident.use.identification import identify
 
     results: dict[str, Result] = {}
     failures: dict[str | None, ModelError | NotConverged] = {}

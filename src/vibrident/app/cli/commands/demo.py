@@ -49,7 +49,7 @@ def _steps(place: Path, folder: Path) -> None:
             "Look at: u, the standard uncertainty of each value, and the verdict on the fit.",
         )
         with Busy("Identifying") as progress:
-            from vibrident.fit.identification import identify
+            from vibrident.use.identification import identify
 
             result = identify(io.read(place / "calibration.toml"), progress=progress)
         # The final path, not the temporary one.

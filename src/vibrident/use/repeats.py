@@ -5,6 +5,7 @@ mountings, whose covariance is that of these means over M, with M − 1 degrees 
 mean of the n runs, with n − 1, and remounting is not in it. The two components are those of the one-way random model:
 repeatability, the variance within mountings, and remounting, what the means vary beyond it. Systematic effects are
 common to all runs and are added (type B); the degrees of freedom are those of Welch and Satterthwaite (GUM G.4.1).
+A run or mounting outside the scatter of the others (probability below 10⁻³) is named by a warning, and stays in.
 """
 
 from __future__ import annotations
@@ -15,17 +16,22 @@ from typing import Any
 
 import numpy as np
 
+from vibrident.base.amounts import amount
 from vibrident.base.errors import InputError
 from vibrident.data.records import Calibration, FloatArray
 from vibrident.fit.judge.attempts import Fitted
 from vibrident.fit.judge.document import covered, document, own_rows
+from vibrident.fit.response.verdict import REJECTION
 from vibrident.fit.uncertainty import correlation, curve, parameter_table
 from vibrident.fit.uncertainty.budget import DATA, BudgetRow, as_settings, effective_degrees_of_freedom
 from vibrident.fit.uncertainty.floor import with_floor
-from vibrident.fit.uncertainty.parameters import coverage_factor, unit_fields
-from vibrident.result import MeasuredCurve, Result
+from vibrident.fit.uncertainty.parameters import coverage_factor, parameter_units, unit_fields
+from vibrident.physics.naming import in_words
+from vibrident.result import Finding, MeasuredCurve, Result, ResultWarning
+from vibrident.use.outliers import Outlier, furthest
 
 REPEATABILITY, REMOUNTING = "repeatability", "remounting"
+VALUE_DIGITS = 7  # of a mean with and without a run
 
 
 def runs_of(calibration: Calibration) -> dict[tuple[str, str], Calibration]:
@@ -95,13 +101,20 @@ def identify_runs(runs: dict[tuple[str, str], Calibration], fit: Callable[[Calib
     response = base.response
     if base.has_gain:
         response = curve(coordinates, mean, total, calibration.quantity, response.frequency_hz)
+    outlier = furthest(places, mountings, np.mean([np.diag(one.estimate.covariance) for one in fits], axis=0))
+    findings = [finding for one in results for finding in one.findings]
+    warnings = [warning for one in results for warning in one.warnings]
+    if outlier is not None and outlier.probability < REJECTION:
+        finding = _finding(outlier, first, places, list(runs))
+        findings.append(finding)
+        warnings.append(ResultWarning(finding.code, finding.message))
     made = replace(
         base,
         parameters=parameter_table(coordinates, mean, total, freedom, unit_fields(calibration), doubtful),
         correlation=correlation(first.evidence.model, total),
         response=response,
-        warnings=tuple(dict.fromkeys(warning for one in results for warning in one.warnings)),
-        findings=tuple(finding for one in results for finding in one.findings),
+        warnings=tuple(dict.fromkeys(warnings)),
+        findings=tuple(findings),
         fit=replace(base.fit, adequate=all(one.fit.adequate for one in results)),
         provenance={**base.provenance, "files": [f for one in results for f in one.provenance.get("files") or ()]},
         signals=tuple(signal for one in results for signal in one.signals),
@@ -110,6 +123,27 @@ def identify_runs(runs: dict[tuple[str, str], Calibration], fit: Callable[[Calib
     measured = _measured(results, made, mountings)
     made = replace(made, measured=measured, settings=_with_scatter(settings, measured, covers[-1]))
     return with_floor(made, calibration.capabilities)
+
+
+def _finding(outlier: Outlier, first: Fitted, places: FloatArray, runs: Sequence[tuple[str, str]]) -> Finding:
+    """What lies outside the scatter of the other runs, and what the mean would be without it."""
+    within, coordinates = np.flatnonzero(outlier.runs), first.estimate.coordinates
+    mountings = [mounting for mounting, _ in runs]
+    others = np.flatnonzero(~outlier.runs)
+    mean, _ = _components(places, mountings)
+    mean_without, _ = _components(places[others], [mountings[i] for i in others])
+    stated, without = coordinates.values(mean), coordinates.values(mean_without)
+    mounting, run = runs[within[0]]
+    words = [f"mounting {mounting}" if mounting else "", f"run {run}" if len(within) == 1 and run else ""]
+    name = list(stated)[outlier.parameter]
+    unit = parameter_units(first.evidence.model, first.evidence.calibration)[name]
+    here, there = (amount(values[name], unit, VALUE_DIGITS) for values in (without, stated))
+    text = (
+        f"{' '.join(filter(None, words)).capitalize()} lies outside the scatter of the others by its {in_words(name)}. "
+        f"Without it the mean would be {here} in place of {there}."
+    )
+    impact = {key: value - without[key] for key, value in stated.items()}
+    return Finding("regimes", None, None, outlier.probability, impact, text)
 
 
 def _with_scatter(settings: dict[str, Any], measured: MeasuredCurve, name: str) -> dict[str, Any]:

@@ -96,6 +96,61 @@ def test_temperature_coefficients():
         vibrident.identify(Calibration(tuple(some)), "accelerometer")
 
 
+def at_temperatures(off, seed=5):
+    """Six temperatures; ``off``: factor on the sensitivity at each."""
+    rng, made = np.random.default_rng(seed), []
+    for t, factor in zip((3.0, 13.0, 23.0, 33.0, 43.0, 53.0), off, strict=True):
+        own = {name: value * (1 + COEFFICIENTS[name] * (t - 23.0)) for name, value in TRUE.items()}
+        own["sensitivity"] *= factor
+        made += records(rng, own, Circumstances(temperature_c=t))
+    return vibrident.identify(Calibration(tuple(made)), "accelerometer")
+
+
+@pytest.mark.parametrize("place", [2, 4])
+def test_a_temperature_off_the_line_is_named_and_the_coefficient_widened(place):
+    off = np.ones(6)
+    off[place] = 1.01
+    result, t = at_temperatures(off), 3.0 + 10.0 * place
+    line = result.settings["temperature"]["coefficients"]["sensitivity"]
+    true = COEFFICIENTS["sensitivity"]
+    assert line["interval_95"][0] <= true <= line["interval_95"][1]
+    assert line["explained_by_c"] == [t]
+    assert result.warning_codes == ("lack_of_fit",)
+    assert f"explained by the value at {t:g} °C alone; without it the coefficient is -" in result.warnings[0].message
+    (finding,) = result.findings
+    # it is in the value that is stated where it was found at its temperature
+    assert finding.impact == ({"sensitivity": pytest.approx(0.01 * TRUE["sensitivity"], rel=0.05)} if t == 23 else {})
+    others = result.settings["temperature"]["coefficients"]["natural_frequency"]
+    assert "birge_ratio" not in others
+
+
+def test_a_sensitivity_that_bends_over_temperature_is_said():
+    off = 1.0 + 3e-6 * np.array([-20.0, -10.0, 0.0, 10.0, 20.0, 30.0]) ** 2
+    result = at_temperatures(off)
+    assert result.settings["temperature"]["coefficients"]["sensitivity"]["explained_by_c"] == [None]
+    assert "by a parabola alone" in result.warnings[0].message
+
+
+def test_a_clean_line_is_as_it_was():
+    result = at_temperatures(np.ones(6))
+    assert (result.warnings, result.findings) == ((), ())
+
+
+def test_a_run_outside_the_others_is_named_and_covered():
+    rng, made = np.random.default_rng(2), []
+    for run in range(6):
+        own = {name: value * (1 + 1e-4 * rng.standard_normal()) for name, value in TRUE.items()}
+        own["sensitivity"] *= 1.02 if run == 3 else 1.0
+        made += records(rng, own, Circumstances(run=str(run)))
+    result = vibrident.identify(Calibration(tuple(made)), "accelerometer")
+    assert result.warning_codes == ("regimes",)
+    assert result.warnings[0].message.startswith("Run 3 lies outside the scatter of the others by its sensitivity.")
+    (finding,) = result.findings
+    assert finding.impact["sensitivity"] == pytest.approx(TRUE["sensitivity"] * 0.02 / 6, rel=0.1)
+    low, high = result.parameters["sensitivity"].interval_95
+    assert low <= TRUE["sensitivity"] <= high
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("study", ["repeats", "temperature"])
 def test_coverage(study):

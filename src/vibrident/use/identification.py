@@ -1,0 +1,84 @@
+"""The public entry: a calibration or its file, in one run or several, at one temperature or several, to a result."""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING
+
+from vibrident.base.errors import InputError
+from vibrident.base.memory import in_one_thread
+from vibrident.base.participants import watching
+from vibrident.data.records import Calibration
+from vibrident.fit.descent.optimise import Progress, silent
+from vibrident.fit.estimators import AUTO, Estimator
+from vibrident.fit.identification import fit, identify_run
+from vibrident.fit.judge.document import Uncertainty
+from vibrident.result import Result
+from vibrident.use.repeats import identify_runs, runs_of
+from vibrident.use.temperature import identify_temperatures, temperatures_of
+
+if TYPE_CHECKING:
+    from vibrident.fit.uncertainty.posterior import Sampling
+
+
+@in_one_thread
+@watching()
+def identify(
+    calibration: Calibration | str | os.PathLike[str],
+    model: str | None = None,
+    estimator: str | Estimator = AUTO,
+    *,
+    uncertainty: Uncertainty = "auto",
+    posterior: Sampling | None = None,
+    progress: Progress = silent,
+) -> Result:
+    """Identify a sensor from its calibration.
+
+    Args:
+        calibration: from :func:`vibrident.read`, :func:`vibrident.simulate` or made by hand; or the path of a
+            calibration file.
+        model: name of the sensor model; None takes the calibration's.
+        estimator: ``auto``, a name, or an estimator object with settings of its own, such as
+            ``Ipnn(discretisation="euler", optimiser="adam")``.
+        uncertainty: what the uncertainties cover. ``noise``: the noise, or the stated uncertainty, of the data alone.
+            ``inflated``: where the deviations from the model are larger than that, the misfit too: sine records under
+            ``ml`` get a relative model error, all else is scaled by √(χ²/dof) (Birge ratio). ``auto``: ``inflated`` for
+            records whose model is rejected (with the warning ``lack_of_fit``), ``noise`` otherwise; the stated
+            uncertainties of a table are never scaled unasked.
+        posterior: settings for sampling the parameters' posterior distribution, which ``settings.posterior`` then
+            sums up; for the estimator ``ml``, with the extra ``bayes``. None: not sampled.
+        progress: called after each iteration of the optimiser.
+
+    Records of several runs (``run``, ``mounting``) are identified run by run, and the scatter of these is in the
+    uncertainty; records at several temperatures (``temperature_c``) temperature by temperature, with the coefficients.
+
+    Returns:
+        The result; its warnings are empty for a clean calibration of an adequate model.
+
+    Raises:
+        InputError: the data cannot be used.
+        ModelError: model, estimator and data do not fit together.
+        NotConverged: no start leads to a finite fit.
+    """
+    if not isinstance(calibration, Calibration):
+        from vibrident.data.io import read
+
+        calibration = read(calibration)
+    temperatures, runs = temperatures_of(calibration), runs_of(calibration)
+    if posterior is not None and (temperatures or len(runs) > 1):
+        raise InputError(
+            "The posterior is sampled for one run at one temperature.",
+            expected="records without run, mounting and temperature_c, or of one each",
+            found=f"{len(runs)} runs, {max(len(temperatures), 1)} temperatures",
+            where=calibration.source or "calibration in memory",
+            remedy="leave the posterior out, or identify one of them",
+        )
+    if temperatures:
+        return identify_temperatures(
+            temperatures, lambda one: identify(one, model, estimator, uncertainty=uncertainty, progress=progress)
+        )
+    if len(runs) > 1:
+        return identify_runs(
+            runs, lambda one: fit(one, model, estimator, uncertainty=uncertainty, progress=progress), uncertainty
+        )
+    return identify_run(calibration, model, estimator, uncertainty=uncertainty, posterior=posterior, progress=progress)
