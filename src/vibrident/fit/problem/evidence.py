@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vibrident.data.records import Calibration, FloatArray, Quantity, Record
+from vibrident.data.records import Calibration, FloatArray, Quantity, Record, SystematicEffect
 from vibrident.data.records.basis import distinct
 from vibrident.fit.problem.frequency_domain import FrequencyProblem
 from vibrident.fit.response import MeasuredResponse, find_tones, measure_bands
@@ -39,6 +39,7 @@ class Evidence:
         bands: the same for other motion with a reference; None without.
         findings: warnings about the data.
         start: values of the parameters to begin with, where they are known; found in the response otherwise.
+        effects: systematic effects that remain of what was corrected in the records.
     """
 
     calibration: Calibration
@@ -48,6 +49,7 @@ class Evidence:
     bands: MeasuredResponse | None
     findings: tuple[Finding, ...]
     start: Mapping[str, float] | None = None
+    effects: tuple[SystematicEffect, ...] = ()
 
     @classmethod
     def gather(cls, calibration: Calibration, model: SensorModel) -> Evidence:
@@ -66,7 +68,8 @@ class Evidence:
 
     def with_records(self, records: tuple[Record, ...]) -> Evidence:
         """The same with records that were worked on; measured anew."""
-        return replace(self._measured(self.calibration, self.model, records, ()), findings=self.findings)
+        measured = self._measured(self.calibration, self.model, records, ())
+        return replace(measured, findings=self.findings, effects=self.effects)
 
     @classmethod
     def _measured(
