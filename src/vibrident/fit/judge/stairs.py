@@ -14,6 +14,7 @@ from vibrident.fit.judge.examined import departures_of
 from vibrident.physics.models import ADD_ONS, installed
 
 DELAY = "delay"
+ALIASING = "aliasing"  # of motion; a commanded step has any frequency
 HELD = "the drive is held between its samples, as stairs: zero-order hold"
 
 
@@ -24,10 +25,13 @@ def fit_stairs(fitted: Fitted) -> Fitted:
     beside the samples, by less than a step, the fit has them there, and the budget their
     uncertainty. A model with a delay has that in it.
     """
+    findings = tuple(each for each in fitted.evidence.findings if each.code != ALIASING)
+    evidence = replace(fitted.evidence, findings=findings)
+    fitted = replace(fitted, evidence=evidence, reason=HELD)
     late_s = _lateness(fitted)
     if late_s is None:
-        return replace(fitted, reason=HELD)
-    evidence, stairs = fitted.evidence, fitted.estimator
+        return fitted
+    stairs = fitted.estimator
     assert isinstance(stairs, Ipnn)
     rate_hz = evidence.records[0].sampling_rate_hz
     value, u = late_s

@@ -19,11 +19,11 @@ def is_held_drive(calibration: Calibration) -> bool:
     Only a commanded signal can be; a motion that repeats is recorded with few bits.
     """
     drives = [r.reference for r in calibration.records if r.reference is not None]
-    return calibration.quantity == "drive" and bool(drives) and all(map(_is_held, drives))
+    return calibration.quantity == "drive" and bool(drives) and all(map(is_stairs, drives))
 
 
-def _is_held(drive: FloatArray) -> bool:
-    """Tell whether a drive jumps from level to level, each of two samples or more."""
+def is_stairs(drive: FloatArray) -> bool:
+    """Tell whether a signal jumps from level to level, each of two samples or more."""
     size = np.abs(np.diff(drive))
     noise = SIGMA_OF_MEDIAN * float(np.median(size))
     steps = size > MIN_STEP_SIGMA * noise

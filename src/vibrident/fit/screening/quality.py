@@ -16,6 +16,7 @@ from vibrident.fit.response.response import MeasuredResponse
 from vibrident.fit.response.transform import hann
 from vibrident.fit.screening.clipping import clipped
 from vibrident.fit.screening.gaps import lost
+from vibrident.fit.screening.held import is_stairs
 from vibrident.fit.screening.repeats import repeated_block
 from vibrident.fit.screening.spikes import Channel, breaks, moves
 from vibrident.result import WarningCode
@@ -176,7 +177,7 @@ def _without_copied(record: Record) -> tuple[Record, list[Finding]]:
 
 def _longest_part(record: Record, channels: Mapping[str, Channel]) -> tuple[Record, list[Finding]]:
     """The longest part of a steady motion in which no time was lost; ``channels`` as seen before."""
-    if record.reference is None or record.excitation not in STEADY:
+    if record.reference is None or record.excitation not in STEADY or is_stairs(record.reference):
         return record, []
     valid = record.mask & record.reference_mask
     if not all(np.array_equal(valid, channel.valid) for channel in channels.values()):
