@@ -18,6 +18,7 @@ from vibrident.fit.descent.optimise import Progress, silent
 from vibrident.fit.estimators import AUTO, Estimate, Estimator, choose
 from vibrident.fit.estimators.kinds.ipnn import Ipnn
 from vibrident.fit.judge.attempts import Fitted, Told
+from vibrident.fit.judge.clocks import at_one_clock
 from vibrident.fit.judge.document import Uncertainty, document, own_rows
 from vibrident.fit.judge.refits import beside_departures, with_phase_scatter, without_dead_records
 from vibrident.fit.judge.remedy import with_remedy
@@ -157,7 +158,7 @@ def _fit_model(
     else:
         fitted = Fitted.of(evidence, chosen, progress)
     fitted = replace(fitted, reason=reason)
-    for step in (without_dead_records, with_phase_scatter, beside_departures):
+    for step in (at_one_clock, without_dead_records, with_phase_scatter, beside_departures):
         fitted = step(fitted)
     return fitted
 

@@ -16,6 +16,7 @@ from vibrident.fit.response.bands import uncorrelated_records
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.screening import Finding, screen
 from vibrident.fit.screening.clock import judge_clocks
+from vibrident.fit.screening.clock_ratio import at_reference_clock, clock_offset
 from vibrident.fit.screening.copies import without_copies
 from vibrident.fit.screening.quality import (
     nothing_in_common,
@@ -40,6 +41,8 @@ class Evidence:
         findings: warnings about the data.
         start: values of the parameters to begin with, where they are known; found in the response otherwise.
         effects: systematic effects that remain of what was corrected in the records.
+        clock_offset: ε, by which intervals of the response were longer than those of the reference.
+        at_own_clocks: the records before they were brought to one clock; empty where they were not.
     """
 
     calibration: Calibration
@@ -50,6 +53,8 @@ class Evidence:
     findings: tuple[Finding, ...]
     start: Mapping[str, float] | None = None
     effects: tuple[SystematicEffect, ...] = ()
+    clock_offset: float = 0.0
+    at_own_clocks: tuple[Record, ...] = ()
 
     @classmethod
     def gather(cls, calibration: Calibration, model: SensorModel) -> Evidence:
@@ -64,12 +69,22 @@ class Evidence:
         records, findings = screen(without_copies(calibration.records), calibration.units)
         findings = (*(Finding(f.code, f.message) for f in optical), *findings)
         records, more = judge_clocks(records)
-        return cls._measured(calibration, model, records, (*findings, *more))
+        offset, findings = clock_offset(records), (*findings, *more)
+        if offset == 0.0:
+            return cls._measured(calibration, model, records, findings)
+        return cls(calibration, model, records, None, None, findings).at_clock(offset)
+
+    def at_clock(self, offset: float) -> Evidence:
+        """Return the same with each response brought to the clock of its reference, at ε = ``offset``."""
+        before = self.at_own_clocks or self.records
+        moved = self.with_records(tuple(at_reference_clock(record, offset) for record in before))
+        return replace(moved, clock_offset=offset, at_own_clocks=before)
 
     def with_records(self, records: tuple[Record, ...]) -> Evidence:
         """The same with records that were worked on; measured anew."""
         measured = self._measured(self.calibration, self.model, records, ())
-        return replace(measured, findings=self.findings, effects=self.effects)
+        kept = {"clock_offset": self.clock_offset, "at_own_clocks": self.at_own_clocks}
+        return replace(measured, findings=self.findings, effects=self.effects, **kept)
 
     @classmethod
     def _measured(
