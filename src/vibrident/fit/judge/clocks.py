@@ -18,6 +18,7 @@ from vibrident.fit.judge.attempts import Fitted
 from vibrident.fit.judge.examined import departures_of
 from vibrident.fit.response.bands import band_edges
 from vibrident.fit.response.transform import power_of
+from vibrident.fit.screening.clock_ratio import nearby_offset
 from vibrident.fit.screening.quality import Finding
 from vibrident.fit.uncertainty.parameters import deviations
 
@@ -44,8 +45,12 @@ def at_one_clock(fitted: Fitted) -> Fitted:
     best, first = fitted, True
     for _ in range(MAX_ROUNDS):
         step = _step(best)
-        if step is None or (first and not known and abs(step[0]) < MIN_SIGMA * step[1]):
+        if step is None:
             return fitted
+        if first and not known and best.adequate and abs(step[0]) < MIN_SIGMA * step[1]:
+            return fitted
+        if first and not best.adequate:  # its own weights hide most of ε in noise
+            step = _nearby(best) or step[0], step[1]
         offset, u = best.evidence.clock_offset + step[0], step[1]
         if abs(step[0]) < SETTLED * u:
             return _stated(best, offset, u)
@@ -64,6 +69,14 @@ def at_one_clock(fitted: Fitted) -> Fitted:
 def _names(fitted: Fitted) -> set[str]:
     """Return the kinds of departures from a fit."""
     return {each.departure.name for group in departures_of(fitted) for each in group.found}
+
+
+def _nearby(fitted: Fitted) -> float:
+    """Return how far ε is from that of the fit, by a function of the order of the model; 0 of none."""
+    model = fitted.evidence.model.linear
+    system = model.rational(fitted.values, fitted.evidence.quantity)
+    orders = len(system.denominator) - 1, len(system.numerator) - 1
+    return nearby_offset(fitted.evidence.records, *orders, delayed=model.has_delay)
 
 
 def _step(fitted: Fitted) -> tuple[float, float] | None:

@@ -31,6 +31,7 @@ MAX_ORDER = 6  # of the transfer function: two modes and a high-pass, or a delay
 MIN_POWER = 1e-4  # of a bin over the strongest of its record, to count as motion
 LOBE_BINS = 5  # of a tone under the window
 ITERATIONS = 3  # of the linearised fit
+MAX_PERIODS = 8  # by which a transfer function may stand in for two clocks
 PRECISION = 1e-3  # of the valley's width; the departure from the fit tells the last digits
 #: Unexplained part of the response below which a departure is told to first order: 0.14 rad.
 FIRST_ORDER = 0.02
@@ -43,27 +44,37 @@ FINER = 8  # points of the interpolation between two samples; the search needs n
 
 def clock_offset(records: Sequence[Record]) -> float:
     """Return ε, by which intervals of the response exceed those of the reference; 0 where that explains little."""
-    driven = [_Channels.of(r) for r in records if r.reference is not None]
-    if not driven or _unexplained(driven, 0.0, LAST_SAMPLES) < FIRST_ORDER:
+    search = _Search.of(records, MAX_ORDER, MAX_ORDER, delayed=True)
+    if not search.driven or search.unexplained(0.0, LAST_SAMPLES) < FIRST_ORDER:
         return 0.0
-    longest, samples = max(each.samples for each in driven), FIRST_SAMPLES
-    candidates = np.zeros(1)
-    reach = MAX_OFFSET
+    longest, samples = max(each.samples for each in search.driven), FIRST_SAMPLES
+    candidates, reach = np.zeros(1), MAX_OFFSET
     while True:
-        width = _valley(driven, samples)
+        width = search.valley(samples)
         steps = np.arange(-np.ceil(reach / width), np.ceil(reach / width) + 1) * width
         tried = np.unique(np.round((candidates[:, None] + steps) / width)) * width
-        left = np.array([_unexplained(driven, offset, samples) for offset in tried])
+        left = np.array([search.unexplained(offset, samples) for offset in tried])
         order = np.argsort(left)[:MAX_CANDIDATES]
         candidates = tried[order[left[order] < max(MIN_GAIN * left[order[0]], 0.5)]]
         if not candidates.size:
             candidates = tried[order]
         if samples >= min(longest, LAST_SAMPLES):
-            break
+            return search.bottom(float(tried[order[0]]), width, samples)
         reach, samples = width, 2 * samples
-    best = _refined(driven, float(tried[order[0]]), width, samples)
-    gain = _unexplained(driven, 0.0, samples) / _unexplained(driven, best, samples)
-    return best if gain > MIN_GAIN else 0.0
+
+
+def nearby_offset(records: Sequence[Record], poles: int, zeros: int, *, delayed: bool) -> float:
+    """Return ε near zero by a transfer function of a model's order; 0 where it explains little.
+
+    In a sweep a higher order does what a ratio of the clocks does, to within some periods.
+    """
+    search = _Search.of(records, poles, zeros, delayed=delayed)
+    if not search.driven:
+        return 0.0
+    width = 0.5 * search.valley(LAST_SAMPLES)
+    tried = width * np.arange(-2 * MAX_PERIODS, 2 * MAX_PERIODS + 1)
+    left = [search.unexplained(offset, LAST_SAMPLES) for offset in tried]
+    return search.bottom(float(tried[int(np.argmin(left))]), width, LAST_SAMPLES)
 
 
 def at_reference_clock(record: Record, offset: float) -> Record:
@@ -168,54 +179,73 @@ def _lateness(x: ComplexArray, y: ComplexArray, motion: NDArray[np.int_], n: int
     return peak if abs(peak) >= LATE else 0
 
 
-def _valley(driven: Sequence[_Channels], samples: int) -> float:
-    """Return the width of the valley: the inverse of the periods of the fastest motion in the samples."""
-    fastest = [(each.bins(0.0, samples).hz[-1], each) for each in driven]
-    return 1.0 / max(hz * min(samples, each.samples) / each.rate_hz for hz, each in fastest)
-
-
-def _unexplained(driven: Sequence[_Channels], offset: float, samples: int) -> float:
-    """Return the part of the response's power that no rational function of the reference explains.
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """What a rational transfer function leaves of the records at a ratio of the clocks.
 
     Each record counts by its size, so that one large one does not decide; a common delay comes
     from that with most bins.
     """
-    parts = [each.bins(offset, samples) for each in driven]
-    late_s = max(parts, key=lambda part: len(part.hz)).late_s
-    hz = np.concatenate([part.hz for part in parts])
-    motion, response = (
-        np.concatenate([part[k] / np.sqrt(part.total) for part in parts]) for k in (1, 2)
-    )
-    response = response * np.exp(2j * np.pi * late_s * hz)
-    tones = len(hz) // LOBE_BINS
-    poles, zeros = (int(np.clip(count, 0, MAX_ORDER)) for count in (tones - 1, tones))
-    powers = (1j * hz / hz.max()) ** np.arange(MAX_ORDER + 1)[:, None]
-    denominator = np.ones(len(motion), dtype=complex)
-    numerator = denominator
-    for _ in range(ITERATIONS):
-        rows = [powers[1 : poles + 1] * response, -powers[: zeros + 1] * motion]
-        columns = (np.concatenate(rows) / denominator).view(float)
-        target = np.ascontiguousarray(response / denominator).view(float)
-        size = np.maximum(np.linalg.norm(columns, axis=1), np.finfo(float).tiny)
-        columns /= size[:, None]
-        solution, *_ = np.linalg.lstsq(columns @ columns.T, columns @ target, rcond=1e-11)
-        factors = -solution / size
-        denominator = 1.0 + factors[:poles] @ powers[1 : poles + 1]
-        numerator = factors[poles:] @ powers[: zeros + 1]
-    residual = response - numerator / denominator * motion
-    explained = float(np.sum(power_of(response)) - np.sum(power_of(residual)))
-    return max(1.0 - explained / len(parts), np.finfo(float).tiny)
 
+    driven: tuple[_Channels, ...]
+    poles: int
+    zeros: int
+    delayed: bool
 
-def _refined(driven: Sequence[_Channels], offset: float, width: float, samples: int) -> float:
-    """Return the bottom of the valley (Brent 1973)."""
-    from scipy.optimize import minimize_scalar  # slow to load
+    @classmethod
+    def of(cls, records: Sequence[Record], poles: int, zeros: int, *, delayed: bool) -> _Search:
+        driven = tuple(_Channels.of(each) for each in records if each.reference is not None)
+        return cls(driven, poles, zeros, delayed)
 
-    ends = (offset - width, offset + width)
-    left = minimize_scalar(
-        lambda place: _unexplained(driven, place, samples),
-        bounds=ends,
-        method="bounded",
-        options={"xatol": PRECISION * width},
-    )
-    return float(left.x)
+    def valley(self, samples: int) -> float:
+        """Return the width of the valley: the inverse of the periods of the fastest motion in the samples."""
+        fastest = [(each.bins(0.0, samples).hz[-1], each) for each in self.driven]
+        return 1.0 / max(hz * min(samples, each.samples) / each.rate_hz for hz, each in fastest)
+
+    def unexplained(self, offset: float, samples: int) -> float:
+        """Return the part of the response's power that no rational function of the reference explains."""
+        parts = [each.bins(offset, samples) for each in self.driven]
+        late_s = max(parts, key=lambda part: len(part.hz)).late_s if self.delayed else 0.0
+        hz = np.concatenate([part.hz for part in parts])
+        motion, response = (
+            np.concatenate([part[k] / np.sqrt(part.total) for part in parts]) for k in (1, 2)
+        )
+        response = response * np.exp(2j * np.pi * late_s * hz)
+        tones = len(hz) // LOBE_BINS
+        residual = response - self._rational(hz, motion, response, tones) * motion
+        explained = float(np.sum(power_of(response)) - np.sum(power_of(residual)))
+        return max(1.0 - explained / len(parts), np.finfo(float).tiny)
+
+    def _rational(
+        self, hz: FloatArray, motion: ComplexArray, response: ComplexArray, tones: int
+    ) -> ComplexArray:
+        """Return the transfer function of least squares; tones tell of one as many numbers as they have."""
+        poles, zeros = int(np.clip(tones - 1, 0, self.poles)), min(tones, self.zeros)
+        powers = (1j * hz / hz.max()) ** np.arange(max(poles, zeros) + 1)[:, None]
+        denominator = np.ones(len(motion), dtype=complex)
+        numerator = denominator
+        for _ in range(ITERATIONS):
+            rows = [powers[1 : poles + 1] * response, -powers[: zeros + 1] * motion]
+            columns = (np.concatenate(rows) / denominator).view(float)
+            target = np.ascontiguousarray(response / denominator).view(float)
+            size = np.maximum(np.linalg.norm(columns, axis=1), np.finfo(float).tiny)
+            columns /= size[:, None]
+            solution, *_ = np.linalg.lstsq(columns @ columns.T, columns @ target, rcond=1e-11)
+            factors = -solution / size
+            denominator = 1.0 + factors[:poles] @ powers[1 : poles + 1]
+            numerator = factors[poles:] @ powers[: zeros + 1]
+        return numerator / denominator
+
+    def bottom(self, offset: float, width: float, samples: int) -> float:
+        """Return the bottom of a valley (Brent 1973); 0 where it is not much deeper than there."""
+        from scipy.optimize import minimize_scalar  # slow to load
+
+        ends = (offset - width, offset + width)
+        lowest = minimize_scalar(
+            lambda place: self.unexplained(place, samples),
+            bounds=ends,
+            method="bounded",
+            options={"xatol": PRECISION * width},
+        )
+        gain = self.unexplained(0.0, samples) / float(lowest.fun)
+        return float(lowest.x) if gain > MIN_GAIN else 0.0
