@@ -25,7 +25,7 @@ from vibrident.fit.uncertainty.parameters import deviations
 SOURCE = "the ratio of the two clocks"
 CHANGE = "change"  # the departure that two clocks look like: a sensor that changes evenly
 MIN_SIGMA = 4.0  # of ε, to be tried
-SETTLED = 0.1  # of its standard uncertainty
+SETTLED = 0.3  # of its standard uncertainty
 MAX_ROUNDS = 6
 MIN_FALL = 2.0  # of χ², for a fit that is rejected still
 
@@ -42,28 +42,39 @@ def at_one_clock(fitted: Fitted) -> Fitted:
         fitted = replace(fitted, departures=departures_of(fitted))
         if fitted.adequate and not _names(fitted) & {CLOCKS.name, CHANGE}:
             return fitted
-    best, first = fitted, True
-    for _ in range(MAX_ROUNDS):
+    best, u = fitted, math.inf
+    for number in range(MAX_ROUNDS):
         step = _step(best)
         if step is None:
+            break
+        change, u = step
+        if number == 0 and best.adequate and not known and abs(change) < MIN_SIGMA * u:
             return fitted
-        if first and not known and best.adequate and abs(step[0]) < MIN_SIGMA * step[1]:
-            return fitted
-        if first and not best.adequate:  # its own weights hide most of ε in noise
-            step = _nearby(best) or step[0], step[1]
-        offset, u = best.evidence.clock_offset + step[0], step[1]
-        if abs(step[0]) < SETTLED * u:
-            return _stated(best, offset, u)
-        try:
-            other = best.anew(best.evidence.at_clock(offset))
-        except VibridentError:
-            return fitted
-        if not (other.adequate or other.chi2 < best.chi2 / MIN_FALL or (known and not first)):
-            return _stated(best, best.evidence.clock_offset, u) if known or not first else fitted
-        best, first = other, False
-    if not known and (not best.adequate or CHANGE in _names(best)):
+        if abs(change) < SETTLED * u:
+            break
+        if number == 0 and not best.adequate:  # its own weights hide most of ε in noise
+            change = _nearby(best) or change
+        other = _moved(best, best.evidence.clock_offset + change)
+        if other is None or not (other.adequate or other.chi2 < best.chi2 / MIN_FALL):
+            break
+        best = other
+    offset = best.evidence.clock_offset
+    if best.adequate and abs(offset) > MIN_SIGMA * u and CHANGE not in _names(best):
+        return _stated(best, offset, u)
+    if not known:
         return fitted
-    return _stated(best, best.evidence.clock_offset, u)
+    other = _moved(best, 0.0)
+    if other is None or not (other.adequate or other.chi2 < best.chi2):
+        return _stated(best, offset, u)
+    return at_one_clock(other)
+
+
+def _moved(fitted: Fitted, offset: float) -> Fitted | None:
+    """Return the fit at another ε; None where it leads to none."""
+    try:
+        return fitted.anew(fitted.evidence.at_clock(offset))
+    except VibridentError:
+        return None
 
 
 def _names(fitted: Fitted) -> set[str]:

@@ -35,10 +35,10 @@ MAX_PERIODS = 8  # by which a transfer function may stand in for two clocks
 PRECISION = 1e-3  # of the valley's width; the departure from the fit tells the last digits
 #: Unexplained part of the response below which a departure is told to first order: 0.14 rad.
 FIRST_ORDER = 0.02
-MIN_GAIN = 2.0  # by which the unexplained part must fall
+MIN_GAIN = 4.0  # by which the unexplained part must fall; leakage of short records makes 3
 FIRST_SAMPLES = 1 << 11  # in which the search begins
 LAST_SAMPLES = 1 << 17  # beyond which the valley is so narrow that the fit goes on by itself
-MAX_CANDIDATES = 64
+MAX_CANDIDATES = 256  # of valleys that look alike, as in the first of several shocks
 FINER = 8  # points of the interpolation between two samples; the search needs no better one
 
 
@@ -47,7 +47,7 @@ def clock_offset(records: Sequence[Record]) -> float:
     search = _Search.of(records, MAX_ORDER, MAX_ORDER, delayed=True)
     if not search.driven or search.unexplained(0.0, LAST_SAMPLES) < FIRST_ORDER:
         return 0.0
-    longest, samples = max(each.samples for each in search.driven), FIRST_SAMPLES
+    longest, samples = max(each.samples for each in search.driven), search.begin()
     candidates, reach = np.zeros(1), MAX_OFFSET
     while True:
         width = search.valley(samples)
@@ -55,7 +55,7 @@ def clock_offset(records: Sequence[Record]) -> float:
         tried = np.unique(np.round((candidates[:, None] + steps) / width)) * width
         left = np.array([search.unexplained(offset, samples) for offset in tried])
         order = np.argsort(left)[:MAX_CANDIDATES]
-        candidates = tried[order[left[order] < max(MIN_GAIN * left[order[0]], 0.5)]]
+        candidates = tried[order[left[order] < max(2.0 * left[order[0]], 0.5)]]
         if not candidates.size:
             candidates = tried[order]
         if samples >= min(longest, LAST_SAMPLES):
@@ -130,6 +130,11 @@ class _Channels:
     def samples(self) -> int:
         return len(self.reference)
 
+    def moves_in(self, samples: int) -> bool:
+        """Tell whether the first samples under their window move a quarter as much as all, in power."""
+        power, n = self.reference**2, min(samples, self.samples)
+        return float(hann(n) ** 2 @ power[:n]) / n >= 0.25 * float(np.mean(power))
+
     @functools.cached_property
     def finer(self) -> FloatArray:
         """The response at FINER points a sample."""
@@ -196,6 +201,13 @@ class _Search:
     def of(cls, records: Sequence[Record], poles: int, zeros: int, *, delayed: bool) -> _Search:
         driven = tuple(_Channels.of(each) for each in records if each.reference is not None)
         return cls(driven, poles, zeros, delayed)
+
+    def begin(self) -> int:
+        """Return in how many samples the motion is as strong as in the records, nearly."""
+        samples = FIRST_SAMPLES
+        while samples < LAST_SAMPLES and not any(each.moves_in(samples) for each in self.driven):
+            samples *= 2
+        return samples
 
     def valley(self, samples: int) -> float:
         """Return the width of the valley: the inverse of the periods of the fastest motion in the samples."""
