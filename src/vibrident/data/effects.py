@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 StatedKind = Literal["gain", "timing", "phase", "mounting", "clock"]  # what a calibration file can state
-EffectKind = Literal[StatedKind, "ellipse", "cyclic", "rounding"]
-_UNITS: dict[EffectKind, str] = {"timing": "s", "phase": "rad"}  # the others are relative
+EffectKind = Literal[StatedKind, "ellipse", "cyclic", "rounding", "edges", "clocks"]
+_UNITS: dict[EffectKind, str] = {"timing": "s", "phase": "rad", "edges": "s"}  # the others are relative
 
 
 @dataclass(frozen=True)
@@ -18,8 +18,8 @@ class SystematicEffect:
     source: str  # what it comes from, in words
     # how it acts: ``gain`` (relative), ``timing`` (skew between the channels, s), ``phase`` (rad), ``mounting``
     # (relative at ``frequency_hz``, growing with its square) or ``clock`` (sampling rate, relative). Found in an
-    # interferometer's signals: ``ellipse`` and ``cyclic``; found in the records: ``rounding`` (relative, with a
-    # ``pattern``)
+    # interferometer's signals: ``ellipse`` and ``cyclic``; found in the records, each with a ``pattern``:
+    # ``rounding`` (relative), ``edges`` (of a held drive, s) and ``clocks`` (the ratio of two, relative)
     kind: EffectKind
     standard_uncertainty: float  # in ``unit``
     frequency_hz: float | None = None  # of a mounting effect; None otherwise

@@ -15,9 +15,11 @@ from vibrident.fit.descent.optimise import Progress
 from vibrident.fit.estimators import AUTO, Estimate, Estimator, choose
 from vibrident.fit.estimators.kinds.ipnn import Ipnn
 from vibrident.fit.judge.attempts import Fitted, Told
+from vibrident.fit.judge.clocks import at_one_clock
 from vibrident.fit.judge.document import Uncertainty, document, own_rows
 from vibrident.fit.judge.refits import beside_departures, with_phase_scatter, without_dead_records
 from vibrident.fit.judge.remedy import with_remedy
+from vibrident.fit.judge.stairs import fit_stairs
 from vibrident.fit.problem import Evidence
 from vibrident.fit.registry import ESTIMATORS
 from vibrident.fit.uncertainty.budget import BudgetRow
@@ -97,17 +99,41 @@ def _fit_model(
     """Estimate a model by records or a table, beside the departures that the data show."""
     evidence = with_free_decays(Evidence.gather(calibration, model))
     chosen, reason = _estimator(evidence, estimator, uncertainty)
-    fitted = Fitted.of(evidence, chosen, progress)
-    if estimator == AUTO and model.is_linear and is_held_drive(calibration):
-        stairs = Ipnn(discretisation="zoh")
-        stairs = stairs.for_noise_alone() if uncertainty == "noise" else stairs
-        held = Fitted.of(evidence, stairs, progress)
-        if held.adequate or held.chi2 < fitted.chi2:
-            fitted = held
-            reason = f"{AUTO}: the drive is held between its samples, as stairs: zero-order hold"
-    for step in (without_dead_records, with_phase_scatter, beside_departures):
+    if calibration.quantity == "drive" and model.is_linear:
+        fitted = _fit_drive(evidence, chosen, _stairs(estimator, uncertainty), progress)
+        reason = fitted.reason or reason
+    else:
+        fitted = Fitted.of(evidence, chosen, progress)
+    fitted = replace(fitted, reason=reason)
+    for step in (at_one_clock, without_dead_records, with_phase_scatter, beside_departures):
         fitted = step(fitted)
-    return replace(fitted, reason=reason)
+    return fitted
+
+
+def _stairs(asked: str | Estimator, scope: Uncertainty) -> Ipnn | None:
+    """Return the network of a held drive; None where another was asked for."""
+    if asked == AUTO:
+        stairs = Ipnn(discretisation="zoh")
+        return stairs.for_noise_alone() if scope == "noise" else stairs
+    return asked if isinstance(asked, Ipnn) and asked.discretisation == "zoh" else None
+
+
+def _fit_drive(
+    evidence: Evidence, chosen: Estimator, stairs: Ipnn | None, progress: Progress
+) -> Fitted:
+    """Estimate a model by a commanded drive, held from sample to sample where that explains it."""
+    is_held = stairs is not None and is_held_drive(evidence.calibration)
+    if is_held:
+        held = fit_stairs(Fitted.of(evidence, stairs, progress))
+        if held.adequate or chosen is stairs:
+            return held
+    plain = Fitted.of(evidence, chosen, progress)
+    if stairs is None or plain.adequate:
+        return plain
+    if is_held:
+        return held if held.chi2 < plain.chi2 else plain
+    held = fit_stairs(Fitted.of(evidence, stairs, progress))
+    return held if held.adequate else plain
 
 
 def _data_scale(estimate: Estimate, data: BudgetRow) -> float:

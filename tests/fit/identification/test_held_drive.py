@@ -6,9 +6,10 @@ from scipy import signal
 
 import vibrident
 from vibrident.data.records import Calibration, Record
-from vibrident.data.screening.held import is_held_drive
+from vibrident.data.screening.held import is_held_drive, is_stairs
 
 RATE_HZ, SAMPLES = 100.0, 3000
+FINER = 20  # steps of the integration in a sample
 
 
 def stepped(seed, model="accelerometer", quantity="drive"):
@@ -20,6 +21,21 @@ def stepped(seed, model="accelerometer", quantity="drive"):
     response = response + 1e-3 * np.random.default_rng(seed).normal(size=SAMPLES)
     record = Record("step", drive, response, RATE_HZ, "random")
     return Calibration(records=(record,), model=model, quantity=quantity)
+
+
+def stairs(seed, hold, late, reference_noise=0.0, samples=4000):
+    """A staircase of random levels into a coil; its edges come ``late`` twentieths of a sample after the samples."""
+    rng = np.random.default_rng(seed)
+    levels = rng.standard_normal(samples // hold + 1).repeat(hold)[:samples]
+    omega, damping = 2 * np.pi * 10 ** rng.uniform(-2.3, -1.3), rng.uniform(0.1, 0.8)
+    fine = np.clip((np.arange(samples * FINER) - late) // FINER, 0, samples - 1)
+    system = signal.lti([1.0, 0.0], [1.0, 2 * damping * omega, omega**2])
+    time = np.arange(samples * FINER) / FINER
+    response = signal.lsim(system, levels[fine], time, interp=False)[1][::FINER]
+    response = response / np.std(response) + 1e-3 * rng.standard_normal(samples)
+    drive = levels + reference_noise * rng.standard_normal(samples)
+    given = Calibration.from_arrays(drive, response, 1.0, quantity="drive", excitation="random")
+    return given, {"natural_frequency": omega / (2 * np.pi), "damping_ratio": damping}
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
@@ -34,9 +50,39 @@ def test_a_held_step_is_fitted_as_held(seed):
     assert "held between its samples" in result.settings["estimator_choice"]
 
 
-def test_only_a_drive_that_repeats_is_held():
+@pytest.mark.parametrize(("hold", "late"), [(1, -2), (2, 1), (8, 0), (8, 7), (32, -10)])
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+def test_stairs_are_fitted_as_held_wherever_their_edges_lie(hold, late, noise):
+    """Converters of drive and response have no common instant; 0.01 of a sample was 7 u of the frequency."""
+    z = []
+    for seed in range(3):
+        given, truth = stairs(seed, hold, late, noise)
+        result = vibrident.identify(given, model="velocity-pickup")
+        assert result.fit.adequate
+        assert result.warning_codes == ()
+        assert "held between its samples" in result.settings["estimator_choice"]
+        assert ("edges" in result.settings["estimator_choice"]) == (late != 0)
+        stated = [(result.parameters[name], value) for name, value in truth.items()]
+        z += [(p.value - value) / p.standard_uncertainty for p, value in stated]
+    assert np.max(np.abs(z)) < 4.0
+    assert np.sqrt(np.mean(np.square(z))) < 2.0
+
+
+def test_the_budget_holds_the_uncertainty_of_the_edges():
+    given, _ = stairs(1, 8, 7)
+    rows = vibrident.identify(given, model="velocity-pickup").settings["uncertainty_budget"]
+    (row,) = [row for row in rows if row["kind"] == "edges"]
+    assert row["unit"] == "s"
+    assert row["contributions"]["natural_frequency"] > 0.0
+
+
+def test_only_a_drive_in_stairs_is_held():
     assert is_held_drive(stepped(1))
     assert not is_held_drive(stepped(1, quantity="acceleration"))
-    moving = np.random.default_rng(4).normal(size=SAMPLES)
-    record = Record("noise", moving, moving, RATE_HZ, "random")
-    assert not is_held_drive(Calibration(records=(record,), quantity="drive"))
+    rng = np.random.default_rng(4)
+    noise, time = rng.normal(size=SAMPLES), np.arange(SAMPLES)
+    shock = np.where((time > 100) & (time < 160), np.sin(np.pi * (time - 100) / 60), 0.0)
+    for moving in (noise, np.sin(0.1 * time), shock + 1e-3 * noise, (time == 70) * 1.0 + 1e-3 * noise):
+        assert not is_stairs(moving)
+    for hold in (2, 5, 40):
+        assert is_stairs(noise.repeat(hold)[:SAMPLES] + 1e-3 * rng.normal(size=SAMPLES))

@@ -4,19 +4,31 @@ from __future__ import annotations
 
 import numpy as np
 
-from vibrident.data.records import Calibration
+from vibrident.data.records import Calibration, FloatArray
 
-#: Part of the samples that repeat the one before, exactly: each level of a held drive lasts.
-MIN_REPEATED = 0.5
+#: Steps of a moving signal are 0.67 of their standard deviation in the median (normal); of a held
+#: one, noise: a step stands out by as much as noise exceeds with a chance of 1e-9.
+MIN_STEP_SIGMA = 6.0
+SIGMA_OF_MEDIAN = 1.4826  # standard deviation of normal numbers over the median of their size
+MIN_LONE_POWER = 0.99  # part of the steps' power in steps whose neighbours are noise
 
 
 def is_held_drive(calibration: Calibration) -> bool:
-    """Tell whether every driven record's reference is a drive in stairs.
+    """Tell whether every driven record's reference is a drive in stairs, with noise or without.
 
     Only a commanded signal can be; a motion that repeats is recorded with few bits.
     """
     drives = [r.reference for r in calibration.records if r.reference is not None]
-    if calibration.quantity != "drive" or not drives:
-        return False
-    steps = [np.diff(drive) for drive in drives]
-    return all(np.any(step) and np.mean(step == 0.0) >= MIN_REPEATED for step in steps)
+    return calibration.quantity == "drive" and bool(drives) and all(map(is_stairs, drives))
+
+
+def is_stairs(drive: FloatArray) -> bool:
+    """Tell whether a signal jumps from level to level, each of two samples or more."""
+    size = np.abs(np.diff(drive))
+    noise = SIGMA_OF_MEDIAN * float(np.median(size))
+    steps = size > MIN_STEP_SIGMA * noise
+    lone = steps.copy()
+    lone[1:] &= ~steps[:-1]
+    lone[:-1] &= ~steps[1:]
+    power = float(np.sum(size[steps] ** 2))
+    return power > 0.0 and float(np.sum(size[lone] ** 2)) >= MIN_LONE_POWER * power

@@ -17,6 +17,7 @@ from vibrident.data.records.basis import runs_of_true
 from vibrident.data.screening.clipping import clipped
 from vibrident.data.screening.decays import goes_on
 from vibrident.data.screening.gaps import lost
+from vibrident.data.screening.held import is_stairs
 from vibrident.data.screening.repeats import repeated_block
 from vibrident.data.screening.wild import MAX_RUN, MAX_SHORT_RUN, Channel, breaks, moves
 
@@ -181,7 +182,7 @@ def _without_copied(record: Record) -> tuple[Record, list[Finding]]:
 
 def _longest_part(record: Record, channels: Mapping[str, Channel]) -> tuple[Record, list[Finding]]:
     """The longest part of a steady motion in which no time was lost; ``channels`` as seen before."""
-    if record.reference is None or record.excitation not in STEADY:
+    if record.reference is None or record.excitation not in STEADY or is_stairs(record.reference):
         return record, []
     valid = record.mask & record.reference_mask
     if not all(np.array_equal(valid, channel.valid) for channel in channels.values()):

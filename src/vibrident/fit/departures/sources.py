@@ -337,7 +337,7 @@ def _slopes(
 
 def _effects(evidence: Evidence, estimate: Estimate, signals: Signals) -> ComplexArray:
     """Relative change of the response by one standard uncertainty of each stated systematic effect, shape (K, bins)."""
-    stated = effects_of(evidence.calibration)
+    stated = [*effects_of(evidence.calibration), *evidence.effects]
     if not stated or not evidence.model.is_linear:
         return np.zeros((0, signals.rest.size), dtype=complex)
     hz = line_frequencies(signals.used.size, signals.record.sampling_rate_hz)

@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from vibrident.base.errors import NotConverged
 from vibrident.data.records import FloatArray
 from vibrident.fit.descent.in_noise import GroupAt, GroupWeights, Iterate, iterate
-from vibrident.fit.descent.optimise import NOT_FINITE, Progress, Trace, levenberg_marquardt
+from vibrident.fit.descent.optimise import Progress, Trace, levenberg_marquardt
 from vibrident.fit.descent.sandwich import width
 from vibrident.fit.descent.weighting import Weighting, read_weighting
 from vibrident.fit.group.band import Band
-from vibrident.fit.group.network import amounts_of, combined, products, real_rows
+from vibrident.fit.group.network import products
 from vibrident.fit.information import inverse_normal, sandwich_covariance
 from vibrident.fit.noise.found import SpectralNoise, doubtful
 from vibrident.fit.noise.motion import NEAREST
 from vibrident.fit.noise.spectrum import DOUBT
 from vibrident.fit.problem.coordinates import Coordinates
 from vibrident.fit.response.transform import mean_around, power_of
-from vibrident.fit.start.at_bins import Candidate
 from vibrident.fit.start.look import Look
 
 #: Rounds of descent and noise, and of moving the inputs to the delay.

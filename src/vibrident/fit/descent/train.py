@@ -22,7 +22,7 @@ from vibrident.fit.group.band import Band
 from vibrident.fit.noise.spectrum import NoiseSpectrum
 from vibrident.fit.problem import Coordinates, Evidence
 from vibrident.fit.problem.bin_problem import BinProblem
-from vibrident.fit.start.at_bins import ABOVE, candidates, rough_delay
+from vibrident.fit.start.at_bins import candidates, rough_delay
 from vibrident.fit.start.look import MIN_WEIGHT, Look, look_at
 from vibrident.physics.discretisation import Method
 from vibrident.physics.models import SensorModel

@@ -52,7 +52,7 @@ class Grid:
 
     @functools.cached_property
     def shifted(self) -> ComplexArray:
-        """w = z − 1 at the bins, shape (K,)."""
+        """W = z − 1 at the bins, shape (K,)."""
         return shifted_lines(self.samples, slice(0, self.bins))
 
     @functools.cached_property

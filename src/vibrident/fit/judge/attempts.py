@@ -108,6 +108,10 @@ class Fitted:
         """The same data judged at another estimate."""
         return replace(self, estimate=estimate, judgement=judged(self.evidence, estimate), departures=None)
 
+    def with_evidence(self, evidence: Evidence) -> Fitted:
+        """Return the same estimate judged by evidence with other effects or findings."""
+        return replace(self, evidence=evidence, judgement=judged(evidence, self.estimate))
+
     @property
     def adequate(self) -> bool:
         """Whether the model explains the data."""

@@ -19,7 +19,7 @@ from vibrident.fit.uncertainty.linearised import Linearised
 
 def all_effects(evidence: Evidence, judgement: Judgement) -> list[SystematicEffect]:
     """Systematic effects as stated, and those that were found in the data."""
-    return [*effects_of(evidence.calibration), *judgement.found]
+    return [*effects_of(evidence.calibration), *evidence.effects, *judgement.found]
 
 
 def linearised(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> Linearised:

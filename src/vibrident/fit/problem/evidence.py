@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vibrident.data.records import Calibration, FloatArray, Quantity, Record
+from vibrident.data.records import Calibration, FloatArray, Quantity, Record, SystematicEffect
 from vibrident.data.records.basis import distinct
 from vibrident.data.screening import Finding, screen
 from vibrident.data.screening.copies import without_copies
@@ -16,6 +16,7 @@ from vibrident.fit.problem.frequency_domain import FrequencyProblem
 from vibrident.fit.response import MeasuredResponse, find_tones, measure_bands
 from vibrident.fit.response.bands import uncorrelated_records
 from vibrident.fit.response.clock import judge_clocks
+from vibrident.fit.response.clock_ratio import at_reference_clock, clock_offset
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.tone_quality import (
     nothing_in_common,
@@ -39,6 +40,9 @@ class Evidence:
         bands: the same for other motion with a reference; None without.
         findings: warnings about the data.
         start: values of the parameters to begin with, where they are known; found in the response otherwise.
+        effects: systematic effects that remain of what was corrected in the records.
+        clock_offset: ε, by which intervals of the response were longer than those of the reference.
+        at_own_clocks: the records before they were brought to one clock; empty where they were not.
     """
 
     calibration: Calibration
@@ -48,6 +52,9 @@ class Evidence:
     bands: MeasuredResponse | None
     findings: tuple[Finding, ...]
     start: Mapping[str, float] | None = None
+    effects: tuple[SystematicEffect, ...] = ()
+    clock_offset: float = 0.0
+    at_own_clocks: tuple[Record, ...] = ()
 
     @classmethod
     def gather(cls, calibration: Calibration, model: SensorModel) -> Evidence:
@@ -62,11 +69,22 @@ class Evidence:
         records, findings = screen(without_copies(calibration.records), calibration.units)
         findings = (*(Finding(f.code, f.message) for f in optical), *findings)
         records, more = judge_clocks(records)
-        return cls._measured(calibration, model, records, (*findings, *more))
+        offset, findings = clock_offset(records), (*findings, *more)
+        if offset == 0.0:
+            return cls._measured(calibration, model, records, findings)
+        return cls(calibration, model, records, None, None, findings).at_clock(offset)
+
+    def at_clock(self, offset: float) -> Evidence:
+        """Return the same with each response brought to the clock of its reference, at ε = ``offset``."""
+        before = self.at_own_clocks or self.records
+        moved = self.with_records(tuple(at_reference_clock(record, offset) for record in before))
+        return replace(moved, clock_offset=offset, at_own_clocks=before)
 
     def with_records(self, records: tuple[Record, ...]) -> Evidence:
         """The same with records that were worked on; measured anew."""
-        return replace(self._measured(self.calibration, self.model, records, ()), findings=self.findings)
+        measured = self._measured(self.calibration, self.model, records, ())
+        kept = {"clock_offset": self.clock_offset, "at_own_clocks": self.at_own_clocks}
+        return replace(measured, findings=self.findings, effects=self.effects, **kept)
 
     @classmethod
     def _measured(

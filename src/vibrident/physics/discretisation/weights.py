@@ -120,6 +120,7 @@ class Method:
     order: int | None  # order of convergence for smooth signals; None if it is faster than any power
     fixed_terms: int | None  # inputs a step; None if the sensor's stiffness decides
     step: Callable[[StateSpace, Any, Any, int], Weights]  # (system, sampling interval, fraction f, terms) → Weights
+    late_samples: float = 0.0  # by which the input's samples come after their stamps
 
     @property
     def takes_many(self) -> bool:
@@ -143,12 +144,12 @@ class Method:
     def inputs(self, samples: FloatArray, valid: BoolArray, terms: int, delay_samples: float = 0.0) -> StepInputs:
         """Inputs of the network; see :mod:`vibrident.physics.discretisation.inputs`."""
         make = band_limited_inputs if self.fixed_terms is None else sampled_inputs
-        return make(samples, valid, terms, delay_samples)
+        return make(samples, valid, terms, delay_samples + self.late_samples)
 
     def filters(self, valid: BoolArray, terms: int, delay_samples: float = 0.0) -> StepFilters:
         """Filters from the samples to the inputs; see :mod:`vibrident.physics.discretisation.inputs`."""
         make = band_limited_filters if self.fixed_terms is None else sampled_filters
-        return make(valid, terms, delay_samples)
+        return make(valid, terms, delay_samples + self.late_samples)
 
     def weights(self, system: StateSpace, sampling_interval_s: Any, fraction: Any, terms: int) -> Weights:
         """Weights of one step; ``fraction`` f in [0, 1] is where in the step the output is read."""

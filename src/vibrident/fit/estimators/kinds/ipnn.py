@@ -27,7 +27,7 @@ from vibrident.fit.estimators.findings import Findings, TrainedNetwork
 from vibrident.fit.problem import BinProblem, Coordinates, Evidence, NetworkProblem, network_objective
 from vibrident.fit.response.hum import hum_tones, lacking
 from vibrident.fit.start.start import Start, find_start
-from vibrident.physics.discretisation import method
+from vibrident.physics.discretisation import Method, method
 
 
 @dataclass(frozen=True)
@@ -41,6 +41,7 @@ class Ipnn(Estimator):
         steps: of Adam.
         weights: ``tied`` to the physics, or ``free`` and read back; see :mod:`vibrident.fit.estimators.free`.
         reading: of free weights: ``eigenvalues``, or the paper's ``elements``.
+        late_samples: by which the samples of the reference come after their stamps.
     """
 
     name: ClassVar[str] = "ipnn"
@@ -63,6 +64,12 @@ class Ipnn(Estimator):
     steps: int = 1500
     weights: Literal["tied", "free"] = "tied"
     reading: Literal["eigenvalues", "elements"] = "eigenvalues"
+    late_samples: float = 0.0
+
+    @property
+    def method(self) -> Method:
+        """The discretisation of the sensor's equation."""
+        return replace(method(self.discretisation), late_samples=self.late_samples)
 
     def suits(self, evidence: Evidence) -> str:
         """Records that are no sines, or of a nonlinear model."""
@@ -188,7 +195,7 @@ def _problem(network: Ipnn, evidence: Evidence, coordinates: Coordinates, start:
     A free response without damping imitates hum, and a resonance above half the sampling rate has one at any frequency:
     from a start near the truth, training would leave it for that.
     """
-    at = (evidence.records, evidence.model, method(network.discretisation), evidence.quantity, start)
+    at = (evidence.records, evidence.model, network.method, evidence.quantity, start)
     if not network.by_lines(evidence):
         from vibrident.fit.problem.time_domain import TimeProblem
 
@@ -203,7 +210,7 @@ def _freed(network: Ipnn, evidence: Evidence, trained: _Trained, progress: Progr
     from vibrident.fit.problem.time_domain import TimeProblem
 
     coordinates, z = trained.coordinates, trained.trace.last
-    values, step = coordinates.values(z), method(network.discretisation)
+    values, step = coordinates.values(z), network.method
     in_time = TimeProblem.build(evidence.records, evidence.model, step, evidence.quantity, values)
     z, covariance, trace = train_free(in_time, coordinates, z, trained.network.noise, network.reading, progress)
     _, freedom = hac_covariance(trained.lines(), trained.problem.degrees_of_freedom)

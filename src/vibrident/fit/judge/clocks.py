@@ -1,0 +1,172 @@
+"""The fit at one clock, where the response was read by another than the reference."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from vibrident.base.errors import VibridentError
+from vibrident.data.records import FloatArray, Record, SystematicEffect
+from vibrident.data.screening import Finding
+from vibrident.fit.departures.kinds.clocks import CLOCKS, slope_with_time
+from vibrident.fit.departures.score import LinearFit, Sums
+from vibrident.fit.departures.sources import parts_of
+from vibrident.fit.judge.attempts import Fitted
+from vibrident.fit.judge.examined import departures_of
+from vibrident.fit.response.bands import band_edges
+from vibrident.fit.response.clock_ratio import nearby_offset
+from vibrident.fit.response.transform import power_of
+from vibrident.fit.uncertainty.parameters import deviations
+
+SOURCE = "the ratio of the two clocks"
+CHANGE = "change"  # the departure that two clocks look like: a sensor that changes evenly
+MIN_SIGMA = 4.0  # of ε, to be tried
+SETTLED = 0.3  # of its standard uncertainty
+MAX_ROUNDS = 6
+MIN_FALL = 2.0  # of χ², for a fit that is rejected still
+
+
+def at_one_clock(fitted: Fitted) -> Fitted:
+    """Return the fit with the response at the clock of the reference, where two clocks explain the data.
+
+    ε comes from the score of t dŷ/dt beside the parameters and a delay, by Gauss–Newton steps, each
+    with a fit; so fit and ε have one optimum together. What u(ε) does to the parameters is a row of
+    the budget.
+    """
+    known = fitted.evidence.clock_offset != 0.0
+    if not known:
+        fitted = replace(fitted, departures=departures_of(fitted))
+        if fitted.adequate and not _names(fitted) & {CLOCKS.name, CHANGE}:
+            return fitted
+    best, u = fitted, math.inf
+    for number in range(MAX_ROUNDS):
+        step = _step(best)
+        if step is None:
+            break
+        change, u = step
+        if number == 0 and best.adequate and not known and abs(change) < MIN_SIGMA * u:
+            return fitted
+        if abs(change) < SETTLED * u:
+            break
+        if number == 0 and not best.adequate:  # its own weights hide most of ε in noise
+            change = _nearby(best) or change
+        other = _moved(best, best.evidence.clock_offset + change)
+        if other is None or not (other.adequate or other.chi2 < best.chi2 / MIN_FALL):
+            break
+        best = other
+    offset = best.evidence.clock_offset
+    if best.adequate and abs(offset) > MIN_SIGMA * u and CHANGE not in _names(best):
+        return _stated(best, offset, u)
+    if not known:
+        return fitted
+    other = _moved(best, 0.0)
+    if other is None or not (other.adequate or other.chi2 < best.chi2):
+        return _stated(best, offset, u)
+    return at_one_clock(other)
+
+
+def _moved(fitted: Fitted, offset: float) -> Fitted | None:
+    """Return the fit at another ε; None where it leads to none."""
+    try:
+        return fitted.anew(fitted.evidence.at_clock(offset))
+    except VibridentError:
+        return None
+
+
+def _names(fitted: Fitted) -> set[str]:
+    """Return the kinds of departures from a fit."""
+    return {each.departure.name for group in departures_of(fitted) for each in group.found}
+
+
+def _nearby(fitted: Fitted) -> float:
+    """Return how far ε is from that of the fit, by a function of the order of the model; 0 of none."""
+    model = fitted.evidence.model.linear
+    system = model.rational(fitted.values, fitted.evidence.quantity)
+    orders = len(system.denominator) - 1, len(system.numerator) - 1
+    return nearby_offset(fitted.evidence.records, *orders, delayed=model.has_delay)
+
+
+def _step(fitted: Fitted) -> tuple[float, float] | None:
+    """Return how far ε is from that of the fit, and its standard uncertainty; None where nothing tells it."""
+    evidence, estimate, judgement = fitted.evidence, fitted.estimate, fitted.judgement
+    tones = judgement.points[0] if judgement.tones is not None else None
+    parts, count = parts_of(evidence, estimate, judgement.predicted, tones), len(estimate.z)
+    information, sums = [], []
+    for part in parts:
+        information.append(part.own)
+        rows = part.white(slope_with_time(part, 0.0))
+        sums.append(Sums.of(part, rows, count))
+    if not sums:
+        return None
+    fit, total = LinearFit.of(information, deviations(estimate.covariance)), sums[0]
+    for more in sums[1:]:
+        total = total + more
+    gram = total.gram - total.cross @ fit.inverse @ total.cross.T
+    share = gram[0, 1] / gram[1, 1] if gram[1, 1] > total.least[1] else 0.0
+    (score,) = fit.test(Sums.stacked([_combined(total, np.array([[1.0, -share]]))]))
+    if score is None or score.statistic <= 0.0:
+        return None
+    change = float(score.amounts[0])
+    return change, abs(change) / math.sqrt(score.statistic)
+
+
+def _combined(sums: Sums, factors: FloatArray) -> Sums:
+    """Return the sums of linear combinations of the columns; ``factors``: shape (combinations, columns)."""
+    return Sums(
+        factors @ sums.score,
+        factors @ sums.gram @ factors.T,
+        factors @ sums.spread @ factors.T,
+        factors @ sums.cross,
+        factors @ sums.cross_spread,
+        factors @ sums.common,
+        factors @ sums.shift,
+        factors**2 @ sums.least,
+        sums.steps,
+    )
+
+
+def _stated(fitted: Fitted, offset: float, u: float) -> Fitted:
+    """Return the fit with the warning, and ε's uncertainty in the budget."""
+    evidence = fitted.evidence
+    text = (
+        f"The clocks of reference and response differ: the intervals of the response are "
+        f"1 + ε times those of the reference, ε = {_with_u(offset, u)}. The response was brought to "
+        "the clock of the reference before the fit."
+    )
+    effect = SystematicEffect(SOURCE, "clocks", u, pattern=_pattern(evidence.records))
+    findings = (*evidence.findings, Finding("clock_suspect", text))
+    evidence = replace(evidence, findings=findings, effects=(*evidence.effects, effect))
+    return replace(fitted.with_evidence(evidence), departures=None)
+
+
+def _with_u(offset: float, u: float) -> str:
+    """Return ε ± u, to two digits of u."""
+    power = math.floor(math.log10(abs(offset))) if offset else math.floor(math.log10(u))
+    digits = max(1 + power - math.floor(math.log10(u)), 0)
+    scale = 10.0**power
+    return f"({offset / scale:.{digits}f} ± {u / scale:.{digits}f})e{power}"
+
+
+def _pattern(records: Sequence[Record]) -> tuple[tuple[float, float, float], ...]:
+    """Return change of log H for ε = 1: a delay as long as the time at which each frequency was excited."""
+    hz, power, late = [], [], []
+    for record in records:
+        if record.reference is None:
+            continue
+        edges = band_edges(record.samples, record.sampling_rate_hz).astype(int)
+        motion = np.where(record.reference_mask, record.reference, 0.0)
+        motion = motion - motion.mean()
+        x, moment = (np.asarray(np.fft.rfft(v)) for v in (motion, motion * record.time_s))
+        sums = [np.add.reduceat(v[: edges[-1]], edges[:-1]) for v in (power_of(x), np.real(np.conj(x) * moment))]
+        hz.append(0.5 * (edges[1:] + edges[:-1]) * record.sampling_rate_hz / record.samples)
+        power.append(sums[0])
+        late.append(sums[1])
+    every_hz, every_power, every_late = (np.concatenate(each) for each in (hz, power, late))
+    order = np.argsort(every_hz, kind="stable")
+    loud = order[every_power[order] > 1e-6 * np.max(every_power)]
+    time_s = every_late[loud] / every_power[loud]
+    turn = 2.0 * np.pi * every_hz[loud] * time_s
+    return tuple((f, 0.0, t) for f, t in zip(every_hz[loud].tolist(), turn.tolist(), strict=True))

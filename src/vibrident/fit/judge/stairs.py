@@ -1,0 +1,68 @@
+"""The fit of a drive that is held between samples, with the instants of its edges as a nuisance parameter."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from vibrident.base.amounts import amount
+from vibrident.base.errors import VibridentError
+from vibrident.data.records import SystematicEffect
+from vibrident.fit.estimators.kinds.ipnn import Ipnn
+from vibrident.fit.judge.attempts import Fitted
+from vibrident.fit.judge.examined import departures_of
+from vibrident.physics.models import ADD_ONS, installed
+
+DELAY = "delay"
+ALIASING = "aliasing"  # of motion; a commanded step has any frequency
+HELD = "the drive is held between its samples, as stairs: zero-order hold"
+
+
+def fit_stairs(fitted: Fitted) -> Fitted:
+    """Return the fit of the same records with their drive held from sample to sample.
+
+    Converters of drive and response have no common instant: where the data show that the edges lie
+    beside the samples, by less than a step, the fit has them there, and the budget their
+    uncertainty. A model with a delay has that in it.
+    """
+    findings = tuple(each for each in fitted.evidence.findings if each.code != ALIASING)
+    evidence = replace(fitted.evidence, findings=findings)
+    fitted = replace(fitted, evidence=evidence, reason=HELD)
+    late_s = _lateness(fitted)
+    if late_s is None:
+        return fitted
+    stairs = fitted.estimator
+    assert isinstance(stairs, Ipnn)
+    rate_hz = evidence.records[0].sampling_rate_hz
+    value, u = late_s
+    pattern = tuple((f, 0.0, -2.0 * math.pi * f) for f in (0.0, 0.5 * rate_hz))
+    effect = SystematicEffect("the instants of the drive's edges", "edges", u, pattern=pattern)
+    late = replace(stairs, late_samples=value * rate_hz)
+    moved = Fitted.of(replace(evidence, effects=(effect,)), late, fitted.progress)
+    when = "after" if value > 0.0 else "before"
+    edges = f"edges {amount(abs(value), 's', 3)} ± {amount(u, 's', 1)} {when} the samples"
+    return replace(moved, reason=f"{HELD}, {edges}")
+
+
+def _lateness(fitted: Fitted) -> tuple[float, float] | None:
+    """Return by how much the edges come after the samples and its u, s; None where that is not shown."""
+    evidence = fitted.evidence
+    kinds = {each.departure.name for group in departures_of(fitted) for each in group.found}
+    if evidence.model.has_delay or (fitted.adequate and DELAY not in kinds):
+        return None
+    if len({record.sampling_rate_hz for record in evidence.records}) > 1:
+        return None
+    model = installed(f"{evidence.model.name}+{ADD_ONS[DELAY].name}")
+    if model is None:
+        return None
+    start = {**fitted.values, DELAY: 0.0}
+    try:
+        delayed = fitted.once(replace(evidence, model=model, start=start))
+    except VibridentError:
+        return None
+    coordinates, z = delayed.estimate.coordinates, delayed.estimate.z
+    place = model.parameter_names.index(DELAY)
+    variance = float(delayed.estimate.covariance[place, place])
+    late_s, u = delayed.values[DELAY], abs(float(coordinates.slopes(z)[place])) * math.sqrt(variance)
+    step_s = evidence.records[0].sampling_interval_s
+    return (late_s, u) if delayed.adequate and abs(late_s) < step_s else None

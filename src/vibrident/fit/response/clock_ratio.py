@@ -1,0 +1,263 @@
+"""The ratio of the clocks of two devices, where it is so far from one that no model fits.
+
+The response is read at instants t(1 + ε). Brought to the reference's clock it is what a rational
+transfer function makes of the reference (Sanathanan & Koerner 1963), of an order that any sensor's
+and a short delay's meets; elsewhere it has next to nothing in common with it. So ε is where that
+function, fitted to the windowed bins of all records together, leaves least. The valley is as wide as
+the inverse of the periods in a record: it is found in the first samples, where it is wide, and
+followed as their number doubles.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy import fft
+from numpy.typing import NDArray
+
+from vibrident.data.records import FloatArray, Record
+from vibrident.data.resampling import lost, resampled
+from vibrident.fit.response.alignment import LATE, WHITENED
+from vibrident.fit.response.response import ComplexArray
+from vibrident.fit.response.transform import about_mean, hann, power_of
+from vibrident.physics.discretisation.inputs import USABLE_BAND
+
+MAX_OFFSET = 0.045  # of a clock without crystal: 4 %, and a margin
+MAX_ORDER = 6  # of the transfer function: two modes and a high-pass, or a delay of a period
+MIN_POWER = 1e-4  # of a bin over the strongest of its record, to count as motion
+LOBE_BINS = 5  # of a tone under the window
+ITERATIONS = 3  # of the linearised fit
+MAX_PERIODS = 8  # by which a transfer function may stand in for two clocks
+PRECISION = 1e-3  # of the valley's width; the departure from the fit tells the last digits
+#: Unexplained part of the response below which a departure is told to first order: 0.14 rad.
+FIRST_ORDER = 0.02
+MIN_GAIN = 4.0  # by which the unexplained part must fall; leakage of short records makes 3
+FIRST_SAMPLES = 1 << 11  # in which the search begins
+LAST_SAMPLES = 1 << 17  # beyond which the valley is so narrow that the fit goes on by itself
+MAX_CANDIDATES = 256  # of valleys that look alike, as in the first of several shocks
+FINER = 8  # points of the interpolation between two samples; the search needs no better one
+
+
+def clock_offset(records: Sequence[Record]) -> float:
+    """Return ε, by which intervals of the response exceed those of the reference; 0 where that explains little."""
+    search = _Search.of(records, MAX_ORDER, MAX_ORDER, delayed=True)
+    if not search.driven or search.unexplained(0.0, LAST_SAMPLES) < FIRST_ORDER:
+        return 0.0
+    longest, samples = max(each.samples for each in search.driven), search.begin()
+    candidates, reach = np.zeros(1), MAX_OFFSET
+    while True:
+        width = search.valley(samples)
+        steps = np.arange(-np.ceil(reach / width), np.ceil(reach / width) + 1) * width
+        tried = np.unique(np.round((candidates[:, None] + steps) / width)) * width
+        left = np.array([search.unexplained(offset, samples) for offset in tried])
+        order = np.argsort(left)[:MAX_CANDIDATES]
+        candidates = tried[order[left[order] < max(2.0 * left[order[0]], 0.5)]]
+        if not candidates.size:
+            candidates = tried[order]
+        if samples >= min(longest, LAST_SAMPLES):
+            return search.bottom(float(tried[order[0]]), width, samples)
+        reach, samples = width, 2 * samples
+
+
+def nearby_offset(records: Sequence[Record], poles: int, zeros: int, *, delayed: bool) -> float:
+    """Return ε near zero by a transfer function of a model's order; 0 where it explains little.
+
+    In a sweep a higher order does what a ratio of the clocks does, to within some periods.
+    """
+    search = _Search.of(records, poles, zeros, delayed=delayed)
+    if not search.driven:
+        return 0.0
+    width = 0.5 * search.valley(LAST_SAMPLES)
+    tried = width * np.arange(-2 * MAX_PERIODS, 2 * MAX_PERIODS + 1)
+    left = [search.unexplained(offset, LAST_SAMPLES) for offset in tried]
+    return search.bottom(float(tried[int(np.argmin(left))]), width, LAST_SAMPLES)
+
+
+def at_reference_clock(record: Record, offset: float) -> Record:
+    """Return a record with its response brought to the clock of the reference.
+
+    Args:
+        record: its response is read at intervals 1 + ``offset`` times those of the reference.
+        offset: ε.
+    """
+    if record.reference is None or offset == 0.0:
+        return record
+    reach, n = lost(1.0), record.samples
+    first = int(np.ceil(reach * (1.0 + offset)))
+    last = min(n, int(np.floor((n - 1 - reach) * (1.0 + offset))) + 1)
+    if last - first < 8:
+        return record
+    positions = np.arange(first, last) / (1.0 + offset)
+    spoilt = np.concatenate([[0], np.cumsum(~record.mask)])
+    near = np.floor(positions).astype(int)
+    valid = spoilt[np.minimum(near + reach + 1, n)] == spoilt[np.maximum(near - reach, 0)]
+    of_reference = None
+    if record.reference_valid is not None or not record.mask.all():
+        of_reference = record.reference_mask[first:last]
+    said = f"response brought to the clock of the reference, by {offset:.6g}"
+    return replace(
+        record,
+        reference=record.reference[first:last],
+        response=resampled(record.response, positions, 1.0),
+        valid=valid,
+        reference_valid=of_reference,
+        start_time_s=record.start_time_s + first / record.sampling_rate_hz,
+        provenance=record.provenance.then(said),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Channels:
+    """Both channels of a record about their means, shape (samples,)."""
+
+    reference: FloatArray
+    response: FloatArray
+    rate_hz: float
+
+    @classmethod
+    def of(cls, record: Record) -> _Channels:
+        assert record.reference is not None
+        n = min(record.samples, LAST_SAMPLES)
+        response = about_mean(record.response, record.mask)[:n]
+        reference = about_mean(record.reference, record.reference_mask)[:n]
+        return cls(reference, response, record.sampling_rate_hz)
+
+    @property
+    def samples(self) -> int:
+        return len(self.reference)
+
+    def moves_in(self, samples: int) -> bool:
+        """Tell whether the first samples under their window move a quarter as much as all, in power."""
+        power, n = self.reference**2, min(samples, self.samples)
+        return float(hann(n) ** 2 @ power[:n]) / n >= 0.25 * float(np.mean(power))
+
+    @functools.cached_property
+    def finer(self) -> FloatArray:
+        """The response at FINER points a sample."""
+        bins = np.zeros(self.samples * FINER // 2 + 1, dtype=complex)
+        bins[: self.samples // 2 + 1] = fft.rfft(self.response)
+        return np.asarray(fft.irfft(bins, self.samples * FINER)) * FINER
+
+    def at(self, offset: float, samples: int) -> FloatArray:
+        """The response at the instants of the reference."""
+        if offset == 0.0:
+            return self.response[:samples]
+        places = np.arange(samples) * (FINER / (1.0 + offset))
+        return np.interp(places, np.arange(len(self.finer)), self.finer)
+
+    def bins(self, offset: float, samples: int) -> _Bins:
+        """Both channels in a band that holds all of the motion."""
+        n = min(samples, self.samples)
+        window = hann(n)
+        x, y = (np.asarray(fft.rfft(v * window)) for v in (self.reference[:n], self.at(offset, n)))
+        power = power_of(x[: int(USABLE_BAND * n) + 1])
+        power[:2] = 0.0  # means under the window
+        motion = np.flatnonzero(power > MIN_POWER * np.max(power))
+        first = max(int(motion[0] * (1.0 - MAX_OFFSET)) - 2, 1)
+        last = min(int(motion[-1] * (1.0 + MAX_OFFSET)) + 3, n // 2 + 1)
+        total = float(np.sum(power_of(y[first:last]))) or 1.0
+        late = _lateness(x, y, motion, n) if len(motion) > MAX_ORDER * LOBE_BINS else 0
+        return _Bins(motion * (self.rate_hz / n), x[motion], y[motion], total, late / self.rate_hz)
+
+
+class _Bins(NamedTuple):
+    """Bins of a record where there is motion."""
+
+    hz: FloatArray
+    reference: ComplexArray
+    response: ComplexArray
+    total: float  # power of the response in the whole band
+    late_s: float  # by which most of the response comes after the reference
+
+
+def _lateness(x: ComplexArray, y: ComplexArray, motion: NDArray[np.int_], n: int) -> int:
+    """Return by how many samples the impulse response has its peak late; 0 where poles make that."""
+    ratio = np.zeros(n // 2 + 1, dtype=complex)
+    power = power_of(x[motion])
+    ratio[motion] = y[motion] * np.conj(x[motion]) / (power + WHITENED * np.max(power))
+    peak = int(np.argmax(np.abs(fft.irfft(ratio, n))))
+    peak = peak if peak < n // 2 else peak - n
+    return peak if abs(peak) >= LATE else 0
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """What a rational transfer function leaves of the records at a ratio of the clocks.
+
+    Each record counts by its size, so that one large one does not decide; a common delay comes
+    from that with most bins.
+    """
+
+    driven: tuple[_Channels, ...]
+    poles: int
+    zeros: int
+    delayed: bool
+
+    @classmethod
+    def of(cls, records: Sequence[Record], poles: int, zeros: int, *, delayed: bool) -> _Search:
+        driven = tuple(_Channels.of(each) for each in records if each.reference is not None)
+        return cls(driven, poles, zeros, delayed)
+
+    def begin(self) -> int:
+        """Return in how many samples the motion is as strong as in the records, nearly."""
+        samples = FIRST_SAMPLES
+        while samples < LAST_SAMPLES and not any(each.moves_in(samples) for each in self.driven):
+            samples *= 2
+        return samples
+
+    def valley(self, samples: int) -> float:
+        """Return the width of the valley: the inverse of the periods of the fastest motion in the samples."""
+        fastest = [(each.bins(0.0, samples).hz[-1], each) for each in self.driven]
+        return 1.0 / max(hz * min(samples, each.samples) / each.rate_hz for hz, each in fastest)
+
+    def unexplained(self, offset: float, samples: int) -> float:
+        """Return the part of the response's power that no rational function of the reference explains."""
+        parts = [each.bins(offset, samples) for each in self.driven]
+        late_s = max(parts, key=lambda part: len(part.hz)).late_s if self.delayed else 0.0
+        hz = np.concatenate([part.hz for part in parts])
+        motion, response = (
+            np.concatenate([part[k] / np.sqrt(part.total) for part in parts]) for k in (1, 2)
+        )
+        response = response * np.exp(2j * np.pi * late_s * hz)
+        tones = len(hz) // LOBE_BINS
+        residual = response - self._rational(hz, motion, response, tones) * motion
+        explained = float(np.sum(power_of(response)) - np.sum(power_of(residual)))
+        return max(1.0 - explained / len(parts), np.finfo(float).tiny)
+
+    def _rational(
+        self, hz: FloatArray, motion: ComplexArray, response: ComplexArray, tones: int
+    ) -> ComplexArray:
+        """Return the transfer function of least squares; tones tell of one as many numbers as they have."""
+        poles, zeros = int(np.clip(tones - 1, 0, self.poles)), min(tones, self.zeros)
+        powers = (1j * hz / hz.max()) ** np.arange(max(poles, zeros) + 1)[:, None]
+        denominator = np.ones(len(motion), dtype=complex)
+        numerator = denominator
+        for _ in range(ITERATIONS):
+            rows = [powers[1 : poles + 1] * response, -powers[: zeros + 1] * motion]
+            columns = (np.concatenate(rows) / denominator).view(float)
+            target = np.ascontiguousarray(response / denominator).view(float)
+            size = np.maximum(np.linalg.norm(columns, axis=1), np.finfo(float).tiny)
+            columns /= size[:, None]
+            solution, *_ = np.linalg.lstsq(columns @ columns.T, columns @ target, rcond=1e-11)
+            factors = -solution / size
+            denominator = 1.0 + factors[:poles] @ powers[1 : poles + 1]
+            numerator = factors[poles:] @ powers[: zeros + 1]
+        return numerator / denominator
+
+    def bottom(self, offset: float, width: float, samples: int) -> float:
+        """Return the bottom of a valley (Brent 1973); 0 where it is not much deeper than there."""
+        from scipy.optimize import minimize_scalar  # slow to load
+
+        ends = (offset - width, offset + width)
+        lowest = minimize_scalar(
+            lambda place: self.unexplained(place, samples),
+            bounds=ends,
+            method="bounded",
+            options={"xatol": PRECISION * width},
+        )
+        gain = self.unexplained(0.0, samples) / float(lowest.fun)
+        return float(lowest.x) if gain > MIN_GAIN else 0.0
