@@ -20,9 +20,10 @@ RESULTS = Path(__file__).resolve().parents[1] / "results"
 PAGE = RESULTS.parents[1] / "docs" / "adversary.md"
 MAX_CASE_CPU_S = 120.0  # a case that needs more is given up and counts as a traceback
 SECTION = "## Drawn groups: "
-TEXT = """Written by `python -m bench.adversary --groups NAME … --first RUN --keep {state}`. The number of the run
-draws what a case's name does not say: where the sensor lies (below the whole band, in it, at its end, above, far
-above), damping, level and colour of the noise, shape of the motion, number and length of the records.
+TEXT = """Written by `python -m bench.adversary --groups NAME … --first RUN --keep {state}`. The number of
+the run draws what a case's name does not say: where the sensor lies (below the whole band, in it,
+at its end, above, far above), damping, level and colour of the noise, shape of the motion, number
+and length of the records.
 
 - Clean: `quantities`, every quantity of the reference, linear model and motion, `running` where it
   runs when the record begins; `noises`, 1e-5 to 3 % noise of the reference, white, pink, AR(2), brown
@@ -34,8 +35,8 @@ above), damping, level and colour of the noise, shape of the motion, number and 
   noise declared decays.
 
 `named`: a warning names the cause (`clocks`: `clock_suspect`; `friction`: `nonlinear`).
-`runaway`: a parameter is wrong and more than 30 % off, warned of or not. A case is given up after
-60 CPU s (`long`: 150) and counts as a traceback then.
+`runaway`: a parameter is wrong and more than 30 % off, warned of or not. A case is given up
+after the CPU seconds in `limit` and counts as a traceback then.
 """
 LISTED = """Failures and runaways. `python -m bench.adversary --show NAME --run RUN` runs one again.
 """
@@ -48,7 +49,8 @@ def main(arguments: list[str]) -> int:
     lines = []
     for name in given.groups:
         for case, run in _wanted(name, given):
-            line = {"name": case.name, "run": run, **_limited(case, run, given.limit)}
+            line = {"name": case.name, "run": run, "limit": given.limit}
+            line |= _limited(case, run, given.limit)
             lines.append(line)
             if given.verbose or line["class"] in BAD or line.get("runaway"):
                 _print(describe_failure(line))
@@ -115,7 +117,7 @@ def describe_failure(line: dict[str, Any]) -> str:
 def sums(lines: list[dict[str, Any]]) -> list[tuple[str, ...]]:
     """Return a header and a row a group: cases, classes, runaways, silence, CPU seconds."""
     head = ("group", "cases", "right", "warned", "refused", "silent-wrong", "false alarm")
-    rows: list[tuple[str, ...]] = [(*head, "traceback", "named", "runaway", "CPU s", "longest")]
+    rows: list[tuple[str, ...]] = [(*head, "traceback", "named", "runaway", "CPU s", "longest", "limit")]
     for group in dict.fromkeys(line["name"].split("/")[0] for line in lines):
         own = [line for line in lines if line["name"].split("/")[0] == group]
         counts = Counter(line["class"] for line in own)
@@ -128,6 +130,7 @@ def sums(lines: list[dict[str, Any]]) -> list[tuple[str, ...]]:
                 str(sum(bool(line.get("runaway")) for line in own) or ""),
                 f"{sum(line['cpu'] for line in own):.0f}",
                 f"{max(line['cpu'] for line in own):.1f}",
+                f"{max(line.get('limit', 0.0) for line in own):.0f}",
             )
         )
     return rows
@@ -159,7 +162,7 @@ def sections() -> list[str]:
         figures = json.loads(file.read_text(encoding="utf-8"))
         state = file.stem.partition("-")[2]
         head = sums([])[0]
-        rows = [tuple(group["figures"][label] for label in head) for group in figures.values()]
+        rows = [tuple(group["figures"].get(label, "") for label in head) for group in figures.values()]
         parts += [f"{SECTION}{state}", "", TEXT.format(state=state)]
         parts += [markdown.table(head, rows, right=range(1, len(head))), "", LISTED, ""]
         for name, group in figures.items():
