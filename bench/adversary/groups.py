@@ -17,12 +17,14 @@ from bench.adversary.judge import BAD, SILENT, judged, quiet
 from vibrident.show.media import markdown
 
 RESULTS = Path(__file__).resolve().parents[1] / "results"
+WIDE = 3.0  # ratio of u to that of the same recordings without what is wrong
 PAGE = RESULTS.parents[1] / "docs" / "adversary.md"
 MAX_CASE_CPU_S = 120.0  # a case that needs more is given up and counts as a traceback
 SECTION = "## Drawn groups: "
-TEXT = """Written by `python -m bench.adversary --groups NAME … --first RUN --keep {state}`. The number of the run
-draws what a case's name does not say: where the sensor lies (below the whole band, in it, at its end, above, far
-above), damping, level and colour of the noise, shape of the motion, number and length of the records.
+TEXT = """Written by `python -m bench.adversary --groups NAME … --first RUN --keep {state}`. The number of
+the run draws what a case's name does not say: where the sensor lies (below the whole band, in it,
+at its end, above, far above), damping, level and colour of the noise, shape of the motion, number
+and length of the records.
 
 - Clean: `quantities`, every quantity of the reference, linear model and motion, `running` where it
   runs when the record begins; `noises`, 1e-5 to 3 % noise of the reference, white, pink, AR(2), brown
@@ -34,8 +36,10 @@ above), damping, level and colour of the noise, shape of the motion, number and 
   noise declared decays.
 
 `named`: a warning names the cause (`clocks`: `clock_suspect`; `friction`: `nonlinear`).
-`runaway`: a parameter is wrong and more than 30 % off, warned of or not. A case is given up after
-60 CPU s (`long`: 150) and counts as a traceback then.
+`runaway`: a parameter is wrong and more than 30 % off, warned of or not. `wide`, of `wild` alone: a
+standard uncertainty is more than three times that of the same recordings without the wild samples,
+and the case is in the list. A case is given up
+after the CPU seconds in `limit` and counts as a traceback then.
 """
 LISTED = """Failures and runaways. `python -m bench.adversary --show NAME --run RUN` runs one again.
 """
@@ -48,9 +52,10 @@ def main(arguments: list[str]) -> int:
     lines = []
     for name in given.groups:
         for case, run in _wanted(name, given):
-            line = {"name": case.name, "run": run, **_limited(case, run, given.limit)}
+            line = {"name": case.name, "run": run, "limit": given.limit}
+            line |= _limited(case, run, given.limit)
             lines.append(line)
-            if given.verbose or line["class"] in BAD or line.get("runaway"):
+            if given.verbose or is_failure(line):
                 _print(describe_failure(line))
     _print("")
     for row in sums(lines):
@@ -97,6 +102,12 @@ def _limited(case: Case, run: int, limit_s: float) -> dict[str, Any]:
         signal.signal(signal.SIGPROF, before)
 
 
+def is_failure(line: dict[str, Any]) -> bool:
+    """Return whether a case belongs on the list: a bad class, a runaway, or u far too large."""
+    wide = (line.get("u_ratio") or 0.0) > WIDE
+    return line["class"] in BAD or bool(line.get("runaway")) or wide
+
+
 def describe_failure(line: dict[str, Any]) -> str:
     """Return one line: class, case, what is furthest off, what was said, what chance had set."""
     z = line.get("z") or {"-": 0.0}
@@ -105,9 +116,10 @@ def describe_failure(line: dict[str, Any]) -> str:
     said = ",".join(line["codes"])
     if said in ("", "refused"):
         said = line["says"][0][:90] if line["says"] else "nothing"
+    wide = f"u x {line['u_ratio']:.3g}; " if line.get("u_ratio") else ""
     off = "" if name == "-" or z[name] >= 1e300 else f"{name} {z[name]:.3g} u; "
     return (
-        f"{line['class']}{away} `{line['name']}` --run {line['run']}: {off}said {said};"
+        f"{line['class']}{away} `{line['name']}` --run {line['run']}: {off}{wide}said {said};"
         f" {line['cpu']} s; {line.get('drawn', '')}"
     )
 
@@ -115,7 +127,7 @@ def describe_failure(line: dict[str, Any]) -> str:
 def sums(lines: list[dict[str, Any]]) -> list[tuple[str, ...]]:
     """Return a header and a row a group: cases, classes, runaways, silence, CPU seconds."""
     head = ("group", "cases", "right", "warned", "refused", "silent-wrong", "false alarm")
-    rows: list[tuple[str, ...]] = [(*head, "traceback", "named", "runaway", "CPU s", "longest")]
+    rows: list[tuple[str, ...]] = [(*head, "traceback", "named", "runaway", "wide", "CPU s", "longest", "limit")]
     for group in dict.fromkeys(line["name"].split("/")[0] for line in lines):
         own = [line for line in lines if line["name"].split("/")[0] == group]
         counts = Counter(line["class"] for line in own)
@@ -126,8 +138,10 @@ def sums(lines: list[dict[str, Any]]) -> list[tuple[str, ...]]:
                 *(str(counts[kind] or "") for kind in (*head[2:], "traceback")),
                 str(sum(bool(line.get("named")) for line in own) or ""),
                 str(sum(bool(line.get("runaway")) for line in own) or ""),
+                str(sum((line.get("u_ratio") or 0.0) > WIDE for line in own) or ""),
                 f"{sum(line['cpu'] for line in own):.0f}",
                 f"{max(line['cpu'] for line in own):.1f}",
+                f"{max(line.get('limit', 0.0) for line in own):.0f}",
             )
         )
     return rows
@@ -140,7 +154,7 @@ def keep(state: str, first: int, lines: list[dict[str, Any]]) -> None:
     head, *rows = sums(lines)
     for row in rows:
         failed = [line for line in lines if line["name"].split("/")[0] == row[0]]
-        failed = [line for line in failed if line["class"] in BAD or line.get("runaway")]
+        failed = [line for line in failed if is_failure(line)]
         failed.sort(key=lambda line: (line["class"] != SILENT, line["class"], line["name"]))
         figures[row[0]] = {
             "first": first,
@@ -159,7 +173,7 @@ def sections() -> list[str]:
         figures = json.loads(file.read_text(encoding="utf-8"))
         state = file.stem.partition("-")[2]
         head = sums([])[0]
-        rows = [tuple(group["figures"][label] for label in head) for group in figures.values()]
+        rows = [tuple(group["figures"].get(label, "") for label in head) for group in figures.values()]
         parts += [f"{SECTION}{state}", "", TEXT.format(state=state)]
         parts += [markdown.table(head, rows, right=range(1, len(head))), "", LISTED, ""]
         for name, group in figures.items():
