@@ -181,10 +181,11 @@ class RecordBins:
         return np.asarray(fft.rfft(np.asarray(fft.irfft(lines, self.samples)) * self.used))
 
 
-def bins_of_series(record: Record, predicted: FloatArray, parameters: int) -> RecordBins:
+def bins_of_series(record: Record, predicted: FloatArray, unit: float, parameters: int) -> RecordBins:
     """Bins of a record from its predicted response, NaN where it is not defined, beside offset, drift and known hum.
 
     For a network that runs in time: slopes, zero of so many ``parameters``, and response in frequency are not known.
+    ``unit``: in which the bins are, response unit.
     """
     used = record.mask & np.isfinite(predicted)
     span = span_of(used)
@@ -193,8 +194,7 @@ def bins_of_series(record: Record, predicted: FloatArray, parameters: int) -> Re
     measured, modelled = (np.where(used, series[span], 0.0) for series in (record.response, predicted))
     straight = np.stack([used, used * np.linspace(-1.0, 1.0, used.size)])
     lines = np.fft.rfft(np.concatenate([[measured - modelled, modelled], straight, np.arange(used.size) * straight]))
-    size = max(float(np.std(measured)), np.finfo(float).tiny)
-    lines[:2] /= size
+    lines[:2] /= unit
     step = converter_step(record.response, record.mask) / np.sqrt(12.0)
     return RecordBins(
         lines[0],
@@ -205,7 +205,7 @@ def bins_of_series(record: Record, predicted: FloatArray, parameters: int) -> Re
         lambda edges: _made(lines[2:] if edges else lines[2:4]),
         None,
         np.zeros(parameters),
-        max(LEAST_DEVIATION, step / size) ** 2,
+        (max(LEAST_DEVIATION * float(np.std(measured)), step, np.finfo(float).tiny) / unit) ** 2,
         tuple(hz * used.size / record.sampling_rate_hz for hz in record.hum_hz),
     ).beside_drift()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
@@ -19,7 +20,9 @@ from vibrident.fit.estimators.residual_tones import network_problem, residual_to
 from vibrident.fit.noise.motion import motion_of
 from vibrident.fit.problem import BinProblem, Evidence, network_of
 from vibrident.fit.response import MeasuredResponse
-from vibrident.fit.response.transform import about_mean, power_of
+from vibrident.fit.response.alignment import TINY
+from vibrident.fit.response.rounding import rounding_variance
+from vibrident.fit.response.transform import about_mean, line_frequencies, power_of
 from vibrident.fit.response.verdict import REJECTION, probability
 from vibrident.fit.uncertainty.adequacy import (
     Adequacy,
@@ -99,12 +102,12 @@ def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
         tones = estimate.tones or _tones(evidence, estimate, values)
         points.append(tone_points(tones, response, [record.name for record in evidence.records]))
         shares.append(_powers_of_tones(tones, response))
-    for index, bins in weighed_records(evidence, estimate, predicted):
+    for index, unit, bins in weighed_records(evidence, estimate, predicted):
         record = evidence.records[index]
         sine = record.excitation == "sine"
         if sine and tones is not None:
             continue
-        factors = band_factors(bins, sine=sine)
+        factors = band_factors(bins, sine=sine, least=_of_rounding(record, bins, unit, response))
         points += [] if factors is None else [factor_points(factors, record, bins.record.samples, response)]
         shares.append(_powers(evidence, record, predicted[index], bins, model.delay_s(values)))
     decays = decay_deviations(evidence.records, model, values)
@@ -129,25 +132,35 @@ def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
 
 def weighed_records(
     evidence: Evidence, estimate: Estimate, predicted: Sequence[FloatArray]
-) -> Iterator[tuple[int, Weighed]]:
-    """Records with a reference at the bins of their transforms, weighted by the noise at the estimate; with numbers.
+) -> Iterator[tuple[int, float, Weighed]]:
+    """Yield records with a reference at their bins, weighted by the noise at the estimate; with number and unit.
 
     ``predicted``: response of each record, NaN where it is not defined.
     """
     problem, network, step = estimate.problem, estimate.findings.network, np.zeros(len(estimate.z))
     by_bins = isinstance(problem, BinProblem) and estimate.criterion == "samples" and network is not None
+    size = [max(float(np.std(record.response[record.mask])), TINY) for record in evidence.records]
+    units = network.noise.tolist() if by_bins and network is not None else size
     for some in together(evidence.records):
         numbers = range(len(evidence.records))[some]
         if by_bins:
             lines = problem.lines(estimate.z, estimate.coordinates, network.noise, some)
         else:
-            lines = [bins_of_series(evidence.records[i], predicted[i], len(estimate.z)) for i in numbers]
-        pairs = zip(numbers, lines, strict=True)
-        pairs = [(i, own) for i, own in pairs if own.count >= 8 and evidence.records[i].reference is not None]
-        lines = [own for _, own in pairs]
+            lines = [bins_of_series(evidence.records[i], predicted[i], units[i], len(step)) for i in numbers]
+        told = [
+            own.count >= 8 and evidence.records[i].reference is not None for i, own in zip(numbers, lines, strict=True)
+        ]
+        lines = list(itertools.compress(lines, told))
         motions = [motion_of(own) for own in lines]
         noisy = Weighed.at(lines, motions, step, beside_hum(lines, motions), known=True)
-        yield from zip([i for i, _ in pairs], noisy, strict=True)
+        yield from ((i, units[i], own) for i, own in zip(itertools.compress(numbers, told), noisy, strict=True))
+
+
+def _of_rounding(record: Record, bins: Weighed, unit: float, response: Response) -> FloatArray | float:
+    """Variance a sample of the converters' rounding, which noise is not believed to be below, shape (bins,)."""
+    hz = line_frequencies(bins.record.samples, record.sampling_rate_hz)[: bins.record.residual.size]
+    found = rounding_variance(record, lambda: power_of(response(hz)))
+    return 0.0 if found is None else found / unit**2
 
 
 def _powers(evidence: Evidence, record: Record, predicted: FloatArray, bins: Weighed, delay_s: float) -> FloatArray:

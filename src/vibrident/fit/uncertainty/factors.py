@@ -60,10 +60,10 @@ class Factors:
     unweighted: FloatArray
 
 
-def band_factors(bins: Weighed, *, sine: bool) -> Factors | None:
+def band_factors(bins: Weighed, *, sine: bool, least: FloatArray | float = 0.0) -> Factors | None:
     """Return the factors of a record's bands, or None where no band holds enough of the motion.
 
-    ``sine``: all bins are one band.
+    ``sine``: all bins are one band; ``least``: variance, a sample, that no noise is below, shape (bins,).
     """
     record, last = bins.record, bins.record.residual.size
     edges = distinct(np.minimum(band_edges(record.samples, 1.0).astype(int), last))
@@ -91,7 +91,9 @@ def band_factors(bins: Weighed, *, sine: bool) -> Factors | None:
     rest = left - np.where(kept, rho, 0.0)[_band_of(edges, last)] * motion * (weight > 0.0)
     uneven, even = _while_moving(bins, rest * np.sqrt(weight), motion * np.sqrt(weight), edges)
     own = np.minimum(1.0, variance * flat / max(record.samples, 1))
-    floor = np.maximum(variance * uneven, LEAST_DEVIATION**2 * strongest / np.maximum(power, 1e-300))
+    lowest = 0.5 * record.count * _sums(np.broadcast_to(least, last), edges) / np.diff(edges)
+    lowest = np.maximum(lowest, LEAST_DEVIATION**2 * strongest) / np.maximum(power, 1e-300)
+    floor = np.maximum(variance * uneven, lowest)
     squares *= variance / floor
     place, freedom = moment / np.maximum(power, 1e-300), np.full(len(rho), even * noise_freedom(bins))
     return Factors(*(each[kept] for each in (place, rho, np.sqrt(floor), squares, freedom, own)))
