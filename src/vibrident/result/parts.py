@@ -143,7 +143,9 @@ class Fit(Part):
     rmse = √mean(e²), mae = mean|e|, mse = rmse², r2 = 1 − mse/var(y), rpd = sd(y)/rmse (population
     sd),
     nrmse = rmse/sd(y). ``chi2_reduced`` compares the deviation at the excited frequencies with its
-    uncertainty; ``degrees_of_freedom`` belongs to it.
+    uncertainty; ``degrees_of_freedom`` belongs to it. ``explained`` is the share of the response's
+    power, in the band of the motion, that the model explains, and ``coherent`` the share that any
+    linear sensor could explain.
     """
 
     rmse: Number
@@ -155,6 +157,8 @@ class Fit(Part):
     chi2_reduced: float | None
     degrees_of_freedom: int
     adequate: bool
+    explained: Number = math.nan
+    coherent: Number = math.nan
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -29,7 +29,7 @@ from vibrident.use.comparison import criteria, recommendation
 if TYPE_CHECKING:
     from vibrident.use.planning import Plan
 
-_FIELDS = ("rmse", "mae", "mse", "r2", "rpd", "chi2_reduced")
+_FIELDS = ("rmse", "mae", "mse", "r2", "rpd", "explained", "coherent", "chi2_reduced")
 
 
 def labels(results: Sequence[Result]) -> list[str]:

@@ -145,7 +145,7 @@ def fit(result: Result) -> Table:
         if power == 1 and value:
             text, label = plain(value * scale.factor, 4), scale.unit
         else:
-            text = plain(value, 6 if field == "r2" else 4)
+            text = plain(value, 6 if field in ("r2", "explained", "coherent") else 4)
             label = {0: "1", 1: pretty(unit), 2: f"({pretty(unit)})²" if "/" in unit else f"{pretty(unit)}²"}[power]
         rows.append((metric.label, text, label, metric.definition))
     verdict = "adequate" if result.fit.adequate else "not adequate (see the warnings)"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -77,6 +78,8 @@ def fit_line(result: Result) -> Sentence:
         parts.append(f"nrmse {plain(100 * fit.nrmse, 3)} %")
     if fit.r2 is not None:
         parts.append(f"R² {plain(fit.r2, 6)}")
+    if math.isfinite(fit.explained):
+        parts.append(f"explained {plain(100 * fit.explained, 4)} % of {plain(100 * fit.coherent, 4)} % coherent")
     if fit.chi2_reduced is not None:
         parts.append(f"χ²/ν {plain(fit.chi2_reduced, 3)} (ν = {fit.degrees_of_freedom})")
     said = ("fine", "adequate") if fit.adequate else ("doubt", "not adequate")

@@ -40,6 +40,8 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
         "r2": Metric("R²", "1 − MSE / var(y); 1 is perfect"),
         "rpd": Metric("RPD", "sd(y) / RMSE, population standard deviation; large is good"),
         "nrmse": Metric("NRMSE", "RMSE / sd(y); small is good"),
+        "explained": Metric("explained", "share of the response's power in the band that the model explains"),
+        "coherent": Metric("coherent", "share of that power that any linear sensor could explain: local coherence"),
         "chi2_reduced": Metric(
             "χ²/ν",
             "mean squared deviation at the excited frequencies over its squared uncertainty; about 1 is adequate",

@@ -17,6 +17,7 @@ from vibrident.fit.problem import Coordinates, Evidence
 from vibrident.fit.response import measure_bands
 from vibrident.fit.start.start import Start
 from vibrident.fit.uncertainty.adequacy import Adequacy
+from vibrident.fit.uncertainty.explained import Shares
 from vibrident.physics.models import parse
 from vibrident.physics.simulation import simulate
 
@@ -116,7 +117,7 @@ def test_a_fit_that_leaves_most_of_the_response_is_no_better_for_the_few_bands_i
     bands = measure_bands(made.records)
     evidence = Evidence(made, parse("accelerometer"), made.records, None, bands, ())
     estimate, judgement = fitted(SECOND, "spectrum", 0.6)
-    other = estimate, replace(judgement, predicted=tuple((1.0 - left**0.5) * r.response for r in made.records))
+    other = estimate, replace(judgement, shares=Shares(1.0 - left, 1.0, 100.0))
     monkeypatch.setattr(attempts, "judged", lambda *_: other[1])
     best = attempts.Fitted(evidence, *fitted(FIRST, "white", 9.0, adequate=False), Rejected(), silent)  # type: ignore[arg-type]
     assert (attempts._tried(SECOND, best) is best) == (left > 0.5)

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 import vibrident
-from vibrident.data.records import Calibration, Record
+from vibrident.data.records import Calibration
 from vibrident.fit.information import inverse_normal
 from vibrident.fit.response.verdict import REJECTION, as_chi2, chance_of
-from vibrident.fit.uncertainty.adequacy import band_points
 from vibrident.physics.simulation import SENSORS, ChannelNoise, simulate, with_noise
 
 TRUTH = dict(SENSORS["paper"].parameters)
@@ -83,36 +82,6 @@ def test_misfits_of_all_points_and_of_one_are_found(single: bool) -> None:
         else:
             squares *= 2.0
         assert chance_of(as_chi2(squares, freedom), 297) < REJECTION
-
-
-def test_points_of_a_record_that_is_used_in_part_are_those_of_that_part() -> None:
-    """A third of a record that does not count changes nothing: lines of the whole record tell no more of its noise."""
-    rng, n, first = np.random.default_rng(3), 3000, 1000
-    motion, noise = rng.standard_normal(n), 0.1 * rng.standard_normal(n)
-    valid = np.arange(n) >= first
-    more = {"name": "r", "sampling_rate_hz": 1000.0, "excitation": "random"}
-    whole = Record(reference=motion, response=motion + noise, valid=valid, **more)
-    part = Record(reference=motion[first:], response=(motion + noise)[first:], **more)
-    one = np.ones_like
-    seen = band_points(whole, np.where(valid, motion, np.nan), one)
-    alone = band_points(part, motion[first:], one)
-    for each in ("frequency_hz", "squares", "freedom"):
-        np.testing.assert_array_equal(getattr(seen, each), getattr(alone, each))
-
-
-def test_a_straight_drift_is_no_deviation() -> None:
-    """It is in every fit: its ends, which jump, leak into all bands of a shock, that agree in phase."""
-    rng, n = np.random.default_rng(4), 2000
-    motion, noise = np.exp(-(((np.arange(n) - 300.0) / 20.0) ** 2)), 1e-3 * rng.standard_normal(n)
-    drift = np.linspace(0.0, 0.05, n)
-    more = {"name": "r", "sampling_rate_hz": 1000.0, "excitation": "shock", "reference": motion}
-    one = np.ones_like
-    still, drifting = (
-        band_points(Record(response=motion + noise + slow, **more), motion, one) for slow in (0.0 * drift, drift)
-    )
-    assert still is not None
-    assert drifting is not None
-    np.testing.assert_allclose(drifting.squares, still.squares, rtol=1e-6)
 
 
 def test_an_open_direction_gets_a_large_variance_and_the_others_keep_theirs() -> None:

@@ -9,17 +9,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy import fft
 
-from vibrident.data.records import BoolArray, FloatArray
+from vibrident.base.fft_lengths import fast_below
+from vibrident.data.records import BoolArray, FloatArray, Record
+from vibrident.data.records.basis import span_of
 from vibrident.fit.bins.normal import horner
 from vibrident.fit.bins.segments import MOST_KEPT, shifted_lines, tone_bins
 from vibrident.fit.bins.series import SegmentSeries
 from vibrident.fit.information import inverse_where_shown
-from vibrident.fit.response.response import ComplexArray
+from vibrident.fit.response.response import LEAST_DEVIATION, ComplexArray
+from vibrident.fit.response.rounding import converter_step
 from vibrident.fit.response.transform import in_blocks, line_counts, power_of, waves
+from vibrident.physics.discretisation.inputs import USABLE_BAND
 
 #: Free responses of a record in pieces are not looked at beyond so many columns, or so many numbers: its samples keep
 #: equal weights.
 MOST_COLUMNS, LARGEST = 400, 1e8
+#: Largest part of a record that is left out for a length that transforms fast.
+MAX_LOST = 0.01
 #: Step of the central differences of the response.
 STEP = 1e-5
 
@@ -173,6 +179,35 @@ class RecordBins:
         if self.used.all():
             return lines
         return np.asarray(fft.rfft(np.asarray(fft.irfft(lines, self.samples)) * self.used))
+
+
+def bins_of_series(record: Record, predicted: FloatArray, unit: float, parameters: int) -> RecordBins:
+    """Bins of a record from its predicted response, NaN where it is not defined, beside offset, drift and known hum.
+
+    For a network that runs in time: slopes, zero of so many ``parameters``, and response in frequency are not known.
+    ``unit``: in which the bins are, response unit.
+    """
+    used = record.mask & np.isfinite(predicted)
+    span = span_of(used)
+    span = slice(span.start, span.start + fast_below(span.stop - span.start, MAX_LOST)) if used.any() else span
+    used = used[span]
+    measured, modelled = (np.where(used, series[span], 0.0) for series in (record.response, predicted))
+    straight = np.stack([used, used * np.linspace(-1.0, 1.0, used.size)])
+    lines = np.fft.rfft(np.concatenate([[measured - modelled, modelled], straight, np.arange(used.size) * straight]))
+    lines[:2] /= unit
+    step = converter_step(record.response, record.mask) / np.sqrt(12.0)
+    return RecordBins(
+        lines[0],
+        lines[1].__getitem__,
+        used,
+        counted(used.size, USABLE_BAND),
+        np.zeros((parameters, lines.shape[1]), dtype=complex),
+        lambda edges: _made(lines[2:] if edges else lines[2:4]),
+        None,
+        np.zeros(parameters),
+        (max(LEAST_DEVIATION * float(np.std(measured)), step, np.finfo(float).tiny) / unit) ** 2,
+        tuple(hz * used.size / record.sampling_rate_hz for hz in record.hum_hz),
+    ).beside_drift()
 
 
 def without_offset(residual: ComplexArray) -> None:

@@ -10,11 +10,11 @@ from numpy import fft
 
 from vibrident.data.records import BoolArray, FloatArray, Record
 from vibrident.fit.bins import without_offset
-from vibrident.fit.departures.noise import slow_profile
 from vibrident.fit.departures.part import ROUNDING, Part, harmonics_of, orthonormal, without
 from vibrident.fit.information import inverse_normal
 from vibrident.fit.noise.incoherent import HEARD
 from vibrident.fit.noise.motion import Motion
+from vibrident.fit.noise.profile import slow_profile
 from vibrident.fit.noise.spectrum import DOUBT, NoiseSpectrum, noise_spectrum
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import power_of

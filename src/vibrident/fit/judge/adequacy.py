@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -10,22 +11,30 @@ import numpy as np
 
 from vibrident.base.amounts import plain
 from vibrident.base.errors import InputError
-from vibrident.data.records import FloatArray, SystematicEffect
+from vibrident.data.records import FloatArray, Record, SystematicEffect
+from vibrident.fit.bins.record import bins_of_series
 from vibrident.fit.decay import decay_deviations
+from vibrident.fit.descent.iterate import Weighed, beside_hum, together
 from vibrident.fit.estimators import Estimate
 from vibrident.fit.estimators.residual_tones import network_problem, residual_tones
-from vibrident.fit.problem import Evidence, network_of
+from vibrident.fit.noise.motion import motion_of
+from vibrident.fit.problem import BinProblem, Evidence, network_of
 from vibrident.fit.response import MeasuredResponse
-from vibrident.fit.response.explained import unexplained
+from vibrident.fit.response.alignment import TINY
+from vibrident.fit.response.rounding import rounding_variance
+from vibrident.fit.response.transform import about_mean, line_frequencies, power_of
 from vibrident.fit.response.verdict import REJECTION, probability
 from vibrident.fit.uncertainty.adequacy import (
     Adequacy,
     Points,
+    Response,
     assess,
-    band_points,
+    factor_points,
     looks_random,
     tone_points,
 )
+from vibrident.fit.uncertainty.explained import UNKNOWN_SHARES, Shares, powers, shares_of
+from vibrident.fit.uncertainty.factors import band_factors
 from vibrident.fit.uncertainty.steps import effects_of_steps
 from vibrident.physics.discretisation import Weights
 from vibrident.physics.discretisation.weights import weight_table
@@ -55,6 +64,7 @@ class Judgement:
         effects: stated and found ones, and how much of each the data show, in its standard uncertainties.
         remedied: χ²/ν of another model that explains the data, so that all else is misfit; None where none does.
         explained_by: name of that model.
+        shares: of the response's power.
     """
 
     adequacy: Adequacy
@@ -70,38 +80,42 @@ class Judgement:
     effects: tuple[tuple[SystematicEffect, float], ...] = ()
     remedied: float | None = None
     explained_by: str = ""
+    shares: Shares = UNKNOWN_SHARES
+
+    @property
+    def explained(self) -> float:
+        """Share of the response's power that the model explains; all where that is not known."""
+        return 1.0 if np.isnan(self.shares.explained) else self.shares.explained
 
 
 def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
-    """Predict every record and compare, tone by tone and band by band."""
+    """Predict every record and compare, band by band."""
     model, quantity = evidence.model, evidence.quantity
     values = estimate.coordinates.values(estimate.z)
 
     def response(frequency: FloatArray) -> Any:
         return model.frequency_response(values, np.asarray(frequency), quantity)
 
-    points, tones = list[Points](), None
-    if evidence.tones is not None:
+    points, tones, shares = list[Points](), None, list[FloatArray]()
+    predicted, weights = _predict(evidence, estimate)
+    if evidence.tones is not None and estimate.criterion != "samples":
         tones = estimate.tones or _tones(evidence, estimate, values)
         points.append(tone_points(tones, response, [record.name for record in evidence.records]))
-    predicted, weights = _predict(evidence, estimate)
-    others = [i for i, r in enumerate(evidence.records) if r.excitation != "sine" and r.reference is not None]
-    noise, hum = estimate.findings.noise, estimate.findings.hum_hz
-    for i in others:
-        unfelt = 0.0 if noise is None or not noise.reference.size else float(noise.reference[i])
-        found = band_points(evidence.records[i], predicted[i], response, unfelt, hum[i] if any(hum) else ())
-        points += [] if found is None else [found]
+        shares.append(_powers_of_tones(tones, response))
+    for index, unit, bins in weighed_records(evidence, estimate, predicted):
+        record = evidence.records[index]
+        sine = record.excitation == "sine"
+        if sine and tones is not None:
+            continue
+        factors = band_factors(bins, sine=sine, least=_of_rounding(record, bins, unit, response))
+        points += [] if factors is None else [factor_points(factors, record, bins.record.samples, response)]
+        shares.append(_powers(evidence, record, predicted[index], bins, model.delay_s(values)))
     decays = decay_deviations(evidence.records, model, values)
     adequacy = assess(points, len(estimate.z), decays)
-    birge = _birge(estimate, evidence, points, adequacy, decays)
-    text = _misfit(adequacy, points, response, decays)
-    rest = unexplained([evidence.records[i] for i in others], [predicted[i] for i in others])
-    if rest is not None and adequacy.adequate:
-        adequacy = replace(adequacy, adequate=False)
-        text = (
-            f"The model does not explain the data: it leaves {100.0 * rest.left:.2g} % of the response's power, of "
-            f"which only {100.0 * rest.incoherent:.2g} % has nothing in common with the reference."
-        )
+    birge = _birge(estimate, points, adequacy, decays)
+    text, share = _misfit(adequacy, points, response, decays), shares_of(shares)
+    if share.lacking:
+        adequacy, text = replace(adequacy, adequate=False), str(share) if adequacy.adequate else f"{text} {share}"
     return Judgement(
         adequacy,
         text,
@@ -112,7 +126,63 @@ def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
         tones=tones,
         points=tuple(points),
         found=tuple(effects_of_steps(evidence.records, predicted, response, adequacy)) if model.is_linear else (),
+        shares=share,
     )
+
+
+def weighed_records(
+    evidence: Evidence, estimate: Estimate, predicted: Sequence[FloatArray]
+) -> Iterator[tuple[int, float, Weighed]]:
+    """Yield records with a reference at their bins, weighted by the noise at the estimate; with number and unit.
+
+    ``predicted``: response of each record, NaN where it is not defined.
+    """
+    problem, network, step = estimate.problem, estimate.findings.network, np.zeros(len(estimate.z))
+    by_bins = isinstance(problem, BinProblem) and estimate.criterion == "samples" and network is not None
+    size = [max(float(np.std(record.response[record.mask])), TINY) for record in evidence.records]
+    units = network.noise.tolist() if by_bins and network is not None else size
+    for some in together(evidence.records):
+        numbers = range(len(evidence.records))[some]
+        if by_bins:
+            lines = problem.lines(estimate.z, estimate.coordinates, network.noise, some)
+        else:
+            lines = [bins_of_series(evidence.records[i], predicted[i], units[i], len(step)) for i in numbers]
+        told = [
+            own.count >= 8 and evidence.records[i].reference is not None for i, own in zip(numbers, lines, strict=True)
+        ]
+        lines = list(itertools.compress(lines, told))
+        motions = [motion_of(own) for own in lines]
+        noisy = Weighed.at(lines, motions, step, beside_hum(lines, motions), known=True)
+        yield from ((i, units[i], own) for i, own in zip(itertools.compress(numbers, told), noisy, strict=True))
+
+
+def _of_rounding(record: Record, bins: Weighed, unit: float, response: Response) -> FloatArray | float:
+    """Variance a sample of the converters' rounding, which noise is not believed to be below, shape (bins,)."""
+    hz = line_frequencies(bins.record.samples, record.sampling_rate_hz)[: bins.record.residual.size]
+    found = rounding_variance(record, lambda: power_of(response(hz)))
+    return 0.0 if found is None else found / unit**2
+
+
+def _powers(evidence: Evidence, record: Record, predicted: FloatArray, bins: Weighed, delay_s: float) -> FloatArray:
+    """What a record says of the shares of the response's power, in the band of the motion."""
+    assert record.reference is not None
+    first, samples = int(np.argmax(np.isfinite(predicted))), bins.record.samples
+    span = slice(first, first + samples)
+    used = record.reference_mask[span] & bins.record.used
+    low, high = (int(hz * samples / record.sampling_rate_hz) for hz in evidence.band_hz)
+    band = slice(max(low, 1), high + 2)
+    return powers(bins, about_mean(record.reference[span], used), delay_s * record.sampling_rate_hz, band)
+
+
+def _powers_of_tones(tones: MeasuredResponse, response: Response) -> FloatArray:
+    """What sines say of the shares of the response's power."""
+    left = tones.response - response(tones.frequency_hz) * tones.reference
+    return _summed(power_of(tones.response), power_of(left), 2.0 * tones.error_deviation(response) ** 2)
+
+
+def _summed(power: FloatArray, left: FloatArray, noise: FloatArray) -> FloatArray:
+    """Sums over points, as of :func:`powers`; all noise is incoherent."""
+    return np.array([np.sum(each) for each in (power, left, noise, noise**2)])
 
 
 def _tones(evidence: Evidence, estimate: Estimate, values: dict[str, float]) -> MeasuredResponse:
@@ -124,26 +194,15 @@ def _tones(evidence: Evidence, estimate: Estimate, values: dict[str, float]) -> 
     return residual_tones(evidence, problem, estimate.coordinates, estimate.z, predicted)
 
 
-def _birge(
-    estimate: Estimate,
-    evidence: Evidence,
-    points: list[Points],
-    adequacy: Adequacy,
-    decays: Sequence[DecayDeviation],
-) -> float:
+def _birge(estimate: Estimate, points: Sequence[Points], adequacy: Adequacy, decays: Sequence[DecayDeviation]) -> float:
     """By how much the deviations exceed what the estimate's own covariance allows for: √(χ²/dof), at least one.
 
-    The network weighs a record by its whole residual, misfit and all; a sine's deviation is then compared with what
-    white noise of that size would do to its tone.
+    Equal weights hold a record's whole residual, misfit and all, and a deviation is compared with what that allows.
     """
-    network, tones = estimate.findings.network, evidence.tones
-    if network is None or tones is None or adequacy.degrees_of_freedom <= 0:
+    network = estimate.findings.network
+    if network is None or network.weights != "white" or adequacy.degrees_of_freedom <= 0:
         return adequacy.birge
-    sines, others = points[0], points[1:]
-    samples = np.array([evidence.records[i].mask.sum() for i in tones.record])
-    own = network.noise[tones.record] * np.sqrt(2.0 / samples) / np.abs(tones.response)
-    weaker = np.minimum(1.0, sines.relative_deviation / own) ** 2
-    total = float(np.sum(sines.squares * weaker)) + sum(float(np.sum(part.squares)) for part in others)
+    total = sum(float(np.sum(each.squares * each.unweighted)) for each in points if each.unweighted is not None)
     total += sum(decay.parts.chi2 for decay in decays)
     return float(np.sqrt(max(total / adequacy.degrees_of_freedom, 1.0)))
 
@@ -247,11 +306,19 @@ def judge_table(evidence: Evidence, estimate: Estimate) -> Judgement:
             text += " The phase's, which is not stated, is taken to be the magnitude's, in rad."
     if degrees <= 0:
         text = _nothing_left(len(residual), len(estimate.z), "table")
+    model = evidence.model.frequency_response(
+        estimate.coordinates.values(estimate.z), table.frequency_hz, evidence.quantity
+    )
+    left, size = table.response - model, np.abs(table.response)
+    if not problem.has_phase:
+        left = size - np.abs(model)
     names = (table.provenance.file or "table",) * table.points
     relative = problem.relative_deviation if scatter is None else problem.relative_deviation * scatter
     turn = np.asarray(problem.data[4]) * (scatter or 1.0)
     adequacy = Adequacy(table.frequency_hz, table.response, relative, names, chi2, degrees, adequate, turn, chance)
-    return Judgement(adequacy, text, adequacy.birge, scatter=scatter)
+    noise = (1.0 + problem.has_phase) * (adequacy.relative_deviation * size) ** 2
+    share = shares_of([_summed(size**2, np.abs(left) ** 2, noise)])
+    return Judgement(adequacy, text, adequacy.birge, scatter=scatter, shares=share)
 
 
 def _excerpts(evidence: Evidence, predicted: tuple[FloatArray, ...]) -> tuple[Signal, ...]:

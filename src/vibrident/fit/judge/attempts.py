@@ -18,7 +18,6 @@ from vibrident.fit.estimators.canonical import canonically_labelled
 from vibrident.fit.judge.adequacy import Judgement, judge_decays, judge_records, judge_table
 from vibrident.fit.judge.effects import all_effects, allowing_for_effects, linearised
 from vibrident.fit.problem import Evidence, FrequencyProblem
-from vibrident.fit.response.explained import MOST_LEFT, part_left
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.start.search import LONGEST, LogCoordinates
 from vibrident.fit.start.start import Start, find_start
@@ -27,8 +26,10 @@ from vibrident.fit.uncertainty.linearised import Linearised
 from vibrident.fit.uncertainty.parameters import weakly_determined
 from vibrident.result import Finding, ResultWarning
 
-#: Another fit is taken if its χ² is less than this part of the first one's.
+#: Another fit is taken if its χ² is less than this part of the first one's …
 CLEARLY_LESS = 0.8
+#: … and if it explains this share of the response's power.
+MIN_SHARE = 0.5
 
 
 @dataclass(frozen=True)
@@ -218,7 +219,7 @@ def _tried(start: Mapping[str, float], best: Fitted) -> Fitted:
     except (NotConverged, InputError):
         return best
     before, after = (one.judgement.adequacy.chi2_reduced for one in (best, other))
-    lost = part_left(best.evidence.records, other.judgement.predicted) > MOST_LEFT
+    lost = other.judgement.explained < MIN_SHARE
     return best if lost or not (after or np.inf) < CLEARLY_LESS * (before or 0.0) else other
 
 

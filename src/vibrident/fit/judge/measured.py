@@ -6,7 +6,6 @@ import numpy as np
 
 from vibrident.data.records import FloatArray
 from vibrident.fit.judge.attempts import Fitted
-from vibrident.fit.uncertainty.adequacy import Adequacy
 from vibrident.fit.uncertainty.budget import deviation_uncertainty, patterns
 from vibrident.fit.uncertainty.parameters import NOTHING
 from vibrident.result import Fit, MeasuredCurve
@@ -64,7 +63,7 @@ def fit_of_signals(fitted: Fitted) -> Fit:
         used = record.mask & np.isfinite(series)
         response = record.response[used]
         sums += _sums(response - series[used], response - response.mean() if used.any() else response)
-    return _metrics(sums, fitted.judgement.adequacy)
+    return _metrics(sums, fitted)
 
 
 def fit_of_table(fitted: Fitted) -> Fit:
@@ -73,7 +72,7 @@ def fit_of_table(fitted: Fitted) -> Fit:
     assert problem is not None
     measured, model = adequacy.measured, _model_at(fitted, adequacy.frequency_hz)
     residual = measured - model if problem.has_phase else np.abs(measured) - np.abs(model)
-    return _metrics(_sums(np.abs(residual), np.abs(measured - measured.mean())), adequacy)
+    return _metrics(_sums(np.abs(residual), np.abs(measured - measured.mean())), fitted)
 
 
 def _sums(residual: FloatArray, response: FloatArray) -> FloatArray:
@@ -81,7 +80,8 @@ def _sums(residual: FloatArray, response: FloatArray) -> FloatArray:
     return np.array([residual.size, np.sum(np.abs(residual)), residual @ residual, response @ response])
 
 
-def _metrics(sums: FloatArray, adequacy: Adequacy) -> Fit:
+def _metrics(sums: FloatArray, fitted: Fitted) -> Fit:
+    adequacy, shares = fitted.judgement.adequacy, fitted.judgement.shares
     mae, mse, variance = (sums[1:] / (sums[0] or float("nan"))).tolist()
     rmse = float(np.sqrt(mse))
     ratio = rmse / np.sqrt(variance) if variance > 0 else float("nan")
@@ -95,4 +95,6 @@ def _metrics(sums: FloatArray, adequacy: Adequacy) -> Fit:
         chi2_reduced=adequacy.chi2_reduced,
         degrees_of_freedom=adequacy.degrees_of_freedom,
         adequate=adequacy.adequate,
+        explained=shares.explained,
+        coherent=shares.coherent,
     )

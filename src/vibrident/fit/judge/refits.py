@@ -12,7 +12,6 @@ import numpy as np
 from vibrident.fit.judge.attempts import Fitted
 from vibrident.fit.judge.examined import departures_of, told_as_nuisances, with_nuisances
 from vibrident.fit.problem import Evidence
-from vibrident.fit.response.explained import part_left
 from vibrident.fit.uncertainty.adequacy import looks_random
 
 #: What a table's record and the result say of it.
@@ -27,9 +26,7 @@ def without_dead_records(first: Fitted) -> Fitted:
     better = Fitted.of(others, first.estimator, first.progress)
     chi2 = [attempt.judgement.adequacy.chi2_reduced or np.inf for attempt in (better, first)]
     # A dead record of little noise may draw the whole fit to itself, and leave the others as noise.
-    records, predicted = first.evidence.records, first.judgement.predicted
-    kept = [index for index, record in enumerate(records) if any(record is other for other in others.records)]
-    left = [part_left(others.records, p) for p in (better.judgement.predicted, [predicted[i] for i in kept])]
+    left = [1.0 - attempt.judgement.explained for attempt in (better, first)]
     return better if chi2[0] < chi2[1] / 4.0 or left[0] < left[1] / 4.0 else first
 
 

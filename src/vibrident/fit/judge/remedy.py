@@ -8,9 +8,8 @@ from dataclasses import replace
 
 from vibrident.base.amounts import plain
 from vibrident.base.errors import VibridentError
-from vibrident.fit.judge.attempts import Fitted
+from vibrident.fit.judge.attempts import MIN_SHARE, Fitted
 from vibrident.fit.problem import Coordinates, Evidence, FrequencyProblem
-from vibrident.fit.response.explained import MOST_LEFT, part_left
 from vibrident.fit.start.start import Start, extended, find_start
 from vibrident.physics.models import ADD_ONS, CORES, SensorModel, installed
 
@@ -54,8 +53,8 @@ def _may_be_the_model(found: Fitted) -> bool:
     plain_fit = (
         findings.learned is None and (network is None or network.optimiser != "adam") and findings.method.is_exact
     )
-    if found.evidence.bands is not None and found.judgement.predicted:
-        few |= part_left(found.evidence.records, found.judgement.predicted) > MOST_LEFT
+    if found.evidence.bands is not None:
+        few |= found.judgement.explained < MIN_SHARE
     return found.evidence.model.is_linear and plain_fit and not few
 
 

@@ -1,31 +1,29 @@
 """Does the model explain the data? Deviations at the excited frequencies against their uncertainty.
 
 With n complex points and p parameters, Σ |Y − H X|²/σ² is χ² with 2 n − p degrees of freedom when the model is
-right. For motion that is not a sine the points are narrow bands: the part of the time residual that is coherent
-with the predicted response, against the part that is not. The model is rejected below a probability of 10⁻³.
+right. For records the points are the factors of bands (:mod:`vibrident.fit.uncertainty.factors`). The model is
+rejected below a probability of 10⁻³.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vibrident.base.fft_lengths import fast_below
 from vibrident.base.tails import f_tail
 from vibrident.data.records import FloatArray, Record
-from vibrident.data.records.basis import span_of
-from vibrident.fit.response.alignment import MOST_CUT
-from vibrident.fit.response.remainder import coherent_remainder
 from vibrident.fit.response.response import ComplexArray, MeasuredResponse
-from vibrident.fit.response.rounding import rounding_variance
-from vibrident.fit.response.transform import line_frequencies, reference_colour
 from vibrident.fit.response.verdict import REJECTION, as_chi2, chance_of, shrunk
+from vibrident.fit.uncertainty.factors import Factors
 
 if TYPE_CHECKING:
     from vibrident.fit.decay.beside import DecayDeviation
+
+#: The model's complex sensitivity over frequency.
+Response = Callable[[FloatArray], ComplexArray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,11 +63,10 @@ class Points:
     record: tuple[str, ...]
     squares: FloatArray
     freedom: FloatArray
+    unweighted: FloatArray | None = None  # variance over that by noise of one level, at most one; None where it is that
 
 
-def tone_points(
-    tones: MeasuredResponse, response: Callable[[FloatArray], ComplexArray], names: Sequence[str]
-) -> Points:
+def tone_points(tones: MeasuredResponse, response: Response, names: Sequence[str]) -> Points:
     """Points of sine records with these names; ``response``: the model's complex sensitivity over frequency."""
     deviation = tones.error_deviation(response)
     error = np.abs(tones.response - response(tones.frequency_hz) * tones.reference) ** 2 / deviation**2
@@ -78,56 +75,18 @@ def tone_points(
     return Points(tones.frequency_hz, tones.ratio, relative, owners, error, tones.degrees_of_freedom)
 
 
-def band_points(
-    whole: Record,
-    prediction: FloatArray,
-    response: Callable[[FloatArray], ComplexArray],
-    reference_noise: float = 0.0,
-    hum_hz: Sequence[float] = (),
-) -> Points | None:
-    """Points of a record that is no sine: what of the residual is coherent with the prediction, band by band.
-
-    ``prediction``: predicted response, NaN where it is not defined; ``response``: the model's complex sensitivity over
-    frequency; ``reference_noise``: standard deviation of the noise of the reference channel itself; ``hum_hz``: tones
-    of the response that do not come from the motion. None where no band holds enough of the response.
-    """
-    record, series = _where_used(whole, prediction)
-
-    def gain_squares() -> FloatArray:
-        return np.abs(response(line_frequencies(record.samples, record.sampling_rate_hz))) ** 2
-
-    through = None
-    if reference_noise > 0.0:
-        through = reference_noise**2 * reference_colour(record, record.samples) * gain_squares()
-    found = coherent_remainder(record, series, through, hum_hz, rounding_variance(record, gain_squares))
-    if found is None:
-        return None
-    frequency, remainder, deviation, freedom = found
-    squares = np.abs(remainder) ** 2 / deviation**2
-    relative = deviation / np.abs(1.0 + remainder)
-    names = (record.name,) * len(frequency)
-    return Points(frequency, response(frequency) * (1.0 + remainder), relative, names, squares, freedom)
-
-
-def _where_used(record: Record, predicted: FloatArray) -> tuple[Record, FloatArray]:
-    """From the first sample that counts to the last, where these are a part of the record.
-
-    Lines of a record of which only a part is used are alike, and tell less of the noise than their number.
-    """
-    assert record.reference is not None
-    whole = span_of(record.mask & np.isfinite(predicted))
-    samples = whole.stop - whole.start
-    if not 0 < samples <= 0.9 * record.samples:  # then lines next to each other have a correlation of sinc 0.9 = 0.1
-        return record, predicted
-    span = slice(whole.start, whole.start + fast_below(samples, MOST_CUT))
-    kept = replace(
-        record,
-        reference=record.reference[span],
-        response=record.response[span],
-        valid=record.mask[span],
-        reference_valid=record.reference_mask[span],
+def factor_points(factors: Factors, record: Record, samples: int, response: Response) -> Points:
+    """Points of a record by the factors of its bands, whose places are in bins of so many samples."""
+    frequency = factors.place * (record.sampling_rate_hz / samples)
+    return Points(
+        frequency,
+        response(frequency) * (1.0 + factors.rho),
+        factors.deviation / np.abs(1.0 + factors.rho),
+        (record.name,) * len(frequency),
+        factors.squares,
+        factors.freedom,
+        factors.unweighted,
     )
-    return kept, predicted[span]
 
 
 def assess(parts: Sequence[Points], parameters: int, decays: Sequence[DecayDeviation] = ()) -> Adequacy:
