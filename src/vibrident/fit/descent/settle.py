@@ -118,6 +118,7 @@ class Descended:
 
     @property
     def z(self) -> FloatArray:
+        """Where it ended, shape (P,)."""
         return self.trace.last
 
 

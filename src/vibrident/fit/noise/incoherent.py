@@ -7,9 +7,12 @@ it does not raise the noise that it is judged by.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from vibrident.data.records import BoolArray, FloatArray
+from vibrident.fit.bins import BinsAt
 from vibrident.fit.noise.motion import Motion, lines_around, typical
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import in_blocks, power_of
@@ -37,7 +40,7 @@ def incoherent(residual: ComplexArray, motion: Motion) -> ComplexArray:
             coherent with that, not with the prediction, and must not count as noise.
     """
     if motion.heard is not None:
-        return without_coherent(residual, motion, motion.heard)
+        return without_coherent(residual, _motions(motion), motion.heard)
     measured = np.empty(residual.size)
     around = lines_around(residual)
     for part in in_blocks(residual.size):  # of a long record each copy counts
@@ -50,7 +53,7 @@ def incoherent(residual: ComplexArray, motion: Motion) -> ComplexArray:
         level *= HEARD
         heard = measured > level
         del noise, level
-        noise = without_coherent(residual, motion, heard)
+        noise = without_coherent(residual, _motions(motion), heard)
     return noise
 
 
@@ -70,24 +73,29 @@ def _level(power: FloatArray, through: FloatArray | None, around: int) -> FloatA
     return np.maximum(level, by_reference, out=level)
 
 
-def without_coherent(residual: ComplexArray, motion: Motion, heard: BoolArray) -> ComplexArray:
-    """Return the residual less what is coherent with motion where it is heard, shape (bins,)."""
+def _motions(motion: Motion) -> list[BinsAt]:
+    """Return what a residual must have nothing in common with: the prediction, the reference."""
+    if motion.reference is None:
+        return [motion.predicted]
+    return [motion.predicted, motion.reference.__getitem__]
+
+
+def without_coherent(
+    residual: ComplexArray, motions: Sequence[BinsAt], heard: BoolArray
+) -> ComplexArray:
+    """Return the residual less what is coherent with motions where heard, shape (bins,)."""
     blocks = max((residual.size - 1) // BLOCK, 1)
     width = (residual.size - 1) // blocks
     rest = residual.copy()
-    degrees = DEGREES * (1 if motion.reference is None else 2)
+    degrees = DEGREES * len(motions)
     if width < 2 * degrees:
         return rest
     powers = np.linspace(-1.0, 1.0, width) ** np.arange(DEGREES)[:, None]
     for begin in range(0, blocks, AT_ONCE):
         count = min(AT_ONCE, blocks - begin)
         part = slice(1 + begin * width, 1 + (begin + count) * width)
-        motions = [motion.predicted(part)]
-        if motion.reference is not None:
-            motions.append(motion.reference[part])
-        columns = np.concatenate(
-            [_unit(moved * heard[part], count)[:, None] * powers for moved in motions], axis=1
-        )
+        shares = [_unit(motion(part) * heard[part], count)[:, None] * powers for motion in motions]
+        columns = np.concatenate(shares, axis=1)
         adjoint = np.conj(columns).swapaxes(1, 2)
         gram = columns @ adjoint
         ridged = gram + RIDGE * np.eye(degrees)
