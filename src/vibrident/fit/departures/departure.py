@@ -107,7 +107,9 @@ class Departure(ABC):
         made = list[Places]()
         for width in dict.fromkeys(columns.shape[-2] for _, columns in every):
             own = [(number, *one) for number, one in enumerate(every) if one[1].shape[-2] == width]
-            rows = np.stack([group.flat(columns) for _, _, columns in own], axis=1)
+            rows = np.empty((len(group.records), len(own), width, 2 * group.bins))
+            for place, (_, _, columns) in enumerate(own):
+                group.flat(columns, rows[:, place])
             candidates = tuple(Candidate(words, number) for number, words, _ in own)
             sums = group.sums(rows)
             made.append(Places(candidates, sums, np.ones(sums.score.shape[:2], dtype=bool)))

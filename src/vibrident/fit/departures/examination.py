@@ -69,7 +69,13 @@ class Groups:
 
     def beside(self, found: Sequence[Found], scale: Scale) -> Groups:
         """The groups with departures as nuisance columns."""
-        return replace(self, make=lambda: (group.beside(_rows(found, group, scale)) for group in self))
+
+        def made() -> Iterator[Group]:
+            for group in self:
+                rows = _rows(found, group, scale)
+                yield group.beside(rows) if rows.shape[1] else group
+
+        return replace(self, make=made)
 
 
 def examine(

@@ -166,11 +166,11 @@ class Group:
         on_bin = np.abs(over) < ON_BIN
         return np.where(on_bin, self.samples, ends / np.where(on_bin, 1.0, over))
 
-    def flat(self, columns: ComplexArray) -> FloatArray:
-        """Columns by bins, shape (R or 1, m, K), as whitened rows, shape (R, m, 2 K); nuisance columns are in them."""
-        rows = np.empty((len(self.records), *columns.shape[-2:]), dtype=complex)
-        np.multiply(columns, self.gain[:, None], out=rows)
-        return rows.view(float)
+    def flat(self, columns: ComplexArray, out: FloatArray | None = None) -> FloatArray:
+        """Return columns by bins, shape (R or 1, m, K), as whitened rows, shape (R, m, 2 K), not free of nuisances."""
+        rows = np.empty((len(self.records), columns.shape[-2], 2 * self.bins)) if out is None else out
+        np.multiply(columns, self.gain[:, None], out=rows.view(complex))
+        return rows
 
     def freed(self, rows: FloatArray) -> FloatArray:
         """Whitened rows, shape (R, m, 2 K), less their nuisance columns; zero where only rounding is left."""

@@ -28,8 +28,8 @@ BAND = 1.5
 BEYOND = 100.0
 #: Fewest bins of a band, as far as there are so many: what noise is, slow changes of it too, is told by these.
 MIN_BINS = 512
-#: Samples of the motion in time for each bin of the band: products of three signals do not alias into it.
-OVERSAMPLED = 4
+#: Samples of the motion in time for each bin of the band: products of three signals alias behind the motion alone.
+OVERSAMPLED = 4.0 - 2.0 / BAND
 #: Records whose bands differ by less than this factor are worked on side by side, so many samples at once.
 ALIKE, AT_ONCE = 1.5, 1 << 18
 #: Rounding of columns that others span, in squares.
@@ -234,7 +234,7 @@ def _motion(every: Sequence[Signals], likely: ComplexArray, stop: int) -> FloatA
     no nuisance parameter's.
     """
     samples = every[0].used.size
-    step = max(samples // (OVERSAMPLED * stop), 1)
+    step = max(int(samples / (OVERSAMPLED * stop)), 1)
     while samples % step:
         step -= 1
     used = np.stack([one.used for one in every])

@@ -12,7 +12,7 @@ from vibrident.base.amounts import amount, plain
 from vibrident.base.warning_kinds import WarningCode
 from vibrident.data.records import FloatArray
 from vibrident.fit.departures.departure import Candidate, Departure, Places, Scale
-from vibrident.fit.departures.group import BLOCKS, Group
+from vibrident.fit.departures.group import BLOCKS, Group, without
 from vibrident.fit.departures.score import Score
 from vibrident.fit.departures.sums import Exact
 from vibrident.fit.response.response import ComplexArray
@@ -128,7 +128,7 @@ def _changing(group: Group) -> FloatArray:
     Of sines amplitude and phase say it all: shape (R, 2, 2 K). In time it is told from these: a jump of the response
     itself is in all bins, the quietest above all, and says no more than where exactly it is.
     """
-    moved = group.freed(group.flat(group.moved))
+    moved = without(group.flat(group.moved), group.basis)  # the tone itself is what changes
     return moved if _of_tone(group) else np.concatenate([moved, group.jacobian], axis=1)
 
 
