@@ -6,7 +6,7 @@ Noise, hum and the most likely motion are those that the fit is weighted by
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import chain
 
@@ -101,7 +101,23 @@ def scale_of(evidence: Evidence, predicted: Sequence[FloatArray], linear: Linear
         (0.0, *dict.fromkeys(between), top_hz),
         len(evidence.records),
         any(evidence.records[index].optical is not None for index in tones),
+        _mass_of(evidence.model.linear, linear.coordinates.values(linear.z)),
     )
+
+
+def _mass_of(
+    model: SensorModel, values: dict[str, float]
+) -> Callable[[FloatArray], tuple[ComplexArray, ComplexArray]] | None:
+    """Return what gives velocity of the mass and response for an acceleration of one; None of no oscillator."""
+    if model.core.oscillator is None:
+        return None
+    natural_hz, damping = (values[name] for name in model.core.oscillator)
+
+    def at(hz: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+        velocity = 1j * hz / (natural_hz**2 - hz**2 + 2j * damping * natural_hz * hz) / (2.0 * np.pi)
+        return velocity, np.asarray(model.frequency_response(values, hz, "acceleration"), dtype=complex)
+
+    return at
 
 
 def _of_bins(
