@@ -206,7 +206,7 @@ DEPARTURE = """
 from vibrident.fit.departures.departure import Departure
 class Nothing(Departure):
     name, code, pooled = "unasked-departure", "drift", False
-    def columns(self, part, scale):
+    def columns(self, group, scale):
         return iter(())
     def sentence(self, candidate, score):
         return ""

@@ -10,50 +10,57 @@ from tests.support.random_record import SAMPLES, TRUTH, calibration, motion
 
 import vibrident
 from vibrident.data.records import Record
-from vibrident.fit.departures import part as parts
-from vibrident.fit.departures.part import Part
-from vibrident.fit.departures.score import LinearFit, Sums
-from vibrident.fit.departures.signals import Signals
+from vibrident.fit.departures import examination, sources
+from vibrident.fit.departures.group import Group, orthonormal, without
+from vibrident.fit.departures.score import JointSums, LinearFit, joint_chance, shifts_beside
+from vibrident.fit.departures.sums import Errors, Exact
 from vibrident.physics.simulation import simulate
 
 
-def linear_part(rng: np.random.Generator, n: int, extra: np.ndarray) -> Part:
+def linear_group(rng: np.random.Generator, bins: int, extra: np.ndarray, records: int = 1) -> Group:
     """White noise beside two parameters, one nuisance column, and a departure that is there."""
-    basis = np.linalg.qr(rng.normal(size=(n, 1)))[0].T
-    jacobian = rng.normal(size=(2, n))
-    freed = [row - (row @ basis.T) @ basis for row in (jacobian, rng.normal(size=n) + extra)]
-    nothing, bins = np.zeros((12, n)), np.ones(n // 2 + 1)
-    first, second = freed
-    return Part(
-        Record("linear", np.zeros(n), np.zeros(n), 1.0, "random"),
-        begin_s=0.0,
-        used=np.ones(n, bool),
-        predicted=second,
-        bins=np.fft.rfft(second),
-        motion=second,
-        reference=second,
-        transfer=bins + 0j,
-        whitening=bins,
+    basis = orthonormal(rng.normal(size=(records, 1, 2 * bins)))
+    jacobian = without(rng.normal(size=(records, 2, 2 * bins)), basis)
+    residual = without(rng.normal(size=(records, 1, 2 * bins)) + extra, basis)
+    ones, nothing = np.ones((records, bins), complex), np.zeros((records, 12, 2 * bins))
+    return Group(
+        tuple(Record(f"{number}", np.zeros(8), np.zeros(8), 1.0, "random") for number in range(records)),
+        numbers=np.arange(records),
+        begin_s=np.zeros(records),
+        used=np.ones((records, 2 * bins + 2), bool),
+        turns=np.full(records, np.nan),
+        predicted=ones,
+        likely=ones,
+        motion=np.zeros((records, 2 * bins + 2)),
+        transfer=ones,
+        slopes=np.zeros((records, 2, bins), complex),
+        gain=ones.real,
         basis=basis,
-        residual=second,
-        jacobian=first,
-        profile=np.ones(n),
-        freedom=n - 1.0,
-        rounding=nothing,
-        effects=nothing[:1],
-        doubt=0.0 * bins,
+        residual=residual[:, 0],
+        jacobian=jacobian,
+        tone=None,
+        pull=None,
+        freedom=np.full(records, 2.0 * bins - 1.0),
+        errors_of=lambda some: Errors(nothing[some], nothing[some, :1], ones.real[some]),
+        again=lambda columns: columns,
     )
+
+
+def score_of(group: Group, rows: np.ndarray):
+    """The score test of whitened rows that the records share, shape (R, m, 2 K), in white noise."""
+    fit = LinearFit.of(group.own, np.ones(2))
+    fit = replace(fit, spread=fit.normal, common=np.zeros((2, 13)))
+    sums = group.exact_sums(rows, None)
+    return fit.test(replace(sums, spread=sums.gram, cross_spread=sums.cross).total())
 
 
 def test_without_a_departure_t_is_chi_squared():
     """400 draws, four columns: mean 4, variance 8, and the chance is even."""
-    rng, n = np.random.default_rng(1), 600
+    rng, bins = np.random.default_rng(1), 300
     statistics, chances = [], []
     for _ in range(400):
-        part = linear_part(rng, n, np.zeros(n))
-        columns = rng.normal(size=(4, n))
-        white = columns - (columns @ part.basis.T) @ part.basis
-        found = LinearFit.of([part.own], np.ones(2)).test(Sums.stacked([Sums.of(part, white, 2)]))[0]
+        group = linear_group(rng, bins, 0.0)
+        found = score_of(group, rng.normal(size=(1, 4, 2 * bins)))
         assert found is not None
         statistics.append(found.statistic)
         chances.append(found.chance)
@@ -63,23 +70,63 @@ def test_without_a_departure_t_is_chi_squared():
 
 
 def test_the_impact_is_the_shift_of_the_fit_with_the_departure_admitted():
-    rng, n = np.random.default_rng(2), 600
-    columns = rng.normal(size=(2, n))
-    part = linear_part(rng, n, 0.3 * columns[0])
-    white = columns - (columns @ part.basis.T) @ part.basis
-    found = LinearFit.of([part.own], np.ones(2)).test(Sums.stacked([Sums.of(part, white, 2)]))[0]
-    alone = np.linalg.lstsq(part.jacobian.T, part.residual, rcond=None)[0]
-    beside = np.linalg.lstsq(np.concatenate([part.jacobian, white]).T, part.residual, rcond=None)[0]
+    rng, bins = np.random.default_rng(2), 300
+    columns = rng.normal(size=(1, 2, 2 * bins))
+    group = linear_group(rng, bins, 0.3 * columns[:, :1])
+    found = score_of(group, columns)
+    free, jacobian, residual = group.freed(columns)[0], group.jacobian[0], group.residual[0]
+    alone = np.linalg.lstsq(jacobian.T, residual, rcond=None)[0]
+    beside = np.linalg.lstsq(np.concatenate([jacobian, free]).T, residual, rcond=None)[0]
     assert found is not None
     assert found.shift == pytest.approx(alone - beside[:2], rel=1e-9)
     assert found.amounts == pytest.approx(beside[2:], rel=1e-9)
 
 
 def test_a_column_within_the_span_of_the_parameters_tells_nothing():
-    part = linear_part(np.random.default_rng(3), 400, np.zeros(400))
-    assert LinearFit.of([part.own], np.ones(2)).test(Sums.stacked([Sums.of(part, part.jacobian[:1] * 3.0, 2)])) == [
-        None
-    ]
+    group = linear_group(np.random.default_rng(3), 200, 0.0)
+    assert score_of(group, group.jacobian[:, :1] * 3.0) is None
+
+
+def test_the_bound_is_what_least_squares_explains():
+    """Of three columns in each of four records, shared or each record's own, beside the parameters of all."""
+    rng, bins = np.random.default_rng(4), 200
+    group = linear_group(rng, bins, 0.0, 4)
+    rows = rng.normal(size=(4, 3, 2 * bins))
+    fit, sums = LinearFit.of(group.own, np.ones(2)), group.sums(rows[:, None]).at((slice(None), 0))
+    residual, free = group.residual.ravel(), group.freed(rows)
+    jacobian = group.jacobian.swapaxes(0, 1).reshape(2, -1)
+    apart = np.zeros((4, 3, 4, 2 * bins))
+    apart[np.arange(4), :, np.arange(4)] = free
+    sets = {"shared": free.swapaxes(0, 1).reshape(3, -1), "own": apart.reshape(12, -1)}
+    left = {}
+    for name, columns in {"none": jacobian[:0], **sets}.items():
+        matrix = np.concatenate([jacobian, columns]).T
+        left[name] = np.sum((residual - matrix @ np.linalg.lstsq(matrix, residual, rcond=None)[0]) ** 2)
+    explained, number = fit.explained(sums.total())
+    assert (float(explained), int(number)) == (pytest.approx(left["none"] - left["shared"], rel=1e-9), 3)
+    assert JointSums.of(fit, sums).explained == (pytest.approx(left["none"] - left["own"], rel=1e-9), 12)
+
+
+def test_the_chance_of_all_records_together_is_that_of_one_test_of_all_their_columns():
+    """Woodbury's formula against the whole covariance, with a profile of the noise and errors common to all."""
+    rng, bins, records = np.random.default_rng(5), 100, 5
+    group = linear_group(rng, bins, 0.0, records)
+    rows = rng.normal(size=(records, 2, 2 * bins))
+    errors = 0.3 * rng.normal(size=(records, 1, 2 * bins))
+    nothing = np.zeros((records, 12, 2 * bins))
+    group = replace(group, errors_of=lambda some: Errors(nothing[some], errors[some], group.gain[some]))
+    spread, common = group.spread
+    fit = LinearFit.of(group.own, np.ones(2))
+    fit = replace(fit, spread=spread.sum(0), common=common.sum(0))
+    sums = group.exact_sums(rows, None)
+    side = {name: getattr(sums, name) for name in ("score", "cross", "shift", "least", "cross_spread", "common")}
+    joined = {name: part.reshape(-1, *part.shape[2:]) for name, part in side.items()}
+    blocks = {name: np.zeros((2 * records, 2 * records)) for name in ("gram", "spread")}
+    for name, whole in blocks.items():
+        for number, block in enumerate(getattr(sums, name)):
+            whole[2 * number : 2 * number + 2, 2 * number : 2 * number + 2] = block
+    direct = fit.test(Exact(**joined, **blocks, steps=np.sum(sums.steps)))
+    assert joint_chance(fit, sums) == pytest.approx(direct.chance, rel=1e-6)
 
 
 T = np.arange(SAMPLES) / SAMPLES
@@ -262,7 +309,7 @@ def test_parts_made_anew_for_each_pass_say_what_those_held_say(monkeypatch):
         records.append(replace(record, response=moved + 0.02 * np.std(moved) * np.linspace(-1.0, 1.0, 1500) ** 3))
     given = replace(made, records=tuple(records))
     held = vibrident.identify(given).findings
-    monkeypatch.setattr(parts, "HELD", 0)
+    monkeypatch.setattr(examination, "MAX_HELD", 0)
     assert {finding.code for finding in held} >= {"drift", "regimes"}
     assert vibrident.identify(given).findings == held
 
@@ -270,13 +317,18 @@ def test_parts_made_anew_for_each_pass_say_what_those_held_say(monkeypatch):
 @pytest.mark.parametrize("kind", ["sine", "random"])
 def test_a_clean_calibration_is_passed_once_and_nothing_of_it_is_held(monkeypatch, kind):
     """Held, the parts of all records took three times the memory of the fit."""
-    made, whitened = list[str](), Signals.part
-    monkeypatch.setattr(parts, "HELD", 0)
-    monkeypatch.setattr(Signals, "part", lambda self, effects: made.append(self.record.name) or whitened(self, effects))
+    made, group_of = list[str](), sources.group_of
+
+    def noted(signals, *others):
+        made.extend(one.record.name for one in signals)
+        return group_of(signals, *others)
+
+    monkeypatch.setattr(examination, "MAX_HELD", 0)
+    monkeypatch.setattr(sources, "group_of", noted)
     tones = {"frequencies_hz": [100.0, 250.0, 400.0, 630.0, 1000.0]} if kind == "sine" else {}
     given = simulate("paper", kind, samples=1500, repeats=3, response_noise=1e-3, seed=3, **tones)
     assert not vibrident.identify(given).findings
-    assert made == [record.name for record in given.records]
+    assert sorted(made) == sorted(record.name for record in given.records)
 
 
 @pytest.mark.parametrize(
@@ -298,20 +350,16 @@ def test_what_was_found_before_leaves_the_parameters_determined(case: str, most:
 def test_what_departures_move_is_what_least_squares_beside_them_finds() -> None:
     """Columns of three records, of each with amounts of its own: the shift is that of least squares on all rows."""
     rng = np.random.default_rng(3)
-    made = [linear_part(rng, 300, 0.0) for _ in range(3)]
-    columns = [part.freed(rng.normal(size=(2, 300))) for part in made]
-    fit = LinearFit.of([part.own for part in made], np.ones(2))
-    sums = [Sums.of(part, rows, 2) for part, rows in zip(made, columns, strict=True)]
-    moved = fit.moved(Sums.side_by_side(sums), np.full(6, 1e9))
-    added = np.zeros((6, 900))
-    for number, rows in enumerate(columns):
-        added[2 * number : 2 * number + 2, 300 * number : 300 * number + 300] = rows
-    jacobian, rest = (
-        np.concatenate([getattr(part, name) for part in made], axis=-1) for name in ("jacobian", "residual")
-    )
+    group = linear_group(rng, 150, 0.0, 3)
+    columns = rng.normal(size=(3, 2, 300))
+    fit, sums = LinearFit.of(group.own, np.ones(2)), group.sums(columns[:, None]).at((slice(None), 0))
+    moved = shifts_beside(fit, [sums.at(number) for number in range(3)], [np.full(2, 1e9)] * 3)
+    added = np.zeros((3, 2, 3, 300))
+    added[np.arange(3), :, np.arange(3)] = group.freed(columns)
+    jacobian, rest = group.jacobian.swapaxes(0, 1).reshape(2, -1), group.residual.ravel()
     alone = np.linalg.lstsq(jacobian.T, rest, rcond=None)[0]
-    beside = np.linalg.lstsq(np.concatenate([jacobian, added]).T, rest, rcond=None)[0][:2]
-    np.testing.assert_allclose(moved.sum(axis=0), alone - beside, rtol=1e-9)
+    beside = np.linalg.lstsq(np.concatenate([jacobian, added.reshape(6, -1)]).T, rest, rcond=None)[0][:2]
+    np.testing.assert_allclose(np.sum(moved, axis=(0, 1)), alone - beside, rtol=1e-9)
 
 
 def test_a_characteristic_that_is_each_records_own_moves_what_it_moves() -> None:

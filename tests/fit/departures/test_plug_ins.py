@@ -21,9 +21,8 @@ class Burst(Departure):
 
     name, code, pooled = "burst", "drift", False
 
-    def columns(self, part, scale):
-        time_s = part.begin_s + np.arange(part.samples) / part.rate_hz
-        yield "knocks", scale.motion * knock(time_s)[None]
+    def columns(self, group, scale):
+        yield "knocks", group.bins_of(scale.motion * knock(group.time_s))[:, None]
 
     def sentence(self, candidate, score):
         return "somebody knocks"

@@ -8,58 +8,26 @@ other way round.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property, partial, reduce
+from functools import cache, cached_property, partial
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from vibrident.base.warning_kinds import WarningCode
 from vibrident.data.records import FloatArray
-from vibrident.fit.departures.candidate import Candidate, Places
-from vibrident.fit.departures.departure import Departure, Scale, in_widths
-from vibrident.fit.departures.part import Own, Part, Parts
+from vibrident.fit.departures.departure import Candidate, Departure, Scale
+from vibrident.fit.departures.group import Group
 from vibrident.fit.departures.points import PointsPart
-from vibrident.fit.departures.score import LinearFit, Score, Sums
+from vibrident.fit.departures.score import LinearFit, Own, Sums, shifts_beside
+from vibrident.fit.departures.search import Asked, Found, best_of, of_records
 from vibrident.fit.registry import DEPARTURES
 
-#: Chance that noise alone shows any departure in a calibration.
-FALSE_ALARMS = 1e-4
-#: Places, of those that explain most by sums over blocks, whose columns are whitened one by one.
-MOST_EXACT = 3
 #: Departures that are looked for beside each other.
 ROUNDS = 3
-
-
-@dataclass(frozen=True, eq=False)
-class Found:
-    """A significant departure.
-
-    Attributes:
-        departure: the kind.
-        candidate: the place, and its words.
-        score: the test there.
-        chance: that noise shows it anywhere.
-        place: number of the part; None where it concerns all.
-        record: name of the record; None likewise.
-    """
-
-    departure: Departure
-    candidate: Candidate
-    score: Score
-    chance: float
-    place: int | None
-    record: str | None
-
-    @property
-    def code(self) -> WarningCode:
-        """Of the warning where it matters."""
-        return self.departure.code_of(self.candidate, self.score)
-
-    @property
-    def sentence(self) -> str:
-        """What is there."""
-        return self.departure.sentence(self.candidate, self.score)
+#: Groups of so many samples together are held; of more, each pass makes them anew: a limit of memory.
+MAX_HELD = 1 << 19
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,44 +48,96 @@ class Together:
         return self.moved()
 
 
+@dataclass(frozen=True, eq=False)
+class Groups:
+    """The groups of a fit, one after the other.
+
+    Attributes:
+        make: makes them.
+        samples: of all together.
+    """
+
+    make: Callable[[], Iterable[Group]]
+    samples: int
+
+    @cached_property
+    def _held(self) -> list[Group] | None:
+        return list(self.make()) if self.samples <= MAX_HELD else None
+
+    def __iter__(self) -> Iterator[Group]:
+        return iter(self.make() if self._held is None else self._held)
+
+    def beside(self, found: Sequence[Found], scale: Scale) -> Groups:
+        """The groups with departures as nuisance columns."""
+
+        def made() -> Iterator[Group]:
+            for group in self:
+                rows = _rows(found, group, scale)
+                yield group.beside(rows) if rows.shape[1] else group
+
+        return replace(self, make=made)
+
+
 def examine(
-    parts: Parts, scale: Scale, points: PointsPart | None, uncertainty: FloatArray, *, misfit: bool = False
+    groups: Groups, scale: Scale, points: PointsPart | None, uncertainty: FloatArray, *, misfit: bool = False
 ) -> list[Together]:
     """Every significant departure, the most significant first.
 
     Args:
-        parts: the records of the fit.
+        groups: the records of the fit.
         scale: what they have in common.
         points: its response at points, where that is what was fitted.
         uncertainty: of the coordinates as stated, shape (P,).
         misfit: whether the model does not explain the data: then what explains most is asked for alone.
     """
     rounds = 1 if misfit else ROUNDS
-    found = _among_records(parts, scale, uncertainty, rounds)
+    found = _among_records(groups, scale, uncertainty, rounds)
     return found + ([] if points is None else _among_points(points, uncertainty, rounds))
 
 
-def _among_records(parts: Parts, scale: Scale, uncertainty: FloatArray, rounds: int) -> list[Together]:
+def _among_records(groups: Groups, scale: Scale, uncertainty: FloatArray, rounds: int) -> list[Together]:
     """Departures are told apart in the noise that was read without them, which holds what they make of it too."""
-    found, beside = list[list[Found]](), parts
-    for number in range(rounds):
-        beside = beside.beside(partial(_whitened, found[-1], scale)) if number else parts
-        now = _strongest(_of_records(beside, scale, uncertainty))
+    found, beside = list[list[Found]](), groups
+    for _ in range(rounds):
+        now = _strongest(of_records(beside, scale, uncertainty))
         if not now:
             break
         found.append(now)
+        beside = beside.beside(now, scale)
     if rounds == 1:  # parameters of a model that is wrong: the noise beside a departure makes them no truer
         return [_together(now) for now in found]
-    shifts = cache(lambda: _shifts(parts, found, scale, uncertainty))
+    shifts = cache(lambda: _shifts(groups, found, scale, uncertainty))
     return _of_one_kind([_together(now, lambda k=k: shifts()[k]) for k, now in enumerate(found)])
 
 
-def _whitened(found: Sequence[Found], scale: Scale, number: int, part: Part) -> list[FloatArray]:
-    """Columns of the departures of a part, whitened."""
-    return [one.departure.whitened(one.candidate, part, scale) for one in found if one.place in (None, number)]
+def _rows(found: Sequence[Found], group: Group, scale: Scale) -> FloatArray:
+    """Whitened columns of departures in each record of a group, shape (R, m, 2 K); zero where a record has fewer."""
+    return _side_by_side(found, group, lambda one, part: one.departure.whitened(one.candidate, part, scale))
 
 
-def _shifts(parts: Parts, found: Sequence[Sequence[Found]], scale: Scale, uncertainty: FloatArray) -> list[FloatArray]:
+def _side_by_side(found: Sequence[Found], group: Group, make: Callable[[Found, Group], NDArray[Any]]) -> NDArray[Any]:
+    """What is made of departures for each record that has them, shape (R, m, …); zero where a record has fewer."""
+    every = [list[NDArray[Any]]() for _ in group.records]
+    places = group.numbers.tolist()
+    for one in found:
+        if one.place is None:
+            for own, rows in zip(every, make(one, group), strict=True):
+                own.append(rows)
+        elif one.place in places:
+            at = places.index(one.place)
+            every[at].append(make(one, group.only([at]))[0])
+    joined = [np.concatenate(rows) if rows else None for rows in every]
+    sizes = [0 if rows is None else len(rows) for rows in joined]
+    shape, kind = next(((rows.shape[1:], rows.dtype) for rows in joined if rows is not None), ((0,), float))
+    made = np.zeros((len(every), max(sizes), *shape), dtype=kind)
+    for row, size, rows in zip(made, sizes, joined, strict=True):
+        row[:size] = 0.0 if rows is None else rows
+    return made
+
+
+def _shifts(
+    groups: Groups, found: Sequence[Sequence[Found]], scale: Scale, uncertainty: FloatArray
+) -> list[FloatArray]:
     """How far the departures of each round move the coordinates, by the amounts that all have together.
 
     In the noise that is left beside them, and by amounts of each record's own: what only looks alike in all, as a level
@@ -128,22 +148,37 @@ def _shifts(parts: Parts, found: Sequence[Sequence[Found]], scale: Scale, uncert
     every = [(number, one) for number, now in enumerate(found) for one in now if not one.departure.own_columns]
     if not every:
         return shifts
-    before, beside, own = list[Own](), list[Own](), list[Sums]()
-    rounds, sizes = list[int](), list[float]()
-    for place, part in enumerate(parts):
-        here = [(number, one) for number, one in every if one.place in (None, place)]
-        quiet = part.in_noise_beside([one.departure.columns_of(one.candidate, part, scale) for _, one in here])
-        before.append(part.own)
+    before, beside = list[Own](), list[Own]()
+    own, sizes, rounds = list[Sums](), list[FloatArray](), list[list[int]]()
+    alone = [one for _, one in every]
+    for group in groups:
+        columns = _side_by_side(
+            alone, group, lambda one, part: _each(one.departure.columns_of(one.candidate, part, scale), part)
+        )
+        quiet = group.again(columns) if columns.shape[1] else group
+        before.append(group.own)
         beside.append(quiet.own)
-        if rows := _whitened([one for _, one in here], scale, place, quiet):
-            rounds += np.repeat([number for number, _ in here], [len(each) for each in rows]).tolist()
-            sizes += np.concatenate([np.abs(one.score.amounts) for _, one in here]).tolist()
-            own.append(Sums.of(quiet, np.concatenate(rows), len(uncertainty)))
-    fit = LinearFit.of(beside, uncertainty)
-    for number, moved in zip(rounds, fit.moved(Sums.side_by_side(own), np.array(sizes)), strict=True):
-        shifts[number] += moved
-    shifts[every[0][0]] += LinearFit.of(before, uncertainty).optimum(before) - fit.optimum(beside)
+        if not columns.shape[1]:
+            continue
+        sums = quiet.sums(_rows(alone, quiet, scale)[:, None]).at((slice(None), 0))
+        for at, place in enumerate(group.numbers.tolist()):
+            here = [(number, one) for number, one in every if one.place in (None, place)]
+            amounts = [np.abs(one.score.amounts) for _, one in here]
+            if here:
+                sizes.append(np.concatenate(amounts))
+                own.append(sums.at(at).some(range(sizes[-1].size)))
+                rounds.append(np.repeat([number for number, _ in here], [part.size for part in amounts]).tolist())
+    fit = LinearFit.of(Own.joined(beside), uncertainty)
+    for numbers, moved in zip(rounds, shifts_beside(fit, own, sizes), strict=True):
+        for number, shift in zip(numbers, moved, strict=True):
+            shifts[number] += shift
+    shifts[every[0][0]] += LinearFit.of(Own.joined(before), uncertainty).optimum - fit.optimum
     return shifts
+
+
+def _each(columns: NDArray[Any], group: Group) -> NDArray[Any]:
+    """Columns for each record of a group, which may share them."""
+    return np.broadcast_to(columns, (len(group.records), *columns.shape[1:]))
 
 
 def _of_one_kind(every: list[Together]) -> list[Together]:
@@ -163,21 +198,6 @@ def _joined_groups(some: Sequence[Together]) -> Together:
     return Together(found, lambda: np.sum([group.shift for group in some], axis=0))
 
 
-def _among_points(points: PointsPart, uncertainty: FloatArray, rounds: int) -> list[Together]:
-    found, fit = list[Together](), points.fit(uncertainty)
-    for _ in range(rounds):
-        now = _strongest(_of_points(fit, points))
-        if not now:
-            break
-        before = fit.optimum([])
-        points = reduce(
-            PointsPart.beside, (one.candidate.rows for one in now if one.candidate.rows is not None), points
-        )
-        fit = points.fit(uncertainty)
-        found.append(_together(now, partial(np.subtract, before, fit.optimum([]))))
-    return found
-
-
 def _together(found: Sequence[Found], moved: Callable[[], FloatArray] | None = None) -> Together:
     """``moved``: makes the shift of the fit beside all of them; None: as each of them shows it."""
     if moved is None or not found[0].departure.joint:
@@ -195,131 +215,24 @@ def _strongest(found: Sequence[Found]) -> list[Found]:
     return sorted((one for one in found if one.departure is best), key=lambda one: -one.score.explained)
 
 
-def _of_points(fit: LinearFit, points: PointsPart) -> list[Found]:
-    kinds, found = DEPARTURES.all(), list[Found]()
-    for departure in kinds.values():
-        best = _best(fit, departure, _sure(fit, departure, in_widths(departure.at_points(points)), len(kinds)))
-        if best is not None:
-            found.append(Found(departure, *best, None, best[0].record))
-    return found
-
-
-def _of_records(parts: Parts, scale: Scale, uncertainty: FloatArray) -> list[Found]:
-    """One pass over the parts, and one more where a place is significant by approximate sums."""
+def _among_points(points: PointsPart, uncertainty: FloatArray, rounds: int) -> list[Together]:
+    """Departures of a response at points; their sums need no bound."""
+    made, fit = list[Together](), points.fit(uncertainty)
     kinds = DEPARTURES.all()
-    looked = [departure for departure in kinds.values() if departure.of_light or not scale.narrow]
-    every, seen = dict[Departure, list[Places]](), list[_Seen]()
-    for part in parts:
-        own = {departure: departure.places(part, scale, len(uncertainty)) for departure in looked}
-        for departure in [departure for departure in looked if departure.pooled]:
-            places = own.pop(departure)
-            every[departure] = _pooled(every[departure], places) if seen else places
-        seen.append(_Seen(len(seen), part.record.name, part.own, own))
-        del part  # before the next one is made
-    if not seen:
-        return []
-    fit, found = LinearFit.of([one.own for one in seen], uncertainty), list[Found]()
-    for departure in looked:
-        if departure.pooled:
-            best = _best(fit, departure, _sure(fit, departure, every[departure], len(kinds)))
-            found += [] if best is None else [Found(departure, *best, None, None)]
-            continue
-        several = len(kinds) * len(seen) * (2 if departure.together else 1)
-        sure = [_sure(fit, departure, one.places[departure], several, one.own) for one in seen]
-        if departure.approximate and any(sure):
-            sure = [_exactly(fit, departure, tests, part, scale) for tests, part in zip(sure, parts, strict=True)]
-        bests = [(one, _best(fit, departure, tests)) for one, tests in zip(seen, sure, strict=True)]
-        alone = [Found(departure, *best, one.place, one.record) for one, best in bests if best is not None]
-        found += (departure.together and _of_all(fit, departure, seen, 2 * len(kinds))) or alone
-    return found
-
-
-@dataclass(frozen=True, eq=False)
-class _Seen:
-    """What a pass keeps of a part: its number, the record's name, what it says, and the places of each departure."""
-
-    place: int
-    record: str
-    own: Own
-    places: Mapping[Departure, Sequence[Places]]
-
-
-def _of_all(fit: LinearFit, departure: Departure, seen: Sequence[_Seen], several: int) -> list[Found]:
-    """All records, where these show a departure together that has one place in each; else none."""
-    seen = [one for one in seen if one.places[departure]]
-    places = [one.places[departure][0] for one in seen]
-    if not places:
-        return []
-    (score,) = fit.test(Sums.stacked([Sums.side_by_side([one.sums.at(0) for one in places])]))
-    if score is None or score.chance * several > FALSE_ALARMS:
-        return []
-    tests = ((one, there.candidates[0], fit.test(there.sums)[0]) for one, there in zip(seen, places, strict=True))
-    return [
-        Found(departure, candidate, own, score.chance * several, one.place, one.record)
-        for one, candidate, own in tests
-        if own is not None
-    ]
-
-
-def _pooled(before: Sequence[Places], more: Sequence[Places]) -> list[Places]:
-    """Places whose amounts parts share; none where one part has none."""
-    if not before or not more:
-        return []
-    return [Places(one.candidates, one.sums + other.sums) for one, other in zip(before, more, strict=True)]
-
-
-@dataclass(frozen=True, eq=False)
-class _Test:
-    """A candidate that noise does not explain: its sums, its test, and the number of tests that share the rate."""
-
-    candidate: Candidate
-    sums: Sums
-    score: Score
-    several: int
-
-
-def _sure(
-    fit: LinearFit, departure: Departure, places: Sequence[Places], several: int, own: Own | None = None
-) -> list[_Test]:
-    """The significant candidates, that which explains most first.
-
-    ``several``: other tests that share the rate; ``own``: of the part that the places are in; None where they are in
-    all.
-    """
-    several *= sum(len(some.candidates) for some in places)
-    tests = [
-        _Test(candidate, some.sums.at(place), score, several)
-        for some in places
-        for place, (candidate, score) in enumerate(
-            zip(some.candidates, _tests(fit, departure, some.sums, own), strict=True)
-        )
-        if score is not None and score.chance * several < FALSE_ALARMS
-    ]
-    return sorted(tests, key=lambda test: -test.score.explained)
-
-
-def _tests(fit: LinearFit, departure: Departure, sums: Sums, own: Own | None) -> list[Score | None]:
-    return fit.test(sums.within(own, fit.inverse) if departure.within and own is not None else sums)
-
-
-def _exactly(fit: LinearFit, departure: Departure, tests: Sequence[_Test], part: Part, scale: Scale) -> list[_Test]:
-    """The first candidate that is significant by exact sums, too."""
-    for test in tests[:MOST_EXACT]:
-        sums = departure.exact(test.candidate, part, scale, len(fit.uncertainty))
-        (score,) = _tests(fit, departure, Sums.stacked([sums]), part.own)
-        if score is not None and score.chance * test.several < FALSE_ALARMS:
-            return [replace(test, sums=sums, score=score)]
-    return []
-
-
-def _best(fit: LinearFit, departure: Departure, tests: Sequence[_Test]) -> tuple[Candidate, Score, float] | None:
-    """The first candidate with its test and chance; None of none."""
-    if not tests:
-        return None
-    test, shift = tests[0], tests[0].score.shift
-    if departure.own_columns:  # of that significant pair that moves the parameters most
-        pairs = [test.sums.some([first, first + 1]) for first in range(0, len(test.sums.score), 2)]
-        every = [pair for pair in fit.test(Sums.stacked(pairs)) if pair is not None]
-        alone = [pair for pair in every if pair.chance * test.several * len(pairs) < FALSE_ALARMS]
-        shift = max((pair.shift for pair in alone), key=fit.impact, default=np.zeros_like(shift))
-    return test.candidate, replace(test.score, shift=shift), test.score.chance * test.several
+    for _ in range(rounds):
+        found = list[tuple[Found, PointsPart]]()
+        for departure in kinds.values():
+            places = departure.at_points(points)
+            asked = Asked(departure, None, None, len(kinds) * len(places))
+            asked.tested = [(Candidate(place.words), points.sums(place)) for place in places]
+            best = best_of(fit, asked)
+            if best is not None:
+                place = places[asked.chosen]
+                found.append((replace(best, record=place.record), points.beside(place)))
+        if not found:
+            break
+        strongest, beside = max(found, key=lambda one: one[0].score.explained)
+        before, points = fit.optimum, beside
+        fit = points.fit(uncertainty)
+        made.append(_together([strongest], partial(np.subtract, before, fit.optimum)))
+    return made

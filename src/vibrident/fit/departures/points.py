@@ -7,12 +7,27 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vibrident.data.records import FloatArray
-from vibrident.fit.departures.candidate import Candidate
-from vibrident.fit.departures.part import orthonormal
-from vibrident.fit.departures.score import WITHIN, LinearFit, Sums
+from vibrident.fit.departures.group import ROUNDING
+from vibrident.fit.departures.score import WITHIN, LinearFit
+from vibrident.fit.departures.sums import Exact
 from vibrident.fit.information import inverse_where_shown
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.uncertainty.linearised import Linearised
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """A place of a departure among points.
+
+    Attributes:
+        words: what it is there.
+        changes: relative changes of the response at the points, shape (m, n).
+        record: name of the record; None of all.
+    """
+
+    words: str
+    changes: ComplexArray
+    record: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,9 +57,17 @@ class PointsPart:
         """Of the points, shape (n,)."""
         return self.linear.frequency_hz[: len(self.record)]
 
-    def beside(self, rows: FloatArray) -> PointsPart:
-        """The same with more nuisance rows, in standard deviations, shape (q, m)."""
-        return replace(self, basis=orthonormal(np.concatenate([self.basis, rows])))
+    def beside(self, point: Point) -> PointsPart:
+        """The same with the columns of a place as nuisance rows."""
+        rows = np.concatenate([self.basis, self._rows(point)])
+        left, sizes, rotated = np.linalg.svd(rows, full_matrices=False)
+        del left
+        return replace(self, basis=rotated[sizes**2 > ROUNDING * np.max(sizes**2, initial=1e-300)])
+
+    def _rows(self, point: Point) -> FloatArray:
+        """Columns of a place in standard deviations, shape (m, rows)."""
+        parts = np.concatenate([point.changes.real, point.changes.imag], axis=1)[:, : len(self.linear.rest)]
+        return parts * self.linear.weight
 
     def _freed(self, rows: FloatArray) -> FloatArray:
         return rows - (rows @ self.basis.T) @ self.basis
@@ -56,15 +79,15 @@ class PointsPart:
         inverse = inverse_where_shown(normal)
         chi2 = max(float(rest @ rest - gradient @ inverse @ gradient), 0.0)
         freedom = float(max(len(rest) - len(uncertainty) - len(self.basis), 1))
-        return LinearFit(inverse, normal, gradient, rows @ self.common.T, chi2, freedom, uncertainty, self.told)
+        common = rows @ self.common.T
+        optimum = inverse @ gradient
+        return LinearFit(normal, inverse, gradient, chi2, freedom, uncertainty, optimum, self.told, normal, common)
 
-    def place(self, words: str, changes: ComplexArray, record: str | None = None) -> tuple[Candidate, Sums]:
-        """A departure by relative changes of the response at the points, shape (m, n)."""
-        parts = np.concatenate([changes.real, changes.imag], axis=1)[:, : len(self.linear.rest)]
-        rows = parts * self.linear.weight
-        least, freed = WITHIN * np.einsum("ij,ij->i", rows, rows), self._freed(rows)
+    def sums(self, point: Point) -> Exact:
+        """What the columns of a place have in common with the fit."""
+        rows = self._rows(point)
+        freed = self._freed(rows)
         gram, cross = freed @ freed.T, freed @ self.linear.matrix
-        nothing = np.zeros((len(rows), self.linear.matrix.shape[1]))
-        rounding = freed @ self.common.T
-        sums = Sums(freed @ self.linear.rest, gram, gram, cross, cross, rounding, nothing, least, np.array(0.0))
-        return Candidate(words, record=record, rows=rows), sums
+        least = WITHIN * np.einsum("ij,ij->i", rows, rows)
+        nothing, none = np.zeros_like(cross), np.zeros(())
+        return Exact(freed @ self.linear.rest, gram, cross, nothing, least, gram, cross, freed @ self.common.T, none)

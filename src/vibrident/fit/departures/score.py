@@ -9,18 +9,22 @@ V is the covariance of e: the slow profile of the noise in time, the converters'
 stated systematic effects, and what is not known of the reference's noise. T is χ² with as many degrees of freedom as
 columns, and Δz what the stated coordinates have beyond those beside the departure (Rao 1948; Breusch & Pagan 1980;
 White 1980).
+
+**Bound first.** V is at least the quietest level v of the profile, so T ≤ (D⊥e)ᵀ (D⊥D⊥ᵀ)⁻¹ (D⊥e) / v: what the
+departure explains, over v. Sums of products by bins tell that; V is made for the few columns that the bound leaves.
 """
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from vibrident.base.tails import f_tail
-from vibrident.data.records import FloatArray
-from vibrident.fit.departures.part import Own, Part
+from vibrident.data.records import BoolArray, FloatArray
+from vibrident.fit.departures.sums import Exact, Own, Sums
 from vibrident.fit.information import inverse_where_shown
 from vibrident.fit.response.rounding import TRIALS
 
@@ -28,123 +32,8 @@ from vibrident.fit.response.rounding import TRIALS
 WITHIN = 1e-7
 #: Part of the covariance below which the converters count for nothing.
 SMALLEST = 1e-3
-
-
-@dataclass(frozen=True, eq=False)
-class Sums:
-    """What m columns have in common with the residual, each other and the Jacobian; those of records add up.
-
-    Those of several places are stacked along axes in front.
-    """
-
-    score: FloatArray  # D e, shape (…, m)
-    gram: FloatArray  # D Dᵀ, shape (…, m, m)
-    spread: FloatArray  # D V Dᵀ without the converters' errors, shape (…, m, m)
-    cross: FloatArray  # D Jᵀ, shape (…, m, P)
-    cross_spread: FloatArray  # D V Jᵀ, shape (…, m, P)
-    common: FloatArray  # D times the errors common to the record, or to all, shape (…, m, 2 TRIALS + K)
-    shift: FloatArray  # of the coordinates by a unit of each column, of records with their own, shape (…, m, P)
-    least: FloatArray  # of D Dᵀ beside the parameters, below which a column tells nothing, shape (…, m)
-    steps: FloatArray  # power of the errors of converters and interpolation, shape (…)
-
-    @classmethod
-    def of(cls, part: Part, white: FloatArray, parameters: int, doubt: FloatArray | None = None) -> Sums:
-        """Of whitened columns, shape (m, n).
-
-        ``doubt``: what they have in common with an error of the reference's noise, shape (m,); None: they are linear in
-        the motion, and :attr:`Part.effects` tells it.
-        """
-        loud, nothing = white * part.profile, np.zeros((len(white), parameters))
-        common = part.in_common(white)
-        if doubt is not None:
-            common[:, -1] = doubt
-        sums = cls(
-            white @ part.residual,
-            white @ white.T,
-            loud @ white.T,
-            white @ part.jacobian.T,
-            loud @ part.jacobian.T,
-            common,
-            nothing,
-            WITHIN * np.einsum("ij,ij->i", white, white),
-            np.array(part.steps),
-        )
-        return sums.beside(part, parameters)
-
-    @classmethod
-    def stacked(cls, every: Sequence[Sums]) -> Sums:
-        """Of places with as many columns each."""
-        return cls(*(np.stack([getattr(one, each.name) for one in every]) for each in fields(cls)))
-
-    @staticmethod
-    def side_by_side(every: Sequence[Sums]) -> Sums:
-        """Of all columns of several records together."""
-        own = {each.name: [getattr(one, each.name) for one in every] for each in fields(Sums)}
-        gram, spread, steps = (own.pop(name) for name in ("gram", "spread", "steps"))
-        joined = {name: np.concatenate(columns) for name, columns in own.items()}
-        return Sums(**joined, gram=_blocks(gram), spread=_blocks(spread), steps=np.sum(steps, axis=0))
-
-    def beside(self, part: Part, parameters: int) -> Sums:
-        """The same with the record's own parameters projected out, where it has any."""
-        if part.pull is None:
-            return self
-        return self._without_own(part.own, self.cross @ part.own.inverse @ part.pull.T, parameters)
-
-    def within(self, own: Own, inverse: FloatArray) -> Sums:
-        """The same beside parameters that are the record's alone: what differs within it (Chow 1960).
-
-        ``inverse``: of the Jacobians of all records, shape (P, P), by which what is found moves the coordinates.
-        """
-        if own.alone is not None:
-            return self
-        return self._without_own(own, self.cross @ inverse, len(inverse))
-
-    def _without_own(self, own: Own, shift: FloatArray, parameters: int) -> Sums:
-        share = self.cross @ own.inverse
-        both = share @ self.cross_spread.mT
-        nothing = np.zeros((*self.score.shape, parameters))
-        return Sums(
-            self.score - share @ own.gradient,
-            self.gram - share @ self.cross.mT,
-            self.spread - both - both.mT + share @ own.spread @ share.mT,
-            nothing,
-            nothing,
-            self.common - share @ own.common,
-            shift,
-            self.least,
-            self.steps,
-        )
-
-    def some(self, kept: Sequence[int]) -> Sums:
-        """Of some of the columns."""
-        every = list(kept)
-        return Sums(
-            self.score[..., every],
-            self.gram[..., every, :][..., every],
-            self.spread[..., every, :][..., every],
-            self.cross[..., every, :],
-            self.cross_spread[..., every, :],
-            self.common[..., every, :],
-            self.shift[..., every, :],
-            self.least[..., every],
-            self.steps,
-        )
-
-    def at(self, places: int | Sequence[int]) -> Sums:
-        """Of some of the places."""
-        return Sums(*(getattr(self, each.name)[places] for each in fields(self)))
-
-    def __add__(self, other: Sums) -> Sums:
-        return Sums(*(getattr(self, each.name) + getattr(other, each.name) for each in fields(self)))
-
-
-def _blocks(every: Sequence[FloatArray]) -> FloatArray:
-    """A matrix with these on its diagonal, each of shape (m, m)."""
-    ends = np.cumsum([len(one) for one in every]).tolist()
-    found = np.zeros((ends[-1], ends[-1]))
-    for end, one in zip(ends, every, strict=True):
-        found[end - len(one) : end, end - len(one) : end] = one
-    return found
+#: Halvings of an interval in which the critical value of a test lies.
+HALVINGS = 60
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,6 +45,7 @@ class Score:
         columns: its degrees of freedom.
         shift: of the coordinates, stated less without the departure, shape (P,).
         amounts: of the columns, shape (m,).
+        deviations: standard deviations of the amounts, shape (m,).
         chance: that noise has a T as large.
         explained: what the departure takes from the sum of squares, beyond one for each column: by it departures are
             ranked, as a misfit makes V and with it T uncertain.
@@ -165,8 +55,13 @@ class Score:
     columns: int
     shift: FloatArray
     amounts: FloatArray
+    deviations: FloatArray
     chance: float
     explained: float
+
+
+def _nothing() -> FloatArray:
+    return np.zeros((0, 0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,110 +69,228 @@ class LinearFit:
     """The fit at its optimum, linearised: what departures are tested against.
 
     Attributes:
-        inverse: of J Jᵀ, shape (P, P).
-        spread: J V Jᵀ, shape (P, P).
+        normal: J Jᵀ, shape (P, P).
+        inverse: of it, shape (P, P).
         gradient: J e, shape (P,).
-        common: J times the common errors, shape (P, 2 TRIALS + K).
         chi2: sum of squares of the residual beside the parameters.
         freedom: its degrees of freedom.
         uncertainty: of the coordinates as stated, shape (P,).
+        optimum: where the best coordinates are from those of the fit, shape (P,).
         told: degrees of freedom behind the noise.
+        spread: covariance of J e by the noise's profile, shape (P, P); empty for a bound.
+        common: J times the known errors, shape (P, 2 TRIALS + E); empty for a bound.
     """
 
+    normal: FloatArray
     inverse: FloatArray
-    spread: FloatArray
     gradient: FloatArray
-    common: FloatArray
     chi2: float
     freedom: float
     uncertainty: FloatArray
+    optimum: FloatArray
     told: float = np.inf
+    spread: FloatArray = field(default_factory=_nothing)
+    common: FloatArray = field(default_factory=_nothing)
 
     @classmethod
-    def of(cls, every: Sequence[Own], uncertainty: FloatArray) -> LinearFit:
-        """Of all parts; ``uncertainty``: of the coordinates as stated, shape (P,)."""
-        count = len(uncertainty)
-        normal, spread = np.zeros((2, count, count))
-        gradient, common = np.zeros(count), np.zeros((count, every[0].common.shape[1]))
-        chi2, freedom = 0.0, -float(count)
-        for own in every:
-            chi2 += own.chi2
-            freedom += own.freedom
-            if own.alone is None:
-                normal += own.normal
-                spread += own.spread
-                gradient += own.gradient
-                common += own.common
+    def of(cls, own: Own, uncertainty: FloatArray) -> LinearFit:
+        """Of all records; ``uncertainty``: of the coordinates as stated, shape (P,)."""
+        normal, gradient = np.sum(own.normal, axis=0), np.sum(own.gradient, axis=0)
         inverse = inverse_where_shown(normal)
-        chi2 -= float(gradient @ inverse @ gradient)
-        return cls(inverse, spread, gradient, common, max(chi2, 0.0), max(freedom, 1.0), uncertainty)
+        chi2 = max(float(np.sum(own.chi2) - gradient @ inverse @ gradient), 0.0)
+        freedom = max(float(np.sum(own.freedom)) - len(uncertainty), 1.0)
+        optimum = inverse @ gradient + np.sum(own.optimum, axis=0)
+        return cls(normal, inverse, gradient, chi2, freedom, uncertainty, optimum)
 
-    def optimum(self, every: Sequence[Own]) -> FloatArray:
-        """Where the best coordinates are from those of the fit, shape (P,)."""
-        alone = [own.alone for own in every if own.alone is not None]
-        return np.asarray(np.sum([self.inverse @ self.gradient, *alone], axis=0))
-
-    def test(self, sums: Sums) -> list[Score | None]:
-        """The score test at each of stacked places; None where the parameters can follow the columns."""
+    def beside_parameters(self, sums: Sums) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """D Jᵀ A⁻¹, D⊥e and D⊥D⊥ᵀ."""
         share = sums.cross @ self.inverse
-        score, gram = sums.score - share @ self.gradient, sums.gram - share @ sums.cross.mT
-        power = np.diagonal(gram, axis1=-2, axis2=-1)
-        seen = power > sums.least
-        both = share @ sums.cross_spread.mT
-        spread = sums.spread - both - both.mT + share @ self.spread @ share.mT
-        scale = np.where(seen, 1.0 / np.sqrt(np.where(seen, power, 1.0)), 0.0)
-        values, vectors = np.linalg.eigh(gram * scale[..., None] * scale[..., None, :])
-        kept = seen.any(axis=-1, keepdims=True) & (values > WITHIN * values[..., -1:])
-        turn = np.where(kept[..., None], vectors.mT * scale[..., None, :], 0.0)
-        turned, errors = (turn @ score[..., None])[..., 0], turn @ (sums.common - share @ self.common)
-        covariance = turn @ spread @ turn.mT + errors @ errors.mT
-        statistic = np.einsum("...i,...ij,...j", turned, np.linalg.pinv(covariance, 1e-9, hermitian=True), turned)
-        parts = np.where(kept, turned / np.where(kept, values, 1.0), 0.0)
-        amounts = (parts[..., None, :] @ turn)[..., 0, :]
-        shift = (amounts[..., None, :] @ (share + sums.shift))[..., 0, :]
-        explained = np.sum(turned * parts, axis=-1)
-        repeated = np.sum(errors[..., : 2 * TRIALS] ** 2, axis=(-2, -1)) / np.maximum(
-            np.trace(covariance, axis1=-2, axis2=-1), np.finfo(float).tiny
-        )
-        told = np.minimum((np.sqrt(TRIALS) / np.maximum(repeated, SMALLEST)) ** 2, self.told)
-        columns = np.sum(kept, axis=-1)
-        return [
-            None
-            if not m
-            else Score(
-                float(statistic[k]),
-                m,
-                shift[k],
-                amounts[k],
-                # converters or interpolation may do as much as what is rounded
-                1.0
-                if explained[k] < sums.steps[k]
-                else self._chance(*map(float, (statistic[k], explained[k], m, told[k]))),
-                float(explained[k]) - m,
-            )
-            for k, m in enumerate(columns.tolist())
-        ]
+        return share, sums.score - share @ self.gradient, sums.gram - share @ sums.cross.mT
 
-    def moved(self, sums: Sums, sizes: FloatArray) -> FloatArray:
-        """How far each column moves the coordinates, by the amounts that all have together, shape (m, P).
+    def explained(self, sums: Sums) -> tuple[FloatArray, FloatArray]:
+        """What the columns of each place take from the sum of squares, and how many tell something; one by one."""
+        _, score, gram = self.beside_parameters(sums)
+        total = np.zeros(score.shape[:-1])
+        columns = np.zeros(score.shape[:-1], dtype=int)
+        for k in range(score.shape[-1]):
+            pivot = gram[..., k, k]
+            seen = pivot > sums.least[..., k]
+            over = np.divide(1.0, pivot, out=np.zeros_like(pivot), where=seen)
+            total += score[..., k] ** 2 * over
+            columns += seen
+            row = gram[..., k, k + 1 :] * over[..., None]
+            score[..., k + 1 :] -= row * score[..., k, None]
+            gram[..., k + 1 :, k + 1 :] -= row[..., :, None] * gram[..., k, None, k + 1 :]
+        return total, columns
 
-        ``sizes``: of the amounts that each showed by itself, shape (m,): standard deviations of a normal prior. Without
-        it the common gain is not determined where each record has a gain of its own.
+    def may_be(self, explained: FloatArray, columns: FloatArray, quietest: FloatArray, chance: float) -> BoolArray:
+        """Whether a test could have a chance below this one, shape as of the arguments."""
+        ratio = explained / np.maximum(quietest * columns * self._left(explained, columns), np.finfo(float).tiny)
+        numbers = np.unique(columns)
+        critical = [critical_f(m, max(self.freedom - m, 1.0), chance) if m else np.inf for m in numbers.tolist()]
+        return (columns > 0) & (ratio > np.array(critical)[np.searchsorted(numbers, columns)])
+
+    def _left(self, explained: FloatArray, columns: FloatArray) -> FloatArray:
+        """Mean square that the columns leave, at least one."""
+        left = np.maximum(self.freedom - columns, 1.0)
+        return np.maximum((self.chi2 - explained) / left, 1.0)
+
+    def test(self, sums: Exact) -> Score | None:
+        """The score test of one place; None where the parameters can follow the columns."""
+        share, score, gram = self.beside_parameters(sums)
+        seen = np.diag(gram) > sums.least
+        scale = np.where(seen, 1.0 / np.sqrt(np.where(seen, np.diag(gram), 1.0)), 0.0)
+        values, vectors = np.linalg.eigh(gram * scale[:, None] * scale)
+        kept = values > WITHIN * values[-1]
+        if not seen.any():
+            return None
+        turn = vectors[:, kept].T * scale
+        turned, errors = turn @ score, turn @ (sums.common - share @ self.common)
+        covariance = turn @ sums.spread_beside(share, self.spread) @ turn.T + errors @ errors.T
+        statistic = float(turned @ np.linalg.pinv(covariance, 1e-9, hermitian=True) @ turned)
+        parts = turned / values[kept]
+        amounts = parts @ turn
+        over = turn.T / values[kept]
+        deviations = np.sqrt(np.maximum(np.einsum("mi,ij,mj->m", over, covariance, over), 0.0))
+        explained = float(turned @ parts)
+        columns = len(turned)
+        repeated = float(np.sum(errors[:, : 2 * TRIALS] ** 2)) / max(np.trace(covariance), np.finfo(float).tiny)
+        chance = self.chance(statistic, explained, columns, repeated, float(sums.steps))
+        shift = amounts @ (share + sums.shift)
+        return Score(statistic, columns, shift, amounts, deviations, chance, explained - columns)
+
+    def chance(self, statistic: float, explained: float, columns: int, repeated: float, steps: float) -> float:
+        """Chance of a statistic as large: an F test against what the departure leaves, where that is more than noise.
+
+        Args:
+            statistic: T.
+            explained: what the columns take from the sum of squares.
+            columns: their number.
+            repeated: part of their covariance that is the converters'.
+            steps: power of the errors of converters and interpolation, which may do as much as what is rounded.
         """
-        share = sums.cross @ self.inverse
-        score, gram = sums.score - share @ self.gradient, sums.gram - share @ sums.cross.T
-        amounts = sizes * np.linalg.solve(np.eye(len(sizes)) + sizes[:, None] * gram * sizes, sizes * score)
-        return np.asarray(amounts[:, None] * (share + sums.shift))
-
-    def _chance(self, statistic: float, explained: float, columns: float, told: float) -> float:
-        """An F test against what the departure leaves, where that is more than noise.
-
-        ``told``: degrees of freedom by which the covariance of the columns is known.
-        """
+        if explained < steps or not columns:
+            return 1.0
         left = max(self.freedom - columns, 1.0)
-        rest = max((self.chi2 - explained) / left, 1.0)
-        return f_tail(columns, min(left, told), statistic / columns / rest)
+        told = min(TRIALS / max(repeated, SMALLEST) ** 2, self.told, left)
+        rest = float(self._left(np.array(explained), np.array(columns)))
+        return f_tail(columns, told, statistic / columns / rest)
 
     def impact(self, shift: FloatArray) -> float:
         """Largest shift of a coordinate, in its stated standard uncertainty."""
         return float(np.max(np.abs(shift) / np.maximum(self.uncertainty, np.finfo(float).tiny), initial=0.0))
+
+
+@functools.lru_cache(maxsize=256)
+def critical_f(above: float, below: float, chance: float) -> float:
+    """Value that an F of such degrees of freedom exceeds with this chance."""
+    low, high = 0.0, 1.0
+    while f_tail(above, below, high) > chance and high < 1e12:
+        low, high = high, 4.0 * high
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if f_tail(above, below, middle) > chance else (low, middle)
+        if high - low < 1e-3 * high:
+            break
+    return low
+
+
+@dataclass(frozen=True, eq=False)
+class JointSums:
+    """Columns of all records together, each with amounts of its own, turned so that those of a record are orthogonal.
+
+    Covariance and normal matrix are blocks, one a record, and what parameters and common errors add to them: by
+    Woodbury's formula the work is linear in the number of records.
+
+    Attributes:
+        fit: all records.
+        sums: of one place in each, shape (R, …).
+        turn: of the columns, zero where they tell nothing, shape (R, m, m).
+        over: one over their squares, likewise zero, shape (R, m).
+    """
+
+    fit: LinearFit
+    sums: Sums
+    turn: FloatArray
+    over: FloatArray
+
+    @classmethod
+    def of(cls, fit: LinearFit, sums: Sums) -> JointSums:
+        """Of the sums of one place in each record, shape (R, …)."""
+        power = np.diagonal(sums.gram, axis1=1, axis2=2)
+        seen = power > sums.least
+        scale = np.where(seen, 1.0 / np.sqrt(np.where(seen, power, 1.0)), 0.0)
+        values, vectors = np.linalg.eigh(sums.gram * scale[..., None] * scale[..., None, :])
+        kept = values > WITHIN
+        turn = np.where(kept[..., None], vectors.mT * scale[..., None, :], 0.0)
+        return cls(fit, sums, turn, np.where(kept, 1.0 / np.where(kept, values, 1.0), 0.0))
+
+    @property
+    def explained(self) -> tuple[float, int]:
+        """What they take from the sum of squares beside the parameters, and their number."""
+        score, cross, over, fit = self.score, self.cross, self.over, self.fit
+        normal = fit.normal - np.einsum("rmp,rm,rmq->pq", cross, over, cross)
+        gradient = fit.gradient - np.einsum("rmp,rm,rm->p", cross, over, score)
+        explained = float(np.sum(score**2 * over) + gradient @ inverse_where_shown(normal) @ gradient)
+        return explained - float(fit.gradient @ fit.inverse @ fit.gradient), int(np.sum(over > 0.0))
+
+    @property
+    def score(self) -> FloatArray:
+        """D e, turned, shape (R, m)."""
+        return (self.turn @ self.sums.score[..., None])[..., 0]
+
+    @property
+    def cross(self) -> FloatArray:
+        """D Jᵀ, turned, shape (R, m, P)."""
+        return self.turn @ self.sums.cross
+
+
+def joint_chance(fit: LinearFit, sums: Exact) -> float:
+    """Chance of a T as large of all columns together; ``sums``: of one place in each record, shape (R, …)."""
+    joint = JointSums.of(fit, sums)
+    turn = joint.turn
+    explained, columns = joint.explained
+    share = joint.cross @ fit.inverse
+    beside = joint.score - share @ fit.gradient
+    errors = turn @ sums.common - share @ fit.common
+    low_rank = np.concatenate([share, turn @ sums.cross_spread, errors], axis=2)
+    block = turn @ sums.spread @ turn.mT
+    trace = float(np.einsum("rmm->", block) + np.sum(errors**2))
+    block = block + np.where(joint.over > 0.0, 0.0, 1.0)[..., None] * np.eye(block.shape[1])
+    solved = np.linalg.solve(block, np.concatenate([low_rank, beside[..., None]], axis=2))
+    count = len(fit.gradient)
+    nothing, one = np.zeros((count, count)), np.eye(count)
+    core = np.eye(low_rank.shape[2])
+    core[: 2 * count, : 2 * count] = np.block([[nothing, -one], [-one, -fit.spread]])
+    both = np.einsum("rmi,rmj->ij", low_rank, solved)
+    taken = both[:, -1] @ np.linalg.pinv(core + both[:, :-1], 1e-13) @ both[:, -1]
+    statistic = float(np.sum(beside * solved[..., -1]) - taken)
+    repeated = float(np.sum(errors[..., : 2 * TRIALS] ** 2)) / max(trace, np.finfo(float).tiny)
+    return fit.chance(statistic, explained, columns, repeated, float(np.sum(sums.steps)))
+
+
+def shifts_beside(fit: LinearFit, sums: Sequence[Sums], sizes: Sequence[FloatArray]) -> list[FloatArray]:
+    """How far each column moves the coordinates, by the amounts that all have together, each of shape (m, P).
+
+    The amounts of each record are eliminated from the normal equations in turn.
+
+    Args:
+        fit: all records without the departures.
+        sums: of the columns of each record.
+        sizes: of the amounts that each showed by itself, shape (m,): standard deviations of a normal prior. Without it
+            the common gain is not determined where each record has a gain of its own.
+    """
+    normal, gradient = fit.normal.copy(), fit.gradient.copy()
+    solved = []
+    for part, size in zip(sums, sizes, strict=True):
+        ridged = np.eye(len(size)) + size[:, None] * part.gram * size
+        both = np.concatenate([part.score[:, None], part.cross], axis=1)
+        amounts = size[:, None] * np.linalg.solve(ridged, size[:, None] * both)
+        gradient -= part.cross.T @ amounts[:, 0]
+        normal -= part.cross.T @ amounts[:, 1:]
+        solved.append(amounts)
+    moved = inverse_where_shown(normal) @ gradient
+    return [
+        (amounts[:, 0] - amounts[:, 1:] @ moved)[:, None] * (part.cross @ fit.inverse + part.shift)
+        for part, amounts in zip(sums, solved, strict=True)
+    ]

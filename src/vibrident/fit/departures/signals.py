@@ -1,8 +1,9 @@
-"""A record's signals at the estimate, by their bins, and the part that the score tests look at."""
+"""A record's signals at the estimate, by their bins, and the groups that the score tests look at."""
 
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,15 +11,32 @@ from numpy import fft
 
 from vibrident.data.records import BoolArray, FloatArray, Record
 from vibrident.fit.bins import without_offset
-from vibrident.fit.departures.part import ROUNDING, Part, harmonics_of, orthonormal, without
-from vibrident.fit.information import inverse_normal
+from vibrident.fit.departures.group import Group, orthonormal, rank_of, without
+from vibrident.fit.departures.sums import Errors
 from vibrident.fit.noise.incoherent import HEARD
 from vibrident.fit.noise.motion import Motion
-from vibrident.fit.noise.profile import slow_profile
 from vibrident.fit.noise.spectrum import DOUBT, NoiseSpectrum, noise_spectrum
 from vibrident.fit.response.response import ComplexArray
+from vibrident.fit.response.rounding import TRIALS
+from vibrident.fit.response.tones import HARMONICS
 from vibrident.fit.response.transform import power_of
 from vibrident.fit.uncertainty.steps import rounding_in_residual
+
+#: The band over the highest frequency of the motion.
+BAND = 1.5
+#: Information, in squares of the noise, beyond the highest frequency of the motion: single bins of noise.
+BEYOND = 100.0
+#: Fewest bins of a band, as far as there are so many: what noise is, slow changes of it too, is told by these.
+MIN_BINS = 512
+#: Samples of the motion in time for each bin of the band: products of three signals alias behind the motion alone.
+OVERSAMPLED = 4.0 - 2.0 / BAND
+#: Records whose bands differ by less than this factor are worked on side by side, so many samples at once.
+ALIKE, AT_ONCE = 1.5, 1 << 18
+#: Rounding of columns that others span, in squares.
+ROUNDING = 1e-13
+
+#: Relative change of the response by one standard uncertainty of each stated effect, shape (K, bins).
+EffectsOf = Callable[["Signals"], ComplexArray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,11 +56,10 @@ class Signals:
         spectrum: of the noise, in the square of ``unit``; that of the reference, over |H|².
         unit: standard deviation that the record was weighted by.
         one_sided: how often a bin counts, shape (bins,).
-        pull: as of :class:`Part`.
-        turns: as of :class:`Part`.
+        pull: shift of the fit's coordinates by those of the record, shape (P, p); None where these are the same.
+        turns: of the record's sine from sample to sample; None for other motion.
         seen: motion, as the analysis of the noise sees it; None of too few bins for that.
         floor: lower limit of the noise, in the square of ``unit``.
-        departing: columns of departures that are known, shape (m, bins); None of none.
     """
 
     record: Record
@@ -61,132 +78,214 @@ class Signals:
     turns: float | None = None
     seen: Motion | None = None
     floor: float = 0.0
-    departing: ComplexArray | None = None
-
-    def in_noise_beside(self, columns: ComplexArray) -> Signals:
-        """In the noise as it is beside the columns of departures, shape (m, bins).
-
-        A departure that is no motion's is noise to the spectrum that was read before it was known.
-        """
-        known, spectrum = np.concatenate([self.nuisance, columns]), self.spectrum
-        if self.seen is not None:
-            freed = projected(self.rest / self.unit, np.concatenate([known, self.jacobian]), self.root)
-            without_offset(freed)
-            spectrum = replace(noise_spectrum(freed, self.seen, self.floor), tones=self.spectrum.tones)
-        return replace(self, departing=columns, spectrum=spectrum)
 
     @property
     def counted(self) -> BoolArray:
         """Bins that count, shape (bins,)."""
         return np.asarray(self.one_sided > 0.0)
 
-    @property
-    def root(self) -> FloatArray:
-        """Weight of the bins in a sum of squares, as a root, shape (bins,)."""
-        return np.asarray(np.sqrt(self.one_sided / np.asarray(self.spectrum.psd)))
-
     @functools.cached_property
     def level(self) -> FloatArray:
         """Power of the noise, a sample, at the bins, shape (bins,)."""
         return np.asarray(np.asarray(self.spectrum.psd) * self.unit**2, dtype=float)
 
-    @functools.cached_property
-    def likely(self) -> ComplexArray:
-        """Response to the most likely motion, zero where noise may be all of it, shape (bins,)."""
-        predicted, left = (np.asarray(bins / self.unit, dtype=complex) for bins in (self.predicted, self.rest))
-        predicted[0] = 0.0
-        known = self.nuisance if self.departing is None else np.concatenate([self.nuisance, self.departing])
-        rest = projected(left, known, self.root)
-        return most_likely(predicted, rest, self.transfer, self.spectrum, self.used) * self.counted * self.unit
+    def in_noise_beside(self, columns: ComplexArray) -> Signals:
+        """In the noise as it is beside the columns of departures, shape (m, K), at the first bins.
 
-    @property
-    def motion(self) -> FloatArray:
-        """Response to the most likely motion in time, with the fit's free motion, shape (n,).
-
-        A response that recurs with the record rings at its ends, where it jumps; what a departure makes of that ringing
-        is no nuisance parameter's.
+        A departure that is no motion's is noise to the spectrum that was read before it was known.
         """
-        free = np.where(self.used, self.series - fft.irfft(self.predicted, self.used.size), 0.0)
-        free = np.where(self.used, free - np.mean(free[self.used]) if self.used.any() else 0.0, 0.0)
-        return np.asarray(fft.irfft(self.likely, self.used.size) + free)
+        if self.seen is None or not columns.any():
+            return self
+        known = np.zeros((len(columns), self.rest.size), dtype=complex)
+        known[:, 1 : columns.shape[1] + 1] = columns
+        root = np.sqrt(self.one_sided / np.asarray(self.spectrum.psd))
+        freed = projected(self.rest / self.unit, np.concatenate([self.nuisance, known, self.jacobian]), root)
+        without_offset(freed)
+        spectrum = replace(noise_spectrum(freed, self.seen, self.floor), tones=self.spectrum.tones)
+        return replace(self, spectrum=spectrum)
 
-    def part(self, effects: ComplexArray) -> Part:
-        """The record whitened; ``effects``: relative change of the response by one u of each, shape (K, bins)."""
-        n, counted, likely, pull = self.used.size, self.counted, self.likely, self.pull
-        whitening = np.where(counted, 1.0 / np.sqrt(self.level), 0.0)
-        basis = orthonormal(np.asarray(fft.irfft(self.nuisance * whitening, n, axis=-1)))
-
-        def white(columns: ComplexArray) -> FloatArray:
-            signals = np.asarray(fft.irfft(columns * whitening, n, axis=-1))
-            return signals - (signals @ basis.T) @ basis
-
-        # the tone of a sine is told from its points
-        jacobian = self.jacobian * (power_of(likely) > 0.0) if pull is None else self.jacobian
-        residual, whitened = white(self.rest), white(jacobian)
-        beside = residual
-        if pull is not None:
-            harmonics = harmonics_of(self.turns or 0.0, n).reshape(-1, n) * self.used  # as the fit of the tone has them
-            whitened = without(whitened, orthonormal(white(np.asarray(fft.rfft(harmonics, axis=1), dtype=complex))))
-            beside = residual - (residual @ whitened.T) @ inverse_normal(whitened @ whitened.T) @ whitened
-        transfer = np.where(counted, self.transfer, 0.0)
-        doubt = self._doubt(transfer)
-        # An error ε of σx² leaves ε H* R/S of the residual R in the most likely motion: a departure D = L Ŷ then has
-        # Σ L* ε |R|²/S with it, as much as with the signal ε |R|²/(S Ŷ*).
-        among = np.divide(doubt * power_of(self.rest), np.conj(likely), out=np.zeros_like(likely), where=likely != 0.0)
-        between = float(np.median(self.level[counted])) if counted.any() else 0.0
-        predicted = np.asarray(fft.irfft(np.where(np.arange(self.rest.size) > 0, self.predicted, 0.0), n))
-        errors = rounding_in_residual(self.record, self.span, predicted, self.used, between, transfer, self.turns)
-        moved = np.divide(likely, transfer, out=np.zeros_like(likely), where=power_of(transfer) > 0.0)
-        freedom = float(np.sum(self.one_sided[counted])) * float(self.used.mean()) - len(basis)
-        return Part(
-            self.record,
-            self.span.start / self.record.sampling_rate_hz,
-            self.used,
-            predicted,
-            likely,
-            self.motion,
-            np.asarray(fft.irfft(moved, n)),
-            transfer,
-            whitening,
-            basis,
-            residual,
-            whitened,
-            slow_profile(beside, self.used),
-            freedom - (0.0 if pull is None else len(whitened)),
-            np.zeros((0, n)) if errors is None else white(np.asarray(fft.rfft(errors * self.used, axis=-1))),
-            white(np.concatenate([effects * likely, among[None]])),
-            doubt,
-            pull,
-            self.turns,
-            self.jacobian,
-            lambda columns: self.in_noise_beside(columns).part(effects),
-        )
-
-    def _doubt(self, transfer: ComplexArray) -> FloatArray:
-        """Part of the noise that one standard uncertainty of σx² makes, behind the sensor, shape (bins,)."""
-        found = np.asarray(self.spectrum.doubt()) * power_of(transfer) * self.unit**2 / (DOUBT * self.level)
-        return np.asarray(np.minimum(found, 1.0))
+    @functools.cached_property
+    def last(self) -> int:
+        """Last bin of the band: one and a half times the highest of the motion, and a tone's harmonics."""
+        power = np.divide(power_of(self.predicted), self.level * max(float(self.used.sum()), 1.0))
+        power[(power < HEARD) | ~self.counted] = 0.0
+        behind = np.cumsum(power[::-1])[::-1]
+        top = BAND * float(np.searchsorted(-behind, -BEYOND))
+        if self.turns is not None:
+            top = max(top, (HARMONICS + 0.5) * self.turns * self.used.size)
+        highest = int(np.flatnonzero(self.counted)[-1]) if self.counted.any() else 1
+        return min(max(int(top) + 1, MIN_BINS), highest)
 
 
-def most_likely(
-    predicted: ComplexArray, rest: ComplexArray, transfer: ComplexArray, spectrum: NoiseSpectrum, used: BoolArray
-) -> ComplexArray:
-    """Response to the most likely motion, zero where noise may be all of it, shape (bins,).
+def grouped(every: Sequence[Signals]) -> list[tuple[int, ...]]:
+    """Numbers of records of one length, rate and like band, so many at once."""
+    alike = dict[tuple[int, float, bool, bool, int], list[int]]()
+    for number, one in enumerate(every):
+        band = round(np.log(one.last) / np.log(ALIKE))
+        key = one.used.size, one.record.sampling_rate_hz, one.turns is None, one.pull is None, band
+        alike.setdefault(key, []).append(number)
+    made = list[tuple[int, ...]]()
+    for (samples, *_), numbers in alike.items():
+        width = max(AT_ONCE // samples, 1)
+        made += [tuple(numbers[first : first + width]) for first in range(0, len(numbers), width)]
+    return made
+
+
+def group_of(
+    every: Sequence[Signals], numbers: Sequence[int], effects_of: EffectsOf, departing: ComplexArray | None = None
+) -> Group:
+    """Records of one length and rate side by side.
+
+    Args:
+        every: the records.
+        numbers: of each among those of the fit.
+        effects_of: makes what stated effects do to a response.
+        departing: columns of departures that are known, shape (R, m, K); None of none.
+    """
+    samples = every[0].used.size
+    part = slice(1, max(one.last for one in every) + 1)
+    level = np.stack([one.level[part] for one in every])
+    counted = np.stack([one.counted[part] for one in every])
+    gain = np.where(counted, np.sqrt(2.0 / samples / level), 0.0)
+
+    def flat(columns: ComplexArray) -> FloatArray:
+        return np.ascontiguousarray(columns * gain[:, None]).view(float)
+
+    basis = orthonormal(flat(_side_by_side([one.nuisance[:, part] for one in every])))
+    residual = without(flat(np.stack([one.rest[None, part] for one in every])), basis)
+    predicted = np.stack([one.predicted[part] for one in every])
+    transfer = np.where(counted, np.stack([one.transfer[part] for one in every]), 0.0)
+    known = residual
+    if departing is not None:
+        known = without(residual, orthonormal(without(flat(departing), basis)))
+    rest = np.divide(known[:, 0].view(complex), gain, out=np.zeros_like(predicted), where=gain > 0.0)
+    share = np.stack([np.asarray(one.spectrum.input_noise_at)[part] * one.unit**2 for one in every])
+    count = np.array([[float(one.used.sum())] for one in every])
+    likely = most_likely(predicted, rest, share * power_of(transfer) / level, level * count) * counted
+    slopes = np.stack([one.jacobian[:, part] for one in every])
+    pull = None if every[0].pull is None else np.stack([one.pull for one in every if one.pull is not None])
+    turns = np.array([np.nan if one.turns is None else one.turns for one in every])
+    tone, jacobian = None, slopes
+    if pull is None:  # the tone of a sine is told from its points
+        jacobian = without(flat(slopes * (likely != 0.0)[:, None]), basis)
+    else:
+        jacobian = np.zeros((len(every), pull.shape[1], 2 * level.shape[1]))
+        tone = without(flat(slopes), basis)
+    made = Group(
+        tuple(one.record for one in every),
+        np.array(numbers),
+        np.array([one.span.start / one.record.sampling_rate_hz for one in every]),
+        np.stack([one.used for one in every]),
+        turns,
+        predicted,
+        likely,
+        _motion(every, likely, part.stop),
+        transfer,
+        slopes,
+        gain,
+        basis,
+        residual[:, 0],
+        jacobian,
+        tone,
+        pull,
+        np.array([np.sum(one.one_sided[part]) * one.used.mean() for one in every]) - rank_of(basis),
+        lambda some: _errors([every[number] for number in some], effects_of, likely[some], gain[some]),
+        lambda columns: group_of(
+            [one.in_noise_beside(own) for one, own in zip(every, columns, strict=True)], numbers, effects_of, columns
+        ),
+    )
+    if tone is None:
+        return made
+    harmonics = made.harmonics.reshape(len(every), -1, level.shape[1])
+    harmonics = orthonormal(without(flat(harmonics), basis))
+    return replace(made, tone=without(tone, harmonics))
+
+
+def _side_by_side(columns: Sequence[ComplexArray]) -> ComplexArray:
+    """Columns of records, padded by zeros, shape (R, m, K)."""
+    most = max(len(one) for one in columns)
+    made = np.zeros((len(columns), most, columns[0].shape[1]), dtype=complex)
+    for row, one in zip(made, columns, strict=True):
+        row[: len(one)] = one
+    return made
+
+
+def most_likely(predicted: ComplexArray, rest: ComplexArray, share: FloatArray, noise: FloatArray) -> ComplexArray:
+    """Response to the most likely motion, zero where noise may be all of it, shape (…, bins).
 
     X̂ = X + σx² H* R/S: its error is independent of the residual R, as that of the reference X is not.
 
     Args:
-        predicted: response to the reference, in the unit of the spectrum, shape (bins,).
-        rest: residual less nuisance parameters, likewise.
-        transfer: of the sensor, shape (bins,).
-        spectrum: of the noise.
-        used: samples that count, shape (n,).
+        predicted: response to the reference.
+        rest: residual less nuisance parameters.
+        share: part of the noise that is the reference's, σx² |H|²/S.
+        noise: power S of the noise in a bin.
     """
-    level = np.asarray(spectrum.psd)
-    share = np.minimum(spectrum.input_noise_at * power_of(transfer) / level, 1.0)
+    share = np.minimum(share, 1.0)
     likely = predicted + share * rest
-    unsure = np.where(share > 0.0, share * (1.0 - share), 1.0) * level * float(used.sum())
+    unsure = np.where(share > 0.0, share * (1.0 - share), 1.0) * noise
     return np.asarray(likely * (power_of(likely) > HEARD * unsure))
+
+
+def _motion(every: Sequence[Signals], likely: ComplexArray, stop: int) -> FloatArray:
+    """Response to the most likely motion in time, with the fit's free motion, shape (R, L).
+
+    A response that recurs with the record rings at its ends, where it jumps; what a departure makes of that ringing is
+    no nuisance parameter's.
+    """
+    samples = every[0].used.size
+    step = max(int(samples / (OVERSAMPLED * stop)), 1)
+    while samples % step:
+        step -= 1
+    used = np.stack([one.used for one in every])
+    predicted = np.stack([one.predicted for one in every])
+    predicted[:, 0] = 0.0
+    free = np.where(used, np.stack([one.series for one in every]) - fft.irfft(predicted, samples, axis=1), 0.0)
+    free -= np.sum(free, axis=1, keepdims=True) / np.maximum(used.sum(axis=1, keepdims=True), 1)
+    padded = np.zeros((len(every), likely.shape[1] + 1), dtype=complex)
+    padded[:, 1:] = likely
+    moved = fft.irfft(padded, samples // step, axis=1) / step
+    return np.asarray(moved + np.where(used, free, 0.0)[:, ::step])
+
+
+def _errors(every: Sequence[Signals], effects_of: EffectsOf, likely: ComplexArray, gain: FloatArray) -> Errors:
+    """Whitened errors of known covariance.
+
+    Args:
+        every: the records.
+        effects_of: makes what stated effects do to a response.
+        likely: response to the most likely motion, shape (R, K).
+        gain: that makes noise white, shape (R, K).
+    """
+    made = [_errors_of(one, effects_of(one), *own) for one, *own in zip(every, likely, gain, strict=True)]
+    return Errors(*(np.stack(parts) for parts in zip(*made, strict=True)))
+
+
+def _errors_of(
+    one: Signals, effects: ComplexArray, likely: ComplexArray, gain: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Of a record: converters, effects and doubt of the reference's noise, as in :class:`Errors`."""
+    samples, counted, part = one.used.size, one.counted, slice(1, gain.size + 1)
+
+    def flat(columns: ComplexArray) -> FloatArray:
+        return np.ascontiguousarray(columns * gain).view(float)
+
+    transfer = np.where(counted, one.transfer, 0.0)
+    doubt = np.asarray(one.spectrum.doubt()) * power_of(transfer) * one.unit**2 / (DOUBT * one.level)
+    doubt = np.minimum(doubt, 1.0)[part]
+    # An error ε of σx² leaves ε H* R/S of the residual R in the most likely motion: a departure D = L Ŷ then has
+    # Σ L* ε |R|²/S with it, as much as with the signal ε |R|²/(S Ŷ*).
+    among = doubt * power_of(one.rest[part])
+    among = np.divide(among, np.conj(likely), out=np.zeros_like(likely), where=likely != 0.0)
+    between = float(np.median(one.level[counted])) if counted.any() else 0.0
+    recurring = one.predicted.copy()
+    recurring[0] = 0.0
+    predicted = np.asarray(fft.irfft(recurring, samples))
+    errors = rounding_in_residual(one.record, one.span, predicted, one.used, between, transfer, one.turns)
+    rounding = np.zeros((2 * TRIALS, 2 * gain.size))
+    if errors is not None:
+        rounding = flat(np.asarray(fft.rfft(errors * one.used, axis=-1))[:, part])
+    return rounding, flat(np.concatenate([effects[:, part] * likely, among[None]])), doubt
 
 
 def projected(bins: ComplexArray, columns: ComplexArray, root: FloatArray) -> ComplexArray:

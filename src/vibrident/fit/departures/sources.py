@@ -1,4 +1,4 @@
-"""The parts of a fit: its records at the bins of their transforms, its sines, or the samples of a nonlinear model.
+"""The groups of a fit: its records at the bins of their transforms, its sines, or the samples of a nonlinear model.
 
 Noise, hum and the most likely motion are those that the fit is weighted by
 (:mod:`vibrident.fit.noise.spectrum`).
@@ -6,7 +6,7 @@ Noise, hum and the most likely motion are those that the fit is weighted by
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import chain
 
@@ -17,8 +17,9 @@ from vibrident.base.fft_lengths import fast_below
 from vibrident.data.records import BoolArray, FloatArray, Record
 from vibrident.fit.bins import RecordBins, without_offset
 from vibrident.fit.departures.departure import Scale
-from vibrident.fit.departures.part import Part, Parts
-from vibrident.fit.departures.signals import Signals, most_likely, projected
+from vibrident.fit.departures.examination import Groups
+from vibrident.fit.departures.group import Group
+from vibrident.fit.departures.signals import AT_ONCE, Signals, group_of, grouped, most_likely, projected
 from vibrident.fit.descent.iterate import Weighed, beside_hum, is_steep, nuisances_of, together
 from vibrident.fit.estimators import Estimate
 from vibrident.fit.information import inverse_normal
@@ -47,8 +48,8 @@ BANDS = 8
 NEAR_TONE = 4
 
 
-def parts_of(evidence: Evidence, estimate: Estimate, predicted: Sequence[FloatArray], tones: Points | None) -> Parts:
-    """All parts of a fit of records; none of a table, or of records that are too short.
+def groups_of(evidence: Evidence, estimate: Estimate, predicted: Sequence[FloatArray], tones: Points | None) -> Groups:
+    """All groups of a fit of records; none of a table, or of records that are too short.
 
     Args:
         evidence: the data.
@@ -68,15 +69,21 @@ def parts_of(evidence: Evidence, estimate: Estimate, predicted: Sequence[FloatAr
             return _of_sines(evidence, estimate, predicted, tones)
         return _of_samples(evidence, estimate, predicted)
 
-    def made() -> Iterator[Part]:
-        for one in signals():
-            yield one.part(_effects(evidence, estimate, one))
-            del one  # before the next one is made
+    def made() -> Iterator[Group]:
+        held, first = list[Signals](), 0
+        for one in chain(signals(), [None]):
+            if held and (one is None or sum(each.used.size for each in held) >= AT_ONCE):
+                for numbers in grouped(held):
+                    yield group_of([held[k] for k in numbers], [first + k for k in numbers], effects)
+                first += len(held)
+                held = []
+            if one is not None:
+                held.append(one)
 
-    return Parts(
-        made,
-        sum(min(record.samples, MOST_PIECES * LONGEST) for record in evidence.records),
-    )
+    def effects(one: Signals) -> ComplexArray:
+        return _effects(evidence, estimate, one)
+
+    return Groups(made, sum(min(record.samples, MOST_PIECES * LONGEST) for record in evidence.records))
 
 
 def scale_of(evidence: Evidence, predicted: Sequence[FloatArray], linear: Linearised) -> Scale:
@@ -94,7 +101,23 @@ def scale_of(evidence: Evidence, predicted: Sequence[FloatArray], linear: Linear
         (0.0, *dict.fromkeys(between), top_hz),
         len(evidence.records),
         any(evidence.records[index].optical is not None for index in tones),
+        _mass_of(evidence.model.linear, linear.coordinates.values(linear.z)),
     )
+
+
+def _mass_of(
+    model: SensorModel, values: dict[str, float]
+) -> Callable[[FloatArray], tuple[ComplexArray, ComplexArray]] | None:
+    """Return what gives velocity of the mass and response for an acceleration of one; None of no oscillator."""
+    if model.core.oscillator is None:
+        return None
+    natural_hz, damping = (values[name] for name in model.core.oscillator)
+
+    def at(hz: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+        velocity = 1j * hz / (natural_hz**2 - hz**2 + 2j * damping * natural_hz * hz) / (2.0 * np.pi)
+        return velocity, np.asarray(model.frequency_response(values, hz, "acceleration"), dtype=complex)
+
+    return at
 
 
 def _of_bins(
@@ -282,7 +305,9 @@ def _in_time(
         # less the tone itself, whose leakage is above the noise of the reference in all bins, and hides it in none; and
         # less free motion, which is not the reference's
         other = projected(np.asarray(fft.rfft(motion - jacobian[0]) / unit, dtype=complex), nuisance, root)
-        other, place = most_likely(other, freed, transfer, spectrum, used), round((turns or 0.0) * n)
+        share = spectrum.input_noise_at * power_of(transfer) / spectrum.psd
+        other = most_likely(other, freed, share, spectrum.psd * float(used.sum()))
+        place = round((turns or 0.0) * n)
         other[max(place - NEAR_TONE, 0) : place + NEAR_TONE + 1] = 0.0
         nuisance = np.concatenate([nuisance, _slopes(evidence, estimate, other, transfer, hz)])
     signals = left, bins, motion, columns, transfer, nuisance

@@ -12,7 +12,7 @@ from vibrident.base.amounts import amount, plain
 from vibrident.data.records import FloatArray, Record
 from vibrident.fit.departures.examination import Found, Together, examine
 from vibrident.fit.departures.points import PointsPart
-from vibrident.fit.departures.sources import parts_of, scale_of
+from vibrident.fit.departures.sources import groups_of, scale_of
 from vibrident.fit.judge.attempts import Fitted, Told
 from vibrident.fit.response.hum import hum_tones, lacking
 from vibrident.fit.uncertainty.budget import patterns
@@ -39,7 +39,7 @@ def departures_of(fitted: Fitted) -> tuple[Together, ...]:
     tones = judgement.points[0] if judgement.tones is not None else None
     return tuple(
         examine(
-            parts_of(evidence, estimate, judgement.predicted, tones),
+            groups_of(evidence, estimate, judgement.predicted, tones),
             scale_of(evidence, judgement.predicted, fitted.linear),
             _points(fitted),
             deviations(estimate.covariance),

@@ -10,9 +10,9 @@ import numpy as np
 
 from vibrident.base.warning_kinds import WarningCode
 from vibrident.fit.departures.departure import Candidate, Departure, Scale
-from vibrident.fit.departures.part import Part
-from vibrident.fit.departures.points import PointsPart
-from vibrident.fit.departures.score import Score, Sums
+from vibrident.fit.departures.group import Group
+from vibrident.fit.departures.points import Point, PointsPart
+from vibrident.fit.departures.score import Score
 from vibrident.fit.response.response import ComplexArray
 
 #: Parts of the frequencies of points, and the fewest frequencies that are parted.
@@ -27,21 +27,19 @@ class Bands(Departure):
     own_columns: ClassVar[bool] = True
     joint: ClassVar[bool] = False
 
-    def columns(self, part: Part, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
+    def columns(self, group: Group, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
         """The motion in each band; a sine has one frequency."""
-        if part.pull is not None:
-            return
-        hz = part.radians * part.rate_hz / (2.0 * np.pi)
-        inside = [part.bins * ((hz >= low) & (hz < high)) for low, high in pairwise(scale.bands_hz)]
-        yield "", np.concatenate([[own, 1j * own] for own in inside])
+        if group.pull is None:
+            inside = [group.likely * ((group.hz >= low) & (group.hz < high)) for low, high in pairwise(scale.bands_hz)]
+            yield "", np.stack([turn * own for own in inside for turn in (1.0, 1j)], axis=1)
 
-    def at_points(self, points: PointsPart) -> list[tuple[Candidate, Sums]]:
+    def at_points(self, points: PointsPart) -> list[Point]:
         """A complex factor of the points of each part of the frequencies."""
         order = np.argsort(points.frequency_hz, kind="stable")
         if len(np.unique(points.frequency_hz)) < FEWEST:
             return []
         parts = [np.isin(np.arange(order.size), some) for some in np.array_split(order, OF_POINTS)]
-        return [points.place("", np.array([turn * one for one in parts for turn in (1.0, 1j)], dtype=complex))]
+        return [Point("", np.array([turn * one for one in parts for turn in (1.0, 1j)], dtype=complex))]
 
     def sentence(self, candidate: Candidate, score: Score) -> str:
         """That the model misses a band."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -10,16 +11,19 @@ import numpy as np
 from vibrident.base.amounts import amount, plain
 from vibrident.base.warning_kinds import WarningCode
 from vibrident.data.records import FloatArray
-from vibrident.fit.departures.candidate import Candidate, Places
-from vibrident.fit.departures.departure import Departure, Scale, edges_of, factors_of, in_steps
-from vibrident.fit.departures.part import Part
-from vibrident.fit.departures.score import Score, Sums
+from vibrident.fit.departures.departure import Candidate, Departure, Places, Scale
+from vibrident.fit.departures.group import BLOCKS, Group, without
+from vibrident.fit.departures.score import Score
+from vibrident.fit.departures.sums import Exact
+from vibrident.fit.response.response import ComplexArray
 
-#: Places in a record.
-BLOCKS = 32
 #: Part of the motion's power on either side of a step (Andrews 1993, sec. 4).
 LEAST = 0.15
+#: Columns that sums over blocks approximate tell nothing where the parameters leave less than this part, in squares.
+WITHIN_BLOCKS = 1e-2
 GAIN, CHANNEL, SENSOR = "gain", "gain and time", "sensor"
+#: Of each step, and of the ramp, in each block: zero at the begin, as parameters are those before a change.
+FACTORS = np.concatenate([np.tri(BLOCKS).T[1:], [(np.arange(BLOCKS) + 0.5) / BLOCKS]])
 
 
 class Change(Departure):
@@ -30,46 +34,73 @@ class Change(Departure):
     pooled: ClassVar[bool] = False
     family: ClassVar[str] = "change"
     within: ClassVar[bool] = True
-    approximate: ClassVar[bool] = True
 
-    def columns(self, part: Part, scale: Scale) -> Iterable[tuple[str, FloatArray]]:
-        """By sums over blocks instead."""
+    def columns(self, group: Group, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
+        """Told by sums over blocks instead."""
         return ()
 
-    def places(self, part: Part, scale: Scale, parameters: int) -> list[Places]:
-        """Steps with enough of the motion on either side, and the ramp."""
-        changes = in_steps(part, BLOCKS, parameters)
-        steps = np.flatnonzero((changes.behind > LEAST) & (changes.behind < 1.0 - LEAST)).tolist()
-        numbers, times = [*steps, BLOCKS - 1], [*changes.time_s[steps].tolist(), None]
-        sets = [GAIN, CHANNEL] if len(part.changing) <= 2 else [GAIN, CHANNEL, SENSOR]
+    def places(self, group: Group, scale: Scale) -> list[Places]:
+        """Steps with enough of the motion on either side, and the ramp, by sums over blocks.
+
+        Whitening and a slow factor commute but for the whitening filter's length, so that one transform serves all
+        places (sup over places: Andrews 1993).
+        """
+        rows, records = _changing(group), len(group.records)
+        blocks = (records, -1, BLOCKS, group.length // BLOCKS)
+        signals = group.whitened_in_time(np.concatenate([rows, group.others], axis=1)).reshape(blocks)
+        signals = np.ascontiguousarray(signals.swapaxes(1, 2))
+        size = rows.shape[1]
+        products = (signals[:, :, :size] @ signals.mT).reshape(records, BLOCKS, -1)
+        once = (FACTORS @ products).reshape(records, BLOCKS, size, -1)[..., size:]
+        squared = (FACTORS**2 @ products).reshape(records, BLOCKS, size, -1)[..., :size]
+        behind = FACTORS[:-1] @ products[:, :, :1]
+        behind = behind[..., 0] / np.maximum(np.sum(products[:, :, 0], axis=1, keepdims=True), np.finfo(float).tiny)
+        there = np.ones((records, BLOCKS), dtype=bool)
+        there[:, :-1] = (behind > LEAST) & (behind < 1.0 - LEAST)
+        sums = group.sums_of_products(once, squared)
+        sums = replace(sums, least=WITHIN_BLOCKS * np.diagonal(squared, axis1=2, axis2=3))
+        time_s = (np.arange(1, BLOCKS) * (group.samples / BLOCKS / group.rate_hz)).tolist()
+        sets = [GAIN, CHANNEL] if size <= 2 else [GAIN, CHANNEL, SENSOR]
         return [
             Places(
-                tuple(Candidate(words, number, time) for number, time in zip(numbers, times, strict=True)),
-                changes.sums.at(numbers).some(_kept(words, part)),
+                tuple(Candidate(words, number, time) for number, time in enumerate([*time_s, None])),
+                sums.some(_kept(words, size)),
+                there,
             )
             for words in sets
         ]
 
-    def columns_of(self, candidate: Candidate, part: Part, scale: Scale) -> FloatArray:
+    def columns_of(self, candidate: Candidate, group: Group, scale: Scale) -> ComplexArray:
         """Those of a place."""
-        bins = part.changing_bins[_kept(candidate.words, part)]
-        return np.asarray(np.fft.irfft(bins, part.samples, axis=-1) * _factor(candidate, part))
+        bins = group.moved if _of_tone(group) else np.concatenate([group.moved, group.slopes], axis=1)
+        rows = np.ascontiguousarray(bins[:, _kept(candidate.words, bins.shape[1])]).view(float)
+        return self._times_factor(rows, candidate, group).view(complex)
 
-    def whitened(self, candidate: Candidate, part: Part, scale: Scale) -> FloatArray:
+    def whitened(self, candidate: Candidate, group: Group, scale: Scale) -> FloatArray:
         """The factor times the whitened columns.
 
         A step of the columns themselves counts most in the quietest bins, and is half a block misplaced at worst. A
         sine has them so nevertheless: its whitening filter rings for as long as the record.
         """
-        if part.turns is not None:
-            return part.white(self.columns_of(candidate, part, scale))
-        return part.freed(part.changing[_kept(candidate.words, part)] * _factor(candidate, part))
+        if _of_tone(group):
+            return group.flat(self.columns_of(candidate, group, scale))
+        rows = _changing(group)
+        return self._times_factor(rows[:, _kept(candidate.words, rows.shape[1])], candidate, group)
 
-    def exact(self, candidate: Candidate, part: Part, scale: Scale, parameters: int) -> Sums:
-        """Of the whitened columns."""
-        share, rows = float(np.mean(_factor(candidate, part))), part.changing[_kept(candidate.words, part)]
-        doubt = share * part.in_common(rows)[:, -1]
-        return Sums.of(part, self.whitened(candidate, part, scale), parameters, doubt)
+    def _times_factor(self, rows: FloatArray, candidate: Candidate, group: Group) -> FloatArray:
+        factor = np.repeat(FACTORS[candidate.number], group.length // BLOCKS)
+        return group.whitened_at_bins(group.whitened_in_time(rows) * factor)
+
+    def doubt(self, candidate: Candidate, group: Group, scale: Scale) -> FloatArray:
+        """That of the columns, over the part of the record that they fill: noise is in all of it."""
+        rows = _changing(group)
+        rows = rows[:, _kept(candidate.words, rows.shape[1])]
+        return float(np.mean(FACTORS[candidate.number])) * (rows @ group.errors.effects[:, -1:].mT)[..., 0]
+
+    def refined(self, candidate: Candidate, group: Group, scale: Scale, sums: Exact) -> tuple[Candidate, Exact]:
+        """The place with its time in the record, of which the group may hold a piece."""
+        begin = float(group.begin_s[0])
+        return replace(candidate, time_s=None if candidate.time_s is None else candidate.time_s + begin), sums
 
     def sentence(self, candidate: Candidate, score: Score) -> str:
         """What changed, and by how much."""
@@ -86,14 +117,24 @@ class Change(Departure):
         return words
 
 
-def _kept(words: str, part: Part) -> list[int]:
-    """Which of :attr:`Part.changing`."""
-    return {GAIN: [0], CHANNEL: [0, 1]}.get(words, list(range(1, len(part.changing))))
+def _of_tone(group: Group) -> bool:
+    """Whether amplitude and phase say it all."""
+    return not bool(np.isnan(group.turns).any())
 
 
-def _factor(candidate: Candidate, part: Part) -> FloatArray:
-    """Of each sample, shape (n,)."""
-    return np.repeat(factors_of(BLOCKS)[candidate.number], np.diff(edges_of(part.samples, BLOCKS)))
+def _changing(group: Group) -> FloatArray:
+    """What a change adds to the response, whitened: motion, its slope and the Jacobian, shape (R, 2 + P, 2 K).
+
+    Of sines amplitude and phase say it all: shape (R, 2, 2 K). In time it is told from these: a jump of the response
+    itself is in all bins, the quietest above all, and says no more than where exactly it is.
+    """
+    moved = without(group.flat(group.moved), group.basis)  # the tone itself is what changes
+    return moved if _of_tone(group) else np.concatenate([moved, group.jacobian], axis=1)
+
+
+def _kept(words: str, size: int) -> list[int]:
+    """Which of the columns."""
+    return {GAIN: [0], CHANNEL: [0, 1]}.get(words, list(range(1, size)))
 
 
 CHANGE = Change()

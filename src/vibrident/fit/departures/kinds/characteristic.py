@@ -21,9 +21,9 @@ class Characteristic(Shape):
     code: ClassVar[WarningCode] = "nonlinear"
     turned: ClassVar[bool] = True
 
-    def shapes(self, motion: FloatArray, scale: Scale, largest: float) -> Iterable[tuple[str, FloatArray]]:
+    def shapes(self, signal: FloatArray, scale: Scale, largest: FloatArray) -> Iterable[tuple[str, FloatArray]]:
         """Square, cube and sign of the motion, over their size at the largest."""
-        y = motion / scale.motion
+        y = signal / scale.motion
         yield "holds a square of the motion", y * y * scale.motion
         yield "is bent as by a cube of the motion", y * y * y * scale.motion
         yield "has a dead band, or a step, around its zero", np.sign(y) * scale.motion

@@ -10,27 +10,26 @@ import numpy as np
 from vibrident.base.amounts import plain
 from vibrident.base.warning_kinds import WarningCode
 from vibrident.data.records import FloatArray
-from vibrident.fit.departures.departure import Scale, Shape
+from vibrident.fit.departures.departure import OfReference, Scale
 
 #: Levels over the largest of the record, and that of samples that stand at the limit.
 LEVELS, AT_LIMIT = (0.5, 0.8, 0.95), 0.98
 
 
-class ClippedReference(Shape):
+class ClippedReference(OfReference):
     """Recorder of the reference at its limit."""
 
     name: ClassVar[str] = "clipped-reference"
     code: ClassVar[WarningCode] = "clipped"
-    of_reference: ClassVar[bool] = True
 
-    def shapes(self, motion: FloatArray, scale: Scale, largest: float) -> Iterable[tuple[str, FloatArray]]:
+    def shapes(self, signal: FloatArray, scale: Scale, largest: FloatArray) -> Iterable[tuple[str, FloatArray]]:
         """What lies beyond each level."""
         said = "the reference departs {}, as where its channel is overdriven"
         for level in LEVELS:
             words = said.format(f"beyond {plain(100.0 * level, 2)} % of its largest")
-            yield words, np.sign(motion) * np.maximum(np.abs(motion) - level * largest, 0.0)
+            yield words, np.sign(signal) * np.maximum(np.abs(signal) - level * largest, 0.0)
         for sign, end in ((1.0, "highest"), (-1.0, "lowest")):
-            yield said.format(f"at its {end}"), np.where(sign * motion > AT_LIMIT * largest, sign * largest, 0.0)
+            yield said.format(f"at its {end}"), np.where(sign * signal > AT_LIMIT * largest, sign * largest, 0.0)
 
 
 CLIPPED_REFERENCE = ClippedReference()

@@ -22,14 +22,14 @@ class ClippedResponse(Shape):
     name: ClassVar[str] = "clipped-response"
     code: ClassVar[WarningCode] = "clipped"
 
-    def shapes(self, motion: FloatArray, scale: Scale, largest: float) -> Iterable[tuple[str, FloatArray]]:
+    def shapes(self, signal: FloatArray, scale: Scale, largest: FloatArray) -> Iterable[tuple[str, FloatArray]]:
         """What lies beyond each level."""
         for level in LEVELS:
-            beyond = np.maximum(np.abs(motion) - level * scale.motion, 0.0)
-            yield _words(level, ""), np.sign(motion) * beyond
+            beyond = np.maximum(np.abs(signal) - level * scale.motion, 0.0)
+            yield _words(level, ""), np.sign(signal) * beyond
         for level in OF_SIDES:
             for sign, side in ((1.0, " above"), (-1.0, " below")):
-                yield _words(level, side), np.maximum(sign * motion - level * scale.motion, 0.0)
+                yield _words(level, side), np.maximum(sign * signal - level * scale.motion, 0.0)
 
 
 def _words(level: float, side: str) -> str:

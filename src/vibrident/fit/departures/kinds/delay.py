@@ -10,9 +10,9 @@ import numpy as np
 from vibrident.base.amounts import amount
 from vibrident.base.warning_kinds import WarningCode
 from vibrident.fit.departures.departure import Candidate, Departure, Scale
-from vibrident.fit.departures.part import Part
-from vibrident.fit.departures.points import PointsPart
-from vibrident.fit.departures.score import Score, Sums
+from vibrident.fit.departures.group import Group
+from vibrident.fit.departures.points import Point, PointsPart
+from vibrident.fit.departures.score import Score
 from vibrident.fit.response.response import ComplexArray
 
 
@@ -22,15 +22,14 @@ class Delay(Departure):
     name: ClassVar[str] = "delay"
     code: ClassVar[WarningCode] = "lack_of_fit"
 
-    def columns(self, part: Part, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
+    def columns(self, group: Group, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
         """The slope of the motion, per second of delay; a sine has one frequency."""
-        if part.pull is not None:
-            return
-        yield "", (-1j * part.radians * part.rate_hz * part.bins)[None]
+        if group.pull is None:
+            yield "", (-1j * group.rate_hz * group.radians * group.likely)[:, None]
 
-    def at_points(self, points: PointsPart) -> list[tuple[Candidate, Sums]]:
+    def at_points(self, points: PointsPart) -> list[Point]:
         """A phase in proportion to the frequency."""
-        return [points.place("", np.asarray(-2j * np.pi * points.frequency_hz[None], dtype=complex))]
+        return [Point("", np.asarray(-2j * np.pi * points.frequency_hz[None], dtype=complex))]
 
     def sentence(self, candidate: Candidate, score: Score) -> str:
         """How late."""

@@ -13,8 +13,9 @@ from vibrident.base.amounts import plain
 from vibrident.base.warning_kinds import WarningCode
 from vibrident.data.records import FloatArray, Record
 from vibrident.fit.departures.departure import Candidate, Scale, WithoutMotion
-from vibrident.fit.departures.part import Part
+from vibrident.fit.departures.group import Group
 from vibrident.fit.departures.score import Score
+from vibrident.fit.response.response import ComplexArray
 
 #: Highest degree.
 DEGREE = 5
@@ -31,10 +32,11 @@ class Drift(WithoutMotion):
     together: ClassVar[bool] = True
     nuisance: ClassVar[bool] = True
 
-    def columns(self, part: Part, scale: Scale) -> Iterable[tuple[str, FloatArray]]:
-        """The polynomials, as large as the largest motion; of a record with the nuisance tone, none is left."""
-        if self.beside(part.record) is not part.record:
-            yield "", scale.motion * _polynomials(part.samples)
+    def columns(self, group: Group, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
+        """The polynomials, as large as the largest motion; of records with the nuisance tone, none is left."""
+        if any(self.beside(record) is not record for record in group.records):
+            bins = group.bins_of(_polynomials(group.samples)[None])
+            yield "", scale.motion * np.broadcast_to(bins, (len(group.records), *bins.shape[1:]))
 
     def beside(self, record: Record) -> Record:
         """With a tone of half a turn over the record, the size of which changes with time, as a nuisance parameter.

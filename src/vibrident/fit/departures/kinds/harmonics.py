@@ -12,10 +12,11 @@ import numpy as np
 from vibrident.base.amounts import plain
 from vibrident.base.warning_kinds import WarningCode
 from vibrident.data.records import FloatArray
-from vibrident.fit.departures.candidate import Candidate, Places
-from vibrident.fit.departures.departure import Scale, WithoutMotion
-from vibrident.fit.departures.part import Part, harmonics_of
+from vibrident.fit.departures.departure import Candidate, Places, Scale, WithoutMotion
+from vibrident.fit.departures.group import Group
 from vibrident.fit.departures.score import Score
+from vibrident.fit.departures.sums import Exact
+from vibrident.fit.response.response import ComplexArray
 
 #: A harmonic is of the light where the response has less than this part of what the prediction leaves.
 OWN = 0.5
@@ -43,28 +44,28 @@ class Harmonics(WithoutMotion):
     joint: ClassVar[bool] = False
     of_light: ClassVar[bool] = True
 
-    def columns(self, part: Part, scale: Scale) -> Iterable[tuple[str, FloatArray]]:
-        """Cosine and sine of each order, as large as the motion of the part."""
-        size = float(np.max(np.abs(part.motion), initial=0.0))
-        if part.turns is not None and size > 0.0:
-            for order, waves in enumerate(harmonics_of(part.turns, part.samples), start=2):
-                yield f"{order}", size * waves
+    def columns(self, group: Group, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
+        """Cosine and sine of each order, as large as the motion of the record."""
+        if not np.isnan(group.turns).all():
+            waves = _size(group)[:, None, None, None] * group.harmonics
+            for order in range(waves.shape[1]):
+                yield f"{order + 2}", waves[:, order]
 
-    def places(self, part: Part, scale: Scale, parameters: int) -> list[Places]:
-        """Each order."""
-        every = super().places(part, scale, parameters)
-        if not every:
-            return []
-        [places] = every
-        if part.pull is not None:
-            own = np.stack([_of_the_tone(part, int(one.words), part.pull) for one in places.candidates])
-            places = replace(places, sums=replace(places.sums, shift=places.sums.shift + own))
-        if part.record.optical is None:
-            return [places]
-        size = 0.5 * part.samples * float(np.max(np.abs(part.motion))) ** 2
-        moved = [columns @ part.predicted / size for _, columns in self.columns(part, scale)]
-        both = zip(places.candidates, moved, strict=True)
-        return [replace(places, candidates=tuple(Harmonic(one.words, one.number, moved=own) for one, own in both))]
+    def places(self, group: Group, scale: Scale) -> list[Places]:
+        """Each order that samples tell."""
+        every = super().places(group, scale)
+        return [replace(one, there=np.any(one.sums.gram != 0.0, axis=(2, 3))) for one in every]
+
+    def refined(self, candidate: Candidate, group: Group, scale: Scale, sums: Exact) -> tuple[Candidate, Exact]:
+        """Add what a characteristic that makes it does to the parameters; of light, what the light has of it."""
+        order = int(candidate.words)
+        if group.pull is not None:
+            sums = replace(sums, shift=sums.shift + _of_the_tone(group, order))
+        if group.records[0].optical is None:
+            return candidate, sums
+        waves = group.harmonics[0, order - 2]
+        moved = 4.0 / group.samples**2 / _size(group)[0] * np.real(waves.conj() @ group.predicted[0])
+        return Harmonic(candidate.words, candidate.number, moved=moved), sums
 
     def code_of(self, candidate: Candidate, score: Score) -> WarningCode:
         """``few_fringes`` for those of an interferometer's light."""
@@ -83,18 +84,26 @@ class Harmonics(WithoutMotion):
         return f"the sensor adds harmonics, {size} at {candidate.words} times the tone; a linear one adds none"
 
 
-def _of_the_tone(part: Part, order: int, pull: FloatArray) -> FloatArray:
-    """What a bent characteristic without memory that makes such a harmonic does to the parameters, shape (2, P).
+def _size(group: Group) -> FloatArray:
+    """Largest motion of each record, shape (R,)."""
+    return np.asarray(np.max(np.abs(group.motion), axis=1, initial=0.0))
+
+
+def _of_the_tone(group: Group, order: int) -> FloatArray:
+    """What a bent characteristic without memory that makes such a harmonic does to the parameters, shape (R, 2, P).
 
     A power of odd order k adds to the tone C(k, (k − 1)/2) times its harmonic, at k times its phase.
     """
-    if order % 2 == 0:
-        return np.zeros((2, len(pull)))
-    size = float(np.max(np.abs(part.motion), initial=0.0))
-    tone = 2.0 / part.samples * part.motion @ np.exp(-2j * np.pi * (part.turns or 0.0) * np.arange(part.samples))
-    turned = comb(order, (order - 1) // 2) * size / abs(tone) * np.exp(-1j * order * np.angle(tone))
-    change = np.array([turned, -1j * turned])  # of log H by each column
-    return np.asarray(np.stack([change.real, change.imag], axis=1) @ pull.T)
+    assert group.pull is not None
+    turned = np.zeros(len(group.records), dtype=complex)
+    if order % 2:
+        step = group.samples // group.motion.shape[1]
+        angle = 2.0 * np.pi * step * group.turns[:, None] * np.arange(group.motion.shape[1])
+        tone = 2.0 / group.motion.shape[1] * np.sum(group.motion * np.exp(-1j * angle), axis=1)
+        phase = np.exp(-1j * order * np.angle(tone))
+        turned = comb(order, (order - 1) // 2) * _size(group) / np.abs(tone) * phase
+    change: ComplexArray = np.stack([turned, -1j * turned], axis=1)  # of log H by each column
+    return np.stack([change.real, change.imag], axis=2) @ group.pull.mT
 
 
 HARMONICS = Harmonics()

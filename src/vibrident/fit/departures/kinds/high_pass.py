@@ -9,9 +9,9 @@ import numpy as np
 
 from vibrident.base.warning_kinds import WarningCode
 from vibrident.fit.departures.departure import Candidate, Departure, Scale
-from vibrident.fit.departures.part import Part
-from vibrident.fit.departures.points import PointsPart
-from vibrident.fit.departures.score import Score, Sums
+from vibrident.fit.departures.group import Group
+from vibrident.fit.departures.points import Point, PointsPart
+from vibrident.fit.departures.score import Score
 from vibrident.fit.response.response import ComplexArray
 
 
@@ -21,16 +21,14 @@ class HighPass(Departure):
     name: ClassVar[str] = "high-pass"
     code: ClassVar[WarningCode] = "lack_of_fit"
 
-    def columns(self, part: Part, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
+    def columns(self, group: Group, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
         """The integral of the motion, per hertz of the corner frequency; a sine has one frequency."""
-        if part.pull is not None:
-            return
-        slope = 1j * np.maximum(part.radians, part.radians[1]) * part.rate_hz
-        yield "", (-2.0 * np.pi * part.bins / slope)[None]
+        if group.pull is None:
+            yield "", (2j * np.pi / group.rate_hz / group.radians * group.likely)[:, None]
 
-    def at_points(self, points: PointsPart) -> list[tuple[Candidate, Sums]]:
+    def at_points(self, points: PointsPart) -> list[Point]:
         """What a high-pass does to first order."""
-        return [points.place("", np.asarray(1j / points.frequency_hz[None], dtype=complex))]
+        return [Point("", np.asarray(1j / points.frequency_hz[None], dtype=complex))]
 
     def sentence(self, candidate: Candidate, score: Score) -> str:
         """The corner frequency, to first order."""

@@ -9,11 +9,10 @@ import numpy as np
 
 from vibrident.base.amounts import plain
 from vibrident.base.warning_kinds import WarningCode
-from vibrident.fit.departures.candidate import Candidate, Places
-from vibrident.fit.departures.departure import Departure, Scale, in_widths
-from vibrident.fit.departures.part import Part
-from vibrident.fit.departures.points import PointsPart
-from vibrident.fit.departures.score import Score, Sums
+from vibrident.fit.departures.departure import Candidate, Departure, Scale
+from vibrident.fit.departures.group import Group
+from vibrident.fit.departures.points import Point, PointsPart
+from vibrident.fit.departures.score import Score
 from vibrident.fit.response.response import ComplexArray
 
 
@@ -25,28 +24,19 @@ class OtherRecord(Departure):
     pooled: ClassVar[bool] = False
     family: ClassVar[str] = "change"
 
-    def columns(self, part: Part, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
-        """Told by :meth:`places` instead."""
-        return ()
+    def columns(self, group: Group, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
+        """Motion and slope; a sine has an amplitude and phase of its own, which its points compare."""
+        if group.pull is None and scale.records > 1:
+            yield "", group.moved
 
-    def places(self, part: Part, scale: Scale, parameters: int) -> list[Places]:
-        """The whole part; a sine has an amplitude and phase of its own, which its points compare."""
-        if part.pull is not None or scale.records < 2:
-            return []
-        return in_widths([(Candidate(""), Sums.of(part, part.moved, parameters))])
-
-    def columns_of(self, candidate: Candidate, part: Part, scale: Scale) -> ComplexArray:
-        """Motion and slope."""
-        return part.moved_bins
-
-    def at_points(self, points: PointsPart) -> list[tuple[Candidate, Sums]]:
+    def at_points(self, points: PointsPart) -> list[Point]:
         """A complex factor of each record's points."""
         names = dict.fromkeys(points.record)
         if len(names) < 2:
             return []
         own = [np.array([record == name for record in points.record]) for name in names]
         pairs = [np.stack([one + 0j, 1j * one]) for one in own]
-        return [points.place("", pair, name) for name, pair in zip(names, pairs, strict=True)]
+        return [Point("", pair, name) for name, pair in zip(names, pairs, strict=True)]
 
     def sentence(self, candidate: Candidate, score: Score) -> str:
         """By how much it differs."""

@@ -11,8 +11,10 @@ from vibrident.base.amounts import plain
 from vibrident.base.warning_kinds import WarningCode
 from vibrident.data.records import FloatArray
 from vibrident.fit.departures.departure import Candidate, Scale, Shape
-from vibrident.fit.departures.points import PointsPart
-from vibrident.fit.departures.score import Score, Sums
+from vibrident.fit.departures.group import Group
+from vibrident.fit.departures.points import Point, PointsPart
+from vibrident.fit.departures.score import Score
+from vibrident.fit.response.response import ComplexArray
 
 
 class Spring(Shape):
@@ -20,21 +22,25 @@ class Spring(Shape):
 
     name: ClassVar[str] = "spring"
     code: ClassVar[WarningCode] = "nonlinear"
-    through: ClassVar[bool] = True
 
-    def shapes(self, motion: FloatArray, scale: Scale, largest: float) -> Iterable[tuple[str, FloatArray]]:
+    def shapes(self, signal: FloatArray, scale: Scale, largest: FloatArray) -> Iterable[tuple[str, FloatArray]]:
         """Square and cube of the motion."""
-        y = motion / scale.motion
+        y = signal / scale.motion
         yield "is bent as by a spring that is stiffer on one side of its rest point", y * y * scale.motion
         yield "is bent as by a spring that is not linear", y * y * y * scale.motion
 
-    def at_points(self, points: PointsPart) -> list[tuple[Candidate, Sums]]:
+    def answer(self, group: Group, scale: Scale) -> ComplexArray:
+        """The sensor's, over its largest."""
+        size = np.max(np.abs(group.transfer), axis=1, keepdims=True, initial=0.0)
+        return group.transfer / np.where(size > 0.0, size, 1.0)
+
+    def at_points(self, points: PointsPart) -> list[Point]:
         """The describing function of a cubic stiffness: −¾ k₃ |V|² H/S₀ (Nayfeh & Mook 1979, sec. 2.3)."""
         if points.response is None:
             return []
         effect = np.abs(points.response) ** 2 * points.transfer
         words = "is bent as by a spring that is not linear"
-        return [points.place(words, (effect / np.max(np.abs(effect)))[None])]
+        return [Point(words, (effect / np.max(np.abs(effect)))[None])]
 
     def sentence(self, candidate: Candidate, score: Score) -> str:
         """How much, at the largest motion."""

@@ -1,0 +1,33 @@
+"""A dead band of the reference's recorder: H{sgn u}."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import ClassVar
+
+import numpy as np
+
+from vibrident.base.amounts import plain
+from vibrident.base.warning_kinds import WarningCode
+from vibrident.data.records import FloatArray
+from vibrident.fit.departures.departure import Candidate, OfReference, Scale
+from vibrident.fit.departures.score import Score
+
+
+class ReferenceDeadBand(OfReference):
+    """What the recorder leaves out around zero, the sensor answers."""
+
+    name: ClassVar[str] = "reference-dead-band"
+    code: ClassVar[WarningCode] = "nonlinear"
+
+    def shapes(self, signal: FloatArray, scale: Scale, largest: FloatArray) -> Iterable[tuple[str, FloatArray]]:
+        """Return the sign of the motion, per unit of the reference."""
+        yield "", np.sign(signal)
+
+    def sentence(self, candidate: Candidate, score: Score) -> str:
+        """Say how wide it is."""
+        size = plain(abs(float(score.amounts[0])), 2)
+        return f"the reference has a dead band, or a step, around its zero, of {size} in its SI unit"
+
+
+REFERENCE_DEAD_BAND = ReferenceDeadBand()
