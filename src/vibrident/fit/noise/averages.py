@@ -30,28 +30,36 @@ def averaged_bins(bins: int) -> int:
     return max(int(bins * AVERAGED_PART), MIN_AVERAGED_BINS)
 
 
-def mean_around(rows: FloatArray, width: int, nearest: int = NEAREST_BINS) -> FloatArray:
+def mean_around(
+    rows: FloatArray, width: int | NDArray[np.int_], nearest: int = NEAREST_BINS
+) -> FloatArray:
     """Return the mean over ``width`` bins on either side without the nearest; mirrored at the ends.
 
     Args:
         rows: shape (R, K); of fewer bins than are left out, the mean of all is returned.
-        width: bins on either side.
+        width: bins on either side, of all or of each bin.
         nearest: bins on either side that are left out, and the bin itself.
     """
     records, bins = rows.shape
-    width = min(width, bins - 2)
-    if width <= nearest:
+    width = np.minimum(width, bins - 2)
+    most = int(np.max(width))
+    if most <= nearest:
         return np.broadcast_to(np.mean(rows, axis=1, keepdims=True), rows.shape)
-    sums = np.empty((records, bins + 2 * width + 1))
+    sums = np.empty((records, bins + 2 * most + 1))
     sums[:, 0] = 0.0
-    sums[:, 1 : width + 1] = rows[:, width:0:-1]
-    sums[:, width + 1 : -width] = rows
-    sums[:, -width:] = rows[:, -2 : -width - 2 : -1]
+    sums[:, 1 : most + 1] = rows[:, most:0:-1]
+    sums[:, most + 1 : -most] = rows
+    sums[:, -most:] = rows[:, -2 : -most - 2 : -1]
     np.cumsum(sums, axis=1, out=sums)
-    within = sums[:, 2 * width + 1 :] - sums[:, :bins]
-    within -= sums[:, width + nearest + 1 : width + nearest + 1 + bins]
-    within += sums[:, width - nearest : width - nearest + bins]
-    within *= 1.0 / (2.0 * (width - nearest))
+    if width.ndim:
+        place = np.arange(bins) + most
+        within = sums[:, place + width + 1]
+        within -= sums[:, place - width]
+    else:
+        within = sums[:, 2 * most + 1 :] - sums[:, :bins]
+    within -= sums[:, most + nearest + 1 : most + nearest + 1 + bins]
+    within += sums[:, most - nearest : most - nearest + bins]
+    within /= 2.0 * (width - nearest)
     return within
 
 
@@ -73,25 +81,31 @@ def typical(logarithm: FloatArray, width: int) -> FloatArray:
     return np.exp(level, out=level)
 
 
-def level_around(logarithm: FloatArray) -> FloatArray:
+def level_around(logarithm: FloatArray, weight: FloatArray | None = None) -> FloatArray:
     """Return the mean logarithm of powers around each bin, from half to twice its frequency at most.
 
     Towards frequency zero noise is steep: there fewer bins are alike.
 
     Args:
         logarithm: shape (R, K).
+        weight: of each bin, shape (R, K); None: all count alike.
     """
     bins = logarithm.shape[-1]
     width = averaged_bins(bins)
     place = np.arange(bins)
     low = place - np.minimum(place // 2, width)
     high = np.minimum(place + np.minimum(place, width), bins - 1) + 1
-    sums = np.zeros((len(logarithm), bins + 1))
-    np.cumsum(logarithm, axis=1, out=sums[:, 1:])
-    level = sums[:, high]
-    level -= sums[:, low]
-    level /= high - low
-    return level
+
+    def within(rows: FloatArray) -> FloatArray:
+        sums = np.zeros((len(rows), bins + 1))
+        np.cumsum(rows, axis=1, out=sums[:, 1:])
+        level = sums[:, high]
+        level -= sums[:, low]
+        return level
+
+    if weight is None:
+        return within(logarithm) / (high - low)
+    return within(logarithm * weight) / within(weight)
 
 
 def windowed(rows: ComplexArray) -> ComplexArray:

@@ -6,20 +6,38 @@ positive (Févotte, Bertin & Durrieu 2009).
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
-from vibrident.data.records import FloatArray
+from vibrident.data.records import BoolArray, FloatArray
 
 #: Multiplicative updates of the amounts.
-MAX_UPDATES = 150
+UPDATES = 150
+#: An amount of less than this part of the largest is at its bound.
+BOUND = 1e-6
 #: Lower limit of levels, relative to the mean.
 MIN_LEVEL = 1e-12
 
 
+class Amounts(NamedTuple):
+    """Amounts of shapes.
+
+    Attributes:
+        values: shape (G, M, S).
+        information: Fisher's, shape (G, M, S, S), over the dispersion about the shapes where that
+            is more than chance's: what does not suit makes the amounts less sure (quasi-likelihood:
+            McCullagh & Nelder 1989, ch. 9).
+    """
+
+    values: FloatArray
+    information: FloatArray
+
+
 def amounts_of(
     shapes: FloatArray, level: FloatArray, counts: FloatArray, known: FloatArray | float = 0.0
-) -> FloatArray:
-    """Return the most likely amounts of shapes in levels, shape (G, M, S).
+) -> Amounts:
+    """Return the most likely amounts of shapes in levels.
 
     Args:
         shapes: shape (G, S, B): of G groups.
@@ -30,32 +48,52 @@ def amounts_of(
     size = np.average(level, axis=-1, weights=counts)[..., None]
     level = np.maximum(level / size, MIN_LEVEL)
     known = known / size
-    across = np.ascontiguousarray(np.swapaxes(shapes, -1, -2))
-    amounts = np.full((*level.shape[:2], shapes.shape[1]), 1.0 / shapes.shape[1])
-    both = np.empty((len(level), 2 * level.shape[1], level.shape[2]))
-    up, down = np.split(both, 2, axis=1)
+    groups, count, bins = shapes.shape
+    spectra = level.shape[1]
+    across = np.ascontiguousarray(np.swapaxes(shapes, 1, 2))
+    pairs = (across[..., :, None] * across[..., None, :]).reshape(groups, bins, count**2)
+    values = np.full((groups, spectra, count), 1.0 / count)
+    information = np.zeros((groups, spectra, count, count))
     weighted = counts * level
-    fitted = amounts @ shapes + known
-    for _ in range(MAX_UPDATES):
+    values = np.full((groups, spectra, count), 1.0 / count)
+    both = np.empty((groups, 2 * spectra, bins))
+    up, down = both[:, :spectra], both[:, spectra:]
+    fitted = values @ shapes + known
+    for _ in range(UPDATES):
         np.divide(1.0, fitted, out=fitted)
         np.multiply(counts, fitted, out=down)
         np.multiply(weighted, fitted, out=up)
         up *= fitted
         sums = both @ across
-        amounts *= sums[:, : level.shape[1]]
-        amounts /= np.maximum(sums[:, level.shape[1] :], 1e-300)
-        np.matmul(amounts, shapes, out=fitted)
+        values *= sums[:, :spectra]
+        values /= sums[:, spectra:]
+        np.matmul(values, shapes, out=fitted)
         fitted += known
-    return amounts * size
+    information = ((counts / fitted**2) @ pairs).reshape(groups, spectra, count, count)
+    dispersion = np.sum(counts * (level / fitted - 1.0) ** 2, axis=-1) / (bins - count)
+    information /= np.maximum(dispersion, 1.0)[..., None, None]
+    size = size[..., None]
+    return Amounts(values * size[..., 0], information / size**2)
 
 
-def information_of(shapes: FloatArray, fitted: FloatArray, counts: FloatArray) -> FloatArray:
-    """Return Fisher's information of amounts, shape (G, M, S, S).
+def variances_of_last(amounts: Amounts, coloured: slice) -> FloatArray:
+    """Return the variance of the last amounts, shape (G, M).
 
     Args:
-        shapes: shape (G, S, B).
-        fitted: the spectra that the amounts make, shape (G, M, B).
-        counts: powers behind each, shape (G, M, B).
+        amounts: of the shapes.
+        coloured: shapes that are no unknowns at their bound: they cannot hide the others.
     """
-    weighted = shapes[:, None] * (counts / fitted**2)[:, :, None]
-    return weighted @ np.swapaxes(shapes, -1, -2)[:, None]
+    values = amounts.values
+    fixed = np.zeros(values.shape, dtype=bool)
+    least = BOUND * np.max(values, axis=-1, keepdims=True)
+    fixed[..., coloured] = values[..., coloured] <= least
+    return np.linalg.inv(_without(amounts.information, fixed))[..., -1, -1]
+
+
+def _without(information: FloatArray, fixed: BoolArray) -> FloatArray:
+    """Return the information of amounts that are not fixed, with a ridge of rounding's size."""
+    count = fixed.shape[-1]
+    kept = ~fixed[..., :, None] & ~fixed[..., None, :]
+    power = np.diagonal(information, axis1=-2, axis2=-1)
+    diagonal = np.where(fixed, 1.0, 1e-12 * power + 1e-300)
+    return np.where(kept, information, 0.0) + diagonal[..., None] * np.eye(count)

@@ -19,7 +19,6 @@ import numpy as np
 
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.group.group import in_parts
-from vibrident.fit.information import inverse_normal
 from vibrident.fit.noise.averages import (
     averaged_bins,
     level_around,
@@ -29,8 +28,9 @@ from vibrident.fit.noise.averages import (
     mean_over_geometric,
 )
 from vibrident.fit.noise.common import SIGNIFICANT_DEVIATIONS, CommonNoise, common_noise
-from vibrident.fit.noise.likelihood import MIN_LEVEL, amounts_of, information_of
+from vibrident.fit.noise.likelihood import MIN_LEVEL, amounts_of, variances_of_last
 from vibrident.fit.noise.projection import BLOCK_BINS, without_common
+from vibrident.fit.noise.surroundings import MIN_FREEDOM, level_of_noise
 from vibrident.fit.noise.tones import tones_of
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import SHORTEST, power_of
@@ -47,10 +47,6 @@ MIN_LEVEL_BINS = 16
 OUTSTANDING_RATIO = 20.0
 #: Bins on either side that are the nearest.
 CLOSE_BINS = 8
-#: Bins beyond this many times their surroundings are left out of the mean (allowed for).
-FAR_RATIO = 6.0
-#: Least degrees of freedom of a bin whose power says anything.
-MIN_FREEDOM = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,8 +182,8 @@ def _fill(noise: GroupNoise, rows: _Rows, last: int) -> tuple[tuple[float, ...],
     power /= rows.count
     shape, unfelt = _shape(noise, rows, (incoherent, power, freedom), log_through, last)
     relative = np.divide(power, shape, out=power)
-    smooth = _surroundings(relative, freedom, width)
-    hum = relative > OUTSTANDING_RATIO * freedom * smooth
+    smooth = level_of_noise(relative, freedom)
+    hum = relative > OUTSTANDING_RATIO * smooth
     hum &= ~moved
     np.multiply(shape, smooth, out=noise.psd)
     tones = tones_of(rows.residual, incoherent, noise.psd * rows.count, moved)
@@ -291,9 +287,9 @@ def _shape(
     logarithm = freedom * log_power(power / np.maximum(freedom, MIN_FREEDOM))
     level = np.exp(grid.sums(logarithm) / np.maximum(counts, MIN_FREEDOM))
     level *= mean_over_geometric(counts)
-    own = np.stack([np.ones_like(grid.order), 1.0 / grid.order, 1.0 / grid.order**2])
+    own = grid.order ** np.array([[0.0], [-1.0], [-2.0]])
     if rows.through is None or log_through is None:
-        amounts = amounts_of(own[None], level[None], counts[None])[0]
+        amounts = amounts_of(own[None], level[None], counts[None]).values[0]
         return _by_amounts(amounts, bins), unfelt
     seen = grid.geometric_means(log_through)
     scale = np.max(seen, axis=-1, keepdims=True)
@@ -307,11 +303,9 @@ def _shape(
     # Records that see the same of the reference are one group of many spectra.
     groups = (1, records) if len(seen) == 1 else (records, 1)
     grouped = level.reshape(*groups, -1), counts.reshape(*groups, -1)
-    amounts = amounts_of(shapes, *grouped)
-    fitted = amounts @ shapes
-    information = information_of(shapes, fitted, grouped[1]).reshape(records, 4, 4)
-    amounts = amounts.reshape(records, -1)
-    spread = _last_spread(information, amounts)
+    fitted = amounts_of(shapes, *grouped)
+    spread = np.sqrt(variances_of_last(fitted, slice(1, 3))).reshape(-1)
+    amounts = fitted.values.reshape(records, -1)
     variance = amounts[:, -1:] / scale
     spread = spread / scale[:, 0]
     variance = variance[:, 0]
@@ -336,7 +330,7 @@ def _shape(
     if np.any(better):
         known = grid.geometric_means(log_power(by_reference[better]))
         beside = amounts_of(own[None], level[None, better], counts[None, better], known[None])
-        amounts[better, :3] = beside[0]
+        amounts[better, :3] = beside.values[0]
     return _by_amounts(amounts, bins, by_reference), unfelt
 
 
@@ -360,41 +354,6 @@ def _by_amounts(
     shape += amounts[:, :1]
     shape += by_reference
     return np.maximum(shape, MIN_LEVEL * np.mean(shape, axis=1, keepdims=True), out=shape)
-
-
-def _last_spread(information: FloatArray, amounts: FloatArray) -> FloatArray:
-    """Return the standard deviation of the last amount, shape (R,), by Fisher's information.
-
-    Coloured noise at its bound is no unknown: it cannot hide the others. White noise of the
-    response can.
-    """
-    bound = amounts <= 1e-6 * np.max(amounts, axis=1, keepdims=True)
-    bound[:, [0, -1]] = False
-    kept = ~bound[:, :, None] & ~bound[:, None]
-    information = np.where(kept, information, 0.0) + bound[:, :, None] * np.eye(len(bound[0]))
-    return np.sqrt(inverse_normal(information)[:, -1, -1])
-
-
-def _surroundings(relative: FloatArray, freedom: FloatArray, width: int) -> FloatArray:
-    """Return the mean over the bins around each, without those that stand out, shape (R, K).
-
-    Args:
-        relative: powers, of noise of power one with these degrees of freedom, shape (R, K).
-        freedom: shape (R, K).
-        width: bins on either side.
-    """
-    weight = np.maximum(mean_around(freedom, width), MIN_FREEDOM)
-    logarithm = np.log(np.maximum(relative / np.maximum(freedom, MIN_FREEDOM), 1e-300))
-    logarithm *= freedom
-    level = np.sum(logarithm, axis=1, keepdims=True) / np.sum(freedom, axis=1, keepdims=True)
-    most = OUTSTANDING_RATIO * np.exp(level + np.euler_gamma)
-    ordinary = mean_around(np.minimum(relative, most * freedom), width) / weight
-    np.multiply(ordinary, freedom, out=ordinary)
-    np.copyto(ordinary, relative, where=relative < FAR_RATIO * ordinary)
-    smooth = mean_around(ordinary, width)
-    smooth /= weight
-    smooth *= 1.0 / (1.0 - FAR_RATIO * np.exp(-FAR_RATIO))
-    return smooth
 
 
 def _flicker(bins: int) -> FloatArray:
