@@ -79,22 +79,18 @@ def common_noise(
     own = typical(log_power(power), width)
     place = np.arange(1.0, last)
     loud = own * (own >= QUIET_RATIO * level)
-    columns = np.stack(
-        np.broadcast_arrays(share, share / place, loud, loud * (place / last) ** 2), axis=1
-    )
     chance = (power < FAR_RATIO * own) * (2.0 / WINDOWED_VARIANCE)
     product = own * level
-    amounts = np.zeros((len(noise), 4))
+    made: FloatArray | float = 0.0
+    amounts, variances, normal = np.zeros((len(noise), 4)), np.zeros(0), np.zeros(0)
     for _ in range(2):
-        weight = (amounts[:, None, :2] @ columns[:, :2])[:, 0] ** 2 + product
-        weight = chance / np.maximum(weight, 1e-300)
-        weighted = columns * weight[:, None]
-        normal = weighted @ np.swapaxes(columns, 1, 2)
-        amounts, variances = _amounts(normal, (weighted @ common[..., None])[..., 0])
+        weight = chance / np.maximum(np.square(made) + product, 1e-300)
+        normal, right = _normal_equations(share, loud, common, weight, last)
+        amounts, variances = _amounts(normal, right)
+        made = share * (amounts[:, :1] + amounts[:, 1:2] / place)
     flicker = 1.0 / place
     mean = np.array([1.0, float(np.mean(flicker))])
     spread = np.sqrt(np.maximum(mean @ variances[:, :2, :2] @ mean, 0.0))
-    made = share * (amounts[:, :1] + amounts[:, 1:2] * flicker)
     quiet = QUIET_RATIO * level
     free = np.sum(own < quiet, axis=1) >= MIN_QUIET_BINS
     # Motion everywhere: an error of the model cannot be separated from noise.
@@ -102,6 +98,40 @@ def common_noise(
     spread = np.where(shown, spread, np.inf)
     covariance = inverse_normal(normal)[:, :2, :2]
     return CommonNoise(amounts[:, :2] @ mean, spread, amounts[:, :2], covariance, free)
+
+
+def _normal_equations(
+    share: FloatArray, loud: FloatArray, common: FloatArray, weight: FloatArray, last: int
+) -> tuple[FloatArray, FloatArray]:
+    """Return the normal equations of noise, its part in 1/k, a share of the motion, and in k².
+
+    Args:
+        share: power of noise of variance one behind the sensor, shape (R, n) or (1, n).
+        loud: power of the motion, shape (R, n).
+        common: what residual and prediction have in common, shape (R, n).
+        weight: shape (R, n).
+        last: the bin behind these.
+
+    Returns:
+        The normal matrices, shape (R, 4, 4), and right sides, shape (R, 4).
+    """
+    place = np.arange(1.0, last)
+    powers = (place / last) ** np.array([0.0, 2.0, 4.0])[:, None]
+    inverses = place ** np.array([0.0, -1.0, -2.0])[:, None]
+    mixed = np.stack([inverses[0], inverses[1], powers[1], powers[1] * inverses[1]])
+    weighted = weight * share
+    loudly = weight * loud
+    of_noise = (weighted * share) @ inverses.T
+    of_motion = (loudly * loud) @ powers.T
+    across = (weighted * loud) @ mixed.T
+    columns = [
+        np.stack([of_noise[:, 0], of_noise[:, 1], across[:, 0], across[:, 2]], axis=1),
+        np.stack([of_noise[:, 1], of_noise[:, 2], across[:, 1], across[:, 3]], axis=1),
+        np.stack([across[:, 0], across[:, 1], of_motion[:, 0], of_motion[:, 1]], axis=1),
+        np.stack([across[:, 2], across[:, 3], of_motion[:, 1], of_motion[:, 2]], axis=1),
+    ]
+    right = [(weighted * common) @ inverses[:2].T, (loudly * common) @ powers[:2].T]
+    return np.stack(columns, axis=1), np.concatenate(right, axis=1)
 
 
 def _amounts(normal: FloatArray, right: FloatArray) -> tuple[FloatArray, FloatArray]:

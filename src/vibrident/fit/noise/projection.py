@@ -131,4 +131,9 @@ def _inverses(gram: ComplexArray) -> ComplexArray:
         factor[i:, i] = column * scale
         root[i, i] = scale
         root[i, :i] = -scale * np.einsum("kn,kjn->jn", factor[i, :i], root[:i, :i])
-    return np.einsum("kin,kjn->ijn", root.conj(), root)
+    inverse = np.empty_like(gram)
+    for i in range(size):
+        row = np.einsum("kn,kjn->jn", root[i:, i].conj(), root[i:, : i + 1])
+        inverse[i, : i + 1] = row
+        inverse[:i, i] = row[:i].conj()
+    return inverse

@@ -37,18 +37,16 @@ LIKELIHOOD_STEPS = 3
 
 
 class _Low(NamedTuple):
-    """The lowest bins.
+    """The lowest bins, and powers of frequency around P places among them.
 
     Attributes:
-        places: bins at which a power is fitted, shape (P,).
         logarithm: of each bin's number over the place's, zero outside its window, shape (P, n).
-        window: whether a bin is in the window, shape (P, n).
-        between: shares of the places in each bin's level, shape (P, n).
+        moments: of the powers of that, zero to two, over the window, shape (3, P, n).
+        between: shares of the places in the level of each of the t bins, shape (P, t).
     """
 
-    places: NDArray[np.int_]
     logarithm: FloatArray
-    window: FloatArray
+    moments: FloatArray
     between: FloatArray
 
 
@@ -58,12 +56,12 @@ def _low(bins: int) -> _Low:
     top = min(round(MIN_AVERAGED_BINS / STEEP_PART), bins - 1)
     places = distinct(np.round(np.geomspace(1, top, PLACES)).astype(int))
     number = np.arange(1, min(top + MIN_AVERAGED_BINS, bins - 1) + 1)
-    window = (np.abs(number - places[:, None]) <= MIN_AVERAGED_BINS).astype(float)
-    logarithm = np.log(number / places[:, None]) * window
-    between = np.stack(
-        [np.interp(np.log(number[:top]), np.log(places), row) for row in np.eye(len(places))]
-    )
-    return _Low(places, logarithm, window, between)
+    window = np.abs(number - places[:, None]) <= MIN_AVERAGED_BINS
+    logarithm = np.where(window, np.log(number / places[:, None]), 0.0)
+    moments = np.where(window, logarithm ** np.arange(3)[:, None, None], 0.0)
+    at = np.log(number[:top])
+    between = np.stack([np.interp(at, np.log(places), row) for row in np.eye(len(places))])
+    return _Low(logarithm, moments, between)
 
 
 def level_of_noise(relative: FloatArray, freedom: FloatArray) -> FloatArray:
@@ -98,21 +96,26 @@ def level_of_noise(relative: FloatArray, freedom: FloatArray) -> FloatArray:
 def _lowest(power: FloatArray, freedom: FloatArray) -> FloatArray:
     """Return the level of the lowest bins, from bin 1 on, by powers of frequency, shape (R, n)."""
     low = _low(power.shape[1])
-    bins = slice(1, low.window.shape[1] + 1)
-    power, freedom = power[:, bins], freedom[:, bins]
-    basis = np.stack([low.window, low.logarithm], axis=1)  # (P, 2, n)
-    gram = np.einsum("pan,pbn,rn->rpab", basis, basis, freedom, optimize=True)
-    gram += 1e-9 * np.eye(2)
-    inverse = np.linalg.inv(gram)
+    count, number = low.logarithm.shape
+    power, freedom = power[:, 1 : number + 1], freedom[:, 1 : number + 1]
+    sums = freedom @ low.moments.reshape(-1, number).T
+    zeroth, first, second = np.split(sums, 3, axis=1)
+    over = 1.0 / (zeroth * second - first**2 + 1e-9 * zeroth**2)
+    flat = low.moments[:2].reshape(-1, number)
+
+    def solved(right: FloatArray) -> tuple[FloatArray, FloatArray]:
+        constant, sloping = right[:, :count], right[:, count:]
+        level = (second * constant - first * sloping) * over
+        return level, (zeroth * sloping - first * constant) * over
+
     logarithm = np.log(np.maximum(power / freedom, 1e-300)) + np.euler_gamma
-    flat = basis.reshape(-1, power.shape[1])
-    right = ((freedom * logarithm) @ flat.T).reshape(len(power), -1, 2)
-    amounts = (inverse @ right[..., None])[..., 0]
+    level, slope = solved((freedom * logarithm) @ flat.T)
     for _ in range(LIKELIHOOD_STEPS):
-        level = amounts[..., :1] + amounts[..., 1:] * low.logarithm
-        beyond = power[:, None] * np.exp(np.minimum(-level, 700.0)) - freedom[:, None]
-        right = np.stack(
-            [np.sum(beyond * low.window, axis=-1), np.sum(beyond * low.logarithm, axis=-1)], axis=-1
-        )
-        amounts += np.clip((inverse @ right[..., None])[..., 0], -1.0, 1.0)
-    return np.exp(amounts[..., 0] @ low.between)
+        inverse = np.exp(slope[..., None] * -low.logarithm - np.maximum(level, -600.0)[..., None])
+        inverse *= power[:, None]
+        inverse -= freedom[:, None]
+        right = np.einsum("rpn,ipn->rip", inverse, low.moments[:2]).reshape(len(power), -1)
+        steps = solved(right)
+        level = level + np.clip(steps[0], -1.0, 1.0)
+        slope = slope + np.clip(steps[1], -1.0, 1.0)
+    return np.exp(level @ low.between)

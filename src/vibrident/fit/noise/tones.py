@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.noise.averages import windowed
@@ -29,23 +30,22 @@ def tones_of(
     Returns:
         Of each record, the strongest first.
     """
-    power = power_of(windowed(residual))
-    peak = power[:, 1:-1] > TONE_RATIO * level[:, 2:-2]
-    records = np.flatnonzero(np.any(peak, axis=1))
+    # Under the window a bin is at most (1/4 + 1/2 + 1/4)² / 0.375 times the largest of three.
+    strong = np.any(power_of(residual) > 0.375 * TONE_RATIO * level, axis=1)
     places: list[tuple[float, ...]] = [()] * len(residual)
-    for record in records:
-        row = power[record]
-        peaks = peak[record] & (row[1:-1] >= row[:-2]) & (row[1:-1] > row[2:])
+    for record in np.flatnonzero(strong):
+        power, apart = power_of(windowed(np.stack([residual[record], noise[record]])))
+        least = TONE_RATIO * level[record, 2:-2]
+        peaks = (power[1:-1] >= power[:-2]) & (power[1:-1] > power[2:])
+        peaks &= np.minimum(power, apart)[1:-1] > least
         peaks &= ~moved[record, 2:-2]
-        apart = power_of(windowed(noise[record : record + 1]))[0, 1:-1]
-        peaks &= apart > TONE_RATIO * level[record, 2:-2]
         tops = np.flatnonzero(peaks) + 1
-        tops = tops[np.argsort(-row[tops])][:MAX_TONES]
-        places[record] = tuple((tops + 1 + _offsets(row, tops)).tolist())
+        tops = tops[np.argsort(-power[tops])][:MAX_TONES]
+        places[record] = tuple((tops + 1 + _offsets(power, tops)).tolist())
     return tuple(places)
 
 
-def _offsets(power: FloatArray, tops: FloatArray) -> FloatArray:
+def _offsets(power: FloatArray, tops: NDArray[np.int_]) -> FloatArray:
     """Return where between bins tones are, as Hann's window has it: −½ … ½.
 
     A parabola would be off by up to two hundredths of a bin.
