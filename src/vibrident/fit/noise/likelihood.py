@@ -12,8 +12,17 @@ import numpy as np
 
 from vibrident.data.records import BoolArray, FloatArray
 
-#: Multiplicative updates of the amounts.
-UPDATES = 150
+#: Multiplicative updates of the amounts …
+UPDATES = 46
+#: … of which so many at the beginning and the end are plain …
+PLAIN_UPDATES = 4
+#: … and the others take this much of an update and of the step before (heavy ball: Polyak 1964).
+RELAXATION = 1.5
+MOMENTUM = 0.8
+#: Most that a logarithm changes in a step.
+MAX_STEP = 2.0
+#: Logarithm of an amount, over the mean of the spectrum, that is none.
+LEAST_LOGARITHM = -32.0
 #: An amount of less than this part of the largest is at its bound.
 BOUND = 1e-6
 #: Lower limit of levels, relative to the mean.
@@ -55,18 +64,25 @@ def amounts_of(
     values = np.full((groups, spectra, count), 1.0 / count)
     information = np.zeros((groups, spectra, count, count))
     weighted = counts * level
-    values = np.full((groups, spectra, count), 1.0 / count)
     both = np.empty((groups, 2 * spectra, bins))
     up, down = both[:, :spectra], both[:, spectra:]
+    logarithm = np.full((groups, spectra, count), -np.log(count))
+    step = np.zeros_like(logarithm)
+    values = np.exp(logarithm)
     fitted = values @ shapes + known
-    for _ in range(UPDATES):
+    for number in range(UPDATES):
         np.divide(1.0, fitted, out=fitted)
         np.multiply(counts, fitted, out=down)
         np.multiply(weighted, fitted, out=up)
         up *= fitted
         sums = both @ across
-        values *= sums[:, :spectra]
-        values /= sums[:, spectra:]
+        update = np.log(sums[:, :spectra] / sums[:, spectra:])
+        if PLAIN_UPDATES <= number < UPDATES - PLAIN_UPDATES:
+            step = np.clip(RELAXATION * update + MOMENTUM * step, -MAX_STEP, MAX_STEP)
+        else:
+            step = update
+        logarithm = np.maximum(logarithm + step, LEAST_LOGARITHM)
+        values = np.exp(logarithm)
         np.matmul(values, shapes, out=fitted)
         fitted += known
     information = ((counts / fitted**2) @ pairs).reshape(groups, spectra, count, count)

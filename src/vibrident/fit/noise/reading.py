@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.group.group import in_parts
@@ -37,6 +38,8 @@ from vibrident.fit.response.transform import SHORTEST, power_of
 
 #: A bin holds motion where the measured response's power is so many times the noise.
 HEARD_RATIO = 10.0
+#: So many bins of a block that are heard only once a misfit is out are no chance.
+MAX_NEWLY_HEARD = 6
 #: Bins count where the prediction is more than so many times what noise of the reference would be.
 FAINT_RATIO = 2.0
 #: The uncertainty that is left of σx², in standard deviations.
@@ -97,6 +100,20 @@ class _Rows(NamedTuple):
     through: FloatArray | None
     count: FloatArray
     floor: FloatArray
+
+
+class _Read(NamedTuple):
+    """What of a residual is locally incoherent with the motion.
+
+    Attributes:
+        noise: that part, shape (R, K).
+        power: of it, shape (R, K).
+        freedom: degrees of freedom behind each power, 0 … 1, shape (R, K).
+    """
+
+    noise: ComplexArray
+    power: FloatArray
+    freedom: FloatArray
 
 
 def read_noise(
@@ -178,20 +195,20 @@ def _fill(noise: GroupNoise, rows: _Rows, last: int) -> tuple[tuple[float, ...],
     log_through = None if rows.through is None else log_power(rows.through)
     width = averaged_bins(expected.shape[1])
     moved = _lines_of_motion(expected, log_expected, log_through, width)
-    incoherent, power, freedom = _incoherent(rows, log_through)
-    power /= rows.count
-    shape, unfelt = _shape(noise, rows, (incoherent, power, freedom), log_through, last)
-    relative = np.divide(power, shape, out=power)
-    smooth = level_of_noise(relative, freedom)
+    read = _incoherent(rows, log_through)
+    np.divide(read.power, rows.count, out=read.power)
+    shape, unfelt = _shape(noise, rows, read, log_through, last)
+    relative = np.divide(read.power, shape, out=read.power)
+    smooth = level_of_noise(relative, read.freedom)
     hum = relative > OUTSTANDING_RATIO * smooth
     hum &= ~moved
     np.multiply(shape, smooth, out=noise.psd)
-    tones = tones_of(rows.residual, incoherent, noise.psd * rows.count, moved)
+    tones = tones_of(rows.residual, read.noise, noise.psd * rows.count, moved)
     np.multiply(shape, relative, out=noise.psd, where=hum)
     np.maximum(noise.psd, rows.floor, out=noise.psd)
     if rows.through is None:
         return tones
-    np.multiply(unfelt[:, :1] + unfelt[:, 1:] * _flicker(power.shape[1]), smooth, out=smooth)
+    np.multiply(unfelt[:, :1] + unfelt[:, 1:] * _flicker(smooth.shape[1]), smooth, out=smooth)
     np.multiply(smooth, noise.colour, out=noise.input_noise_at)
     # By how much the prediction stands above what noise of the reference would be.
     level = mean_around(log_expected, width) + np.euler_gamma
@@ -225,51 +242,59 @@ def _lines_of_motion(
     return stands
 
 
-def _incoherent(
-    rows: _Rows, log_through: FloatArray | None
-) -> tuple[ComplexArray, FloatArray, FloatArray]:
+def _incoherent(rows: _Rows, log_through: FloatArray | None) -> _Read:
     """Return what of the residual is locally incoherent with the motion, where that is heard.
 
     The level by which it is heard is that of the noise, as of the response or as of the reference
     behind the sensor, whichever is more: beside a resonance noise of the reference falls steeply,
     and what it is there stands far above a mean over the bins around. That level also whitens the
-    noise of each block, which is steep in the lowest.
-
-    Returns:
-        The incoherent part, its power, and the degrees of freedom of that, each of shape (R, K).
+    noise of each block, which is steep in the lowest. Of a residual that is mostly misfit it is too
+    high at first, so records in which more is heard once the misfit is out are read again.
     """
     if rows.reference is None:
-        motions = (rows.predicted,)
+        motions = [rows.predicted]
         measured = power_of(rows.predicted)
     else:
-        motions = (rows.reference, rows.predicted)
+        motions = [rows.reference, rows.predicted]
         measured = power_of(rows.predicted + rows.residual)
     measured[:, 0] = 0.0
     steep: FloatArray | float = 0.0
     if log_through is not None:
         steep = np.maximum(log_through - level_around(log_through), 0.0)
-    left, power = rows.residual, power_of(rows.residual)
-    freedom = np.ones(power.shape)
-    root: FloatArray | float = 1.0
-    for number in (1, len(motions)):
-        level = level_around(log_power(power / np.maximum(freedom, MIN_FREEDOM)))
+
+    def threshold(power: FloatArray) -> FloatArray:
+        level = level_around(log_power(power))
         level += steep
         level += np.euler_gamma
-        np.exp(level, out=level)
-        inverse = 1.0 / np.sqrt(level)
-        heard = inverse * (measured > HEARD_RATIO * level)
-        left, freedom = without_common(
-            rows.residual * inverse, [motion * heard for motion in motions[:number]]
-        )
+        return np.exp(level, out=level)
+
+    def projected(some: slice | NDArray[np.int_], heard: BoolArray, level: FloatArray) -> _Read:
         root = np.sqrt(level)
-        power = power_of(left) * level
-    return left * root, power, freedom
+        shown = heard / root
+        left, freedom = without_common(
+            rows.residual[some] / root, [motion[some] * shown for motion in motions]
+        )
+        left *= root
+        return _Read(left, power_of(left), freedom)
+
+    level = threshold(power_of(rows.residual))
+    heard = measured > HEARD_RATIO * level
+    read = projected(slice(None), heard, level)
+    level = threshold(read.power / np.maximum(read.freedom, MIN_FREEDOM))
+    clearer = measured > HEARD_RATIO * level
+    newly = np.add.reduceat(clearer & ~heard, np.arange(1, level.shape[1], BLOCK_BINS), axis=1)
+    again = np.flatnonzero(np.any(newly >= MAX_NEWLY_HEARD, axis=1))
+    if again.size:
+        again_read = projected(again, clearer[again], level[again])
+        for array, part in zip(read, again_read, strict=True):
+            array[again] = part
+    return read
 
 
 def _shape(
     noise: GroupNoise,
     rows: _Rows,
-    read: tuple[ComplexArray, FloatArray, FloatArray],
+    read: _Read,
     log_through: FloatArray | None,
     last: int,
 ) -> tuple[FloatArray, FloatArray]:
