@@ -17,7 +17,7 @@ ROOMS = {
     "data": "registry effects interferometer records resampling io sources",
     "physics": "registry naming models discretisation network simulation",
     "result": "document earlier parts sensor result",
-    "fit": "registry information response screening bins problem noise start descent estimators decay uncertainty "
+    "fit": "registry information response screening bins group problem noise start descent estimators decay uncertainty "
     "departures judge repeats temperature identification joint",
     "use": "",
     "show": "",

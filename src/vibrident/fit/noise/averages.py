@@ -82,7 +82,7 @@ def typical(logarithm: FloatArray, width: int) -> FloatArray:
 
 
 def level_around(logarithm: FloatArray, weight: FloatArray | None = None) -> FloatArray:
-    """Return the mean logarithm of powers around each bin, from half to twice its frequency at most.
+    """Return the mean logarithm of powers from half to twice the frequency of each bin at most.
 
     Towards frequency zero noise is steep: there fewer bins are alike.
 

@@ -25,6 +25,8 @@ MAX_STEP = 2.0
 LEAST_LOGARITHM = -32.0
 #: An amount of less than this part of the largest is at its bound.
 BOUND = 1e-6
+#: Least mean of a spectrum: its square is no zero.
+MIN_MEAN = 1e-140
 #: Lower limit of levels, relative to the mean.
 MIN_LEVEL = 1e-12
 
@@ -54,7 +56,7 @@ def amounts_of(
         counts: powers behind each, shape (G, M, B).
         known: what is there beside the shapes, shape (G, M, B).
     """
-    size = np.average(level, axis=-1, weights=counts)[..., None]
+    size = np.maximum(np.average(level, axis=-1, weights=counts)[..., None], MIN_MEAN)
     level = np.maximum(level / size, MIN_LEVEL)
     known = known / size
     groups, count, bins = shapes.shape
@@ -103,7 +105,7 @@ def variances_of_last(amounts: Amounts, coloured: slice) -> FloatArray:
     fixed = np.zeros(values.shape, dtype=bool)
     least = BOUND * np.max(values, axis=-1, keepdims=True)
     fixed[..., coloured] = values[..., coloured] <= least
-    return np.linalg.inv(_without(amounts.information, fixed))[..., -1, -1]
+    return np.asarray(np.linalg.inv(_without(amounts.information, fixed)), float)[..., -1, -1]
 
 
 def _without(information: FloatArray, fixed: BoolArray) -> FloatArray:

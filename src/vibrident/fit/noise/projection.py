@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vibrident.data.records import FloatArray
 from vibrident.fit.response.response import ComplexArray
@@ -23,7 +24,7 @@ BLOCK_BINS = 24
 #: Polynomials of a block: a constant, a line and a parabola.
 DEGREES = 3
 #: Ridge of the projection, relative: a limit of the arithmetic.
-RIDGE = 1e-11
+RIDGE = 1e-9
 
 
 class _Basis(NamedTuple):
@@ -47,6 +48,12 @@ def _basis(width: int) -> _Basis:
     return _Basis(moments, pairs @ moments.T)
 
 
+def block_edges(bins: int) -> NDArray[np.int_]:
+    """Return the first bins of blocks, and the bin behind the last full one; from bin 1 on."""
+    width = -(-(bins - 1) // max((bins - 1) // BLOCK_BINS, 1))
+    return np.arange(1, bins - 1 + width, width)
+
+
 def without_common(
     rows: ComplexArray, motions: Sequence[ComplexArray]
 ) -> tuple[ComplexArray, FloatArray]:
@@ -61,8 +68,9 @@ def without_common(
         power one leaves that power there.
     """
     records, bins = rows.shape
-    width = -(-(bins - 1) // max((bins - 1) // BLOCK_BINS, 1))
-    blocks = -(-(bins - 1) // width)
+    edges = block_edges(bins)
+    width = edges[1] - edges[0]
+    blocks = len(edges) - 1
 
     def in_blocks(signal: ComplexArray) -> ComplexArray:
         padded = np.zeros((records, blocks * width), complex)

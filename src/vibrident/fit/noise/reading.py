@@ -334,7 +334,12 @@ def _shape(
     variance = amounts[:, -1:] / scale
     spread = spread / scale[:, 0]
     variance = variance[:, 0]
-    sure = variance > SIGNIFICANT_DEVIATIONS * spread
+    common = common_noise(incoherent, rows.predicted, rows.through, rows.count, last)
+    noise.free[:] = common.free
+    # Coloured noise of the response may look like that of the reference, but has nothing in common
+    # with the prediction.
+    refuted = variance > common.variance + SIGNIFICANT_DEVIATIONS * common.spread
+    sure = (variance > SIGNIFICANT_DEVIATIONS * spread) & ~refuted
     # All of the level at most; a bin of few bins is low by chance.
     most = level / seen * (1.0 + DOUBT_DEVIATIONS / np.sqrt(np.maximum(counts, MIN_FREEDOM)))
     enough = counts >= np.minimum(MIN_LEVEL_BINS, np.max(counts, axis=1, keepdims=True))
@@ -342,10 +347,8 @@ def _shape(
     most = np.minimum(most, np.where(sure, 0.0, variance) + DOUBT_DEVIATIONS * spread)
     noise.input_noise[:] = unfelt[:, 0] = np.where(sure, variance, 0.0)
     noise.doubts[:, 0] = most
-    common = common_noise(incoherent, rows.predicted, rows.through, rows.count, last)
-    noise.free[:] = common.free
     better = common.significant
-    _take_doubts(noise, common, better | (~sure & (common.spread < spread)))
+    _take_doubts(noise, common, better | refuted | (~sure & (common.spread < spread)))
     noise.input_noise[better] = common.variance[better]
     unfelt[better] = common.amounts[better]
     white = np.where(better, common.amounts[:, 0], variance)
