@@ -70,14 +70,15 @@ def log_power(power: FloatArray) -> FloatArray:
     return np.log(logarithm, out=logarithm)
 
 
-def typical(logarithm: FloatArray, width: int) -> FloatArray:
-    """Return the level around each bin from logarithms of powers: a few strong bins do not count.
+def typical(power: FloatArray, width: int) -> FloatArray:
+    """Return the level around each bin from the logarithms: a few strong bins do not count.
 
     Args:
-        logarithm: of exponentially distributed powers, shape (R, K).
+        power: exponentially distributed, shape (R, K).
         width: bins on either side.
     """
-    level = mean_around(logarithm, width) + np.euler_gamma
+    level = mean_around(np.log(np.maximum(power, MIN_POWER)), width)
+    level += np.euler_gamma
     return np.exp(level, out=level)
 
 

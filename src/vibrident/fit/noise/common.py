@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.information import inverse_normal
-from vibrident.fit.noise.averages import averaged_bins, log_power, typical, windowed
+from vibrident.fit.noise.averages import averaged_bins, typical, windowed
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import power_of
 
@@ -74,9 +74,9 @@ def common_noise(
     rest, moved = windowed(noise[:, bins]), windowed(predicted[:, bins])
     share, width = through[:, 1:last], averaged_bins(noise.shape[1])
     common = -(moved.real * rest.real + moved.imag * rest.imag) / count
-    level = typical(log_power(power_of(rest)), width) / count
+    level = typical(power_of(rest), width) / count
     power = power_of(moved) / count
-    own = typical(log_power(power), width)
+    own = typical(power, width)
     place = np.arange(1.0, last)
     loud = own * (own >= QUIET_RATIO * level)
     chance = (power < FAR_RATIO * own) * (2.0 / WINDOWED_VARIANCE)
