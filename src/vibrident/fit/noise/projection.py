@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vibrident.data.records import FloatArray
+from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import power_of
 
@@ -55,32 +55,42 @@ def block_edges(bins: int) -> NDArray[np.int_]:
 
 
 def without_common(
-    rows: ComplexArray, motions: Sequence[ComplexArray]
+    rows: ComplexArray,
+    motions: Sequence[ComplexArray],
+    root: FloatArray,
+    heard: BoolArray | None = None,
 ) -> tuple[ComplexArray, FloatArray]:
-    """Project what is locally coherent with motions out of rows whose noise is white.
+    """Project what is locally coherent with motions out of rows.
 
     Args:
         rows: shape (R, K); bin 0 does not count.
-        motions: each of shape (R, K), zero where it is not heard.
+        motions: each of shape (R, K) or (1, K).
+        root: of the level of the noise of the rows, shape (R, K).
+        heard: where there is motion, shape (R, K); None: everywhere.
 
     Returns:
         What is left, shape (R, K), and its degrees of freedom, 0 … 1 a bin, shape (R, K): noise of
-        power one leaves that power there.
+        power S leaves S times that there.
     """
     records, bins = rows.shape
     edges = block_edges(bins)
     width = edges[1] - edges[0]
-    blocks = len(edges) - 1
+    inverse = 1.0 / root[:, 1:]
 
-    def in_blocks(signal: ComplexArray) -> ComplexArray:
-        padded = np.zeros((records, blocks * width), complex)
-        padded[:, : bins - 1] = signal[:, 1:]
-        return padded.reshape(records * blocks, width)
+    def in_blocks(signal: ComplexArray, weight: FloatArray) -> ComplexArray:
+        padded = np.empty((records, width * (len(edges) - 1)), complex)
+        np.multiply(signal[:, 1:], weight, out=padded[:, : bins - 1])
+        padded[:, bins - 1 :] = 0.0
+        return padded.reshape(-1, width)
 
-    left, freedom = rows.copy(), np.ones(rows.shape)
-    signal = in_blocks(rows)
-    explained, leverage = _explained(signal, [_unit(in_blocks(motion)) for motion in motions])
-    left[:, 1:] -= explained.reshape(records, -1)[:, : bins - 1]
+    weight = inverse if heard is None else inverse * heard[:, 1:]
+    columns = [_unit(in_blocks(motion, weight)) for motion in motions]
+    explained, leverage = _explained(in_blocks(rows, inverse), columns)
+    left = rows.copy()
+    explained = explained.reshape(records, -1)[:, : bins - 1]
+    explained *= root[:, 1:]
+    left[:, 1:] -= explained
+    freedom = np.ones(rows.shape)
     freedom[:, 1:] -= leverage.reshape(records, -1)[:, : bins - 1]
     return left, np.clip(freedom, 0.0, 1.0, out=freedom)
 

@@ -269,12 +269,9 @@ def _incoherent(rows: _Rows, log_through: FloatArray | None) -> _Read:
         return np.exp(level, out=level)
 
     def projected(some: slice | NDArray[np.int_], heard: BoolArray, level: FloatArray) -> _Read:
-        root = np.sqrt(level)
-        shown = heard / root
         left, freedom = without_common(
-            rows.residual[some] / root, [motion[some] * shown for motion in motions]
+            rows.residual[some], [motion[some] for motion in motions], np.sqrt(level), heard
         )
-        left *= root
         return _Read(left, power_of(left), freedom)
 
     level = threshold(power_of(rows.residual))
