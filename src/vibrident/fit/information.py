@@ -11,20 +11,22 @@ NONE = 1e-70  # information that counts as none: small enough to say so, large e
 
 
 def inverse_normal(matrix: FloatArray) -> FloatArray:
-    """Inverse of a normal matrix, shape (p, p).
+    """Inverse of normal matrices, shape (…, p, p).
 
     A direction without information gets a very large variance, where a pseudo-inverse would give it none: a parameter
     that the data cannot tell must not look certain.
     """
     root = inverse_root(matrix)
-    return root @ root.T
+    return root @ np.swapaxes(root, -1, -2)
 
 
 def inverse_root(matrix: FloatArray) -> FloatArray:
-    """L, shape (p, p), of the inverse L Lᵀ of a normal matrix; as :func:`inverse_normal`."""
-    scale = np.maximum(np.sqrt(np.maximum(np.diag(matrix), 0.0)), NONE)
-    values, vectors = np.linalg.eigh(matrix / scale[:, None] / scale)
-    return np.asarray(vectors / np.sqrt(np.maximum(values, SMALLEST)) / scale[:, None])
+    """L, shape (…, p, p), of the inverse L Lᵀ of normal matrices; as :func:`inverse_normal`."""
+    power = np.diagonal(matrix, axis1=-2, axis2=-1)
+    scale = np.maximum(np.sqrt(np.maximum(power, 0.0)), NONE)
+    values, vectors = np.linalg.eigh(matrix / scale[..., :, None] / scale[..., None, :])
+    root = vectors / np.sqrt(np.maximum(values, SMALLEST))[..., None, :]
+    return np.asarray(root / scale[..., :, None])
 
 
 def sandwich_covariance(root: FloatArray, middle: FloatArray, information: FloatArray) -> FloatArray:

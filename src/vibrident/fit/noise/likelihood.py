@@ -1,0 +1,117 @@
+"""Amounts of known shapes in spectra, by likelihood.
+
+The powers are means of exponentially distributed ones. Multiplicative updates keep the amounts
+positive (Févotte, Bertin & Durrieu 2009).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from vibrident.data.records import BoolArray, FloatArray
+
+#: Multiplicative updates of the amounts …
+UPDATES = 46
+#: … of which so many at the beginning and the end are plain …
+PLAIN_UPDATES = 4
+#: … and the others take this much of an update and of the step before (heavy ball: Polyak 1964).
+RELAXATION = 1.5
+MOMENTUM = 0.8
+#: Most that a logarithm changes in a step.
+MAX_STEP = 2.0
+#: Logarithm of an amount, over the mean of the spectrum, that is none.
+LEAST_LOGARITHM = -32.0
+#: An amount of less than this part of the largest is at its bound.
+BOUND = 1e-6
+#: Least mean of a spectrum: its square is no zero.
+MIN_MEAN = 1e-140
+#: Lower limit of levels, relative to the mean.
+MIN_LEVEL = 1e-12
+
+
+class Amounts(NamedTuple):
+    """Amounts of shapes.
+
+    Attributes:
+        values: shape (G, M, S).
+        information: Fisher's, shape (G, M, S, S), over the dispersion about the shapes where that
+            is more than chance's: what does not suit makes the amounts less sure (quasi-likelihood:
+            McCullagh & Nelder 1989, ch. 9).
+    """
+
+    values: FloatArray
+    information: FloatArray
+
+
+def amounts_of(
+    shapes: FloatArray, level: FloatArray, counts: FloatArray, known: FloatArray | float = 0.0
+) -> Amounts:
+    """Return the most likely amounts of shapes in levels.
+
+    Args:
+        shapes: shape (G, S, B): of G groups.
+        level: shape (G, M, B): M spectra of each group.
+        counts: powers behind each, shape (G, M, B).
+        known: what is there beside the shapes, shape (G, M, B).
+    """
+    size = np.maximum(np.average(level, axis=-1, weights=counts)[..., None], MIN_MEAN)
+    level = np.maximum(level / size, MIN_LEVEL)
+    known = known / size
+    groups, count, bins = shapes.shape
+    spectra = level.shape[1]
+    across = np.ascontiguousarray(np.swapaxes(shapes, 1, 2))
+    pairs = (across[..., :, None] * across[..., None, :]).reshape(groups, bins, count**2)
+    values = np.full((groups, spectra, count), 1.0 / count)
+    information = np.zeros((groups, spectra, count, count))
+    weighted = counts * level
+    both = np.empty((groups, 2 * spectra, bins))
+    up, down = both[:, :spectra], both[:, spectra:]
+    logarithm = np.full((groups, spectra, count), -np.log(count))
+    step = np.zeros_like(logarithm)
+    values = np.exp(logarithm)
+    fitted = values @ shapes + known
+    for number in range(UPDATES):
+        np.divide(1.0, fitted, out=fitted)
+        np.multiply(counts, fitted, out=down)
+        np.multiply(weighted, fitted, out=up)
+        up *= fitted
+        sums = both @ across
+        update = np.log(sums[:, :spectra] / sums[:, spectra:])
+        if PLAIN_UPDATES <= number < UPDATES - PLAIN_UPDATES:
+            step = np.clip(RELAXATION * update + MOMENTUM * step, -MAX_STEP, MAX_STEP)
+        else:
+            step = update
+        logarithm = np.maximum(logarithm + step, LEAST_LOGARITHM)
+        values = np.exp(logarithm)
+        np.matmul(values, shapes, out=fitted)
+        fitted += known
+    information = ((counts / fitted**2) @ pairs).reshape(groups, spectra, count, count)
+    dispersion = np.sum(counts * (level / fitted - 1.0) ** 2, axis=-1) / (bins - count)
+    information /= np.maximum(dispersion, 1.0)[..., None, None]
+    size = size[..., None]
+    return Amounts(values * size[..., 0], information / size**2)
+
+
+def variances_of_last(amounts: Amounts, coloured: slice) -> FloatArray:
+    """Return the variance of the last amounts, shape (G, M).
+
+    Args:
+        amounts: of the shapes.
+        coloured: shapes that are no unknowns at their bound: they cannot hide the others.
+    """
+    values = amounts.values
+    fixed = np.zeros(values.shape, dtype=bool)
+    least = BOUND * np.max(values, axis=-1, keepdims=True)
+    fixed[..., coloured] = values[..., coloured] <= least
+    return np.asarray(np.linalg.inv(_without(amounts.information, fixed)), float)[..., -1, -1]
+
+
+def _without(information: FloatArray, fixed: BoolArray) -> FloatArray:
+    """Return the information of amounts that are not fixed, with a ridge of rounding's size."""
+    count = fixed.shape[-1]
+    kept = ~fixed[..., :, None] & ~fixed[..., None, :]
+    power = np.diagonal(information, axis1=-2, axis2=-1)
+    diagonal = np.where(fixed, 1.0, 1e-12 * power + 1e-300)
+    return np.where(kept, information, 0.0) + diagonal[..., None] * np.eye(count)

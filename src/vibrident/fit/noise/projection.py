@@ -1,0 +1,157 @@
+"""What of a signal has locally nothing in common with motions.
+
+In each block of bins a quadratic in frequency times each motion is projected out of the signal, as
+any linear sensor's response to it is nearly that (local polynomial method: Pintelon & Schoukens
+2012, ch. 7). All products of columns are moments of few products of motions, so that a block costs
+few operations.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibrident.data.records import BoolArray, FloatArray
+from vibrident.fit.response.response import ComplexArray
+from vibrident.fit.response.transform import power_of
+
+#: Bins of a block.
+BLOCK_BINS = 24
+#: Polynomials of a block: a constant, a line and a parabola.
+DEGREES = 3
+#: Ridge of the projection, relative: a limit of the arithmetic.
+RIDGE = 1e-9
+
+
+class _Basis(NamedTuple):
+    """Orthonormal polynomials over a block.
+
+    Attributes:
+        moments: of degrees 0 to 4, shape (5, w).
+        products: of pairs of degrees 0 to 2 in those, shape (3, 3, 5).
+    """
+
+    moments: FloatArray
+    products: FloatArray
+
+
+@functools.lru_cache(maxsize=8)
+def _basis(width: int) -> _Basis:
+    """Return the polynomials over blocks of so many bins."""
+    powers = np.linspace(-1.0, 1.0, width)[:, None] ** np.arange(2 * DEGREES - 1)
+    moments = np.linalg.qr(powers)[0].T.copy()
+    pairs = moments[:DEGREES, None] * moments[None, :DEGREES]
+    return _Basis(moments, pairs @ moments.T)
+
+
+def block_edges(bins: int) -> NDArray[np.int_]:
+    """Return the first bins of blocks, and the bin behind the last full one; from bin 1 on."""
+    width = -(-(bins - 1) // max((bins - 1) // BLOCK_BINS, 1))
+    return np.arange(1, bins - 1 + width, width)
+
+
+def without_common(
+    rows: ComplexArray,
+    motions: Sequence[ComplexArray],
+    root: FloatArray,
+    heard: BoolArray | None = None,
+) -> tuple[ComplexArray, FloatArray]:
+    """Project what is locally coherent with motions out of rows.
+
+    Args:
+        rows: shape (R, K); bin 0 does not count.
+        motions: each of shape (R, K) or (1, K).
+        root: of the level of the noise of the rows, shape (R, K).
+        heard: where there is motion, shape (R, K); None: everywhere.
+
+    Returns:
+        What is left, shape (R, K), and its degrees of freedom, 0 … 1 a bin, shape (R, K): noise of
+        power S leaves S times that there.
+    """
+    records, bins = rows.shape
+    edges = block_edges(bins)
+    width = edges[1] - edges[0]
+    inverse = 1.0 / root[:, 1:]
+
+    def in_blocks(signal: ComplexArray, weight: FloatArray) -> ComplexArray:
+        padded = np.empty((records, width * (len(edges) - 1)), complex)
+        np.multiply(signal[:, 1:], weight, out=padded[:, : bins - 1])
+        padded[:, bins - 1 :] = 0.0
+        return padded.reshape(-1, width)
+
+    weight = inverse if heard is None else inverse * heard[:, 1:]
+    columns = [_unit(in_blocks(motion, weight)) for motion in motions]
+    explained, leverage = _explained(in_blocks(rows, inverse), columns)
+    left = rows.copy()
+    explained = explained.reshape(records, -1)[:, : bins - 1]
+    explained *= root[:, 1:]
+    left[:, 1:] -= explained
+    freedom = np.ones(rows.shape)
+    freedom[:, 1:] -= leverage.reshape(records, -1)[:, : bins - 1]
+    return left, np.clip(freedom, 0.0, 1.0, out=freedom)
+
+
+def _unit(motion: ComplexArray) -> ComplexArray:
+    """Scale the motion of each block to the mean power one, or leave it zero, shape (N, w)."""
+    size = np.sqrt(np.mean(power_of(motion), axis=1, keepdims=True))
+    motion *= np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
+    return motion
+
+
+def _explained(
+    rows: ComplexArray, motions: Sequence[ComplexArray]
+) -> tuple[ComplexArray, FloatArray]:
+    """Return what motions explain of rows (N, w), and the leverage of each bin, shape (N, w)."""
+    moments, products = _basis(rows.shape[1])
+    table = products.reshape(-1, 2 * DEGREES - 1)
+    columns = DEGREES * len(motions)
+    gram = np.empty((len(motions), DEGREES, len(motions), DEGREES, len(rows)), complex)
+    common = np.empty((len(motions), DEGREES, len(rows)), complex)
+    pairs = {}
+    for i, motion in enumerate(motions):
+        adjoint = motion.conj()
+        common[i] = ((adjoint * rows) @ moments[:DEGREES].T).T
+        for j in range(i, len(motions)):
+            pairs[i, j] = adjoint * motions[j] if j > i else power_of(motion)
+            block = (table @ (pairs[i, j] @ moments.T).T).reshape(DEGREES, DEGREES, -1)
+            gram[i, :, j] = block
+            gram[j, :, i] = block.conj()
+    inverse = _inverses(gram.reshape(columns, columns, -1))
+    amounts = np.einsum("ijn,jn->in", inverse, common.reshape(columns, -1))
+    amounts = amounts.reshape(len(motions), DEGREES, -1)
+    parts = inverse.reshape(len(motions), DEGREES, len(motions), DEGREES, -1)
+    explained = np.zeros_like(rows)
+    leverage = np.zeros(rows.shape)
+    for (i, j), pair in pairs.items():
+        share = (table.T @ parts[i, :, j].reshape(DEGREES**2, -1)).T
+        if i == j:
+            explained += (amounts[i].T @ moments[:DEGREES]) * motions[i]
+            leverage += (share.real @ moments) * pair
+        else:  # h = Σ m_i A_ij m_j*, and the pair is m_i* m_j
+            curve = share @ moments
+            leverage += 2.0 * (curve.real * pair.real + curve.imag * pair.imag)
+    return explained, leverage
+
+
+def _inverses(gram: ComplexArray) -> ComplexArray:
+    """Return the inverses of Hermitian matrices, shape (m, m, N), by Cholesky's factors."""
+    size = len(gram)
+    factor = np.zeros_like(gram)
+    root = np.zeros_like(gram)
+    for i in range(size):
+        gram[i, i] += RIDGE
+        column = gram[i:, i] - np.einsum("ikn,kn->in", factor[i:, :i], factor[i, :i].conj())
+        scale = 1.0 / np.sqrt(np.maximum(column[0].real, 0.5 * RIDGE))
+        factor[i:, i] = column * scale
+        root[i, i] = scale
+        root[i, :i] = -scale * np.einsum("kn,kjn->jn", factor[i, :i], root[:i, :i])
+    inverse = np.empty_like(gram)
+    for i in range(size):
+        row = np.einsum("kn,kjn->jn", root[i:, i].conj(), root[i:, : i + 1])
+        inverse[i, : i + 1] = row
+        inverse[:i, i] = row[:i].conj()
+    return inverse

@@ -1,0 +1,386 @@
+"""The noise of records at the bins of their band, read from residuals of a model.
+
+Noise of the response, white, 1/f and 1/f², and noise σx² of the reference, which passes the model:
+
+    S(f) = a + c/f + d/f² + σx² g(f) |H(f)|²
+
+by likelihood, with g one for white noise and ∝ f⁴ for an acceleration made of a displacement. What
+other shape there is comes on top as the mean of the periodogram over the bins around, relative to
+this. What is read is the part of the residual that is locally incoherent with the motion
+(:mod:`vibrident.fit.noise.projection`): a wrong model does not make its own noise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibrident.data.records import BoolArray, FloatArray
+from vibrident.fit.group.group import in_parts
+from vibrident.fit.noise.averages import (
+    averaged_bins,
+    level_around,
+    log_bins,
+    log_power,
+    mean_around,
+    mean_over_geometric,
+)
+from vibrident.fit.noise.common import SIGNIFICANT_DEVIATIONS, CommonNoise, common_noise
+from vibrident.fit.noise.likelihood import MIN_LEVEL, amounts_of, variances_of_last
+from vibrident.fit.noise.projection import BLOCK_BINS, without_common
+from vibrident.fit.noise.surroundings import MIN_FREEDOM, level_of_noise
+from vibrident.fit.noise.tones import tones_of
+from vibrident.fit.response.response import ComplexArray
+from vibrident.fit.response.transform import SHORTEST, power_of
+
+#: A bin holds motion where the measured response's power is so many times the noise.
+HEARD_RATIO = 10.0
+#: So many bins of a block that are heard only once a misfit is out are no chance.
+MAX_NEWLY_HEARD = 6
+#: Bins count where the prediction is more than so many times what noise of the reference would be.
+FAINT_RATIO = 2.0
+#: The uncertainty that is left of σx², in standard deviations.
+DOUBT_DEVIATIONS = 2.0
+#: Fewest bins for a level.
+MIN_LEVEL_BINS = 16
+#: A bin this many times above its surroundings is no chance: one of 10⁹ white ones is.
+OUTSTANDING_RATIO = 20.0
+#: Bins on either side that are the nearest.
+CLOSE_BINS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class GroupNoise:
+    """Noise of R records at K bins; one is white noise of unit variance.
+
+    Attributes:
+        psd: noise at each bin, shape (R, K).
+        input_noise: σx² where it is significant, in squares of the residual's unit per |H|², else
+            zero, shape (R,).
+        input_noise_at: the same at each bin, with its colour: its share of the level there divided
+            by |H|², shape (R, K).
+        doubts: a, c, and the variances of a and c and their covariance, of what may be left of σx²
+            = a + c/k at bin k, shape (R, 5).
+        colour: power of the reference's noise over its mean, one or shape (K,).
+        excited: weight of each bin, shape (R, K): zero where noise of the reference alone could
+            explain the prediction.
+        tones: places of tones in the residual (hum of the mains), in bins, of each record.
+        free: whether motion leaves bins free, in which noise of the reference shows, shape (R,).
+    """
+
+    psd: FloatArray
+    input_noise: FloatArray
+    input_noise_at: FloatArray
+    doubts: FloatArray
+    colour: FloatArray | float
+    excited: FloatArray
+    tones: tuple[tuple[float, ...], ...]
+    free: BoolArray
+
+    @property
+    def doubt(self) -> FloatArray:
+        """Return σx² that may be left beside ``input_noise`` (95 %) at each bin, shape (R, K)."""
+        flicker = _flicker(self.psd.shape[1])
+        white, pink, of_white, of_pink, of_both = self.doubts.T[:, :, None]
+        variance = of_white + 2.0 * of_both * flicker + of_pink * flicker**2
+        level = white + pink * flicker
+        level += DOUBT_DEVIATIONS * np.sqrt(np.maximum(variance, 0.0))
+        return level * self.colour
+
+
+class _Rows(NamedTuple):
+    """Some of the records: arguments of :func:`read_noise`, ``through`` (1, K) if alike."""
+
+    residual: ComplexArray
+    predicted: ComplexArray
+    reference: ComplexArray | None
+    through: FloatArray | None
+    count: FloatArray
+    floor: FloatArray
+
+
+class _Read(NamedTuple):
+    """What of a residual is locally incoherent with the motion.
+
+    Attributes:
+        noise: that part, shape (R, K).
+        power: of it, shape (R, K).
+        freedom: degrees of freedom behind each power, 0 … 1, shape (R, K).
+    """
+
+    noise: ComplexArray
+    power: FloatArray
+    freedom: FloatArray
+
+
+def read_noise(
+    residual: ComplexArray,
+    predicted: ComplexArray,
+    reference: ComplexArray | None,
+    through: FloatArray | None,
+    count: FloatArray,
+    floor: FloatArray,
+    last: int,
+    colour: FloatArray | float = 1.0,
+) -> GroupNoise:
+    """Read the noise of records of one length and rate.
+
+    Args:
+        residual: measured less predicted response, shape (R, K); bin 0 does not count.
+        predicted: the model's response, shape (R, K).
+        reference: shape (R, K); None where the prediction alone says what is motion.
+        through: g |H|², shape (K,) or (R, K); None without a reference.
+        count: samples used, shape (R,).
+        floor: lower limits of the levels, shape (R,).
+        last: bins from here on are not looked at.
+        colour: g, power of the reference's noise over its mean, one or shape (K,).
+    """
+    records, bins = residual.shape
+    last = max(min(last, bins - 1), 1)
+    noise = GroupNoise(
+        psd=np.empty((records, bins)),
+        input_noise=np.zeros(records),
+        input_noise_at=np.zeros((records, bins)),
+        doubts=np.zeros((records, 5)),
+        colour=colour,
+        excited=np.ones((records, bins)),
+        tones=(),
+        free=np.zeros(records, dtype=bool),
+    )
+    passing = None if through is None else np.atleast_2d(through)
+    tones = list[tuple[float, ...]]()
+    for part in in_parts(records, bins):
+        rows = _Rows(
+            residual[part],
+            predicted[part],
+            None if reference is None else reference[part],
+            passing if passing is None or len(passing) == 1 else passing[part],
+            count[part, None],
+            floor[part, None],
+        )
+        share = GroupNoise(
+            noise.psd[part],
+            noise.input_noise[part],
+            noise.input_noise_at[part],
+            noise.doubts[part],
+            colour,
+            noise.excited[part],
+            (),
+            noise.free[part],
+        )
+        if last <= BLOCK_BINS or np.max(count) < SHORTEST:
+            _fill_with_one_level(share, rows, last)
+            tones += [()] * len(rows.count)
+        else:
+            tones += _fill(share, rows, last)
+    return GroupNoise(**{**vars(noise), "tones": tuple(tones)})
+
+
+def _fill_with_one_level(noise: GroupNoise, rows: _Rows, last: int) -> None:
+    """Read one level of each record, as of few bins no more can be read."""
+    level = np.mean(power_of(rows.residual[:, 1 : last + 1]), axis=1, keepdims=True) / rows.count
+    np.maximum(level, rows.floor, out=level)
+    noise.psd[:] = level
+    if rows.through is not None:
+        noise.doubts[:, :1] = level / np.max(rows.through, axis=1, keepdims=True)
+
+
+def _fill(noise: GroupNoise, rows: _Rows, last: int) -> tuple[tuple[float, ...], ...]:
+    """Read the noise of records and return their tones."""
+    expected = power_of(rows.predicted)
+    log_expected = log_power(expected)
+    log_through = None if rows.through is None else log_power(rows.through)
+    width = averaged_bins(expected.shape[1])
+    moved = _lines_of_motion(expected, log_expected, log_through, width)
+    read = _incoherent(rows, log_through)
+    np.divide(read.power, rows.count, out=read.power)
+    shape, unfelt = _shape(noise, rows, read, log_through, last)
+    relative = np.divide(read.power, shape, out=read.power)
+    smooth = level_of_noise(relative, read.freedom)
+    hum = relative > OUTSTANDING_RATIO * smooth
+    hum &= ~moved
+    np.multiply(shape, smooth, out=noise.psd)
+    tones = tones_of(rows.residual, read.noise, noise.psd * rows.count, moved)
+    np.multiply(shape, relative, out=noise.psd, where=hum)
+    np.maximum(noise.psd, rows.floor, out=noise.psd)
+    if rows.through is None:
+        return tones
+    np.multiply(unfelt[:, :1] + unfelt[:, 1:] * _flicker(smooth.shape[1]), smooth, out=smooth)
+    np.multiply(smooth, noise.colour, out=noise.input_noise_at)
+    # By how much the prediction stands above what noise of the reference would be.
+    level = mean_around(log_expected, width) + np.euler_gamma
+    np.exp(level, out=level)
+    np.copyto(level, expected, where=expected > OUTSTANDING_RATIO * level)
+    level *= 1.0 / rows.count
+    np.divide(noise.psd, np.maximum(level, 1e-300), out=noise.excited)
+    np.multiply(noise.excited, -FAINT_RATIO, out=noise.excited)
+    np.add(noise.excited, 1.0, out=noise.excited)
+    np.maximum(noise.excited, 0.0, out=noise.excited)
+    return tones
+
+
+def _lines_of_motion(
+    expected: FloatArray, log_expected: FloatArray, log_through: FloatArray | None, width: int
+) -> BoolArray:
+    """Return where the motion has a line of its own: a remainder there is the model's, no hum.
+
+    Lines stand out of all around, or of the nearest alone, as a multisine's do among its others;
+    a resonance is no line.
+    """
+    stands = expected > OUTSTANDING_RATIO * mean_around(expected, width)
+    logarithm = log_expected if log_through is None else log_expected - log_through
+    close = logarithm - mean_around(logarithm, CLOSE_BINS)
+    lines = close > np.log(OUTSTANDING_RATIO) + np.euler_gamma
+    lines[:, 1:] &= logarithm[:, 1:] >= logarithm[:, :-1]
+    lines[:, :-1] &= logarithm[:, :-1] >= logarithm[:, 1:]
+    stands |= lines
+    stands[:, 1:] |= lines[:, :-1]
+    stands[:, :-1] |= lines[:, 1:]
+    return stands
+
+
+def _incoherent(rows: _Rows, log_through: FloatArray | None) -> _Read:
+    """Return what of the residual is locally incoherent with the motion, where that is heard.
+
+    The level by which it is heard is that of the noise, as of the response or as of the reference
+    behind the sensor, whichever is more: beside a resonance noise of the reference falls steeply,
+    and what it is there stands far above a mean over the bins around. That level also whitens the
+    noise of each block, which is steep in the lowest. Of a residual that is mostly misfit it is too
+    high at first, so records in which more is heard once the misfit is out are read again.
+    """
+    if rows.reference is None:
+        motions = [rows.predicted]
+        measured = power_of(rows.predicted)
+    else:
+        motions = [rows.reference, rows.predicted]
+        measured = power_of(rows.predicted + rows.residual)
+    measured[:, 0] = 0.0
+    steep: FloatArray | float = 0.0
+    if log_through is not None:
+        steep = np.maximum(log_through - level_around(log_through), 0.0)
+
+    def threshold(power: FloatArray) -> FloatArray:
+        level = level_around(log_power(power))
+        level += steep
+        level += np.euler_gamma
+        return np.exp(level, out=level)
+
+    def projected(some: slice | NDArray[np.int_], heard: BoolArray, level: FloatArray) -> _Read:
+        left, freedom = without_common(
+            rows.residual[some], [motion[some] for motion in motions], np.sqrt(level), heard
+        )
+        return _Read(left, power_of(left), freedom)
+
+    level = threshold(power_of(rows.residual))
+    heard = measured > HEARD_RATIO * level
+    read = projected(slice(None), heard, level)
+    level = threshold(read.power / np.maximum(read.freedom, MIN_FREEDOM))
+    clearer = measured > HEARD_RATIO * level
+    newly = np.add.reduceat(clearer & ~heard, np.arange(1, level.shape[1], BLOCK_BINS), axis=1)
+    again = np.flatnonzero(np.any(newly >= MAX_NEWLY_HEARD, axis=1))
+    if again.size:
+        again_read = projected(again, clearer[again], level[again])
+        for array, part in zip(read, again_read, strict=True):
+            array[again] = part
+    return read
+
+
+def _shape(
+    noise: GroupNoise,
+    rows: _Rows,
+    read: _Read,
+    log_through: FloatArray | None,
+    last: int,
+) -> tuple[FloatArray, FloatArray]:
+    """Read what noise of known shapes there is, and that of the reference into ``noise``.
+
+    Returns:
+        The shape of the noise, shape (R, K), and white and 1/f noise of the reference in it,
+        shape (R, 2).
+    """
+    incoherent, power, freedom = read
+    records, bins = power.shape
+    unfelt = np.zeros((records, 2))
+    grid = log_bins(last)
+    counts = grid.sums(freedom)
+    logarithm = freedom * log_power(power / np.maximum(freedom, MIN_FREEDOM))
+    level = np.exp(grid.sums(logarithm) / np.maximum(counts, MIN_FREEDOM))
+    level *= mean_over_geometric(counts)
+    own = grid.order ** np.array([[0.0], [-1.0], [-2.0]])
+    if rows.through is None or log_through is None:
+        amounts = amounts_of(own[None], level[None], counts[None]).values[0]
+        return _by_amounts(amounts, bins), unfelt
+    seen = grid.geometric_means(log_through)
+    scale = np.max(seen, axis=-1, keepdims=True)
+    shapes = np.concatenate(
+        [
+            np.broadcast_to(own, (len(seen), *own.shape)),
+            np.maximum(seen / scale, MIN_LEVEL)[:, None],
+        ],
+        axis=1,
+    )
+    # Records that see the same of the reference are one group of many spectra.
+    groups = (1, records) if len(seen) == 1 else (records, 1)
+    grouped = level.reshape(*groups, -1), counts.reshape(*groups, -1)
+    fitted = amounts_of(shapes, *grouped)
+    spread = np.sqrt(variances_of_last(fitted, slice(1, 3))).reshape(-1)
+    amounts = fitted.values.reshape(records, -1)
+    variance = amounts[:, -1:] / scale
+    spread = spread / scale[:, 0]
+    variance = variance[:, 0]
+    common = common_noise(incoherent, rows.predicted, rows.through, rows.count, last)
+    noise.free[:] = common.free
+    # Coloured noise of the response may look like that of the reference, but has nothing in common
+    # with the prediction.
+    refuted = variance > common.variance + SIGNIFICANT_DEVIATIONS * common.spread
+    sure = (variance > SIGNIFICANT_DEVIATIONS * spread) & ~refuted
+    # All of the level at most; a bin of few bins is low by chance.
+    most = level / seen * (1.0 + DOUBT_DEVIATIONS / np.sqrt(np.maximum(counts, MIN_FREEDOM)))
+    enough = counts >= np.minimum(MIN_LEVEL_BINS, np.max(counts, axis=1, keepdims=True))
+    most = np.min(np.where(enough, most, np.inf), axis=1)
+    most = np.minimum(most, np.where(sure, 0.0, variance) + DOUBT_DEVIATIONS * spread)
+    noise.input_noise[:] = unfelt[:, 0] = np.where(sure, variance, 0.0)
+    noise.doubts[:, 0] = most
+    better = common.significant
+    _take_doubts(noise, common, better | refuted | (~sure & (common.spread < spread)))
+    noise.input_noise[better] = common.variance[better]
+    unfelt[better] = common.amounts[better]
+    white = np.where(better, common.amounts[:, 0], variance)
+    pink = np.where(better, common.amounts[:, 1], 0.0)
+    by_reference = white[:, None] + pink[:, None] * _flicker(bins)
+    by_reference *= rows.through
+    if np.any(better):
+        known = grid.geometric_means(log_power(by_reference[better]))
+        beside = amounts_of(own[None], level[None, better], counts[None, better], known[None])
+        amounts[better, :3] = beside.values[0]
+    return _by_amounts(amounts, bins, by_reference), unfelt
+
+
+def _take_doubts(noise: GroupNoise, common: CommonNoise, chosen: BoolArray) -> None:
+    """State what residual and prediction leave open of noise of the reference."""
+    # 1/f noise may be present even if it is not significant.
+    open_amounts = np.where(common.significant[:, None], 0.0, common.amounts)
+    variances = np.diagonal(common.covariance, axis1=1, axis2=2)
+    doubts = np.column_stack([open_amounts, variances, common.covariance[:, 0, 1]])
+    noise.doubts[chosen] = doubts[chosen]
+
+
+def _by_amounts(
+    amounts: FloatArray, bins: int, by_reference: FloatArray | float = 0.0
+) -> FloatArray:
+    """Return a + c/k + d/k² and what the reference makes, shape (R, K)."""
+    flicker = _flicker(bins)
+    shape = amounts[:, 2:3] * flicker
+    shape += amounts[:, 1:2]
+    shape *= flicker
+    shape += amounts[:, :1]
+    shape += by_reference
+    return np.maximum(shape, MIN_LEVEL * np.mean(shape, axis=1, keepdims=True), out=shape)
+
+
+def _flicker(bins: int) -> FloatArray:
+    """Return 1/k at each bin k; at bin 0, which does not count, as at bin 1."""
+    return 1.0 / np.maximum(np.arange(bins), 1.0)
