@@ -137,6 +137,20 @@ class Exact(Sums):
     common: FloatArray  # D times the errors common to the record, or to all, shape (…, m, 2 TRIALS + E)
     steps: FloatArray  # power of the errors of converters and interpolation, shape (…)
 
+    def combined(self, factors: FloatArray) -> Exact:
+        """Return the same of linear combinations of the columns, shape (combinations, m)."""
+        return Exact(
+            factors @ self.score,
+            factors @ self.gram @ factors.T,
+            factors @ self.cross,
+            factors @ self.shift,
+            factors**2 @ self.least,
+            factors @ self.spread @ factors.T,
+            factors @ self.cross_spread,
+            factors @ self.common,
+            self.steps,
+        )
+
     def exactly_within(self, own: Own, inverse: FloatArray, profile: FloatArray, known: FloatArray) -> Exact:
         """Return the same beside each record's own parameters.
 

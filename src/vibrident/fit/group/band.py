@@ -9,14 +9,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vibrident.data.records import FloatArray
-from vibrident.fit.group.group import Grid, Group
+from vibrident.fit.group.group import Grid, Group, in_parts
 from vibrident.fit.group.network import Step
 from vibrident.fit.problem.bin_problem import BinProblem
 from vibrident.fit.problem.coordinates import FARTHEST
 from vibrident.physics.models import SensorModel
 
-#: Numbers of an array of (records, bins) that are worked on at once: they stay in the cache.
-MAX_AT_ONCE = 1 << 15
 #: Bins up to this many times the highest frequency of the motion count: beyond, a misfit that
 #: motion makes and the level of the noise are seen, and nothing else.
 BAND_MARGIN = 1.5
@@ -51,9 +49,8 @@ class Band:
             alike.setdefault(self._grid_of(number), []).append(number)
         groups = []
         for grid, numbers in alike.items():
-            width = max(MAX_AT_ONCE // grid.bins, 1)
-            for begin in range(0, len(numbers), width):
-                part = numbers[begin : begin + width]
+            for rows in in_parts(len(numbers), grid.bins):
+                part = numbers[rows]
                 segments = [self.problem.segments[number] for number in part]
                 groups.append(Group.from_segments(grid, part, segments))
         return tuple(groups)

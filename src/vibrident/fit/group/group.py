@@ -7,7 +7,7 @@ else is computed.
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +18,16 @@ from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.bins.segments import Segment, shifted_lines, tone_bins
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import line_counts
+
+#: Numbers of an array of (records, bins) that are worked on at once: they stay in the cache.
+MAX_AT_ONCE = 1 << 15
+
+
+def in_parts(rows: int, bins: int) -> Iterator[slice]:
+    """Yield slices of rows that are worked on at once."""
+    width = max(MAX_AT_ONCE // max(bins, 1), 1)
+    for begin in range(0, rows, width):
+        yield slice(begin, min(begin + width, rows))
 
 
 @dataclass(frozen=True)

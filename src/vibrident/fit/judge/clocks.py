@@ -9,11 +9,12 @@ from dataclasses import replace
 import numpy as np
 
 from vibrident.base.errors import VibridentError
-from vibrident.data.records import FloatArray, Record, SystematicEffect
+from vibrident.data.records import Record, SystematicEffect
 from vibrident.data.screening import Finding
 from vibrident.fit.departures.kinds.clocks import CLOCKS, slope_with_time
-from vibrident.fit.departures.score import LinearFit, Sums
-from vibrident.fit.departures.sources import parts_of
+from vibrident.fit.departures.score import LinearFit
+from vibrident.fit.departures.sources import groups_of
+from vibrident.fit.departures.sums import Exact, Own
 from vibrident.fit.judge.attempts import Fitted
 from vibrident.fit.judge.examined import departures_of
 from vibrident.fit.response.bands import band_edges
@@ -91,41 +92,30 @@ def _nearby(fitted: Fitted) -> float:
 
 def _step(fitted: Fitted) -> tuple[float, float] | None:
     """Return how far ε is from that of the fit, and its standard uncertainty; None where nothing tells it."""
-    evidence, estimate, judgement = fitted.evidence, fitted.estimate, fitted.judgement
+    evidence = fitted.evidence
+    estimate = fitted.estimate
+    judgement = fitted.judgement
     tones = judgement.points[0] if judgement.tones is not None else None
-    parts, count = parts_of(evidence, estimate, judgement.predicted, tones), len(estimate.z)
-    information, sums = [], []
-    for part in parts:
-        information.append(part.own)
-        rows = part.white(slope_with_time(part, 0.0))
-        sums.append(Sums.of(part, rows, count))
-    if not sums:
+    every: list[Own] = []
+    total: Exact | None = None
+    for group in groups_of(evidence, estimate, judgement.predicted, tones):
+        rows = group.freed(group.flat(slope_with_time(group, 0.0)))
+        sums = group.exact_sums(rows, None).total()
+        total = sums if total is None else total + sums
+        every.append(group.own)
+    if total is None:
         return None
-    fit, total = LinearFit.of(information, deviations(estimate.covariance)), sums[0]
-    for more in sums[1:]:
-        total = total + more
-    gram = total.gram - total.cross @ fit.inverse @ total.cross.T
+    fit = LinearFit.of(Own.joined(every), deviations(estimate.covariance))
+    _, _, gram = fit.beside_parameters(total)
     share = gram[0, 1] / gram[1, 1] if gram[1, 1] > total.least[1] else 0.0
-    (score,) = fit.test(Sums.stacked([_combined(total, np.array([[1.0, -share]]))]))
+    turned = total.combined(np.array([[1.0, -share]]))
+    spread = np.zeros_like(fit.normal)
+    common = np.zeros((len(fit.normal), total.common.shape[-1]))
+    score = replace(fit, spread=spread, common=common).test(turned)
     if score is None or score.statistic <= 0.0:
         return None
     change = float(score.amounts[0])
     return change, abs(change) / math.sqrt(score.statistic)
-
-
-def _combined(sums: Sums, factors: FloatArray) -> Sums:
-    """Return the sums of linear combinations of the columns; ``factors``: shape (combinations, columns)."""
-    return Sums(
-        factors @ sums.score,
-        factors @ sums.gram @ factors.T,
-        factors @ sums.spread @ factors.T,
-        factors @ sums.cross,
-        factors @ sums.cross_spread,
-        factors @ sums.common,
-        factors @ sums.shift,
-        factors**2 @ sums.least,
-        sums.steps,
-    )
 
 
 def _stated(fitted: Fitted, offset: float, u: float) -> Fitted:

@@ -9,10 +9,10 @@ import numpy as np
 
 from vibrident.base.amounts import plain
 from vibrident.base.warning_kinds import WarningCode
-from vibrident.data.records import FloatArray
 from vibrident.fit.departures.departure import Candidate, Departure, Scale
-from vibrident.fit.departures.part import Part
+from vibrident.fit.departures.group import Group
 from vibrident.fit.departures.score import Score
+from vibrident.fit.response.response import ComplexArray
 
 
 class Clocks(Departure):
@@ -21,12 +21,12 @@ class Clocks(Departure):
     name: ClassVar[str] = "clocks"
     code: ClassVar[WarningCode] = "clock_suspect"
 
-    def columns(self, part: Part, scale: Scale) -> Iterable[tuple[str, FloatArray]]:
+    def columns(self, group: Group, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
         """The slope of the motion times the time from the middle of the record.
 
         What is alike at the begin and at the end is a delay.
         """
-        yield "", slope_with_time(part, 0.5 * part.record.duration_s)[:1]
+        yield "", slope_with_time(group, 0.5 * group.records[0].duration_s)[:, :1]
 
     def sentence(self, candidate: Candidate, score: Score) -> str:
         """By how much."""
@@ -37,11 +37,10 @@ class Clocks(Departure):
         )
 
 
-def slope_with_time(part: Part, origin_s: float) -> FloatArray:
-    """Return dŷ/dt times the time from an origin, and dŷ/dt, shape (2, samples)."""
-    slope = np.fft.irfft(part.moved_bins[1] * part.rate_hz, part.samples)
-    time_s = part.begin_s - origin_s + np.arange(part.samples) / part.rate_hz
-    return np.stack([slope * time_s, slope])
+def slope_with_time(group: Group, origin_s: float) -> ComplexArray:
+    """Return bins of dŷ/dt times the time from an origin, and of dŷ/dt, shape (R, 2, K)."""
+    slope = group.series(group.likely * (1j * group.rate_hz * group.radians))
+    return group.bins_of(np.stack([slope * (group.time_s - origin_s), slope], axis=1))
 
 
 CLOCKS = Clocks()
