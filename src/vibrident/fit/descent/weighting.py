@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.descent.in_noise import GroupAt, GroupWeights
 from vibrident.fit.group.band import Band
-from vibrident.fit.noise.motion import Motion
-from vibrident.fit.noise.spectrum import TONES, NoiseSpectrum, noise_spectra
-from vibrident.fit.response.transform import SHORTEST, power_of, reference_colour
+from vibrident.fit.group.group import Group
+from vibrident.fit.noise.reading import read_noise
+from vibrident.fit.noise.spectrum import TONES, NoiseSpectrum
+from vibrident.fit.response.transform import power_of, reference_colour
 
 #: Noise is steep where some bins have so much less than the mean.
 STEEP = 0.01
@@ -30,7 +32,6 @@ class Weighting:
     Attributes:
         spectra: by number of the segment.
         passed: |H|² of each where it was read, by number of the segment.
-        floors: lower limit of the noise's variance of each record, shape (records,).
     """
 
     spectra: Spectra
@@ -79,51 +80,41 @@ def read_weighting(
     for at in places:
         group = at.group
         squares = power_of(at.through)
-        residuals = at.rows.residual.copy()
-        residuals[:, 0] = np.abs(residuals[:, 1])
-        last = group.grid.last - 1
-        motions = []
-        limits = [float(floors[owner]) for owner in band.owners(group)]
+        colour = _colour(band, group)
+        residual = at.rows.residual.copy()
+        residual[:, 0] = np.abs(residual[:, 1])
+        noise = read_noise(
+            residual,
+            at.rows.predicted,
+            group.inputs[:, 0],
+            squares * colour,
+            group.count,
+            floors[band.owners(group)],
+            group.grid.last - 1,
+            colour,
+            np.stack([heard[number] for number in group.segments]),
+        )
+        doubt = noise.doubt
         for row, number in enumerate(group.segments):
-            record = band.problem.records[band.problem.segments[number].record]
-            colour = reference_colour(record, group.grid.samples)
-            if not isinstance(colour, float):
-                colour = colour[: group.grid.bins]
-            motions.append(
-                Motion.of(
-                    at.rows.predicted[row].__getitem__,
-                    float(group.count[row]),
-                    None if record.reference is None else squares * colour,
-                    colour,
-                    last,
-                    group.inputs[row, 0],
-                    heard[number],
-                )
-            )
             passed[number] = squares
-        if group.grid.samples < SHORTEST:
-            own = [
-                _of_few(at, row, motion, limit)
-                for row, (motion, limit) in enumerate(zip(motions, limits, strict=True))
-            ]
-        else:
-            own = noise_spectra(list(residuals), motions, limits)
-        for number, spectrum in zip(group.segments, own, strict=True):
-            known = group.grid.tones
-            tones = (known + spectrum.tones)[:TONES]
-            spectra[number] = replace(spectrum, tones=tones)
+            spectra[number] = NoiseSpectrum(
+                noise.psd[row],
+                float(noise.input_noise[row]),
+                noise.input_noise_at[row],
+                functools.partial(_held, doubt[row]),
+                noise.excited[row],
+                (group.grid.tones + noise.tones[row])[:TONES],
+                bool(noise.free[row]),
+            )
     return Weighting(spectra, passed)
 
 
-def _of_few(at: GroupAt, row: int, motion: Motion, floor: float) -> NoiseSpectrum:
-    """Return the noise of a segment of too few bins: all of one level."""
-    counts = at.group.grid.counts
-    power = float(counts @ power_of(at.rows.residual[row]))
-    freedom = float(np.sum(counts)) * motion.count - at.rows.nuisances.shape[1]
-    level = max(power / max(freedom, 1.0), floor)
-    through = motion.through
-    most = 0.0 if through is None else level / float(np.max(through))
-    shape = counts.shape
-    flat, nothing, full = (np.broadcast_to(value, shape) for value in (level, 0.0, 1.0))
-    doubt = np.broadcast_to(most * motion.colour, shape)
-    return NoiseSpectrum(flat, 0.0, nothing, lambda: doubt, full)
+def _held(values: FloatArray) -> FloatArray:
+    return values
+
+
+def _colour(band: Band, group: Group) -> FloatArray | float:
+    """Return the power of the reference's own noise over its mean, one or shape (K,)."""
+    record = band.problem.records[band.owners(group)[0]]
+    colour = reference_colour(record, group.grid.samples)
+    return colour if isinstance(colour, float) else colour[: group.grid.bins]

@@ -100,6 +100,7 @@ class _Rows(NamedTuple):
     through: FloatArray | None
     count: FloatArray
     floor: FloatArray
+    heard: BoolArray | None
 
 
 class _Read(NamedTuple):
@@ -125,6 +126,7 @@ def read_noise(
     floor: FloatArray,
     last: int,
     colour: FloatArray | float = 1.0,
+    heard: BoolArray | None = None,
 ) -> GroupNoise:
     """Read the noise of records of one length and rate.
 
@@ -137,6 +139,8 @@ def read_noise(
         floor: lower limits of the levels, shape (R,).
         last: bins from here on are not looked at.
         colour: g, power of the reference's noise over its mean, one or shape (K,).
+        heard: bins at which motion shows in the response without any model, shape (R, K): there
+            alone what is coherent with the motion is no noise. None: where the response is loud.
     """
     records, bins = residual.shape
     last = max(min(last, bins - 1), 1)
@@ -160,6 +164,7 @@ def read_noise(
             passing if passing is None or len(passing) == 1 else passing[part],
             count[part, None],
             floor[part, None],
+            None if heard is None else heard[part],
         )
         share = GroupNoise(
             noise.psd[part],
@@ -275,6 +280,8 @@ def _incoherent(rows: _Rows, log_through: FloatArray | None) -> _Read:
         return _Read(left, power_of(left), freedom)
 
     level = threshold(power_of(rows.residual))
+    if rows.heard is not None:
+        return projected(slice(None), rows.heard, level)
     heard = measured > HEARD_RATIO * level
     read = projected(slice(None), heard, level)
     level = threshold(read.power / np.maximum(read.freedom, MIN_FREEDOM))
