@@ -98,6 +98,7 @@ class RecordBins:
         rings_unseen: whether the sensor's free motion is all above half the sampling rate: what a record shows at the
             aliases of it tells nothing.
         colour: power of the reference's own noise over its mean, one or shape (lines,).
+        last: bins from here on are not looked at; zero: those above 0.4 of the sampling rate.
     """
 
     residual: ComplexArray
@@ -112,6 +113,7 @@ class RecordBins:
     hum: tuple[float, ...] = ()
     rings_unseen: bool = False
     colour: FloatArray | float = 1.0
+    last: int = 0
 
     @property
     def samples(self) -> int:

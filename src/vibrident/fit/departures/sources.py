@@ -126,8 +126,15 @@ def _of_bins(
     """Of records that are read together."""
     network = estimate.findings.network
     assert network is not None
-    lines = problem.lines(estimate.z, estimate.coordinates, network.noise, some)
     tones, step = _tones(evidence), np.zeros(len(estimate.z))
+    if len(estimate.weighed) == len(evidence.records):
+        for index in range(len(evidence.records))[some]:
+            noisy = estimate.weighed[index]
+            if noisy.record.count >= SHORTEST and noisy.record.samples <= LONGEST:
+                yield _of_weighed(evidence.records[index], noisy, predicted[index], network.noise[index], tones.get(index))
+        if all(own.record.samples <= LONGEST for own in estimate.weighed.values()):
+            return
+    lines = problem.lines(estimate.z, estimate.coordinates, network.noise, some)
     short = {index: record for index, record in enumerate(lines, some.start) if record.samples <= LONGEST}
     motions = [_motion_of(record, tones.get(index)) for index, record in short.items()]
     spectra = beside_hum(list(short.values()), motions)
@@ -170,6 +177,33 @@ def _of_bins(
             seen=motion_at(),
             floor=record.floor,
         )
+
+
+def _of_weighed(
+    given: Record, noisy: Weighed, series: FloatArray, unit: float, turns: float | None
+) -> Signals:
+    """Return signals of a record as the fit weighed it."""
+    record = noisy.record
+    assert record.model is not None
+    first = int(np.argmax(np.isfinite(series)))
+    span = slice(first, first + record.samples)
+    return Signals(
+        given,
+        span,
+        record.used,
+        record.residual * unit,
+        record.predicted(slice(None)) * unit,
+        series[span],
+        noisy.jacobian * unit,
+        record.model.through(),
+        noisy.nuisances(slice(None)),
+        noisy.spectrum,
+        unit,
+        record.one_sided,
+        turns=turns,
+        seen=_motion_of(record, turns)(),
+        floor=record.floor,
+    )
 
 
 def _of_sines(

@@ -50,6 +50,7 @@ class Settled:
         weighting: the noise of every segment.
         noise: what a result states of it.
         deviation: standard deviation of each record's noise, response unit, shape (records,).
+        places: the groups at the estimate.
     """
 
     band: Band
@@ -61,6 +62,7 @@ class Settled:
     weighting: Weighting
     noise: SpectralNoise
     deviation: FloatArray
+    places: tuple[GroupAt, ...]
 
 
 @dataclass
@@ -223,7 +225,7 @@ def _stated(
     each = np.array(untold).reshape(-1, count)
     noise = SpectralNoise(reference, doubtful(each, covariance), tuple(tones), each)
     return Settled(
-        band, coordinates, z, covariance, freedom, trace, weighting, noise, deviation
+        band, coordinates, z, covariance, freedom, trace, weighting, noise, deviation, at.groups
     )
 
 

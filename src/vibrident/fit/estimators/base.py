@@ -15,6 +15,7 @@ from vibrident.fit.registry import AUTO, ESTIMATORS
 
 if TYPE_CHECKING:
     from vibrident.data.records import FloatArray
+    from vibrident.fit.descent.iterate import Weighed
     from vibrident.fit.problem import Coordinates, Evidence, NetworkProblem
     from vibrident.fit.response import MeasuredResponse
     from vibrident.fit.start.start import Start
@@ -40,6 +41,8 @@ class Estimate:
         criterion: what was made small: the residual of the network's ``samples``, the ``likelihood`` of the responses
             in frequency, or an ``other`` function.
         findings: what was found beside the parameters.
+        weighed: records at the bins of the band in the noise of the fit, by number; those that
+            are missing are made when they are asked for.
     """
 
     estimator: str
@@ -56,6 +59,7 @@ class Estimate:
     equations: float = 1.0
     criterion: Literal["samples", "likelihood", "other"] = "other"
     findings: Findings = field(default_factory=Findings)
+    weighed: Mapping[int, Weighed] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -99,10 +99,7 @@ def evaluate(group: Bins, step: Step, weight: FloatArray) -> Rows:
     order = len(step.transfer.denominator) - 1
     forced = _driven(group, step.transfer.numerator[None], over)[:, 0]
     states = _states(shifted, over, order)
-    columns = [states, group.unmoved]
-    if group.edges:
-        columns.append(states * over[:, None])
-    nuisances = _every(group, np.concatenate(columns, axis=1))
+    nuisances = _nuisances(group, states, over)
     residual = group.response - group.where_used(forced[:, None])[:, 0]
     amounts = amounts_of(nuisances, residual[:, None], weight)
     residual -= combined(amounts, nuisances)[:, 0]
@@ -116,6 +113,22 @@ def evaluate(group: Bins, step: Step, weight: FloatArray) -> Rows:
         jacobian = group.where_used(jacobian)
         jacobian -= combined(amounts_of(nuisances, jacobian, weight), nuisances)
     return Rows(residual, predicted, forced, jacobian, nuisances)
+
+
+def forced_response(group: Bins, step: Step) -> tuple[ComplexArray, ComplexArray]:
+    """Return the forced response, shape (R, K), and the nuisance columns, shape (R, m, K)."""
+    over = 1.0 / horner(step.transfer.denominator, group.shifted)
+    states = _states(group.shifted, over, len(step.transfer.denominator) - 1)
+    forced = _driven(group, step.transfer.numerator[None], over)
+    return group.where_used(forced)[:, 0], _nuisances(group, states, over)
+
+
+def _nuisances(group: Bins, states: ComplexArray, over: ComplexArray) -> ComplexArray:
+    """Return the nuisance columns of every segment, the states first, shape (R, m, K)."""
+    columns = [states, group.unmoved]
+    if group.edges:
+        columns.append(states * over[:, None])
+    return _every(group, np.concatenate(columns, axis=1))
 
 
 def _every(group: Bins, columns: ComplexArray) -> ComplexArray:

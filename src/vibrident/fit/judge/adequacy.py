@@ -141,6 +141,9 @@ def weighed_records(
     by_bins = isinstance(problem, BinProblem) and estimate.criterion == "samples" and network is not None
     size = [max(float(np.std(record.response[record.mask])), TINY) for record in evidence.records]
     units = network.noise.tolist() if by_bins and network is not None else size
+    if by_bins and len(estimate.weighed) == len(evidence.records):
+        yield from ((number, units[number], own) for number, own in sorted(estimate.weighed.items()))
+        return
     for some in together(evidence.records):
         numbers = range(len(evidence.records))[some]
         if by_bins:

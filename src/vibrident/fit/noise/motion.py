@@ -124,7 +124,8 @@ def motion_of(record: RecordBins) -> MotionOf:
 def _motion_of(record: RecordBins) -> Motion | None:
     if record.count < SHORTEST or record.free is None:
         return None
-    return Motion.of(record.predicted, record.count, through_of(record), record.colour)
+    through = through_of(record)
+    return Motion.of(record.predicted, record.count, through, record.colour, record.last)
 
 
 def through_of(record: RecordBins) -> FloatArray | None:

@@ -17,6 +17,7 @@ from numpy import fft
 from vibrident.base.errors import NotConverged
 from vibrident.base.fft_lengths import fast_length
 from vibrident.data.records import FloatArray
+from vibrident.fit.bins.transfer import DiscreteTransfer
 from vibrident.fit.group.band import Band
 from vibrident.fit.group.network import Step
 from vibrident.fit.response.response import ComplexArray
@@ -32,8 +33,11 @@ ABOVE = 8.0
 #: Values of a parameter that differ by less than these factors are one start.
 APART_FREQUENCY = 1.8
 APART = 2.5
-#: Places of the smaller model from which add-ons are looked for.
+#: Places of the smaller model from which add-ons are looked for: at least, and with all guesses.
 PLACES = 3
+MAX_PLACES = 500
+#: Places whose networks are made at once.
+AT_ONCE = 256
 #: A delay is looked for at so many places a period of the highest frequency.
 PER_PERIOD = 8
 #: Of delays that differ by a factor of two, the longer must fit better by this part: a record that
@@ -65,15 +69,16 @@ def candidates(band: Band, look: Look, most: int) -> list[Candidate]:
     model = band.model
     search = _Search(band, look.band_hz, tuple(coarse_rows(band, look)))
     core = [spec for spec in model.core.parameters if spec.grid]
-    front = search.best(_places(core, [_axis(spec, look.band_hz) for spec in core]), PLACES)
+    places = _places(core, [_axis(spec, look.band_hz) for spec in core])
     added = [
         spec
         for add_on in model.add_ons
         for spec in add_on.parameters
         if spec.guesses and spec.name not in model.shares
     ]
+    guesses = _places(added, [_guesses(spec, look.band_hz) for spec in added])
+    front = search.best(places, max(most, PLACES, MAX_PLACES // len(guesses) if added else 0))
     if added and front:
-        guesses = _places(added, [_guesses(spec, look.band_hz) for spec in added])
         known = [{spec.name: place.values[spec.name] for spec in core} for place in front]
         front = search.best([here | more for here in known for more in guesses], most)
     if not front:
@@ -99,6 +104,9 @@ def _axis(spec: ParameterSpec, band_hz: tuple[float, float]) -> list[float]:
 def _guesses(spec: ParameterSpec, band_hz: tuple[float, float]) -> list[float]:
     low, high = band_hz
     guesses = np.array(spec.guesses)
+    if spec.kind in ("log", "duration") and spec.guess_at != "band":
+        span = guesses[-1] / guesses[0]
+        guesses = np.geomspace(guesses[0], guesses[-1], 1 + int(np.ceil(np.log2(span))))
     if spec.guess_at == "band":
         return (low * (high / low) ** guesses).tolist()
     unit = {"lowest": low, "highest": high, "period": 1.0 / high, "one": 1.0}[spec.guess_at]
@@ -133,16 +141,47 @@ class _Search:
     def best(self, places: Sequence[Mapping[str, float]], most: int) -> list[Candidate]:
         """Return the best and most different of places, the best first."""
         neutral = _neutral(self.band.model, self.band_hz)
-        scored = [self._scored(neutral | dict(place)) for place in places]
-        finite = [each for each in scored if each is not None]
-        finite.sort(key=lambda each: each.cost)
+        scored: list[Candidate] = []
+        for begin in range(0, len(places), AT_ONCE):
+            some = [neutral | dict(place) for place in places[begin : begin + AT_ONCE]]
+            networks = [self._networks(some, rows.bins.step) for rows in self.rows]
+            for number, values in enumerate(some):
+                candidate = self._scored(values, [each[number] for each in networks])
+                if candidate is not None:
+                    scored.append(candidate)
+        scored.sort(key=lambda each: each.cost)
         chosen: list[Candidate] = []
-        for each in finite:
+        for each in scored:
             if len(chosen) == most:
                 break
             if all(self._differ(each.values, other.values, places[0]) for other in chosen):
                 chosen.append(each)
         return chosen
+
+    def _networks(
+        self, places: Sequence[dict[str, float]], step: tuple[float, float]
+    ) -> list[list[Step]]:
+        """Return the networks of places: without what shares multiply, and with each of it."""
+        model = self.band.model
+        problem = self.band.problem
+        trials = [
+            trial
+            for values in places
+            for trial in (values, *({**values, name: 1.0} for name in model.shares))
+        ]
+        names = list(trials[0])
+        late = {spec.name: problem.frame.delay_s for spec in model.parameters if spec.kind == "time"}
+        trained = problem.trained
+        if trained.method.takes_many:
+            many = {name: np.array([trial[name] for trial in trials]) for name in names}
+            both = trained.transfer(many | late, *step, problem.frame.delay_s)
+            steps = [Step(DiscreteTransfer(*pair)) for pair in zip(*both, strict=True)]
+        else:
+            steps = [
+                Step(trained.transfer(trial | late, *step, problem.frame.delay_s)) for trial in trials
+            ]
+        width = 1 + len(model.shares)
+        return [steps[begin : begin + width] for begin in range(0, len(steps), width)]
 
     def _differ(
         self, values: Mapping[str, float], others: Mapping[str, float], names: Mapping[str, float]
@@ -155,24 +194,26 @@ class _Search:
                 return True
         return False
 
-    def _scored(self, values: dict[str, float]) -> Candidate | None:
-        """Return a place with the best gain, shares and delay; None where it is not finite."""
+    def _scored(self, values: dict[str, float], steps: Sequence[list[Step]]) -> Candidate | None:
+        """Return a place with the best gain, shares and delay; None where it is not finite.
+
+        ``steps``: the networks of each sampling rate, as of :meth:`_networks`.
+        """
         model = self.band.model
-        trials = [values, *({**values, name: 1.0} for name in model.shares)]
+        trials = range(1 + len(model.shares))
         forced: list[list[ComplexArray]] = []
         measured: list[ComplexArray] = []
-        for rows in self.rows:
+        for rows, networks in zip(self.rows, steps, strict=True):
+            if not all(np.all(np.isfinite(each.transfer.denominator)) for each in networks):
+                return None
             own: list[ComplexArray] = []
-            for trial in trials:
-                step = self._step(rows, trial)
-                if step is None:
-                    return None
-                response, nuisances = rows.forced(step)
+            for network in networks:
+                response, nuisances = rows.forced(network)
                 own.append(response)
             own[1:] = [each - own[0] for each in own[1:]]
             freed = rows.freed(np.stack([rows.bins.response, *own], axis=1), nuisances)
             measured.append(freed[:, 0])
-            forced.append([freed[:, 1 + place] for place in range(len(trials))])
+            forced.append([freed[:, 1 + place] for place in trials])
         late = 0.0
         if model.has_delay:
             late = self._late([each[0] for each in forced], measured)
@@ -200,14 +241,6 @@ class _Search:
             if spec.kind == "time":
                 found[spec.name] = late + float(self.band.problem.frame.delay_s)
         return Candidate(cost, found)
-
-    def _step(self, rows: CoarseRows, values: dict[str, float]) -> Step | None:
-        problem = self.band.problem
-        for spec in self.band.model.parameters:
-            if spec.kind == "time":
-                values = {**values, spec.name: problem.frame.delay_s}
-        transfer = problem.trained.transfer(values, *rows.bins.step, problem.frame.delay_s)
-        return Step(transfer) if np.all(np.isfinite(transfer.denominator)) else None
 
     def _late(self, forced: Sequence[ComplexArray], measured: Sequence[ComplexArray]) -> float:
         """Return the delay at which the response agrees best with the forced one, s."""

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from vibrident.data.records import FloatArray
 from vibrident.fit.group.band import Band
 from vibrident.fit.group.group import Bins, Group
-from vibrident.fit.group.network import Step, amounts_of, combined, evaluate
+from vibrident.fit.group.network import Step, amounts_of, combined, forced_response
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import power_of
 from vibrident.fit.start.look import Look
@@ -49,8 +49,7 @@ class CoarseRows:
 
     def forced(self, step: Step) -> tuple[ComplexArray, ComplexArray]:
         """Return the forced response, shape (R, K), and nuisance columns, shape (R, m, K)."""
-        rows = evaluate(self.bins, step, self.weight)
-        return rows.forced, rows.nuisances
+        return forced_response(self.bins, step)
 
 
 def coarse_rows(band: Band, look: Look) -> list[CoarseRows]:

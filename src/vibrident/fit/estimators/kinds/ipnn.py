@@ -22,6 +22,7 @@ from vibrident.fit.descent.optimise import Progress, Trace, levenberg_marquardt,
 from vibrident.fit.descent.sandwich import hac_covariance
 from vibrident.fit.descent.settle import Settled
 from vibrident.fit.descent.train import train
+from vibrident.fit.descent.weighed import weighed_records
 from vibrident.fit.estimators.base import Estimate, Estimator, Setting
 from vibrident.fit.estimators.findings import Findings, TrainedNetwork
 from vibrident.fit.problem import BinProblem, Coordinates, Evidence, NetworkProblem, network_objective
@@ -158,6 +159,7 @@ def _settled(network: Ipnn, settled: Settled) -> Estimate:
         criterion="samples",
         findings=Findings(trained, settled.noise),
         predicted=tuple(problem.predict(settled.coordinates, settled.z)),
+        weighed=weighed_records(settled),
     )
 
 
