@@ -151,7 +151,7 @@ def test_a_resonance_far_above_the_band_is_bounded_from_below_alone():
     """Seven times above the highest tone: the linearised interval ends, the distribution does not."""
     sensor = {"sensitivity": 0.1, "natural_frequency": 3000.0, "damping_ratio": 0.05}
     calibration = table(sensor, np.geomspace(10, 400, 16), 0.01)
-    result = vibrident.identify(calibration, posterior=Sampling(warm_up=2000, draws=6000))
+    result = vibrident.identify(calibration, posterior=Sampling(chains=16, warm_up=1000, draws=3000))
     posterior, stated = result.settings["posterior"], result.parameters["natural_frequency"]
     row = posterior["parameters"]["natural_frequency"]
     assert posterior["converged"]
@@ -169,7 +169,7 @@ def test_a_delay_that_trades_with_damping_has_the_tails_of_a_curved_ridge():
     """Below resonance the phase shows τ + 2 δ/ωn; δ ≥ 0 cuts the ridge off, which a symmetric interval cannot say."""
     sensor = {"sensitivity": 0.1, "natural_frequency": 1500.0, "damping_ratio": 0.03, "delay": 4e-5}
     calibration = table(sensor, np.geomspace(20, 700, 20), 0.01, "accelerometer+delay", seed=5)
-    result = vibrident.identify(calibration, posterior=Sampling(warm_up=2000, draws=6000))
+    result = vibrident.identify(calibration, posterior=Sampling(chains=16, warm_up=1000, draws=3000))
     stated, row = result.parameters["delay"], result.settings["posterior"]["parameters"]["delay"]
     damping = result.settings["posterior"]["parameters"]["damping_ratio"]
     assert result.settings["posterior"]["converged"]
