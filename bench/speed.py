@@ -13,11 +13,11 @@ from bench.figures import Figure, Options, Section, steps
 from bench.pairs import pairwise
 from bench.truth import RATE_HZ, RESPONSE_NOISE, SAMPLES, SENSOR, model, paper_truth
 from vibrident import Calibration, identify, identify_many
-from vibrident.fit.descent.adam import adam
 from vibrident.fit.estimators import Ipnn, MaximumLikelihood
 from vibrident.fit.problem import Coordinates, Evidence, network_objective
 from vibrident.fit.problem.time_domain import TimeProblem
 from vibrident.fit.start.start import find_start
+from vibrident.paper.adam import adam
 from vibrident.physics.discretisation import method
 from vibrident.physics.simulation import simulate, with_noise
 

@@ -13,7 +13,7 @@ from tests.support.sources import imports, modules
 DOOR_TO_JAX = "vibrident.base.backend"
 #: For arrays that are JAX's already: it may import JAX inside a function.
 LAZY_JAX = "vibrident.physics.models.base"
-BUILT_ON_JAX = {"equinox", "optax", "optimistix", "lineax", "numpyro"}
+BUILT_ON_JAX = {"equinox", "optax", "optimistix", "lineax"}
 
 
 def run_python(code: str, *arguments: str) -> str:

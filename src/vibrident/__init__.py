@@ -34,12 +34,13 @@ _WHERE = {
     "correct": "vibrident.use.correction",
     "plan": "vibrident.use.planning",
     "Ipnn": "vibrident.fit.estimators",
-    "LeastSquares": "vibrident.fit.estimators",
+    "LeastSquares": "vibrident.paper.estimators.lsm",
     "MaximumLikelihood": "vibrident.fit.estimators",
 }
 
-#: What methods of a result and a sensor call.
+#: What methods of a result and a sensor call, and the optimiser of the paper.
 bind(
+    adam="vibrident.paper.optimiser:Adam",
     summary="vibrident.show.terminal:text",
     plot="vibrident.show.plots:draw",
     result_html="vibrident.show.notebook:result",

@@ -11,10 +11,10 @@ from vibrident.data.records import Provenance as Provenance
 from vibrident.data.records import Record as Record
 from vibrident.data.records import ResponseTable as ResponseTable
 from vibrident.fit.estimators import Ipnn as Ipnn
-from vibrident.fit.estimators import LeastSquares as LeastSquares
 from vibrident.fit.estimators import MaximumLikelihood as MaximumLikelihood
 from vibrident.fit.joint import identify_together as identify_together
 from vibrident.lab.many import identify_many as identify_many
+from vibrident.paper.estimators.lsm import LeastSquares as LeastSquares
 from vibrident.physics.simulation import simulate as simulate
 from vibrident.result import Result as Result
 from vibrident.result.sensor import IdentifiedSensor as IdentifiedSensor

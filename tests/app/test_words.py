@@ -37,6 +37,7 @@ from vibrident.export.registry import EXPORTS
 from vibrident.fit.estimators import Ipnn
 from vibrident.lab.fleet import Asked, Orders
 from vibrident.lab.history import document, entry, query
+from vibrident.paper.optimiser import Adam
 from vibrident.show import report
 
 FLAG = re.compile(r"(?<![\w-])--[a-z][a-z-]*")
@@ -102,7 +103,7 @@ def keywords() -> dict[str, set[str]]:
     """First part of a setting's name → the keywords of the functions and classes that take it."""
     taking = {
         "export": [export],
-        "identify": [vibrident.identify, vibrident.identify_together, Ipnn, Request],
+        "identify": [vibrident.identify, vibrident.identify_together, Ipnn, Adam, Request],
         "correct": [vibrident.correct, read_signal],
         "report": [report.write],
         "fleet": [Asked, Orders, commands.fleet.fleet],

@@ -20,6 +20,11 @@ LIBRARY = {
     "parquet": "pyarrow",
 }
 LIBRARY |= {"excel": "openpyxl"}
+#: The paper's modules that train networks, and those that use them.
+PAPER_ON_JAX = (
+    *("adam", "black_box", "claims", "figures", "free_weights", "methods", "page", "pinn", "reproduction", "sections"),
+    *("settings", "studies", "tables", "training", "unrolled"),
+)
 #: All that is there for Adam, springs, learned residuals, sampling and the paper: what the names of modules begin with.
 NEEDS_JAX = (
     "vibrident.base.backend.",
@@ -28,12 +33,9 @@ NEEDS_JAX = (
     "vibrident.physics.simulation.cubic.",
     "vibrident.fit.problem.cutting.",
     "vibrident.fit.problem.time_domain.",
-    "vibrident.fit.descent.adam.",
-    "vibrident.fit.estimators.free.",
     "vibrident.fit.start.harmonic_start.",
     "vibrident.fit.estimators.residual_network.",
-    "vibrident.fit.uncertainty.posterior.",
-    "vibrident.paper.",
+    *(f"vibrident.paper.{name}." for name in PAPER_ON_JAX),
 )
 NEEDS = {
     "network": NEEDS_JAX,

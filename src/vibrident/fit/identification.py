@@ -58,7 +58,7 @@ def identify_run(
     settings = {**result.settings, "time_s": time.perf_counter() - begin}
     if posterior is not None:
         scale = _data_scale(fitted.estimate, rows[0])
-        settings["posterior"] = sample_posterior(fitted.evidence, fitted.estimate, scale, posterior)
+        settings["posterior"] = sample_posterior(fitted.evidence, fitted.estimate, fitted.linear, scale, posterior)
     return replace(result, settings=settings)
 
 

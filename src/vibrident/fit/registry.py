@@ -14,7 +14,7 @@ AUTO = "auto"  # in place of an estimator's name: the one that suits the data
 ESTIMATORS: Registry[Any] = Registry(
     "estimator",
     "vibrident.estimators",
-    ("fit/estimators/kinds",),
+    ("fit/estimators/kinds", "paper/estimators"),
     ("vibrident.fit.estimators.base:Estimator",),
     "estimator",
     ModelError,

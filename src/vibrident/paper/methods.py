@@ -11,9 +11,10 @@ import numpy as np
 from vibrident.base.errors import NotConverged
 from vibrident.data.records import FloatArray
 from vibrident.fit.descent.optimise import Progress, silent
-from vibrident.fit.estimators import Estimator, Ipnn, LeastSquares, MaximumLikelihood
+from vibrident.fit.estimators import Estimator, Ipnn, MaximumLikelihood
 from vibrident.paper.black_box import Kind, fit_recurrent, predict_recurrent
 from vibrident.paper.dataset import Dataset, scored
+from vibrident.paper.estimators.lsm import LeastSquares
 from vibrident.paper.least_squares import from_extremes, from_sine_fits
 from vibrident.paper.metrics import Metrics
 from vibrident.paper.pinn import fit_pinn

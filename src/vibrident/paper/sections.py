@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from vibrident.data.records import FloatArray
-from vibrident.fit.estimators import LeastSquares
 from vibrident.paper import dataset as section_4
 from vibrident.paper import methods
 from vibrident.paper.dataset import SENSOR, Dataset
+from vibrident.paper.estimators.lsm import LeastSquares
 from vibrident.paper.experiment import Experiment
 from vibrident.paper.methods import CLOSED, Judge, MethodResult
 from vibrident.paper.metrics import CurveDeviation, curve_deviation, deviation_at_points

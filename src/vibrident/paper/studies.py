@@ -17,10 +17,11 @@ import numpy as np
 from vibrident.base.errors import NotConverged
 from vibrident.data.records import Calibration, FloatArray, Record
 from vibrident.fit.descent.optimise import Progress, levenberg_marquardt, silent
-from vibrident.fit.estimators import Estimator, Ipnn, LeastSquares, MaximumLikelihood
+from vibrident.fit.estimators import Estimator, Ipnn, MaximumLikelihood
 from vibrident.fit.estimators.residual_network import ResidualIpnn
 from vibrident.fit.problem import Coordinates, network_objective, network_of
 from vibrident.paper.dataset import SENSOR, Dataset
+from vibrident.paper.estimators.lsm import LeastSquares
 from vibrident.paper.least_squares import from_sine_fits
 from vibrident.paper.metrics import CURVE_POINTS, curve_deviation, resonance_hz
 from vibrident.paper.unrolled import START

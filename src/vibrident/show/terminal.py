@@ -98,9 +98,13 @@ def posterior_table(result: Result) -> Shown:
     for key, row in result.settings["posterior"]["parameters"].items():
         low, high = row["interval_95"]
         cells = (f"{row['mean']:.6g}", f"{row['standard_deviation']:.2g}", f"{low:.6g} to {high:.6g}")
-        more = (pretty(result.parameters[key].unit), f"{row['r_hat']:.3f}", f"{row['effective_sample_size']:.0f}")
+        more = (
+            pretty(result.parameters[key].unit),
+            f"{row['autocorrelation_time']:.0f}",
+            f"{row['effective_sample_size']:.0f}",
+        )
         rows.append((parameter_name(key).words, *cells, *more))
-    heads = ("mean", "standard deviation", "95 % credible interval", "unit", "R̂", "effective draws")
+    heads = ("mean", "standard deviation", "95 % credible interval", "unit", "autocorrelation time", "effective draws")
     columns_ = (Column("parameter"), *columns(*heads, kind="number"))
     return shown(Table(columns_, tuple(rows), title="Posterior distribution"))
 

@@ -46,7 +46,7 @@ def identify(
             records whose model is rejected (with the warning ``lack_of_fit``), ``noise`` otherwise; the stated
             uncertainties of a table are never scaled unasked.
         posterior: settings for sampling the parameters' posterior distribution, which ``settings.posterior`` then
-            sums up; for the estimator ``ml``, with the extra ``bayes``. None: not sampled.
+            sums up; of a linear model, with the extra ``bayes``. None: not sampled.
         progress: called after each iteration of the optimiser.
 
     Records of several runs (``run``, ``mounting``) are identified run by run, and the scatter of these is in the

@@ -16,7 +16,7 @@ RANDOM = ("--rate", "12800", "--samples", "2000", "--response-noise", "0.01", "-
 WATCH = """
 import contextlib, io, json, sys
 from vibrident.app.cli import app
-HEAVY = ("jax", "equinox", "optimistix", "optax", "numpyro", "scipy.stats", "scipy.signal", "scipy.optimize")
+HEAVY = ("jax", "equinox", "optimistix", "optax", "scipy.stats", "scipy.signal", "scipy.optimize")
 HEAVY += tuple(sys.argv[1:])
 for arguments in json.load(sys.stdin):
     said = io.StringIO()

@@ -9,11 +9,12 @@ import vibrident
 from vibrident import Ipnn, LeastSquares, MaximumLikelihood
 from vibrident.base.backend import jnp
 from vibrident.data.records import Calibration
-from vibrident.fit.descent.adam import adam
 from vibrident.fit.descent.geodesic import geodesic_steps
 from vibrident.fit.descent.optimise import levenberg_marquardt
 from vibrident.fit.problem import Coordinates, Evidence, Local, network_objective, network_of
 from vibrident.fit.problem.time_domain import TimeProblem, evaluate
+from vibrident.paper.adam import adam
+from vibrident.paper.free_weights import FreeIpnn
 from vibrident.physics.discretisation import method
 from vibrident.physics.models import parse
 from vibrident.physics.simulation import SENSORS, simulate
@@ -135,7 +136,7 @@ def test_plain_least_squares_is_the_linear_fit_of_the_paper() -> None:
 @pytest.mark.quick("foh")
 def test_free_weights_find_the_sensor(discretisation: str) -> None:
     calibration = simulate("paper", "sine", response_noise=0.01, samples=3000, seed=2)
-    free = vibrident.identify(calibration, estimator=Ipnn(discretisation=discretisation, weights="free"))
+    free = vibrident.identify(calibration, estimator=FreeIpnn(discretisation=discretisation))
     for name, value in PAPER.items():
         parameter = free.parameters[name]
         assert abs(parameter.value - value) < 4 * (parameter.standard_uncertainty or 0.0)

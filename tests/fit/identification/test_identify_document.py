@@ -9,6 +9,7 @@ import vibrident
 from vibrident.base.errors import ModelError
 from vibrident.data.records import Calibration, ResponseTable
 from vibrident.fit.estimators import Ipnn
+from vibrident.paper.optimiser import Adam
 from vibrident.physics.models import parse
 from vibrident.physics.simulation import simulate
 from vibrident.result import Result
@@ -154,7 +155,7 @@ def test_the_sampling_rate_does_not_matter():
 def test_the_papers_optimiser_comes_to_the_same_sensor(calibration):
     """A trapezoidal network by Adam, 600 steps, and by Levenberg–Marquardt: within 10⁻³ of each other."""
     slow = vibrident.identify(
-        calibration, estimator=Ipnn(discretisation="tustin", optimiser="adam", learning_rate=0.005, steps=600)
+        calibration, estimator=Ipnn(discretisation="tustin", optimiser=Adam(learning_rate=0.005, steps=600))
     )
     fast = vibrident.identify(calibration, estimator=Ipnn(discretisation="tustin"))
     for name in P:

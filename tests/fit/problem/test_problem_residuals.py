@@ -8,11 +8,11 @@ import pytest
 from vibrident.base.backend import jax
 from vibrident.base.errors import InputError, ModelError
 from vibrident.data.records import Calibration, Record, ResponseTable
-from vibrident.fit.estimators.kinds.lsm import inverse_residual
 from vibrident.fit.problem import BinProblem, Coordinates, Evidence, FrequencyProblem
 from vibrident.fit.problem.network_problem import DELAY_SETTLED
 from vibrident.fit.problem.time_domain import TimeProblem
 from vibrident.fit.response.response import LEAST_DEVIATION
+from vibrident.paper.estimators.lsm import inverse_residual
 from vibrident.physics.discretisation import method
 from vibrident.physics.models import parse
 from vibrident.physics.simulation import simulate

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import vibrident
-from vibrident.fit.estimators import Ipnn, LeastSquares
+from vibrident import Ipnn, LeastSquares
 from vibrident.fit.problem import Evidence
 from vibrident.physics.models import parse
 from vibrident.physics.simulation import ChannelNoise, simulate, with_noise

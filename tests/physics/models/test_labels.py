@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import vibrident
+from vibrident import LeastSquares, MaximumLikelihood
 from vibrident.data.records import Calibration, ResponseTable
-from vibrident.fit.estimators import LeastSquares, MaximumLikelihood
 from vibrident.fit.estimators.canonical import canonically_labelled
 from vibrident.fit.problem import Evidence
 from vibrident.physics.models import parse

@@ -12,6 +12,7 @@ from vibrident.fit.estimators import Ipnn
 from vibrident.fit.estimators.residual_network import ResidualIpnn
 from vibrident.fit.problem import BinProblem, Coordinates
 from vibrident.fit.problem.time_domain import TimeProblem
+from vibrident.paper.free_weights import FreeIpnn
 from vibrident.physics.discretisation import method
 from vibrident.physics.models import parse
 from vibrident.physics.network.residual import initial_weights, with_residual
@@ -134,6 +135,6 @@ def test_what_it_cannot_stand_beside_is_refused():
         with pytest.raises(ModelError, match="beside an accelerometer"):
             vibrident.identify(records("paper"), model=name, estimator=ResidualIpnn())
     with pytest.raises(ModelError, match="tied"):
-        vibrident.identify(records("paper"), estimator=ResidualIpnn(physics=Ipnn(weights="free")))
+        vibrident.identify(records("paper"), estimator=ResidualIpnn(physics=FreeIpnn()))
     with pytest.raises(InputError, match="residual does not fit"):
         checked("ml", {"residual": True})

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from vibrident.fit.estimators.base import Estimate, Estimator, choose, ranked
 from vibrident.fit.estimators.kinds.ipnn import Ipnn
-from vibrident.fit.estimators.kinds.lsm import LeastSquares
 from vibrident.fit.estimators.kinds.ml import MaximumLikelihood
 from vibrident.fit.registry import AUTO
 
-__all__ = ["AUTO", "Estimate", "Estimator", "Ipnn", "LeastSquares", "MaximumLikelihood", "choose", "ranked"]
+__all__ = ["AUTO", "Estimate", "Estimator", "Ipnn", "MaximumLikelihood", "choose", "ranked"]

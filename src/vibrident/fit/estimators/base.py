@@ -79,7 +79,8 @@ class Setting:
 class Estimator(ABC):
     """A way to turn evidence into an estimate; its fields are its settings.
 
-    A module of ``fit/estimators/kinds`` holds one with its settings at their defaults, and so does an entry point.
+    A module of ``fit/estimators/kinds`` or ``paper/estimators`` holds one with its settings at their defaults, and so
+    does an entry point.
 
     Attributes:
         name: in results, settings and on the command line.

@@ -73,13 +73,13 @@ class ResidualIpnn(Estimator):
             ModelError: the physics cannot have a network beside it, or there are no records with a reference.
             InputError: no record is long enough.
         """
-        if (weights := getattr(self.physics, "weights", "tied")) != "tied":
+        if not getattr(self.physics, "is_tied", True):
             raise ModelError(
                 "A learned residual stands beside physics that is tied.",
-                expected="weights = 'tied'",
-                found=f"weights = {weights!r}",
+                expected="a network whose weights are tied to the physics",
+                found=self.physics.title,
                 where="estimator 'ipnn' with a learned residual",
-                remedy="leave the weights at their default",
+                remedy="leave the physics at its default",
             )
         for structure in self.structures:
             with_residual(evidence.model, structure)  # refuses before anything is trained

@@ -87,7 +87,7 @@ def identify(
     ),
     posterior: bool = flag(
         "--posterior",
-        help="ml: also sample and print the parameters' posterior; for weakly determined ones. Needs the extra bayes.",
+        help="Also sample and print the parameters' posterior; for weakly determined ones. Needs the extra bayes.",
     ),
 ) -> None:
     """Identify a sensor: DIR/result.json, pictures, and a short table.
@@ -190,5 +190,5 @@ def _posterior_line(posterior: dict[str, Any]) -> str:
     if names := posterior["ends_by_prior"]:
         words += f" The range searched, not the data, limits {', '.join(names)} on at least one side."
     if not posterior["converged"]:
-        words += " The chains do not agree, or steps diverged: do not use these numbers."
+        words += " The chains are too short for their autocorrelation time: do not use these numbers."
     return words

@@ -1,8 +1,9 @@
 """The estimator ``ipnn``: the network, trained end to end on excitation and response, as in the paper, and beyond.
 
 Weights tied to the physics through the chosen discretisation, initial state and offset of every record found exactly,
-each record weighted by its own noise. A linear model is trained to maximum likelihood in the noise of both channels
-(:mod:`vibrident.fit.descent.train`); others by Levenberg–Marquardt or, as in the paper, by Adam, with equal weights.
+each record weighted by its own noise. Trained by Levenberg–Marquardt, or by Adam as in the paper; Levenberg–Marquardt
+is followed by steps that weigh every line of the residual by the noise found there, to maximum likelihood for any
+noise (:mod:`vibrident.fit.descent.reweighting`).
 """
 
 from __future__ import annotations
@@ -14,18 +15,19 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from vibrident.base.errors import InputError, ModelError
+from vibrident.base.binding import bound
+from vibrident.base.errors import ModelError
 from vibrident.data.records import FloatArray
 from vibrident.fit.bins import RecordBins
-from vibrident.fit.descent.geodesic import geodesic_steps
-from vibrident.fit.descent.optimise import Progress, Trace, levenberg_marquardt, silent
+from vibrident.fit.descent.optimise import Progress, Trace, silent
 from vibrident.fit.descent.sandwich import hac_covariance
 from vibrident.fit.descent.settle import Settled
 from vibrident.fit.descent.train import train
 from vibrident.fit.descent.weighed import weighed_records
 from vibrident.fit.estimators.base import Estimate, Estimator, Setting
 from vibrident.fit.estimators.findings import Findings, TrainedNetwork
-from vibrident.fit.problem import BinProblem, Coordinates, Evidence, NetworkProblem, network_objective
+from vibrident.fit.estimators.optimiser import LevenbergMarquardt, Optimiser
+from vibrident.fit.problem import BinProblem, Coordinates, Evidence, NetworkProblem
 from vibrident.fit.response.hum import hum_tones, lacking
 from vibrident.fit.start.start import Start, find_start
 from vibrident.physics.discretisation import Method, method
@@ -37,11 +39,7 @@ class Ipnn(Estimator):
 
     Attributes:
         discretisation: euler | zoh | foh | tustin | bandlimited.
-        optimiser: ``lm`` (Levenberg–Marquardt) or ``adam``.
-        learning_rate: of Adam.
-        steps: of Adam.
-        weights: ``tied`` to the physics, or ``free`` and read back; see :mod:`vibrident.fit.estimators.free`.
-        reading: of free weights: ``eigenvalues``, or the paper's ``elements``.
+        optimiser: an object with settings of its own, or the name of one: ``lm`` (Levenberg–Marquardt), ``adam``.
         late_samples: by which the samples of the reference come after their stamps.
     """
 
@@ -58,13 +56,10 @@ class Ipnn(Estimator):
         }
     )
     trains_network: ClassVar[bool] = True
+    is_tied: ClassVar[bool] = True  # whether the weights of the network follow from the physics
 
     discretisation: str = "bandlimited"
-    optimiser: Literal["lm", "adam"] = "lm"
-    learning_rate: float = 0.001
-    steps: int = 1500
-    weights: Literal["tied", "free"] = "tied"
-    reading: Literal["eigenvalues", "elements"] = "eigenvalues"
+    optimiser: Optimiser | Literal["lm", "adam"] = "lm"
     late_samples: float = 0.0
 
     @property
@@ -85,18 +80,12 @@ class Ipnn(Estimator):
         """The network with these settings; ``residual`` true: with a learned residual beside the physics.
 
         Raises:
-            InputError: the learning rate is not between 0 and 1.
+            InputError: a setting of the optimiser cannot be used.
         """
-        rate = settings.get("learning_rate")
-        if rate is not None and not 0.0 < rate < 1.0:
-            raise InputError(
-                "The learning rate is not usable.",
-                expected="a number between 0 and 1",
-                found=repr(rate),
-                where="⟦identify.learning_rate⟧",
-                remedy="try 0.001",
-            )
         beside = settings.pop("residual", False)
+        own = {name: settings.pop(name) for name in ("steps", "learning_rate") if name in settings}
+        if "optimiser" in settings:
+            settings["optimiser"] = _optimiser(settings["optimiser"], own)
         physics = replace(self, **settings)
         if not beside:
             return physics
@@ -111,31 +100,25 @@ class Ipnn(Estimator):
             ModelError: there are no records, or no record has a reference.
             InputError: no record is long enough.
         """
-        if not evidence.records or evidence.first_look is None:
-            raise ModelError(
-                "The network is trained on records with a reference.",
-                expected="[[records]] with a reference channel",
-                found="a table" if evidence.calibration.table is not None else "free decays only",
-                where="estimator",
-                remedy="use the estimator 'auto' for a table; add a record with a reference to free decays",
-            )
-        if self.by_lines(evidence) and self.weights == "tied":
-            return _settled(self, train(evidence, method(self.discretisation), progress))
-        trained = _trained(self, evidence, progress)
-        if self.weights == "free":
-            return _freed(self, evidence, trained, progress)
-        # A nonlinear model has no residual line by line, and Adam trains as the paper does.
-        return trained.with_equal_weights()
+        require_records(evidence)
+        if self.by_lines(evidence):
+            return settled_estimate(self, train(evidence, self.method, progress))
+        return trained_network(self, evidence, progress).with_equal_weights()
+
+    @property
+    def trainer(self) -> Optimiser:
+        """The optimiser that the setting names or is."""
+        return self.optimiser if isinstance(self.optimiser, Optimiser) else _optimiser(self.optimiser, {})
 
     def by_lines(self, evidence: Evidence) -> bool:
         """Whether the network is run at the bins of its transform; Adam runs it in time, as the paper does."""
-        return self.optimiser == "lm" and evidence.model.is_linear
+        return evidence.model.is_linear and not self.trainer.in_time
 
 
 IPNN = Ipnn()
 
 
-def _settled(network: Ipnn, settled: Settled) -> Estimate:
+def settled_estimate(network: Ipnn, settled: Settled) -> Estimate:
     """Return the estimate of a linear model's network in the noise of both channels."""
     problem = settled.band.problem
     hum = settled.noise.hum_hz
@@ -163,7 +146,29 @@ def _settled(network: Ipnn, settled: Settled) -> Estimate:
     )
 
 
-def _trained(network: Ipnn, evidence: Evidence, progress: Progress) -> _Trained:
+def require_records(evidence: Evidence) -> None:
+    """Refuse data that no network is trained on.
+
+    Raises:
+        ModelError: there are no records, or no record has a reference.
+    """
+    if not evidence.records or evidence.first_look is None:
+        raise ModelError(
+            "The network is trained on records with a reference.",
+            expected="[[records]] with a reference channel",
+            found="a table" if evidence.calibration.table is not None else "free decays only",
+            where="estimator",
+            remedy="use the estimator 'auto' for a table; add a record with a reference to free decays",
+        )
+
+
+def _optimiser(name: str, settings: dict[str, Any]) -> Optimiser:
+    """The optimiser of a name, with these settings; Adam is the paper's."""
+    return LevenbergMarquardt() if name == "lm" else bound("adam")(**settings)
+
+
+def trained_network(network: Ipnn, evidence: Evidence, progress: Progress) -> TrainedIpnn:
+    """Train the network with equal weights for all samples of a record."""
     assert evidence.first_look is not None
     begin, linear = find_start(evidence.first_look, evidence.model), evidence.model.is_linear
     coordinates = Coordinates.at(evidence.model, begin.values, evidence.band_hz, evidence.response_size)
@@ -179,7 +184,7 @@ def _trained(network: Ipnn, evidence: Evidence, progress: Progress) -> _Trained:
         noise = found
         # Where weights by the noise of each line follow, a tenth of a standard uncertainty may be left; at first more.
         tolerance = 1e-6 if not network.by_lines(evidence) else 0.1 if trace is None else 0.01
-        trace = _train(network, problem, coordinates, z, noise, tolerance, evidence, progress)
+        trace = network.trainer.train(evidence, z, (coordinates, problem, noise), tolerance, progress)
         z = trace.last
         moved = problem.at_delay_of(coordinates.values(z))
         settled = moved is problem and tolerance < 0.1  # else another round, with the inputs at the delay found
@@ -188,7 +193,7 @@ def _trained(network: Ipnn, evidence: Evidence, progress: Progress) -> _Trained:
     hum = tuple(record.hum_hz for record in problem.records)
     terms = problem.frame.terms
     found = TrainedNetwork(network.discretisation, trace.optimiser, terms, noise, linear=linear, hum_hz=hum)
-    return _Trained(problem, coordinates, trace, begin, found)
+    return TrainedIpnn(problem, coordinates, trace, begin, found)
 
 
 def _problem(network: Ipnn, evidence: Evidence, coordinates: Coordinates, start: dict[str, float]) -> NetworkProblem:
@@ -207,40 +212,8 @@ def _problem(network: Ipnn, evidence: Evidence, coordinates: Coordinates, start:
     return problem.with_hum(tones) if lacking(tones, known, problem.records) else problem
 
 
-def _freed(network: Ipnn, evidence: Evidence, trained: _Trained, progress: Progress) -> Estimate:
-    from vibrident.fit.estimators.free import train_free
-    from vibrident.fit.problem.time_domain import TimeProblem
-
-    coordinates, z = trained.coordinates, trained.trace.last
-    values, step = coordinates.values(z), network.method
-    in_time = TimeProblem.build(evidence.records, evidence.model, step, evidence.quantity, values)
-    z, covariance, trace = train_free(in_time, coordinates, z, trained.network.noise, network.reading, progress)
-    _, freedom = hac_covariance(trained.lines(), trained.problem.degrees_of_freedom)
-    found = Findings(replace(trained.network, reading=network.reading))
-    return replace(trained.estimate(z, covariance, freedom, found), trace=trace, begin=None)
-
-
-def _train(
-    network: Ipnn,
-    problem: NetworkProblem,
-    coordinates: Coordinates,
-    z: FloatArray,
-    noise: FloatArray,
-    tolerance: float,
-    evidence: Evidence,
-    progress: Progress,
-) -> Trace:
-    args = (coordinates, problem, noise)
-    if network.optimiser == "lm":
-        bent = geodesic_steps(evidence, coordinates, noise)
-        return levenberg_marquardt(network_objective, z, args, tolerance=tolerance, progress=progress, bent=bent)
-    from vibrident.fit.descent.adam import adam
-
-    return adam(network_objective, z, args, learning_rate=network.learning_rate, steps=network.steps, progress=progress)
-
-
 @dataclass(frozen=True, eq=False)
-class _Trained:
+class TrainedIpnn:
     """The network at the optimum of equal weights for all samples of a record.
 
     Attributes:

@@ -9,20 +9,50 @@ entry by entry of Euler's W1 and W3).
 from __future__ import annotations
 
 import functools
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
 
 import numpy as np
 
 from vibrident.base.backend import jax, jnp
 from vibrident.base.errors import ModelError
 from vibrident.data.records import FloatArray
-from vibrident.fit.descent.optimise import Progress, Trace, levenberg_marquardt
-from vibrident.fit.problem import Coordinates
+from vibrident.fit.descent.optimise import Progress, Trace, levenberg_marquardt, silent
+from vibrident.fit.descent.sandwich import hac_covariance
+from vibrident.fit.estimators import Estimate, Ipnn
+from vibrident.fit.estimators.findings import Findings
+from vibrident.fit.estimators.kinds.ipnn import require_records, trained_network
+from vibrident.fit.problem import Coordinates, Evidence
 from vibrident.fit.problem.time_domain import TimeProblem
-from vibrident.physics.discretisation import Weights
+from vibrident.physics.discretisation import Weights, method
 from vibrident.physics.network.readback import Reading, physics_from_weights
 from vibrident.physics.network.sensitivity import Normal, normal_equations
+
+
+@dataclass(frozen=True)
+class FreeIpnn(Ipnn):
+    """Settings of the network with free weights.
+
+    Attributes:
+        reading: how physics is read from the weights: ``eigenvalues``, or the paper's ``elements``.
+    """
+
+    title: ClassVar[str] = "the network with free weights"
+    is_tied: ClassVar[bool] = False
+
+    reading: Reading = "eigenvalues"
+
+    def fit(self, evidence: Evidence, progress: Progress = silent) -> Estimate:
+        """Train the tied network, then all its weights; errors as of ``Ipnn`` and :func:`train_free`."""
+        require_records(evidence)
+        trained = trained_network(self, evidence, progress)
+        coordinates, z = trained.coordinates, trained.trace.last
+        step = method(self.discretisation)
+        in_time = TimeProblem.build(evidence.records, evidence.model, step, evidence.quantity, coordinates.values(z))
+        z, covariance, trace = train_free(in_time, coordinates, z, trained.network.noise, self.reading, progress)
+        _, freedom = hac_covariance(trained.lines(), trained.problem.degrees_of_freedom)
+        found = Findings(replace(trained.network, reading=self.reading))
+        return replace(trained.estimate(z, covariance, freedom, found), trace=trace, begin=None)
 
 
 def unpack(vector: Any, states: int, terms: int) -> Weights:
@@ -54,8 +84,8 @@ def train_free(
             "The network's weights can be free only for a core model at one sampling rate.",
             expected="a model without add-ons, records of one rate",
             found=f"model {model.name!r}, {len(problem.intervals_s)} sampling rates",
-            where="weights = 'free'",
-            remedy="use weights = 'tied'",
+            where="estimator",
+            remedy="use the estimator 'ipnn', whose weights are tied to the physics",
         )
     values = coordinates.values(z)
     tied = np.concatenate([np.ravel(np.asarray(weight)[0]) for weight in problem.weights(values)])

@@ -1,0 +1,66 @@
+"""How a network is trained: the seam between the estimator and the way down its residual."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+from vibrident.fit.descent.geodesic import geodesic_steps
+from vibrident.fit.descent.optimise import Progress, Trace, levenberg_marquardt
+from vibrident.fit.problem import network_objective
+
+if TYPE_CHECKING:
+    from vibrident.data.records import FloatArray
+    from vibrident.fit.problem import Coordinates, Evidence, NetworkProblem
+
+
+@dataclass(frozen=True)
+class Optimiser(ABC):
+    """A way to train a network; its fields are its settings.
+
+    Attributes:
+        in_time: whether it runs the network in time, with equal weights for all samples of a record; else at the bins
+            of its transform.
+    """
+
+    in_time: ClassVar[bool] = True
+
+    @abstractmethod
+    def train(
+        self,
+        evidence: Evidence,
+        z: FloatArray,
+        args: tuple[Coordinates, NetworkProblem, FloatArray],
+        tolerance: float,
+        progress: Progress,
+    ) -> Trace:
+        """Minimise ``network_objective`` from z.
+
+        Args:
+            evidence: the data.
+            z: start, shape (p,).
+            args: of the objective: coordinates, problem, noise of each record.
+            tolerance: of the cost, below which no more is to be gained.
+            progress: called after each iteration.
+        """
+
+
+@dataclass(frozen=True)
+class LevenbergMarquardt(Optimiser):
+    """Levenberg and Marquardt's steps, bent along geodesics."""
+
+    in_time: ClassVar[bool] = False
+
+    def train(
+        self,
+        evidence: Evidence,
+        z: FloatArray,
+        args: tuple[Coordinates, NetworkProblem, FloatArray],
+        tolerance: float,
+        progress: Progress,
+    ) -> Trace:
+        """Minimise the objective; arguments as of :meth:`Optimiser.train`."""
+        coordinates, _, noise = args
+        bent = geodesic_steps(evidence, coordinates, noise)
+        return levenberg_marquardt(network_objective, z, args, tolerance=tolerance, progress=progress, bent=bent)

@@ -1,0 +1,1 @@
+"""Estimators that the paper compares with the network, one a file."""

@@ -1,0 +1,51 @@
+"""The paper's optimiser as one of the network's: ``Ipnn(optimiser="adam")``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from vibrident.base.errors import InputError
+from vibrident.data.records import FloatArray
+from vibrident.fit.descent.optimise import Progress, Trace
+from vibrident.fit.estimators.optimiser import Optimiser
+from vibrident.fit.problem import Coordinates, Evidence, NetworkProblem, network_objective
+
+
+@dataclass(frozen=True)
+class Adam(Optimiser):
+    """Settings of Adam: ``Ipnn(optimiser=Adam(steps=600))``.
+
+    Attributes:
+        learning_rate: size of a step, in the coordinates that are near one.
+        steps: number of them.
+
+    Raises:
+        InputError: the learning rate is not between 0 and 1.
+    """
+
+    learning_rate: float = 0.001
+    steps: int = 1500
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.learning_rate < 1.0:
+            raise InputError(
+                "The learning rate is not usable.",
+                expected="a number between 0 and 1",
+                found=repr(self.learning_rate),
+                where="⟦identify.learning_rate⟧",
+                remedy="try 0.001",
+            )
+
+    def train(
+        self,
+        evidence: Evidence,
+        z: FloatArray,
+        args: tuple[Coordinates, NetworkProblem, FloatArray],
+        tolerance: float,
+        progress: Progress,
+    ) -> Trace:
+        """Take all steps; arguments as of :meth:`Optimiser.train`, of which ``tolerance`` is not used."""
+        from vibrident.paper.adam import adam  # loads JAX
+
+        rate, steps = self.learning_rate, self.steps
+        return adam(network_objective, z, args, learning_rate=rate, steps=steps, progress=progress)
