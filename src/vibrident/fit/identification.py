@@ -171,9 +171,7 @@ def _stairs(asked: str | Estimator, scope: Uncertainty) -> Ipnn | None:
     return asked if isinstance(asked, Ipnn) and asked.discretisation == "zoh" else None
 
 
-def _fit_drive(
-    evidence: Evidence, chosen: Estimator, stairs: Ipnn | None, progress: Progress
-) -> Fitted:
+def _fit_drive(evidence: Evidence, chosen: Estimator, stairs: Ipnn | None, progress: Progress) -> Fitted:
     """Estimate a model by a commanded drive, held from sample to sample where that explains it."""
     is_held = stairs is not None and is_held_drive(evidence.calibration)
     if is_held:

@@ -219,18 +219,14 @@ class _Search:
         parts = [each.bins(offset, samples) for each in self.driven]
         late_s = max(parts, key=lambda part: len(part.hz)).late_s if self.delayed else 0.0
         hz = np.concatenate([part.hz for part in parts])
-        motion, response = (
-            np.concatenate([part[k] / np.sqrt(part.total) for part in parts]) for k in (1, 2)
-        )
+        motion, response = (np.concatenate([part[k] / np.sqrt(part.total) for part in parts]) for k in (1, 2))
         response = response * np.exp(2j * np.pi * late_s * hz)
         tones = len(hz) // LOBE_BINS
         residual = response - self._rational(hz, motion, response, tones) * motion
         explained = float(np.sum(power_of(response)) - np.sum(power_of(residual)))
         return max(1.0 - explained / len(parts), np.finfo(float).tiny)
 
-    def _rational(
-        self, hz: FloatArray, motion: ComplexArray, response: ComplexArray, tones: int
-    ) -> ComplexArray:
+    def _rational(self, hz: FloatArray, motion: ComplexArray, response: ComplexArray, tones: int) -> ComplexArray:
         """Return the transfer function of least squares; tones tell of one as many numbers as they have."""
         poles, zeros = int(np.clip(tones - 1, 0, self.poles)), min(tones, self.zeros)
         powers = (1j * hz / hz.max()) ** np.arange(max(poles, zeros) + 1)[:, None]
