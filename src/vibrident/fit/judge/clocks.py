@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from vibrident.base.amounts import plain
 from vibrident.base.errors import VibridentError
 from vibrident.data.records import FloatArray, Record, SystematicEffect
 from vibrident.fit.departures.kinds.clocks import CLOCKS, slope_with_time

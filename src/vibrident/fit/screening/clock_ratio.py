@@ -161,7 +161,8 @@ class _Channels:
         last = min(int(motion[-1] * (1.0 + MAX_OFFSET)) + 3, n // 2 + 1)
         total = float(np.sum(power_of(y[first:last]))) or 1.0
         late = _lateness(x, y, motion, n) if len(motion) > MAX_ORDER * LOBE_BINS else 0
-        return _Bins(motion * (self.rate_hz / n), x[motion], y[motion], total, late / self.rate_hz)
+        hz = np.asarray(motion * (self.rate_hz / n), dtype=float)
+        return _Bins(hz, x[motion], y[motion], total, late / self.rate_hz)
 
 
 class _Bins(NamedTuple):
@@ -242,7 +243,7 @@ class _Search:
             factors = -solution / size
             denominator = 1.0 + factors[:poles] @ powers[1 : poles + 1]
             numerator = factors[poles:] @ powers[: zeros + 1]
-        return numerator / denominator
+        return np.asarray(numerator / denominator, dtype=complex)
 
     def bottom(self, offset: float, width: float, samples: int) -> float:
         """Return the bottom of a valley (Brent 1973); 0 where it is not much deeper than there."""
