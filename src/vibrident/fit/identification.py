@@ -100,7 +100,7 @@ def _fit_model(
     evidence = with_free_decays(Evidence.gather(calibration, model))
     chosen, reason = _estimator(evidence, estimator, uncertainty)
     if calibration.quantity == "drive" and model.is_linear:
-        fitted = _fit_drive(evidence, chosen, _stairs(estimator, uncertainty), progress)
+        fitted = _fit_drive(evidence, chosen, _stairs(estimator), progress)
         reason = fitted.reason or reason
     else:
         fitted = Fitted.of(evidence, chosen, progress)
@@ -110,30 +110,28 @@ def _fit_model(
     return fitted
 
 
-def _stairs(asked: str | Estimator, scope: Uncertainty) -> Ipnn | None:
+def _stairs(asked: str | Estimator) -> Ipnn | None:
     """Return the network of a held drive; None where another was asked for."""
     if asked == AUTO:
-        stairs = Ipnn(discretisation="zoh")
-        return stairs.for_noise_alone() if scope == "noise" else stairs
+        return Ipnn(discretisation="zoh")
     return asked if isinstance(asked, Ipnn) and asked.discretisation == "zoh" else None
 
 
-def _fit_drive(
-    evidence: Evidence, chosen: Estimator, stairs: Ipnn | None, progress: Progress
-) -> Fitted:
+def _fit_drive(evidence: Evidence, chosen: Estimator, stairs: Ipnn | None, progress: Progress) -> Fitted:
     """Estimate a model by a commanded drive, held from sample to sample where that explains it."""
-    is_held = stairs is not None and is_held_drive(evidence.calibration)
-    if is_held:
+    if stairs is None:
+        return Fitted.of(evidence, chosen, progress)
+    if not is_held_drive(evidence.calibration):
+        plain = Fitted.of(evidence, chosen, progress)
+        if plain.adequate:
+            return plain
         held = fit_stairs(Fitted.of(evidence, stairs, progress))
-        if held.adequate or chosen is stairs:
-            return held
-    plain = Fitted.of(evidence, chosen, progress)
-    if stairs is None or plain.adequate:
-        return plain
-    if is_held:
-        return held if held.chi2 < plain.chi2 else plain
+        return held if held.adequate else plain
     held = fit_stairs(Fitted.of(evidence, stairs, progress))
-    return held if held.adequate else plain
+    if held.adequate or chosen is stairs:
+        return held
+    plain = Fitted.of(evidence, chosen, progress)
+    return held if held.chi2 < plain.chi2 else plain
 
 
 def _data_scale(estimate: Estimate, data: BudgetRow) -> float:

@@ -27,6 +27,7 @@ CHANGE = "change"  # the departure that two clocks look like: a sensor that chan
 MIN_SIGMA = 4.0  # of ε, to be tried
 SETTLED = 0.3  # of its standard uncertainty
 MAX_ROUNDS = 6
+DELAY_ORDER = 2  # of a rational function for what is left of a delay (Padé)
 MIN_FALL = 2.0  # of χ², for a fit that is rejected still
 
 
@@ -52,10 +53,11 @@ def at_one_clock(fitted: Fitted) -> Fitted:
             return fitted
         if abs(change) < SETTLED * u:
             break
-        if number == 0 and not best.adequate:  # its own weights hide most of ε in noise
-            change = _nearby(best) or change
-        other = _moved(best, best.evidence.clock_offset + change)
-        if other is None or not (other.adequate or other.chi2 < best.chi2 / MIN_FALL):
+        steps = [change]
+        if not best.adequate:  # its own weights hide most of ε in noise
+            steps = [*filter(None, [_nearby(best)] if number == 0 else []), change]
+        other = next(filter(None, (_better(best, step) for step in steps)), None)
+        if other is None:
             break
         best = other
     offset = best.evidence.clock_offset
@@ -67,6 +69,13 @@ def at_one_clock(fitted: Fitted) -> Fitted:
     if other is None or not (other.adequate or other.chi2 < best.chi2):
         return _stated(best, offset, u)
     return at_one_clock(other)
+
+
+def _better(fitted: Fitted, change: float) -> Fitted | None:
+    """Return the fit at an ε that is so much larger; None where it explains no more."""
+    other = _moved(fitted, fitted.evidence.clock_offset + change)
+    is_better = other is not None and (other.adequate or other.chi2 < fitted.chi2 / MIN_FALL)
+    return other if is_better else None
 
 
 def _moved(fitted: Fitted, offset: float) -> Fitted | None:
@@ -86,7 +95,8 @@ def _nearby(fitted: Fitted) -> float:
     """Return how far ε is from that of the fit, by a function of the order of the model; 0 of none."""
     model = fitted.evidence.model.linear
     system = model.rational(fitted.values, fitted.evidence.quantity)
-    orders = len(system.denominator) - 1, len(system.numerator) - 1
+    more = DELAY_ORDER if model.has_delay else 0
+    orders = len(system.denominator) - 1 + more, len(system.numerator) - 1 + more
     return nearby_offset(fitted.evidence.records, *orders, delayed=model.has_delay)
 
 

@@ -126,7 +126,8 @@ def _seen(fitted: Fitted) -> dict[str, Any]:
     amounts = [{"source": e.source, "kind": e.kind, "amount_in_u": size} for e, size in judgement.effects]
     records = fitted.evidence.calibration.records
     optical = {record.name: record.optical.as_settings() for record in records if record.optical is not None}
-    found = {"systematic_effects_seen": amounts, "explained_by": judgement.explained_by, "interferometer": optical}
+    found = {"systematic_effects_seen": amounts, "explained_by": judgement.explained_by}
+    found |= {"interferometer": optical, "clock_offset": fitted.evidence.clock_offset}
     return {name: value for name, value in found.items() if value}
 
 

@@ -161,7 +161,8 @@ class _Channels:
         last = min(int(motion[-1] * (1.0 + MAX_OFFSET)) + 3, n // 2 + 1)
         total = float(np.sum(power_of(y[first:last]))) or 1.0
         late = _lateness(x, y, motion, n) if len(motion) > MAX_ORDER * LOBE_BINS else 0
-        return _Bins(motion * (self.rate_hz / n), x[motion], y[motion], total, late / self.rate_hz)
+        hz = np.asarray(motion * (self.rate_hz / n), dtype=float)
+        return _Bins(hz, x[motion], y[motion], total, late / self.rate_hz)
 
 
 class _Bins(NamedTuple):
@@ -219,18 +220,14 @@ class _Search:
         parts = [each.bins(offset, samples) for each in self.driven]
         late_s = max(parts, key=lambda part: len(part.hz)).late_s if self.delayed else 0.0
         hz = np.concatenate([part.hz for part in parts])
-        motion, response = (
-            np.concatenate([part[k] / np.sqrt(part.total) for part in parts]) for k in (1, 2)
-        )
+        motion, response = (np.concatenate([part[k] / np.sqrt(part.total) for part in parts]) for k in (1, 2))
         response = response * np.exp(2j * np.pi * late_s * hz)
         tones = len(hz) // LOBE_BINS
         residual = response - self._rational(hz, motion, response, tones) * motion
         explained = float(np.sum(power_of(response)) - np.sum(power_of(residual)))
         return max(1.0 - explained / len(parts), np.finfo(float).tiny)
 
-    def _rational(
-        self, hz: FloatArray, motion: ComplexArray, response: ComplexArray, tones: int
-    ) -> ComplexArray:
+    def _rational(self, hz: FloatArray, motion: ComplexArray, response: ComplexArray, tones: int) -> ComplexArray:
         """Return the transfer function of least squares; tones tell of one as many numbers as they have."""
         poles, zeros = int(np.clip(tones - 1, 0, self.poles)), min(tones, self.zeros)
         powers = (1j * hz / hz.max()) ** np.arange(max(poles, zeros) + 1)[:, None]
@@ -246,7 +243,7 @@ class _Search:
             factors = -solution / size
             denominator = 1.0 + factors[:poles] @ powers[1 : poles + 1]
             numerator = factors[poles:] @ powers[: zeros + 1]
-        return numerator / denominator
+        return np.asarray(numerator / denominator, dtype=complex)
 
     def bottom(self, offset: float, width: float, samples: int) -> float:
         """Return the bottom of a valley (Brent 1973); 0 where it is not much deeper than there."""

@@ -20,6 +20,7 @@ class Clocks(Departure):
 
     name: ClassVar[str] = "clocks"
     code: ClassVar[WarningCode] = "clock_suspect"
+    family: ClassVar[str] = "change"
 
     def columns(self, group: Group, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
         """The slope of the motion times the time from the middle of the record.

@@ -1,0 +1,122 @@
+"""A response that was read by another clock than the reference is brought to the clock of the reference."""
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+
+import vibrident
+from vibrident.data.records import Calibration, Record
+from vibrident.fit.screening.clock_ratio import at_reference_clock, clock_offset
+
+RATE_HZ, SAMPLES, FINER, BEFORE_S = 8000.0, 16000, 4, 0.05
+TRUE = {"sensitivity": 1.0, "natural_frequency": 900.0, "damping_ratio": 0.05}
+TONES_HZ = (50, 100, 200, 400, 600, 800, 900, 1000, 1200, 1600)
+
+
+def transfer(hz, damping=0.05):
+    s, omega = 2j * np.pi * hz, 2 * np.pi * TRUE["natural_frequency"]
+    return omega**2 / (s * s + 2 * damping * omega * s + omega**2)
+
+
+def motion_of(kind, time, rng):
+    """Motion below 1500 Hz at a finer rate."""
+    if kind == "sweep":
+        return np.sin(2 * np.pi * (20 * time + 690 / time[-1] * time**2))
+    if kind == "multisine":
+        return sum(np.cos(2 * np.pi * 50 * k * time + rng.uniform(0, 6)) for k in range(10, 28))
+    if kind == "shock":
+        near = [np.clip((time - at) / 4e-3, -0.5, 0.5) for at in np.arange(0.2, time[-1], 0.4)]
+        return sum(np.cos(np.pi * each) ** 2 for each in near)
+    bins = np.fft.rfft(rng.standard_normal(time.size))
+    hz = np.fft.rfftfreq(time.size, time[1])
+    return np.fft.irfft(np.where((hz > 20) & (hz < 1500), bins, 0), time.size)
+
+
+def channels(kind, offset, seed, noise=1e-3, samples=SAMPLES):
+    """Reference at k/fs, response at (1 + ε) k/fs, interpolated from a finer rate."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(FINER * (samples + 2000)) / RATE_HZ / FINER
+    bins = np.fft.rfft(motion_of(kind, time, rng))
+    answer = bins * transfer(np.fft.rfftfreq(time.size, time[1]))
+    moved, answered = (np.fft.irfft(each, time.size) for each in (bins, answer))
+    at = np.arange(samples) / RATE_HZ
+    reference = CubicSpline(time, moved)(BEFORE_S + at)
+    response = CubicSpline(time, answered)(BEFORE_S + at * (1 + offset))
+    size, (first, second) = reference.std(), rng.standard_normal((2, samples))
+    return reference / size + noise * first, response / size + noise * second
+
+
+def given(kind, offset, seed):
+    pair = channels(kind, offset, seed)
+    return Calibration.from_arrays(*pair, RATE_HZ, quantity="acceleration", excitation=kind)
+
+
+def sines(offset, seed=5, seconds=1.0):
+    rng, time, records = np.random.default_rng(seed), np.arange(8000 * seconds) / RATE_HZ, []
+    for number, hz in enumerate(TONES_HZ):
+        turn = 2j * np.pi * hz * time
+        reference = 10 * np.cos(turn.imag) + 1e-3 * rng.normal(size=time.size)
+        response = np.real(10 * transfer(hz) * np.exp(turn * (1 + offset)))
+        response = response + 1e-3 * rng.normal(size=time.size)
+        records.append(Record(f"tone {number}", reference, response, RATE_HZ, "sine"))
+    return Calibration(records=tuple(records), quantity="acceleration")
+
+
+def z_of(result):
+    stated = [(result.parameters[name], value) for name, value in TRUE.items()]
+    return [(p.value - value) / p.standard_uncertainty for p, value in stated]
+
+
+@pytest.mark.parametrize("offset", [2e-6, -2e-5, 3e-4, -1e-2])
+@pytest.mark.parametrize("kind", ["random", "sweep", "multisine", "shock"])
+def test_two_clocks_are_named_and_corrected(kind, offset):
+    result = vibrident.identify(given(kind, offset, 7), model="accelerometer+delay")
+    assert result.warning_codes == ("clock_suspect",)
+    assert result.fit.adequate
+    assert np.max(np.abs(z_of(result))) < 4.0
+    (row,) = [row for row in result.settings["uncertainty_budget"] if row["kind"] == "clocks"]
+    assert abs(result.settings["clock_offset"] - offset) < 4 * row["standard_uncertainty"]
+
+
+@pytest.mark.parametrize("offset", [2e-5, 2e-2])
+def test_sines_of_two_clocks(offset):
+    result = vibrident.identify(sines(offset), model="accelerometer")
+    assert result.warning_codes == ("clock_suspect",)
+    assert np.max(np.abs(z_of(result))) < 4.0
+
+
+@pytest.mark.draws(3, 15)
+@pytest.mark.parametrize("kind", ["random", "sweep", "multisine", "shock"])
+def test_one_clock_is_not_taken_for_two(kind, draws):
+    for seed in range(draws):
+        result = vibrident.identify(given(kind, 0.0, seed), model="accelerometer+delay")
+        assert "clock_suspect" not in result.warning_codes
+
+
+def test_a_sensor_that_changes_is_not_taken_for_two_clocks():
+    reference, response = channels("random", 0.0, 3)
+    growing = response * np.linspace(1.0, 1.04, response.size)
+    pair = Calibration.from_arrays(reference, growing, RATE_HZ, quantity="acceleration", excitation="random")
+    codes = vibrident.identify(pair, model="accelerometer").warning_codes
+    assert "regimes" in codes
+    assert "clock_suspect" not in codes
+
+
+def test_several_records_share_one_ratio():
+    records = tuple(
+        Record(f"record {seed}", *channels("random", 1e-3, seed, samples=6000), RATE_HZ, "random") for seed in range(3)
+    )
+    assert clock_offset(records) == pytest.approx(1e-3, abs=1e-6)
+    result = vibrident.identify(Calibration(records=records, quantity="acceleration"), "accelerometer")
+    assert result.warning_codes == ("clock_suspect",)
+    assert np.max(np.abs(z_of(result))) < 4.0
+
+
+def test_bringing_to_one_clock_is_exact_in_the_band():
+    """A tone below 0.4 of the rate keeps amplitude and phase to 1e-6."""
+    time = np.arange(4000) / RATE_HZ
+    for hz in (100.0, 1500.0, 3200.0):
+        late = np.sin(2 * np.pi * hz * time * 1.003)
+        record = Record("tone", np.sin(2 * np.pi * hz * time), late, RATE_HZ, "random")
+        moved = at_reference_clock(record, 3e-3)
+        np.testing.assert_allclose(moved.response, moved.reference, atol=3e-6)
