@@ -69,7 +69,24 @@ def screen(
             continue
         findings += _aliasing(record)
         kept.append(record)
-    if not kept:
+    return _any_of(kept, findings)
+
+
+def without_steady_decays(records: Sequence[Record]) -> tuple[tuple[Record, ...], tuple[Finding, ...]]:
+    """Return the records without those that are stated to be free decays and do not die away, and say which.
+
+    Raises:
+        InputError: no record is left.
+    """
+    steady = [r for r in records if r.excitation == "decay" and goes_on(r.response, r.mask)]
+    text = "the response does not die away, it is as large at the end as throughout; the record is left out."
+    findings = [Finding("dead_channel", f"{record.name}: {text}") for record in steady]
+    return _any_of([record for record in records if record not in steady], findings)
+
+
+def _any_of(records: Sequence[Record], findings: Sequence[Finding]) -> tuple[tuple[Record, ...], tuple[Finding, ...]]:
+    """Return both, if there are records at all."""
+    if not records:
         raise InputError(
             "No record can be used.",
             expected="at least one record in which both channels carry a signal, of a decay one that dies away",
@@ -77,7 +94,7 @@ def screen(
             where="records",
             remedy="check the excitation, and the columns of [reference] and [response] with ⟦command = inspect⟧",
         )
-    return tuple(kept), tuple(findings)
+    return tuple(records), tuple(findings)
 
 
 def _dead(record: Record) -> str:
@@ -86,8 +103,6 @@ def _dead(record: Record) -> str:
         values = values[record.mask]
         if values.size == 0 or np.ptp(values) == 0.0:
             return f"the {label} channel never changes"
-    if record.excitation == "decay" and goes_on(record.response, record.mask):
-        return "the response does not die away, it is as large at the end as throughout"
     return ""
 
 

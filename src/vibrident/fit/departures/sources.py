@@ -131,7 +131,8 @@ def _of_bins(
         for index in range(len(evidence.records))[some]:
             noisy = estimate.weighed[index]
             if noisy.record.count >= SHORTEST and noisy.record.samples <= LONGEST:
-                yield _of_weighed(evidence.records[index], noisy, predicted[index], network.noise[index], tones.get(index))
+                unit, turns = float(network.noise[index]), tones.get(index)
+                yield _of_weighed(evidence.records[index], noisy, predicted[index], unit, turns)
         if all(own.record.samples <= LONGEST for own in estimate.weighed.values()):
             return
     lines = problem.lines(estimate.z, estimate.coordinates, network.noise, some)

@@ -12,6 +12,7 @@ from vibrident.data.records import Calibration, FloatArray, Quantity, Record, Sy
 from vibrident.data.records.basis import distinct
 from vibrident.data.screening import Finding, screen
 from vibrident.data.screening.copies import without_copies
+from vibrident.data.screening.quality import without_steady_decays
 from vibrident.fit.problem.frequency_domain import FrequencyProblem
 from vibrident.fit.response import MeasuredResponse, find_tones, measure_bands
 from vibrident.fit.response.bands import uncorrelated_records
@@ -68,8 +69,9 @@ class Evidence:
         optical = [f for r in calibration.records if r.optical is not None for f in r.optical.findings]
         records, findings = screen(without_copies(calibration.records), calibration.units)
         findings = (*(Finding(f.code, f.message) for f in optical), *findings)
+        records, steady = without_steady_decays(records)
         records, more = judge_clocks(records)
-        offset, findings = clock_offset(records), (*findings, *more)
+        offset, findings = clock_offset(records), (*findings, *steady, *more)
         if offset == 0.0:
             return cls._measured(calibration, model, records, findings)
         return cls(calibration, model, records, None, None, findings).at_clock(offset)
