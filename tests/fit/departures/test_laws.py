@@ -383,3 +383,38 @@ def test_what_a_departure_moves_is_seen_in_the_digits() -> None:
     (said,) = [one.message for one in result.warnings if one.code == "regimes"]
     without, stated = re.findall(r"would be (\S+) \S+ in place of (\S+) ", said)[0]
     assert without != stated
+
+
+@pytest.mark.parametrize("friction", [0.02, 0.05])
+def test_dry_friction_moves_the_damping_as_it_is_said(friction: float) -> None:
+    """By Runge and Kutta's method at eight times the rate; the sign of the velocity times a part of the rms motion."""
+    rng, rate_hz, samples, over = np.random.default_rng(1), 20000.0, 3000, 8
+    hz, phase = rng.uniform(60.0, 3600.0, 60), rng.uniform(0.0, 6.28, 60)
+    time = np.arange(2 * samples * over + 1) / (2.0 * over * rate_hz)
+    motion = sum(np.sin(2.0 * np.pi * f * time + p) for f, p in zip(hz, phase, strict=True))
+    motion *= 9.8 / motion.std()
+    natural, force, step = 2.0 * np.pi * 1500.0, friction * 9.8, 1.0 / rate_hz / over
+
+    def rate(state: np.ndarray, pushed: float) -> np.ndarray:
+        return np.array(
+            [state[1], pushed - 0.2 * natural * state[1] - natural**2 * state[0] - force * np.sign(state[1])]
+        )
+
+    state, moved = np.zeros(2), np.empty(samples)
+    for number in range(samples * over):
+        moved[number // over] = state[0] if number % over == 0 else moved[number // over]
+        begin, middle, end = motion[2 * number : 2 * number + 3]
+        first = rate(state, begin)
+        second = rate(state + 0.5 * step * first, middle)
+        third = rate(state + 0.5 * step * second, middle)
+        last = rate(state + step * third, end)
+        state = state + step / 6.0 * (first + 2.0 * second + 2.0 * third + last)
+    response = 0.1 * natural**2 * moved
+    response += 1e-3 * response.std() * rng.standard_normal(samples)
+    data = (motion[: -1 : 2 * over], response, rate_hz)
+    given = vibrident.Calibration.from_arrays(*data, quantity="acceleration", excitation="random")
+    result = vibrident.identify(given, model="accelerometer")
+    (warning,) = [one for one in result.warnings if one.code == "nonlinear"]
+    assert "dry friction" in warning.message
+    damping, told = result.parameters["damping_ratio"], float(re.findall(r"\((\S+) u\)", warning.message)[0])
+    assert told * damping.standard_uncertainty == pytest.approx(damping.value - 0.1, rel=0.3)

@@ -36,16 +36,25 @@ class Together:
 
     Attributes:
         found: these, the most significant first.
-        moved: makes how far they move the coordinates together.
+        moved: makes how far they move the coordinates together, and the standard deviation of that, shape (2, P).
     """
 
     found: tuple[Found, ...]
     moved: Callable[[], FloatArray]
 
     @cached_property
+    def _moved(self) -> FloatArray:
+        return self.moved()
+
+    @property
     def shift(self) -> FloatArray:
         """How far they move the coordinates together, shape (P,)."""
-        return self.moved()
+        return self._moved[0]
+
+    @property
+    def doubt(self) -> FloatArray:
+        """Standard deviation of the shift, shape (P,)."""
+        return self._moved[1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,9 +151,10 @@ def _shifts(
 
     In the noise that is left beside them, and by amounts of each record's own: what only looks alike in all, as a level
     that each record exceeds by its own part, moves each by its own. Where they are alike this costs no precision. How
-    far the optimum itself is another one in that noise counts to the first.
+    far the optimum itself is another one in that noise counts to the first. The amounts have a prior, which keeps what
+    they move within reason: no doubt of it is told.
     """
-    shifts = [np.zeros(len(uncertainty)) for _ in found]
+    shifts = [np.zeros((2, len(uncertainty))) for _ in found]
     every = [(number, one) for number, now in enumerate(found) for one in now if not one.departure.own_columns]
     if not every:
         return shifts
@@ -171,8 +181,8 @@ def _shifts(
     fit = LinearFit.of(Own.joined(beside), uncertainty)
     for numbers, moved in zip(rounds, shifts_beside(fit, own, sizes), strict=True):
         for number, shift in zip(numbers, moved, strict=True):
-            shifts[number] += shift
-    shifts[every[0][0]] += LinearFit.of(Own.joined(before), uncertainty).optimum - fit.optimum
+            shifts[number][0] += shift
+    shifts[every[0][0]][0] += LinearFit.of(Own.joined(before), uncertainty).optimum - fit.optimum
     return shifts
 
 
@@ -195,13 +205,19 @@ def _of_one_kind(every: list[Together]) -> list[Together]:
 
 def _joined_groups(some: Sequence[Together]) -> Together:
     found = tuple(one for group in some for one in group.found)
-    return Together(found, lambda: np.sum([group.shift for group in some], axis=0))
+
+    def moved() -> FloatArray:
+        doubt = np.max([group.doubt for group in some], axis=0)
+        return np.stack([np.sum([group.shift for group in some], axis=0), doubt])
+
+    return Together(found, moved)
 
 
 def _together(found: Sequence[Found], moved: Callable[[], FloatArray] | None = None) -> Together:
     """``moved``: makes the shift of the fit beside all of them; None: as each of them shows it."""
     if moved is None or not found[0].departure.joint:
-        moved = partial(np.sum, [one.score.shift for one in found], axis=0)
+        shift, doubt = (np.array([getattr(one.score, name) for one in found]) for name in ("shift", "doubt"))
+        moved = partial(np.stack, [np.sum(shift, axis=0), np.sqrt(np.sum(doubt**2, axis=0))])
     return Together(tuple(found), moved)
 
 
@@ -232,7 +248,9 @@ def _among_points(points: PointsPart, uncertainty: FloatArray, rounds: int) -> l
         if not found:
             break
         strongest, beside = max(found, key=lambda one: one[0].score.explained)
-        before, points = fit.optimum, beside
+        before, points = fit, beside
         fit = points.fit(uncertainty)
-        made.append(_together([strongest], partial(np.subtract, before, fit.optimum)))
+        more = np.diag(fit.inverse) - np.diag(before.inverse)  # Hausman 1978
+        doubt = np.sqrt(np.maximum(more, 0.0))
+        made.append(_together([strongest], partial(np.stack, [before.optimum - fit.optimum, doubt])))
     return made

@@ -46,6 +46,7 @@ class Score:
         shift: of the coordinates, stated less without the departure, shape (P,).
         amounts: of the columns, shape (m,).
         deviations: standard deviations of the amounts, shape (m,).
+        doubt: standard deviation of the shift, shape (P,).
         chance: that noise has a T as large.
         explained: what the departure takes from the sum of squares, beyond one for each column: by it departures are
             ranked, as a misfit makes V and with it T uncertain.
@@ -56,8 +57,14 @@ class Score:
     shift: FloatArray
     amounts: FloatArray
     deviations: FloatArray
+    doubt: FloatArray
     chance: float
     explained: float
+
+    def known(self, column: int) -> float:
+        """Return the amount of a column; zero where that is less than its standard deviation."""
+        amount = float(self.amounts[column])
+        return amount if abs(amount) > float(self.deviations[column]) else 0.0
 
 
 def _nothing() -> FloatArray:
@@ -151,13 +158,16 @@ class LinearFit:
         parts = turned / values[kept]
         amounts = parts @ turn
         over = turn.T / values[kept]
-        deviations = np.sqrt(np.maximum(np.einsum("mi,ij,mj->m", over, covariance, over), 0.0))
+        scatter = over @ covariance @ over.T
+        moves = share + sums.shift
+        doubt = np.sqrt(np.maximum(np.einsum("mp,mk,kp->p", moves, scatter, moves), 0.0))
+        deviations = np.sqrt(np.maximum(np.diag(scatter), 0.0))
         explained = float(turned @ parts)
         columns = len(turned)
         repeated = float(np.sum(errors[:, : 2 * TRIALS] ** 2)) / max(np.trace(covariance), np.finfo(float).tiny)
         chance = self.chance(statistic, explained, columns, repeated, float(sums.steps))
-        shift = amounts @ (share + sums.shift)
-        return Score(statistic, columns, shift, amounts, deviations, chance, explained - columns)
+        shift = amounts @ moves
+        return Score(statistic, columns, shift, amounts, deviations, doubt, chance, explained - columns)
 
     def chance(self, statistic: float, explained: float, columns: int, repeated: float, steps: float) -> float:
         """Chance of a statistic as large: an F test against what the departure leaves, where that is more than noise.

@@ -25,6 +25,8 @@ BESIDE_ITS_MIDDLE = (
     "The model has a spring that is bent alike on both sides of its rest; one that rests beside its middle, as under a "
     "static load, is not, and the parameters are off by more than their uncertainty says."
 )
+#: A longer shift of a coordinate is beyond what a linearised fit tells: a gain twice as large, e times the frequency.
+MAX_SHIFT = 1.0
 #: A smaller shift, in standard uncertainties, is rounding or next to nothing, and is not told by its number.
 TOLD_FROM = 0.01
 
@@ -156,10 +158,11 @@ class _Words:
 
     def _finding(self, one: Found, group: Together) -> Finding:
         """A finding by itself; one that is alone in its group moves what the group does."""
-        shift = group.shift if len(group.found) == 1 else one.score.shift
+        alone = len(group.found) == 1
+        shift, doubt = (group.shift, group.doubt) if alone else (one.score.shift, one.score.doubt)
         without = self._values_without(shift)
         impact = {n: 0.0 if self.admitted else float(v - without[n]) for n, v in self.fitted.values.items()}
-        message = f"{_said(one)} {self._without(one, shift, 'it')}"
+        message = f"{_said(one)} {self._without(one, shift, doubt, 'it')}"
         return Finding(one.code, one.record, one.candidate.time_s, one.chance, impact, message)
 
     def warning(self, group: Together) -> ResultWarning:
@@ -172,19 +175,25 @@ class _Words:
         if first.code == "nonlinear" and not self.fitted.evidence.model.is_linear:
             return ResultWarning(first.code, f"{text} {BESIDE_ITS_MIDDLE}")
         them = "it" if len(group.found) == 1 else "them"
-        return ResultWarning(first.code, f"{text} {self._without(first, group.shift, them)}")
+        return ResultWarning(first.code, f"{text} {self._without(first, group.shift, group.doubt, them)}")
 
     def _values_without(self, shift: FloatArray) -> dict[str, float]:
+        """Values of the parameters without a shift, as far as a linearised fit tells."""
         estimate = self.fitted.estimate
-        return estimate.coordinates.values(estimate.z - shift)
+        return estimate.coordinates.values(estimate.z - np.clip(shift, -MAX_SHIFT, MAX_SHIFT))
 
-    def _without(self, one: Found, shift: FloatArray, it: str) -> str:
+    def _without(self, one: Found, shift: FloatArray, doubt: FloatArray, it: str) -> str:
         """What the parameter that moves most would be."""
         evidence, size = self.fitted.evidence, self.sizes(shift)
         name = evidence.model.parameter_names[int(np.argmax(size))]
         moved = f"{plain(float(np.max(size)), 2)} u"
         if np.max(size) < TOLD_FROM:
             return f"No parameter moves by {TOLD_FROM:g} u."
+        at = int(np.argmax(size))
+        if abs(shift[at]) < doubt[at] or abs(shift[at]) > MAX_SHIFT:
+            return f"By how much {it} moves the {in_words(name)} the data do not tell.".replace(
+                "them moves", "they move"
+            )
         if one.departure.own_columns:  # the data do not tell which of them is wrong
             return f"Where it is largest, it moves the {in_words(name)} by {moved}."
         stated, without = self.fitted.values[name], self._values_without(shift)[name]

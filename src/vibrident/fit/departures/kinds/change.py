@@ -108,13 +108,14 @@ class Change(Departure):
         when = "changes evenly over the record" if time_s is None else f"changed at about {plain(time_s, 4)} s"
         if candidate.words == SENSOR:
             return f"the sensor {when}"
-        gain, than = float(score.amounts[0]), "at the end than at the begin" if time_s is None else "than before"
-        size = f"{plain(abs(100.0 * gain), 2)} % {'larger' if gain > 0.0 else 'smaller'}"
-        words = f"the sensor {when}: its response is {size} {than}"
-        if candidate.words == CHANNEL:
-            later = -float(score.amounts[1])
-            words += f" and comes {amount(abs(later), 'samples', 2)} {'later' if later > 0.0 else 'earlier'}"
-        return words
+        than = "at the end than at the begin" if time_s is None else "than before"
+        gain, parts = score.known(0), list[str]()
+        if gain:
+            parts.append(f"is {plain(abs(100.0 * gain), 2)} % {'larger' if gain > 0.0 else 'smaller'} {than}")
+        if candidate.words == CHANNEL and score.known(1):
+            later = -score.known(1)
+            parts.append(f"comes {amount(abs(later), 'samples', 2)} {'later' if later > 0.0 else 'earlier'}")
+        return f"the sensor {when}" + (f": its response {' and '.join(parts)}" if parts else "")
 
 
 def _of_tone(group: Group) -> bool:

@@ -48,8 +48,9 @@ class Drift(WithoutMotion):
 
     def sentence(self, candidate: Candidate, score: Score) -> str:
         """How far."""
-        size = 100.0 * float(np.max(np.abs(score.amounts)))
-        return f"the response drifts by about {plain(size, 2)} % of its largest, which the motion does not explain"
+        size = 100.0 * max(abs(score.known(column)) for column in range(len(score.amounts)))
+        by = f" by about {plain(size, 2)} % of its largest" if size else ""
+        return f"the response drifts{by}, which the motion does not explain"
 
 
 @functools.lru_cache(maxsize=2)

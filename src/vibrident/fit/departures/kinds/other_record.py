@@ -15,6 +15,8 @@ from vibrident.fit.departures.points import Point, PointsPart
 from vibrident.fit.departures.score import Score
 from vibrident.fit.response.response import ComplexArray
 
+QUESTION = "Was it taken with another sensor, range or wiring?"
+
 
 class OtherRecord(Departure):
     """Gain and time of one record among the others."""
@@ -40,12 +42,9 @@ class OtherRecord(Departure):
 
     def sentence(self, candidate: Candidate, score: Score) -> str:
         """By how much it differs."""
-        gain = 100.0 * float(score.amounts[0])
-        return (
-            f"the record does not belong to the others: its response is {plain(abs(gain), 2)} % "
-            f"{'larger' if gain > 0.0 else 'smaller'} than they predict. Was it taken with another sensor, range or "
-            "wiring?"
-        )
+        gain = 100.0 * score.known(0)
+        size = f": its response is {plain(abs(gain), 2)} % {'larger' if gain > 0.0 else 'smaller'} than they predict"
+        return f"the record does not belong to the others{size if gain else ''}. {QUESTION}"
 
 
 OTHER_RECORD = OtherRecord()
