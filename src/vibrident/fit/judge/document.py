@@ -16,6 +16,7 @@ from vibrident.fit.judge.examined import told
 from vibrident.fit.judge.measured import fit_of_signals, fit_of_table, measured_curve
 from vibrident.fit.judge.provenance import provenance
 from vibrident.fit.judge.refits import PHASE_BY_SCATTER
+from vibrident.fit.problem import FrequencyProblem
 from vibrident.fit.uncertainty import correlation, curve, parameter_table, weakly_determined
 from vibrident.fit.uncertainty.budget import (
     DATA,
@@ -28,6 +29,7 @@ from vibrident.fit.uncertainty.budget import (
 from vibrident.fit.uncertainty.curve import frequencies, with_resonances
 from vibrident.fit.uncertainty.floor import with_floor
 from vibrident.fit.uncertainty.parameters import coverage_factor, unit_fields
+from vibrident.fit.uncertainty.profile import Profile, needs_profile, profile_of, with_profile
 from vibrident.physics.naming import in_words
 from vibrident.result import Curve, MeasuredCurve, Parameter, Result, ResultWarning, Training
 
@@ -53,6 +55,10 @@ def document(fitted: Fitted, rows: Sequence[BudgetRow], more: Sequence[ResultWar
     doubts += [*second_thoughts(fitted, by_data), *departures.warnings, *_learned(estimate)]
     every = (*fitted.told, departures)
     table = parameter_table(coordinates, estimate.z, total, freedom, unit_fields(calibration), weak)
+    profile = _profile(fitted, by_data, coverage_factor(freedom))
+    if profile is not None:
+        table, said = with_profile(table, profile, coordinates, total - by_data, coverage_factor(freedom))
+        doubts += said
     warnings = _warnings(fitted, table, [w for one in fitted.told for w in one.warnings] + doubts + list(more), scope)
     response, measured = _curves(fitted, total)
     points = point_budget(measured, fitted.effects, fitted.linear)
@@ -90,6 +96,20 @@ def document(fitted: Fitted, rows: Sequence[BudgetRow], more: Sequence[ResultWar
         uncertainty={"covers": _kinds_covered(rows, calibration.table)},
     )
     return with_floor(result, calibration.capabilities)
+
+
+def _profile(fitted: Fitted, by_data: FloatArray, coverage: float) -> Profile | None:
+    """Return the profile likelihood of the response, where χ² is no parabola; None elsewhere."""
+    evidence, estimate, judgement = fitted.evidence, fitted.estimate, fitted.judgement
+    coordinates, adequacy = estimate.coordinates, judgement.adequacy
+    linear = coordinates.model.is_linear and evidence.first_look is not None and len(adequacy.frequency_hz) > 0
+    if not linear or not adequacy.adequate or not needs_profile(coordinates, estimate.z, by_data):
+        return None
+    problem = evidence.first_look if evidence.calibration.table is not None else None
+    if problem is None:
+        problem = FrequencyProblem(evidence.model, evidence.quantity, adequacy.as_data)
+    rise = (coverage * (judgement.scatter or 1.0)) ** 2
+    return profile_of(problem, coordinates, estimate.z, by_data, rise)
 
 
 def covered(rows: Sequence[BudgetRow]) -> list[str]:

@@ -1,0 +1,73 @@
+"""Intervals where a parameter is at its bound, or χ² is flat or skew: they cover the truth as they say."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import vibrident
+from vibrident.data.records import Calibration, ResponseTable
+from vibrident.fit.problem import Coordinates, FrequencyProblem
+from vibrident.fit.uncertainty.parameters import deviations
+from vibrident.fit.uncertainty.profile import needs_profile, profile_of
+from vibrident.physics.models import parse
+
+MODEL = parse("accelerometer")
+
+
+def table_of(rng, phase: bool, above: float, damping: float, noise: float, points: int = 25):
+    """A right table up to a frequency that the resonance is so many times above of, in its stated noise."""
+    frequency = np.geomspace(20.0, 5000.0, points)
+    truth = {"sensitivity": 0.1, "natural_frequency": above * 5000.0, "damping_ratio": damping}
+    h = MODEL.frequency_response(truth, frequency)
+    size = np.abs(h) * (1.0 + noise * rng.standard_normal(points))
+    turn = np.angle(h) + noise * rng.standard_normal(points) if phase else None
+    turn_u = np.full(points, noise) if phase else None
+    return truth, Calibration(table=ResponseTable(frequency, size, turn, noise * np.abs(h), turn_u))
+
+
+def covers(parameter, value: float) -> bool:
+    low, high = parameter.interval_95
+    return (low is None or low <= value) and (high is None or value <= high)
+
+
+@pytest.mark.parametrize("phase", [False, True])
+@pytest.mark.draws(24, 200)
+def test_intervals_cover_the_truth_with_damping_near_its_bound_and_a_band_far_below_resonance(phase, draws):
+    """Of magnitudes alone 57 % of the intervals of damping and 83 % of those of fn did: 16.13 ± 0.20 kHz for 13.76."""
+    rng, inside = np.random.default_rng([7, phase]), []
+    for _ in range(draws):
+        about = rng.uniform(1.2, 6.0), 10.0 ** rng.uniform(-2.5, -0.1), 10.0 ** rng.uniform(-3.3, -1.8)
+        truth, calibration = table_of(rng, phase, *about)
+        result = vibrident.identify(calibration)
+        inside.append([covers(result.parameters[name], value) for name, value in truth.items()])
+        for name, value in truth.items():
+            if not covers(result.parameters[name], value):
+                continue
+            u = result.parameters[name].standard_uncertainty
+            assert u is None or abs(result.parameters[name].value - value) < 4.0 * u
+    assert np.all(np.mean(inside, axis=0) > 0.95 - 3.0 * np.sqrt(0.95 * 0.05 / draws))
+
+
+def test_a_parabola_has_the_ends_of_its_covariance(rng):
+    """A well-determined sensor needs no profile, and would have the same ends."""
+    truth, calibration = table_of(rng, True, 0.6, 0.1, 1e-4)
+    coordinates = Coordinates.at(MODEL, truth, (20.0, 5000.0))
+    problem = FrequencyProblem.of_table(calibration.table, MODEL, "acceleration")
+    z = coordinates.first
+    for _ in range(5):
+        local = problem.normal(z, coordinates)
+        z = z + np.linalg.solve(local.matrix, local.gradient)
+    covariance = np.linalg.inv(problem.normal(z, coordinates).matrix)
+    assert not needs_profile(coordinates, z, covariance)
+    profile = profile_of(problem, coordinates, z, covariance, 4.0)
+    for k, u in enumerate(deviations(covariance)):
+        np.testing.assert_allclose(profile.ends[k, :, k] - z[k], [-2.0 * u, 2.0 * u], rtol=0.05)
+
+
+def test_what_the_profile_widens_is_said():
+    """Magnitudes far below a damped resonance: damping may be zero, and fn is told with its interval."""
+    _, calibration = table_of(np.random.default_rng(5), False, 3.0, 0.4, 2e-3)
+    result = vibrident.identify(calibration)
+    said = [w.message for w in result.warnings if w.code == "weakly_determined"]
+    assert any("natural frequency" in text and "profile likelihood" in text for text in said)
