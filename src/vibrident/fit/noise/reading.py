@@ -348,7 +348,8 @@ def _chosen(
     """
     better = common.significant
     # Coloured noise of the response may look like that of the reference, but has nothing in common
-    # with the prediction.
+    # with the prediction. Coloured noise of the reference may have none either where nothing moves:
+    # so it is none for sure, but in doubt.
     refuted = variance > common.variance + SIGNIFICANT_DEVIATIONS * common.spread
     sure = (variance > SIGNIFICANT_DEVIATIONS * spread) & ~refuted
     amounts = np.where(better[:, None], common.amounts, 0.0)
@@ -359,7 +360,7 @@ def _chosen(
     remaining = np.where(better[:, None], 0.0, common.amounts)
     variances = np.diagonal(common.covariance, axis1=1, axis2=2)
     others = np.column_stack([remaining, variances, common.covariance[:, 0, 1]])
-    by_common = better | refuted | (~sure & (common.spread < spread))
+    by_common = better | (~sure & ~refuted & (common.spread < spread))
     doubts = np.where(by_common[:, None], others, doubts)
     return _InputNoise(
         np.where(better, common.variance, amounts[:, 0]), amounts, doubts, common.free
