@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibrident.data.records import BoolArray, FloatArray
+from vibrident.data.records import FloatArray
 
 #: Multiplicative updates of the amounts …
 UPDATES = 46
@@ -25,6 +25,8 @@ MAX_STEP = 2.0
 LEAST_LOGARITHM = -32.0
 #: An amount of less than this part of the largest is at its bound.
 BOUND = 1e-6
+#: Ridge of an information matrix, relative: a limit of the arithmetic.
+RIDGE = 1e-12
 #: Least mean of a spectrum: its square is no zero.
 MIN_MEAN = 1e-140
 #: Lower limit of levels, relative to the mean.
@@ -63,8 +65,6 @@ def amounts_of(
     spectra = level.shape[1]
     across = np.ascontiguousarray(np.swapaxes(shapes, 1, 2))
     pairs = (across[..., :, None] * across[..., None, :]).reshape(groups, bins, count**2)
-    values = np.full((groups, spectra, count), 1.0 / count)
-    information = np.zeros((groups, spectra, count, count))
     weighted = counts * level
     both = np.empty((groups, 2 * spectra, bins))
     up, down = both[:, :spectra], both[:, spectra:]
@@ -105,13 +105,8 @@ def variances_of_last(amounts: Amounts, coloured: slice) -> FloatArray:
     fixed = np.zeros(values.shape, dtype=bool)
     least = BOUND * np.max(values, axis=-1, keepdims=True)
     fixed[..., coloured] = values[..., coloured] <= least
-    return np.asarray(np.linalg.inv(_without(amounts.information, fixed)), float)[..., -1, -1]
-
-
-def _without(information: FloatArray, fixed: BoolArray) -> FloatArray:
-    """Return the information of amounts that are not fixed, with a ridge of rounding's size."""
-    count = fixed.shape[-1]
     kept = ~fixed[..., :, None] & ~fixed[..., None, :]
-    power = np.diagonal(information, axis1=-2, axis2=-1)
-    diagonal = np.where(fixed, 1.0, 1e-12 * power + 1e-300)
-    return np.where(kept, information, 0.0) + diagonal[..., None] * np.eye(count)
+    power = np.diagonal(amounts.information, axis1=-2, axis2=-1)
+    diagonal = np.where(fixed, 1.0, RIDGE * power + 1e-300)[..., None] * np.eye(values.shape[-1])
+    information = np.where(kept, amounts.information, 0.0) + diagonal
+    return np.asarray(np.linalg.inv(information), float)[..., -1, -1]

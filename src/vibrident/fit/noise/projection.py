@@ -21,6 +21,8 @@ from vibrident.fit.response.transform import power_of
 
 #: Bins of a block.
 BLOCK_BINS = 24
+#: Blocks that are worked on at once: their matrices stay in the cache.
+MAX_BLOCKS = 1400
 #: Polynomials of a block: a constant, a line and a parabola.
 DEGREES = 3
 #: Ridge of the projection, relative: a limit of the arithmetic.
@@ -85,7 +87,13 @@ def without_common(
 
     weight = inverse if heard is None else inverse * heard[:, 1:]
     columns = [_unit(in_blocks(motion, weight)) for motion in motions]
-    explained, leverage = _explained(in_blocks(rows, inverse), columns)
+    explained = in_blocks(rows, inverse)
+    leverage = np.empty(explained.shape)
+    for begin in range(0, len(explained), MAX_BLOCKS):
+        part = slice(begin, begin + MAX_BLOCKS)
+        explained[part], leverage[part] = _explained(
+            explained[part], [column[part] for column in columns]
+        )
     left = rows.copy()
     explained = explained.reshape(records, -1)[:, : bins - 1]
     explained *= root[:, 1:]

@@ -103,6 +103,22 @@ class _Rows(NamedTuple):
     heard: BoolArray | None
 
 
+class _InputNoise(NamedTuple):
+    """Noise of the reference; for ``doubts`` and ``free`` see :class:`GroupNoise`.
+
+    Attributes:
+        variance: σx² where it is significant, else zero, shape (R,).
+        amounts: a and c of it, a + c/k at bin k, shape (R, 2).
+        doubts: shape (R, 5).
+        free: shape (R,).
+    """
+
+    variance: FloatArray
+    amounts: FloatArray
+    doubts: FloatArray
+    free: BoolArray
+
+
 class _Read(NamedTuple):
     """What of a residual is locally incoherent with the motion.
 
@@ -144,18 +160,9 @@ def read_noise(
     """
     records, bins = residual.shape
     last = max(min(last, bins - 1), 1)
-    noise = GroupNoise(
-        psd=np.empty((records, bins)),
-        input_noise=np.zeros(records),
-        input_noise_at=np.zeros((records, bins)),
-        doubts=np.zeros((records, 5)),
-        colour=colour,
-        excited=np.ones((records, bins)),
-        tones=(),
-        free=np.zeros(records, dtype=bool),
-    )
     passing = None if through is None else np.atleast_2d(through)
-    tones = list[tuple[float, ...]]()
+    read = _read_one_level if last <= BLOCK_BINS or np.max(count) < SHORTEST else _read
+    parts = list[GroupNoise]()
     for part in in_parts(records, bins):
         rows = _Rows(
             residual[part],
@@ -166,35 +173,32 @@ def read_noise(
             floor[part, None],
             None if heard is None else heard[part],
         )
-        share = GroupNoise(
-            noise.psd[part],
-            noise.input_noise[part],
-            noise.input_noise_at[part],
-            noise.doubts[part],
-            colour,
-            noise.excited[part],
-            (),
-            noise.free[part],
-        )
-        if last <= BLOCK_BINS or np.max(count) < SHORTEST:
-            _fill_with_one_level(share, rows, last)
-            tones += [()] * len(rows.count)
-        else:
-            tones += _fill(share, rows, last)
-    return GroupNoise(**{**vars(noise), "tones": tuple(tones)})
+        parts.append(read(rows, last, colour))
+    if len(parts) == 1:
+        return parts[0]
+    names = "psd", "input_noise", "input_noise_at", "doubts", "excited", "free"
+    arrays = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+    tones = tuple(places for part in parts for places in part.tones)
+    return GroupNoise(colour=colour, tones=tones, **arrays)
 
 
-def _fill_with_one_level(noise: GroupNoise, rows: _Rows, last: int) -> None:
+def _read_one_level(rows: _Rows, last: int, colour: FloatArray | float) -> GroupNoise:
     """Read one level of each record, as of few bins no more can be read."""
+    shape = rows.residual.shape
     level = np.mean(power_of(rows.residual[:, 1 : last + 1]), axis=1, keepdims=True) / rows.count
-    np.maximum(level, rows.floor, out=level)
-    noise.psd[:] = level
+    psd = np.broadcast_to(np.maximum(level, rows.floor), shape)
+    none = _no_input_noise(len(psd))
     if rows.through is not None:
-        noise.doubts[:, :1] = level / np.max(rows.through, axis=1, keepdims=True)
+        none.doubts[:, :1] = psd[:, :1] / np.max(rows.through, axis=1, keepdims=True)
+    nothing = np.zeros(shape)
+    tones = ((),) * len(psd)
+    return GroupNoise(
+        psd, none.variance, nothing, none.doubts, colour, nothing + 1.0, tones, none.free
+    )
 
 
-def _fill(noise: GroupNoise, rows: _Rows, last: int) -> tuple[tuple[float, ...], ...]:
-    """Read the noise of records and return their tones."""
+def _read(rows: _Rows, last: int, colour: FloatArray | float) -> GroupNoise:
+    """Read the noise of records."""
     expected = power_of(rows.predicted)
     log_expected = log_power(expected)
     log_through = None if rows.through is None else log_power(rows.through)
@@ -202,29 +206,29 @@ def _fill(noise: GroupNoise, rows: _Rows, last: int) -> tuple[tuple[float, ...],
     moved = _lines_of_motion(expected, log_expected, log_through, width)
     read = _incoherent(rows, log_through)
     np.divide(read.power, rows.count, out=read.power)
-    shape, unfelt = _shape(noise, rows, read, log_through, last)
+    shape, of_input = _shape(rows, read, log_through, last)
     relative = np.divide(read.power, shape, out=read.power)
     smooth = level_of_noise(relative, read.freedom)
     hum = relative > OUTSTANDING_RATIO * smooth
     hum &= ~moved
-    np.multiply(shape, smooth, out=noise.psd)
-    tones = tones_of(rows.residual, read.noise, noise.psd * rows.count, moved)
-    np.multiply(shape, relative, out=noise.psd, where=hum)
-    np.maximum(noise.psd, rows.floor, out=noise.psd)
-    if rows.through is None:
-        return tones
-    np.multiply(unfelt[:, :1] + unfelt[:, 1:] * _flicker(smooth.shape[1]), smooth, out=smooth)
-    np.multiply(smooth, noise.colour, out=noise.input_noise_at)
-    # By how much the prediction stands above what noise of the reference would be.
-    level = mean_around(log_expected, width) + np.euler_gamma
-    np.exp(level, out=level)
-    np.copyto(level, expected, where=expected > OUTSTANDING_RATIO * level)
-    level *= 1.0 / rows.count
-    np.divide(noise.psd, np.maximum(level, 1e-300), out=noise.excited)
-    np.multiply(noise.excited, -FAINT_RATIO, out=noise.excited)
-    np.add(noise.excited, 1.0, out=noise.excited)
-    np.maximum(noise.excited, 0.0, out=noise.excited)
-    return tones
+    psd = shape * smooth
+    tones = tones_of(rows.residual, read.noise, psd * rows.count, moved)
+    np.multiply(shape, relative, out=psd, where=hum)
+    np.maximum(psd, rows.floor, out=psd)
+    excited = np.ones(psd.shape)
+    if rows.through is not None:
+        # By how much the prediction stands above what noise of the reference would be.
+        level = np.exp(mean_around(log_expected, width) + np.euler_gamma)
+        np.copyto(level, expected, where=expected > OUTSTANDING_RATIO * level)
+        level /= rows.count
+        excited -= FAINT_RATIO * psd / np.maximum(level, 1e-300)
+        np.maximum(excited, 0.0, out=excited)
+    white, pink = of_input.amounts.T[:, :, None]
+    smooth *= white + pink * _flicker(psd.shape[1])
+    smooth *= colour
+    return GroupNoise(
+        psd, of_input.variance, smooth, of_input.doubts, colour, excited, tones, of_input.free
+    )
 
 
 def _lines_of_motion(
@@ -296,21 +300,11 @@ def _incoherent(rows: _Rows, log_through: FloatArray | None) -> _Read:
 
 
 def _shape(
-    noise: GroupNoise,
-    rows: _Rows,
-    read: _Read,
-    log_through: FloatArray | None,
-    last: int,
-) -> tuple[FloatArray, FloatArray]:
-    """Read what noise of known shapes there is, and that of the reference into ``noise``.
-
-    Returns:
-        The shape of the noise, shape (R, K), and white and 1/f noise of the reference in it,
-        shape (R, 2).
-    """
-    incoherent, power, freedom = read
+    rows: _Rows, read: _Read, log_through: FloatArray | None, last: int
+) -> tuple[FloatArray, _InputNoise]:
+    """Return the noise of known shapes, shape (R, K), and that of the reference."""
+    power, freedom = read.power, read.freedom
     records, bins = power.shape
-    unfelt = np.zeros((records, 2))
     grid = log_bins(last)
     counts = grid.sums(freedom)
     logarithm = freedom * log_power(power / np.maximum(freedom, MIN_FREEDOM))
@@ -319,42 +313,24 @@ def _shape(
     own = grid.order ** np.array([[0.0], [-1.0], [-2.0]])
     if rows.through is None or log_through is None:
         amounts = amounts_of(own[None], level[None], counts[None]).values[0]
-        return _by_amounts(amounts, bins), unfelt
+        return _by_amounts(amounts, bins), _no_input_noise(records)
     seen = grid.geometric_means(log_through)
     scale = np.max(seen, axis=-1, keepdims=True)
-    shapes = np.concatenate(
-        [
-            np.broadcast_to(own, (len(seen), *own.shape)),
-            np.maximum(seen / scale, MIN_LEVEL)[:, None],
-        ],
-        axis=1,
-    )
+    of_input = np.maximum(seen / scale, MIN_LEVEL)[:, None]
+    shapes = np.concatenate([np.broadcast_to(own, (len(seen), *own.shape)), of_input], axis=1)
     # Records that see the same of the reference are one group of many spectra.
     groups = (1, records) if len(seen) == 1 else (records, 1)
-    grouped = level.reshape(*groups, -1), counts.reshape(*groups, -1)
-    fitted = amounts_of(shapes, *grouped)
-    spread = np.sqrt(variances_of_last(fitted, slice(1, 3))).reshape(-1)
+    fitted = amounts_of(shapes, level.reshape(*groups, -1), counts.reshape(*groups, -1))
     amounts = fitted.values.reshape(records, -1)
-    variance = amounts[:, -1:] / scale
-    spread = spread / scale[:, 0]
-    variance = variance[:, 0]
-    common = common_noise(incoherent, rows.predicted, rows.through, rows.count, last)
-    noise.free[:] = common.free
-    # Coloured noise of the response may look like that of the reference, but has nothing in common
-    # with the prediction.
-    refuted = variance > common.variance + SIGNIFICANT_DEVIATIONS * common.spread
-    sure = (variance > SIGNIFICANT_DEVIATIONS * spread) & ~refuted
+    variance = amounts[:, -1] / scale[:, 0]
+    spread = np.sqrt(variances_of_last(fitted, slice(1, 3))).reshape(-1) / scale[:, 0]
     # All of the level at most; a bin of few bins is low by chance.
     most = level / seen * (1.0 + DOUBT_DEVIATIONS / np.sqrt(np.maximum(counts, MIN_FREEDOM)))
     enough = counts >= np.minimum(MIN_LEVEL_BINS, np.max(counts, axis=1, keepdims=True))
     most = np.min(np.where(enough, most, np.inf), axis=1)
-    most = np.minimum(most, np.where(sure, 0.0, variance) + DOUBT_DEVIATIONS * spread)
-    noise.input_noise[:] = unfelt[:, 0] = np.where(sure, variance, 0.0)
-    noise.doubts[:, 0] = most
+    common = common_noise(read.noise, rows.predicted, rows.through, rows.count, last)
+    noise = _chosen(common, variance, spread, most)
     better = common.significant
-    _take_doubts(noise, common, better | refuted | (~sure & (common.spread < spread)))
-    noise.input_noise[better] = common.variance[better]
-    unfelt[better] = common.amounts[better]
     white = np.where(better, common.amounts[:, 0], variance)
     pink = np.where(better, common.amounts[:, 1], 0.0)
     by_reference = white[:, None] + pink[:, None] * _flicker(bins)
@@ -363,16 +339,45 @@ def _shape(
         known = grid.geometric_means(log_power(by_reference[better]))
         beside = amounts_of(own[None], level[None, better], counts[None, better], known[None])
         amounts[better, :3] = beside.values[0]
-    return _by_amounts(amounts, bins, by_reference), unfelt
+    return _by_amounts(amounts, bins, by_reference), noise
 
 
-def _take_doubts(noise: GroupNoise, common: CommonNoise, chosen: BoolArray) -> None:
-    """State what residual and prediction leave open of noise of the reference."""
+def _chosen(
+    common: CommonNoise, variance: FloatArray, spread: FloatArray, most: FloatArray
+) -> _InputNoise:
+    """Choose between two estimates of noise of the reference, each of shape (R,).
+
+    Args:
+        common: by what residual and prediction have in common.
+        variance: by the shape of the noise alone.
+        spread: standard deviation of that.
+        most: all of the noise at most.
+    """
+    better = common.significant
+    # Coloured noise of the response may look like that of the reference, but has nothing in common
+    # with the prediction. Coloured noise of the reference may have none either where nothing moves:
+    # so it is none for sure, but in doubt.
+    refuted = variance > common.variance + SIGNIFICANT_DEVIATIONS * common.spread
+    sure = (variance > SIGNIFICANT_DEVIATIONS * spread) & ~refuted
+    amounts = np.where(better[:, None], common.amounts, 0.0)
+    amounts[:, 0] = np.where(sure & ~better, variance, amounts[:, 0])
+    doubts = np.zeros((len(most), 5))
+    doubts[:, 0] = np.minimum(most, np.where(sure, 0.0, variance) + DOUBT_DEVIATIONS * spread)
     # 1/f noise may be present even if it is not significant.
-    open_amounts = np.where(common.significant[:, None], 0.0, common.amounts)
+    remaining = np.where(better[:, None], 0.0, common.amounts)
     variances = np.diagonal(common.covariance, axis1=1, axis2=2)
-    doubts = np.column_stack([open_amounts, variances, common.covariance[:, 0, 1]])
-    noise.doubts[chosen] = doubts[chosen]
+    others = np.column_stack([remaining, variances, common.covariance[:, 0, 1]])
+    by_common = better | (~sure & ~refuted & (common.spread < spread))
+    doubts = np.where(by_common[:, None], others, doubts)
+    return _InputNoise(
+        np.where(better, common.variance, amounts[:, 0]), amounts, doubts, common.free
+    )
+
+
+def _no_input_noise(records: int) -> _InputNoise:
+    """Return none, of so many records."""
+    free = np.zeros(records, dtype=bool)
+    return _InputNoise(np.zeros(records), np.zeros((records, 2)), np.zeros((records, 5)), free)
 
 
 def _by_amounts(
