@@ -153,7 +153,11 @@ def iterate(
                 )
                 responses[hash(grid)] = through, turns * slopes[:, None]
             response = responses[hash(grid)]
-            places.append(GroupAt.evaluated(group, steps[group.step], own, response, slopes))
+            try:
+                place = GroupAt.evaluated(group, steps[group.step], own, response, slopes)
+            except np.linalg.LinAlgError:  # not finite
+                return astray
+            places.append(place)
         cost = 0.0
         gradient = np.zeros(count)
         matrix = np.zeros((count, count))

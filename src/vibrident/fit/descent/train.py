@@ -113,6 +113,7 @@ def _without_model(band: Band, look: Look) -> Weighting:
     """Return the noise that is known without a model."""
     spectra: dict[int, NoiseSpectrum] = {}
     passed: dict[int, FloatArray] = {}
+    samples: dict[int, int] = {}
     for group, levels, weights in zip(band.groups, look.levels, look.weights, strict=True):
         counts = np.maximum(group.grid.counts, np.finfo(float).tiny)
         floors = band.problem.noise_floor[band.owners(group)] ** 2
@@ -124,4 +125,5 @@ def _without_model(band: Band, look: Look) -> Weighting:
                 psd, 0.0, nothing, lambda nothing=nothing: nothing, excited, group.grid.tones
             )
             passed[number] = nothing
-    return Weighting(spectra, passed)
+            samples[number] = group.grid.samples
+    return Weighting(spectra, passed, samples)

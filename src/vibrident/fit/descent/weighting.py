@@ -11,7 +11,7 @@ import numpy as np
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.descent.in_noise import GroupAt, GroupWeights
 from vibrident.fit.group.band import Band
-from vibrident.fit.group.group import Group
+from vibrident.fit.group.group import Grid, Group
 from vibrident.fit.noise.reading import read_noise
 from vibrident.fit.noise.spectrum import TONES, NoiseSpectrum
 from vibrident.fit.response.transform import power_of, reference_colour
@@ -32,29 +32,52 @@ class Weighting:
     Attributes:
         spectra: by number of the segment.
         passed: |H|² of each where it was read, by number of the segment.
+        samples: of each where it was read, by number of the segment.
     """
 
     spectra: Spectra
     passed: Mapping[int, FloatArray]
+    samples: Mapping[int, int]
 
     def of_groups(self, band: Band) -> list[GroupWeights]:
         """Return the weights of each group."""
         every = []
         for group in band.groups:
-            own = [self.spectra[number] for number in group.segments]
-            psd = np.stack([spectrum.psd for spectrum in own])
-            reference = np.stack([spectrum.input_noise_at for spectrum in own])
-            passed = np.stack([self.passed[number] for number in group.segments])
+            numbers = [min(number, len(self.spectra) - 1) for number in group.segments]
+            own = [self.spectra[number] for number in numbers]
+            psd = self._rows(group, numbers, [spectrum.psd for spectrum in own])
+            reference = self._rows(group, numbers, [spectrum.input_noise_at for spectrum in own])
+            passed = self._rows(group, numbers, [self.passed[number] for number in numbers])
             response = np.maximum(psd - reference * passed, MIN_RESPONSE * psd)
-            excited = np.stack([spectrum.excited for spectrum in own])
+            excited = self._rows(group, numbers, [spectrum.excited for spectrum in own])
             every.append(GroupWeights(response, reference, excited))
         return every
 
+    def _rows(
+        self, group: Group, numbers: Sequence[int], every: Sequence[FloatArray]
+    ) -> FloatArray:
+        """Return values at the bins of a group, whose length another delay may have changed."""
+        return np.stack(
+            [
+                brought(values, self.samples[number], group.grid)
+                for number, values in zip(numbers, every, strict=True)
+            ]
+        )
+
     def beside(self, band: Band) -> Band:
         """Return the band with tones of hum, and what leaks in steep noise, as nuisances."""
-        spectra = [self.spectra[number] for number in range(len(self.spectra))]
+        count = len(band.problem.segments)
+        spectra = [self.spectra[min(number, len(self.spectra) - 1)] for number in range(count)]
         steep = any(is_steep(spectrum) for spectrum in spectra)
         return band.beside([spectrum.tones for spectrum in spectra], edges=steep)
+
+
+def brought(values: FloatArray, samples: int, grid: Grid) -> FloatArray:
+    """Return values at bins of so many samples at the bins of a grid, shape (K,)."""
+    if samples == grid.samples and len(values) == grid.bins:
+        return values
+    places = np.arange(grid.bins) * (samples / grid.samples)
+    return np.interp(places, np.arange(len(values)), values)
 
 
 def is_steep(spectrum: NoiseSpectrum) -> bool:
@@ -64,19 +87,20 @@ def is_steep(spectrum: NoiseSpectrum) -> bool:
 
 
 def read_weighting(
-    band: Band, places: Sequence[GroupAt], heard: Mapping[int, BoolArray]
+    band: Band, places: Sequence[GroupAt], heard: Mapping[int, tuple[int, BoolArray]]
 ) -> Weighting:
     """Read the noise of every segment from the residuals at an iterate.
 
     Args:
         band: the segments.
         places: the groups at the iterate.
-        heard: bins at which motion shows, by number of the segment. Elsewhere what a residual has
+        heard: samples, and bins at which motion shows, by number of the segment. Elsewhere what a residual has
             in common with the reference is noise of that.
     """
     floors = band.problem.noise_floor**2
     spectra: dict[int, NoiseSpectrum] = {}
     passed: dict[int, FloatArray] = {}
+    samples: dict[int, int] = {}
     for at in places:
         group = at.group
         squares = power_of(at.through)
@@ -92,11 +116,12 @@ def read_weighting(
             floors[band.owners(group)],
             group.grid.last - 1,
             colour,
-            np.stack([heard[number] for number in group.segments]),
+            _heard_in(group, heard),
         )
         doubt = noise.doubt
         for row, number in enumerate(group.segments):
             passed[number] = squares
+            samples[number] = group.grid.samples
             spectra[number] = NoiseSpectrum(
                 noise.psd[row],
                 float(noise.input_noise[row]),
@@ -106,7 +131,16 @@ def read_weighting(
                 (group.grid.tones + noise.tones[row])[:TONES],
                 bool(noise.free[row]),
             )
-    return Weighting(spectra, passed)
+    return Weighting(spectra, passed, samples)
+
+
+def _heard_in(group: Group, heard: Mapping[int, tuple[int, BoolArray]]) -> BoolArray:
+    """Return where motion shows in a group, whose length another delay may have changed."""
+    rows = []
+    for number in group.segments:
+        samples, own = heard[min(number, len(heard) - 1)]
+        rows.append(brought(own.astype(float), samples, group.grid) > 0.5)
+    return np.stack(rows)
 
 
 def _held(values: FloatArray) -> FloatArray:

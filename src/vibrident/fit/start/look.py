@@ -27,14 +27,14 @@ class Look:
     Attributes:
         levels: PSD of the noise of each group's bins, shape (R, K) each.
         weights: of the bins, next to zero where no motion shows, shape (R, K) each.
-        heard: bins at which motion shows in the response, by number of the segment, shape (K,).
+        heard: samples, and bins at which motion shows in the response, by number of the segment.
         band_hz: lowest and highest frequency at which response and reference have something in
             common.
     """
 
     levels: tuple[FloatArray, ...]
     weights: tuple[FloatArray, ...]
-    heard: Mapping[int, BoolArray]
+    heard: Mapping[int, tuple[int, BoolArray]]
     band_hz: tuple[float, float]
 
 
@@ -43,7 +43,7 @@ def look_at(band: Band) -> Look:
     levels: list[FloatArray] = []
     weights: list[FloatArray] = []
     shown: list[FloatArray] = []
-    audible: dict[int, BoolArray] = {}
+    audible: dict[int, tuple[int, BoolArray]] = {}
     everywhere: list[FloatArray] = []
     for group in band.groups:
         level, chance = incoherent_level(group.response, [group.inputs[:, 0]])
@@ -53,7 +53,8 @@ def look_at(band: Band) -> Look:
         if blocks:  # what leaks over from elsewhere is no motion
             place = (np.arange(group.grid.bins) - 1) // ((group.grid.bins - 1) // blocks)
             heard &= sure[:, np.clip(place, 0, blocks - 1)]
-        audible |= dict(zip(group.segments, heard, strict=True))
+        samples = group.grid.samples
+        audible |= {n: (samples, row) for n, row in zip(group.segments, heard, strict=True)}
         floor = np.maximum(level, np.finfo(float).tiny)
         weight = group.grid.counts * (heard + MIN_WEIGHT) * group.grid.samples / floor
         levels.append(level / group.count[:, None])
