@@ -12,8 +12,8 @@ import vibrident
 from vibrident.data.records import Record
 from vibrident.fit.departures import examination, sources
 from vibrident.fit.departures.group import Group, orthonormal, without
-from vibrident.fit.departures.score import JointSums, LinearFit, joint_chance, shifts_beside
-from vibrident.fit.departures.sums import Errors, Exact
+from vibrident.fit.departures.score import LinearFit, shifts_beside
+from vibrident.fit.departures.sums import Errors
 from vibrident.physics.simulation import simulate
 
 
@@ -88,45 +88,36 @@ def test_a_column_within_the_span_of_the_parameters_tells_nothing():
 
 
 def test_the_bound_is_what_least_squares_explains():
-    """Of three columns in each of four records, shared or each record's own, beside the parameters of all."""
+    """Of three columns that four records share, beside the parameters of all."""
     rng, bins = np.random.default_rng(4), 200
     group = linear_group(rng, bins, 0.0, 4)
     rows = rng.normal(size=(4, 3, 2 * bins))
     fit, sums = LinearFit.of(group.own, np.ones(2)), group.sums(rows[:, None]).at((slice(None), 0))
     residual, free = group.residual.ravel(), group.freed(rows)
     jacobian = group.jacobian.swapaxes(0, 1).reshape(2, -1)
-    apart = np.zeros((4, 3, 4, 2 * bins))
-    apart[np.arange(4), :, np.arange(4)] = free
-    sets = {"shared": free.swapaxes(0, 1).reshape(3, -1), "own": apart.reshape(12, -1)}
-    left = {}
-    for name, columns in {"none": jacobian[:0], **sets}.items():
+    left = []
+    for columns in (jacobian[:0], free.swapaxes(0, 1).reshape(3, -1)):
         matrix = np.concatenate([jacobian, columns]).T
-        left[name] = np.sum((residual - matrix @ np.linalg.lstsq(matrix, residual, rcond=None)[0]) ** 2)
+        left.append(np.sum((residual - matrix @ np.linalg.lstsq(matrix, residual, rcond=None)[0]) ** 2))
     explained, number = fit.explained(sums.total())
-    assert (float(explained), int(number)) == (pytest.approx(left["none"] - left["shared"], rel=1e-9), 3)
-    assert JointSums.of(fit, sums).explained == (pytest.approx(left["none"] - left["own"], rel=1e-9), 12)
+    assert (float(explained), int(number)) == (pytest.approx(left[0] - left[1], rel=1e-9), 3)
 
 
-def test_the_chance_of_all_records_together_is_that_of_one_test_of_all_their_columns():
-    """Woodbury's formula against the whole covariance, with a profile of the noise and errors common to all."""
+def test_within_their_own_parameters_the_statistics_of_records_add_up():
+    """What five records explain by themselves, against least squares with parameters and columns of each its own."""
     rng, bins, records = np.random.default_rng(5), 100, 5
     group = linear_group(rng, bins, 0.0, records)
     rows = rng.normal(size=(records, 2, 2 * bins))
-    errors = 0.3 * rng.normal(size=(records, 1, 2 * bins))
-    nothing = np.zeros((records, 12, 2 * bins))
-    group = replace(group, errors_of=lambda some: Errors(nothing[some], errors[some], group.gain[some]))
-    spread, common = group.spread
-    fit = LinearFit.of(group.own, np.ones(2))
-    fit = replace(fit, spread=spread.sum(0), common=common.sum(0))
-    sums = group.exact_sums(rows, None)
-    side = {name: getattr(sums, name) for name in ("score", "cross", "shift", "least", "cross_spread", "common")}
-    joined = {name: part.reshape(-1, *part.shape[2:]) for name, part in side.items()}
-    blocks = {name: np.zeros((2 * records, 2 * records)) for name in ("gram", "spread")}
-    for name, whole in blocks.items():
-        for number, block in enumerate(getattr(sums, name)):
-            whole[2 * number : 2 * number + 2, 2 * number : 2 * number + 2] = block
-    direct = fit.test(Exact(**joined, **blocks, steps=np.sum(sums.steps)))
-    assert joint_chance(fit, sums) == pytest.approx(direct.chance, rel=1e-6)
+    fit, sums = LinearFit.of(group.own, np.ones(2)), group.sums(rows[:, None]).at((slice(None), 0))
+    explained, _ = fit.explained(sums.within(group.own, fit.inverse))
+    for jacobian, free, residual, each in zip(
+        group.jacobian, group.freed(rows), group.residual, explained, strict=True
+    ):
+        left = [
+            np.linalg.lstsq(matrix.T, residual, rcond=None)[1][0]
+            for matrix in (jacobian, np.concatenate([jacobian, free]))
+        ]
+        assert float(each) == pytest.approx(left[0] - left[1], rel=1e-9)
 
 
 T = np.arange(SAMPLES) / SAMPLES

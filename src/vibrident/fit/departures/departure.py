@@ -82,7 +82,7 @@ class Departure(ABC):
         joint: whether what several move is what the fit beside all of them moves; else it is the sum.
         family: kinds of one family stand for one thing, none of them exactly: what several move is told together.
         within: whether it is told within a record, beside parameters that are the record's alone.
-        together: whether all records, each with amounts of its own, are tested together, too.
+        together: whether all records, each with amounts of its own, are tested together, too; it is told within each.
         nuisance: whether the fit of a record can have it as nuisance parameters (:meth:`beside`).
     """
 

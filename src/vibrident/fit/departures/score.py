@@ -48,6 +48,7 @@ class Score:
         deviations: standard deviations of the amounts, shape (m,).
         doubt: standard deviation of the shift, shape (P,).
         chance: that noise has a T as large.
+        told: degrees of freedom by which V is known.
         explained: what the departure takes from the sum of squares, beyond one for each column: by it departures are
             ranked, as a misfit makes V and with it T uncertain.
     """
@@ -59,6 +60,7 @@ class Score:
     deviations: FloatArray
     doubt: FloatArray
     chance: float
+    told: float
     explained: float
 
     def known(self, column: int) -> float:
@@ -165,26 +167,25 @@ class LinearFit:
         explained = float(turned @ parts)
         columns = len(turned)
         repeated = float(np.sum(errors[:, : 2 * TRIALS] ** 2)) / max(np.trace(covariance), np.finfo(float).tiny)
-        chance = self.chance(statistic, explained, columns, repeated, float(sums.steps))
+        told = min(TRIALS / max(repeated, SMALLEST) ** 2, self.told)
+        chance = 1.0  # converters or interpolation may do as much as what is rounded
+        if explained >= float(sums.steps):
+            chance = self.chance(statistic, explained, columns, told)
         shift = amounts @ moves
-        return Score(statistic, columns, shift, amounts, deviations, doubt, chance, explained - columns)
+        return Score(statistic, columns, shift, amounts, deviations, doubt, chance, told, explained - columns)
 
-    def chance(self, statistic: float, explained: float, columns: int, repeated: float, steps: float) -> float:
-        """Chance of a statistic as large: an F test against what the departure leaves, where that is more than noise.
+    def chance(self, statistic: float, explained: float, columns: int, told: float) -> float:
+        """Return the chance of a statistic as large: F against what the departure leaves, if that is more than noise.
 
         Args:
             statistic: T.
             explained: what the columns take from the sum of squares.
             columns: their number.
-            repeated: part of their covariance that is the converters'.
-            steps: power of the errors of converters and interpolation, which may do as much as what is rounded.
+            told: degrees of freedom by which V is known.
         """
-        if explained < steps or not columns:
-            return 1.0
         left = max(self.freedom - columns, 1.0)
-        told = min(TRIALS / max(repeated, SMALLEST) ** 2, self.told, left)
         rest = float(self._left(np.array(explained), np.array(columns)))
-        return f_tail(columns, told, statistic / columns / rest)
+        return f_tail(columns, min(left, told), statistic / columns / rest)
 
     def impact(self, shift: FloatArray) -> float:
         """Largest shift of a coordinate, in its stated standard uncertainty."""
@@ -203,80 +204,6 @@ def critical_f(above: float, below: float, chance: float) -> float:
         if high - low < 1e-3 * high:
             break
     return low
-
-
-@dataclass(frozen=True, eq=False)
-class JointSums:
-    """Columns of all records together, each with amounts of its own, turned so that those of a record are orthogonal.
-
-    Covariance and normal matrix are blocks, one a record, and what parameters and common errors add to them: by
-    Woodbury's formula the work is linear in the number of records.
-
-    Attributes:
-        fit: all records.
-        sums: of one place in each, shape (R, …).
-        turn: of the columns, zero where they tell nothing, shape (R, m, m).
-        over: one over their squares, likewise zero, shape (R, m).
-    """
-
-    fit: LinearFit
-    sums: Sums
-    turn: FloatArray
-    over: FloatArray
-
-    @classmethod
-    def of(cls, fit: LinearFit, sums: Sums) -> JointSums:
-        """Of the sums of one place in each record, shape (R, …)."""
-        power = np.diagonal(sums.gram, axis1=1, axis2=2)
-        seen = power > sums.least
-        scale = np.where(seen, 1.0 / np.sqrt(np.where(seen, power, 1.0)), 0.0)
-        values, vectors = np.linalg.eigh(sums.gram * scale[..., None] * scale[..., None, :])
-        kept = values > WITHIN
-        turn = np.where(kept[..., None], vectors.mT * scale[..., None, :], 0.0)
-        return cls(fit, sums, turn, np.where(kept, 1.0 / np.where(kept, values, 1.0), 0.0))
-
-    @property
-    def explained(self) -> tuple[float, int]:
-        """What they take from the sum of squares beside the parameters, and their number."""
-        score, cross, over, fit = self.score, self.cross, self.over, self.fit
-        normal = fit.normal - np.einsum("rmp,rm,rmq->pq", cross, over, cross)
-        gradient = fit.gradient - np.einsum("rmp,rm,rm->p", cross, over, score)
-        explained = float(np.sum(score**2 * over) + gradient @ inverse_where_shown(normal) @ gradient)
-        return explained - float(fit.gradient @ fit.inverse @ fit.gradient), int(np.sum(over > 0.0))
-
-    @property
-    def score(self) -> FloatArray:
-        """D e, turned, shape (R, m)."""
-        return (self.turn @ self.sums.score[..., None])[..., 0]
-
-    @property
-    def cross(self) -> FloatArray:
-        """D Jᵀ, turned, shape (R, m, P)."""
-        return self.turn @ self.sums.cross
-
-
-def joint_chance(fit: LinearFit, sums: Exact) -> float:
-    """Chance of a T as large of all columns together; ``sums``: of one place in each record, shape (R, …)."""
-    joint = JointSums.of(fit, sums)
-    turn = joint.turn
-    explained, columns = joint.explained
-    share = joint.cross @ fit.inverse
-    beside = joint.score - share @ fit.gradient
-    errors = turn @ sums.common - share @ fit.common
-    low_rank = np.concatenate([share, turn @ sums.cross_spread, errors], axis=2)
-    block = turn @ sums.spread @ turn.mT
-    trace = float(np.einsum("rmm->", block) + np.sum(errors**2))
-    block = block + np.where(joint.over > 0.0, 0.0, 1.0)[..., None] * np.eye(block.shape[1])
-    solved = np.linalg.solve(block, np.concatenate([low_rank, beside[..., None]], axis=2))
-    count = len(fit.gradient)
-    nothing, one = np.zeros((count, count)), np.eye(count)
-    core = np.eye(low_rank.shape[2])
-    core[: 2 * count, : 2 * count] = np.block([[nothing, -one], [-one, -fit.spread]])
-    both = np.einsum("rmi,rmj->ij", low_rank, solved)
-    taken = both[:, -1] @ np.linalg.pinv(core + both[:, :-1], 1e-13) @ both[:, -1]
-    statistic = float(np.sum(beside * solved[..., -1]) - taken)
-    repeated = float(np.sum(errors[..., : 2 * TRIALS] ** 2)) / max(trace, np.finfo(float).tiny)
-    return fit.chance(statistic, explained, columns, repeated, float(np.sum(sums.steps)))
 
 
 def shifts_beside(fit: LinearFit, sums: Sequence[Sums], sizes: Sequence[FloatArray]) -> list[FloatArray]:

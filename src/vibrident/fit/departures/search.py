@@ -15,14 +15,17 @@ from vibrident.base.warning_kinds import WarningCode
 from vibrident.data.records import FloatArray
 from vibrident.fit.departures.departure import Candidate, Departure, Places, Scale, pooled
 from vibrident.fit.departures.group import Group
-from vibrident.fit.departures.score import JointSums, LinearFit, Score, joint_chance
-from vibrident.fit.departures.sums import Exact, Own, Sums
+from vibrident.fit.departures.score import LinearFit, Score
+from vibrident.fit.departures.sums import Exact, Own
 from vibrident.fit.registry import DEPARTURES
 
 #: Chance that noise alone shows any departure in a calibration.
 FALSE_ALARMS = 1e-4
 #: What the bound leaves has at most so many times that chance: it counts dependent columns otherwise than the test.
 MARGIN = 10.0
+#: All records together are not asked where noise explains as much with this chance: of many columns the quietest level
+#: of the noise bounds nothing.
+MAX_NOT_ASKED = 0.05
 #: Places, of those that explain most by the bound, that are tested.
 MAX_TESTED = 3
 
@@ -68,7 +71,7 @@ class Asked:
         record: name of the record; None of all.
         several: tests that share the rate.
         candidates: places, that which explains most first.
-        joint: whether all records, each with amounts of its own, are asked together.
+        joint: whether all records are asked, each with amounts of its own.
         tested: the candidates with their sums.
         chosen: which of these is the first that is significant.
     """
@@ -77,7 +80,7 @@ class Asked:
     place: int | None
     record: str | None
     several: int
-    candidates: list[Candidate] = field(default_factory=list)
+    candidates: Sequence[Candidate] = ()
     joint: bool = False
     tested: list[tuple[Candidate, Exact]] = field(default_factory=list)
     chosen: int = 0
@@ -91,10 +94,6 @@ class _Seen:
     numbers: list[int]
     names: list[str]
     places: Mapping[Departure, list[Places]]
-
-
-#: Of a departure, numbers and names of records with the sums of one place in each.
-_Joint = dict[Departure, list[tuple[list[int], list[str], Exact]]]
 
 
 def of_records(groups: Iterable[Group], scale: Scale, uncertainty: FloatArray) -> list[Found]:
@@ -125,10 +124,8 @@ def of_records(groups: Iterable[Group], scale: Scale, uncertainty: FloatArray) -
         if departure.pooled:
             continue
         several = len(kinds) * count * (2 if departure.together else 1)
-        here = [each for one in seen for each in _of_each(fit, departure, one, several)]
-        if departure.together and _may_be_joint(fit, departure, seen, quietest, 2 * len(kinds)):
-            asked.append(Asked(departure, None, None, 2 * len(kinds), [Candidate("")], joint=True))
-        asked += here
+        every = _of_every(fit, departure, seen, several) if departure.together else []
+        asked += every or [each for one in seen for each in _of_each(fit, departure, one, several)]
     asked = [one for one in asked if one.candidates]
     return _tested(groups, scale, fit, asked) if asked else []
 
@@ -166,50 +163,60 @@ def _of_each(fit: LinearFit, departure: Departure, seen: _Seen, several: int) ->
     return [Asked(departure, number, name, several * many, _first(some)) for number, name, many, some in every if some]
 
 
-def _may_be_joint(fit: LinearFit, departure: Departure, seen: Sequence[_Seen], quietest: float, several: int) -> bool:
-    """Whether the first places of all records could be significant together."""
-    first = [one.places[departure][0].sums.at((slice(None), 0)) for one in seen if one.places[departure]]
-    if not first:
-        return False
-    explained, columns = JointSums.of(fit, Sums.joined(first)).explained
-    chance = MARGIN * FALSE_ALARMS / several
-    return bool(fit.may_be(np.array([explained]), np.array([columns]), np.array(quietest), chance)[0])
+def _of_every(fit: LinearFit, departure: Departure, seen: Sequence[_Seen], several: int) -> list[Asked]:
+    """Ask all records, where their first places could be significant together: T add up beside own parameters."""
+    total, columns, asked = 0.0, 0, list[Asked]()
+    for one in seen:
+        for first in one.places[departure][:1]:
+            explained, number = fit.explained(first.sums.at((slice(None), 0)).within(one.own, fit.inverse))
+            total += float(np.sum(explained))
+            columns += int(np.sum(number))
+            for record in zip(one.numbers, one.names, strict=True):
+                asked.append(Asked(departure, *record, several, first.candidates[:1], joint=True))
+    maybe = fit.may_be(np.array([total]), np.array([columns]), np.ones(1), MAX_NOT_ASKED)
+    return asked if maybe[0] else []
 
 
 def _tested(groups: Iterable[Group], scale: Scale, fit: LinearFit, asked: Sequence[Asked]) -> list[Found]:
     """The tests of what the bound leaves, in one pass over the groups."""
-    spread, common = np.zeros_like(fit.normal), None
-    joint: _Joint = {}
+    spreads, commons = list[FloatArray](), list[FloatArray]()
     for group in groups:
-        profiles, known = group.spread
-        spread = spread + np.sum(profiles, axis=0)
-        common = np.sum(known, axis=0) if common is None else common + np.sum(known, axis=0)
+        for made, part in zip((spreads, commons), group.spread, strict=True):
+            made.append(np.sum(part, axis=0))
         for one in asked:
-            _ask(one, group, scale, fit, joint)
+            _ask(one, group, scale, fit)
         del group
-    fit = replace(fit, spread=spread, common=common)
-    found = list[Found]()
-    together = set[Departure]()
-    for departure, parts in joint.items():
-        every = _of_together(fit, departure, parts)
-        found += every
-        together |= {departure} if every else set()
-    for one in asked:
-        best = None if one.joint or one.departure in together else best_of(fit, one)
-        found += [] if best is None else [best]
-    return found
+    fit = replace(fit, spread=np.sum(spreads, axis=0), common=np.sum(commons, axis=0))
+    kinds = dict.fromkeys(one.departure for one in asked)
+    every = [_found(fit, [one for one in asked if one.departure is departure]) for departure in kinds]
+    return [one for found in every for one in found]
 
 
-def _ask(one: Asked, group: Group, scale: Scale, fit: LinearFit, joint: _Joint) -> None:
+def _found(fit: LinearFit, asked: Sequence[Asked]) -> list[Found]:
+    """What is significant of a departure: in all records together, or in each."""
+    if asked[0].joint and (together := _together(fit, asked)):
+        return together
+    bests = [best_of(fit, one) for one in asked]
+    return [best for best in bests if best is not None]
+
+
+def _together(fit: LinearFit, asked: Sequence[Asked]) -> list[Found]:
+    """All records, where these show a departure together, each with amounts of its own; else none."""
+    tests = [(one, fit.test(one.tested[0][1])) for one in asked if one.tested]
+    scores = [(one, score) for one, score in tests if score is not None and score.chance < 1.0]
+    if not scores:
+        return []
+    columns = sum(score.columns for _, score in scores)
+    statistic, explained = (sum(getattr(score, name) for _, score in scores) for name in ("statistic", "explained"))
+    told = min(score.told for _, score in scores)
+    chance = fit.chance(statistic, explained + columns, columns, told) * 2 * len(DEPARTURES.all())
+    if chance >= FALSE_ALARMS:
+        return []
+    return [Found(one.departure, one.tested[0][0], score, chance, one.place, one.record) for one, score in scores]
+
+
+def _ask(one: Asked, group: Group, scale: Scale, fit: LinearFit) -> None:
     """Add what a group says of the candidates of a departure."""
-    if one.joint:
-        places = one.departure.places(group, scale)
-        if places:
-            candidate = places[0].candidates[0]
-            _, sums = _exact(one.departure, candidate, group, scale)
-            names = [record.name for record in group.records]
-            joint.setdefault(one.departure, []).append((group.numbers.tolist(), names, sums))
-        return
     places = group.numbers.tolist()
     if one.place is not None and one.place not in places:
         return
@@ -245,20 +252,3 @@ def best_of(fit: LinearFit, asked: Asked) -> Found | None:
         chance = score.chance * asked.several
         return Found(asked.departure, candidate, score, chance, asked.place, asked.record)
     return None
-
-
-def _of_together(
-    fit: LinearFit, departure: Departure, parts: Sequence[tuple[list[int], list[str], Exact]]
-) -> list[Found]:
-    """All records, where these show a departure together that has one place in each; else none."""
-    sums = Exact.joined([sums for *_, sums in parts])
-    chance = joint_chance(fit, sums) * 2 * len(DEPARTURES.all())
-    if chance >= FALSE_ALARMS:
-        return []
-    records = [pair for numbers, names, _ in parts for pair in zip(numbers, names, strict=True)]
-    scores = [fit.test(sums.at(at)) for at in range(len(records))]
-    return [
-        Found(departure, Candidate(""), score, chance, number, name)
-        for (number, name), score in zip(records, scores, strict=True)
-        if score is not None
-    ]

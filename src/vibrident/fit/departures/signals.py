@@ -143,7 +143,8 @@ def group_of(
         departing: columns of departures that are known, shape (R, m, K); None of none.
     """
     samples = every[0].used.size
-    part = slice(1, max(one.last for one in every) + 1)
+    bins = max(one.last for one in every) if departing is None else departing.shape[2]
+    part = slice(1, bins + 1)
     level = np.stack([one.level[part] for one in every])
     counted = np.stack([one.counted[part] for one in every])
     gain = np.where(counted, np.sqrt(2.0 / samples / level), 0.0)

@@ -95,11 +95,6 @@ class Sums:
     def __add__(self, other: Self) -> Self:
         return self._each(lambda name, part: part + getattr(other, name))
 
-    @classmethod
-    def joined(cls, every: Sequence[Self]) -> Self:
-        """Return those of the records of several groups, along the first axis."""
-        return every[0]._each(lambda name, _: np.concatenate([getattr(one, name) for one in every]))
-
     def some(self, kept: Sequence[int]) -> Self:
         """Return those of some of the columns."""
         columns = list(kept)

@@ -29,6 +29,7 @@ class Drift(WithoutMotion):
     name: ClassVar[str] = "drift"
     code: ClassVar[WarningCode] = "drift"
     pooled: ClassVar[bool] = False
+    within: ClassVar[bool] = True
     together: ClassVar[bool] = True
     nuisance: ClassVar[bool] = True
 
