@@ -10,6 +10,7 @@ degrees of freedom less as there are parameters.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy import fft
@@ -96,7 +97,8 @@ def band_factors(bins: Weighed, *, sine: bool, least: FloatArray | float = 0.0) 
     floor = np.maximum(variance * uneven, lowest)
     squares *= variance / floor
     place, freedom = moment / np.maximum(power, 1e-300), np.full(len(rho), even * noise_freedom(bins))
-    return Factors(*(each[kept] for each in (place, rho, np.sqrt(floor), squares, freedom, own)))
+    every: tuple[Any, ...] = (place, rho, np.sqrt(floor), squares, freedom, own)
+    return Factors(*(each[kept] for each in every))
 
 
 def noise_freedom(bins: Weighed) -> float:
@@ -136,8 +138,8 @@ def _scores(
         nuisances = bins.nuisances(part)
         left[part] -= amounts @ nuisances
         common[:, begin : begin + chunk] = np.add.reduceat(turned[part] * nuisances, some[:-1] - some[0], axis=1)
-    real, imaginary = inverse @ common.real, inverse @ common.imag
-    pairs = (common.real, real), (common.imag, imaginary), (common.real, imaginary)
+    real, imaginary = np.real(common), np.imag(common)
+    pairs = (real, inverse @ real), (imaginary, inverse @ imaginary), (real, inverse @ imaginary)
     spent = [np.sum(one * other, axis=0) for one, other in pairs]
     return left, _sums(weight * power_of(motion), edges), _sums(turned * left, edges), spent
 
