@@ -159,6 +159,8 @@ def _while_moving(
 ) -> tuple[FloatArray | float, float]:
     """Return the noise power while each band moves over its mean, shape (bands,), and how even it is in time.
 
+    The first is at least one.
+
     A sweep passes a band in a moment; where noise grows within the record, that moment is not as noisy as the rest.
 
     Args:
@@ -184,6 +186,5 @@ def _while_moving(
     moves = total[:, np.minimum(end, total.shape[1] - 1)] - total[:, first]
     shares = moves / np.maximum(np.sum(moves, axis=0), 1e-300)
     mean = float(np.mean(profile))
-    uneven = np.mean(pieces[1], axis=1) @ shares / mean
-    # The stretches do not resolve the lowest bands: what is in them may be from either end of the record.
-    return np.where(first >= 2, uneven, 1.0), mean**2 / float(np.mean(profile**2))
+    # What leaks into a band is of all the record, wherever the band moves: no quieter than the mean.
+    return np.maximum(np.mean(pieces[1], axis=1) @ shares / mean, 1.0), mean**2 / float(np.mean(profile**2))
