@@ -52,9 +52,10 @@ def test_no_other_solution_is_named_where_the_data_choose():
 @pytest.mark.parametrize("case", ["10 points, no u, no phase", "100 points, u, no phase"])
 def test_what_is_hardly_determined_takes_others_with_it(case):
     """Magnitudes under an average over time show hardly anything of a resonance far above the band: its damping ratio,
-    well determined where the fit ends, is far from the truth, and so is what is derived from them."""
+    well determined where the fit ends, is far from the truth, which its interval holds."""
     trial = BY_NAME[f"table/far-light+boxcar/{case}"].trial(16)
     result = identify(trial.calibration(), trial.model)
     damping, said = result.parameters["damping_ratio"], [w.message for w in result.warnings]
-    assert abs(damping.value - trial.truth["damping_ratio"]) > 4.0 * (damping.standard_uncertainty or np.inf)
-    assert len([text for text in said if "Another solution" in text and "damping ratio" in text]) == 1
+    low, high = damping.interval_95
+    assert (low or 0.0) <= trial.truth["damping_ratio"] <= (high or np.inf)
+    assert any("determine the damping ratio" in text for text in said)

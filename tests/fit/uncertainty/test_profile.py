@@ -67,7 +67,8 @@ def test_a_parabola_has_the_ends_of_its_covariance(rng):
 
 def test_what_the_profile_widens_is_said():
     """Magnitudes far below a damped resonance: damping may be zero, and fn is told with its interval."""
-    _, calibration = table_of(np.random.default_rng(5), False, 3.0, 0.4, 2e-3)
+    _, calibration = table_of(np.random.default_rng(2), False, 3.0, 0.4, 2e-3)
     result = vibrident.identify(calibration)
     said = [w.message for w in result.warnings if w.code == "weakly_determined"]
-    assert any("natural frequency" in text and "profile likelihood" in text for text in said)
+    (natural,) = [text for text in said if "determine the natural frequency" in text]
+    assert "profile likelihood" in natural

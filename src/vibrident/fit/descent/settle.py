@@ -32,6 +32,8 @@ ROUGH = 0.1
 FINE = 1e-3
 #: V of a start that leaves nothing but noise, a multiple of the number of bins that count.
 ENOUGH = 1.5
+#: V of an estimate that is astray, in the noise known without a model, over the least there.
+ASTRAY = 2.0
 #: Least part of the information that stays beside what noise of the reference makes up.
 MIN_INFORMATION = 0.2
 
@@ -149,8 +151,20 @@ def descend(
     return Descended(band, coordinates, trace, at)
 
 
-def settle(starts: Sequence[Descended], look: Look, progress: Progress) -> Settled:
-    """Go on from the best of descents until noise and estimate stay."""
+def settle(
+    starts: Sequence[Descended], look: Look, first: Weighting, progress: Progress
+) -> Settled:
+    """Go on from the best of descents until noise and estimate stay.
+
+    A wrong model makes noise of its own where the motion is, and the weights then follow quiet
+    bins. An estimate that leaves far more in the noise known without a model is not taken.
+
+    Args:
+        starts: where the start values lead in that noise.
+        look: what the records say before any model.
+        first: the noise known without a model.
+        progress: called after each iteration.
+    """
     best = min(starts, key=lambda descended: descended.at.cost)
     band = best.band
     coordinates = best.coordinates
@@ -170,6 +184,14 @@ def settle(starts: Sequence[Descended], look: Look, progress: Progress) -> Settl
         places = at.groups
         if number > 0 and moved < SETTLED:
             break
+    moved_band = band.beside(best.band.tones, edges=best.band.edges)
+    there = iterate(moved_band, coordinates, first.of_groups(moved_band), z)
+    if not there.cost <= ASTRAY * best.at.cost:
+        weighting = read_weighting(best.band, best.at.groups, look.heard)
+        band = weighting.beside(best.band)
+        z = best.z
+        at = iterate(band, coordinates, weighting.of_groups(band), z)
+        trace = best.trace
     return _stated(band, coordinates, z, at, trace, weighting)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 
@@ -51,14 +51,17 @@ def train(evidence: Evidence, method: Method, progress: Progress) -> Settled:
         look = look_at(band)
     band = band.within(look.band_hz[1])
     look = look_at(band)
-    if evidence.start is not None:
-        starts = [dict(evidence.start)]
-    else:
+    weighting = _without_model(band, look)
+
+    def starts() -> Iterator[dict[str, float]]:
+        if evidence.start is not None:
+            yield dict(evidence.start)
         more = model.has_delay or len(model.parameters) > len(model.core.parameters)
-        found = candidates(band, look, STARTS if more else FEW_STARTS)
-        starts = [candidate.values for candidate in found]
-    ends = _descended(evidence, band, look, starts, progress)
-    return settle(ends, look, progress)
+        for candidate in candidates(band, look, STARTS if more else FEW_STARTS):
+            yield candidate.values
+
+    ends = _descended(evidence, band, look, weighting, starts(), progress)
+    return settle(ends, look, weighting, progress)
 
 
 def _before(evidence: Evidence) -> dict[str, float]:
@@ -85,11 +88,11 @@ def _descended(
     evidence: Evidence,
     band: Band,
     look: Look,
-    starts: list[dict[str, float]],
+    weighting: Weighting,
+    starts: Iterable[dict[str, float]],
     progress: Progress,
 ) -> list[Descended]:
     """Return where the starts lead in the noise that is known without a model."""
-    weighting = _without_model(band, look)
     ends: list[Descended] = []
     reason: Exception = NotConverged(NOT_FINITE)
     count = sum(float(np.sum(weight > 2.0 * MIN_WEIGHT * np.max(weight))) for weight in look.weights)

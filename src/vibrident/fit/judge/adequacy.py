@@ -138,7 +138,7 @@ def weighed_records(
     ``predicted``: response of each record, NaN where it is not defined.
     """
     problem, network, step = estimate.problem, estimate.findings.network, np.zeros(len(estimate.z))
-    by_bins = isinstance(problem, BinProblem) and estimate.criterion == "samples" and network is not None
+    by_bins = isinstance(problem, BinProblem) and estimate.criterion == "samples"
     size = [max(float(np.std(record.response[record.mask])), TINY) for record in evidence.records]
     units = network.noise.tolist() if by_bins and network is not None else size
     if by_bins and len(estimate.weighed) == len(evidence.records):
@@ -146,7 +146,7 @@ def weighed_records(
         return
     for some in together(evidence.records):
         numbers = range(len(evidence.records))[some]
-        if by_bins:
+        if isinstance(problem, BinProblem) and by_bins and network is not None:
             lines = problem.lines(estimate.z, estimate.coordinates, network.noise, some)
         else:
             lines = [bins_of_series(evidence.records[i], predicted[i], units[i], len(step)) for i in numbers]

@@ -57,8 +57,9 @@ def document(fitted: Fitted, rows: Sequence[BudgetRow], more: Sequence[ResultWar
     table = parameter_table(coordinates, estimate.z, total, freedom, unit_fields(calibration), weak)
     profile = _profile(fitted, by_data, coverage_factor(freedom))
     if profile is not None:
-        table, said = with_profile(table, profile, coordinates, total - by_data, coverage_factor(freedom))
-        doubts += said
+        table, widened = with_profile(table, profile, coordinates, total - by_data, coverage_factor(freedom))
+        doubts = [w for w in doubts if not any(f"determine the {in_words(name)}:" in w.message for name in widened)]
+        doubts += [ResultWarning("weakly_determined", text) for text in widened.values()]
     warnings = _warnings(fitted, table, [w for one in fitted.told for w in one.warnings] + doubts + list(more), scope)
     response, measured = _curves(fitted, total)
     points = point_budget(measured, fitted.effects, fitted.linear)

@@ -301,12 +301,3 @@ def _sums(
     products = (power_of(reference), power_of(response), response * np.conj(reference))
     first, second, both = (np.add.reduceat(lines[: edges[-1]], edges[:-1]) for lines in products)
     return first, second, both
-
-
-def power_and_coherence(
-    reference: ComplexArray, response: ComplexArray, edges: NDArray[np.int_]
-) -> tuple[FloatArray, FloatArray]:
-    """Mean of |X|², and |Σ Y X*|²/(Σ|X|² Σ|Y|²), over the lines of each band."""
-    total, answered, cross = _sums(reference, response, edges)
-    both = total * answered
-    return total / np.diff(edges), np.divide(power_of(cross), both, out=np.zeros_like(both), where=both > 0)

@@ -34,11 +34,6 @@ def probability(chi2: float, degrees: int) -> float:
     return chi2_tail(degrees, chi2) if degrees > 0 else 1.0
 
 
-def rejected(chi2: float, degrees: int) -> bool:
-    """Whether the model is rejected."""
-    return probability(chi2, degrees) < REJECTION
-
-
 def chance_of(points: FloatArray, degrees: int, beside: float = 0.0) -> float:
     """Chance of points at least as far from a right model, by their sum or by the furthest of them (Bonferroni).
 

@@ -4,9 +4,9 @@ Two sources. Some parameters give exactly the same response (:mod:`vibrident.phy
 which is said where the others mean another sensor, or where noise decides between the labels. And the search for start
 values met other optima: each is brought down the residual of the points once more, and counts where it explains them as
 well. Two modes beyond the band trade against each other along a curved valley, which leads further than the standard
-uncertainties say, as these know its direction at the estimate alone. So does, in any model, what is hardly determined,
-and takes others with it. There each parameter in turn is held far from its estimate and the others follow (the profile
-likelihood; Venzon & Moolgavkar 1988): what fits as well is a solution, too.
+uncertainties say, as these know its direction at the estimate alone. There each parameter in turn is held far from
+its estimate and the others follow: what fits as well is a solution, too. In other models the interval of what is hardly
+determined says as much (:mod:`vibrident.fit.uncertainty.profile`).
 """
 
 from __future__ import annotations
@@ -62,9 +62,9 @@ def other_solutions(
     chart = LogCoordinates(
         model, quantity, sought.frequency_hz, 1.0 / (2.0 * np.pi * float(np.max(sought.frequency_hz)))
     )
-    along = [one for one in _along_the_valley(chart, differences(sought), solution) if one[0] < ALIKE]
-    # Of what is hardly determined one other solution says enough.
-    found = [*_met(chart, differences(sought), solution, begin), *(along if model.shares else along[:1])]
+    found = list(_met(chart, differences(sought), solution, begin))
+    if model.shares:
+        found += _along_the_valley(chart, differences(sought), solution)
     named: list[Mapping[str, float]] = [values]
     for more, other in found:
         mine = canonical(model, other)
@@ -90,15 +90,9 @@ def _met(
 def _along_the_valley(
     chart: LogCoordinates, goal: Residual, solution: Solution
 ) -> Iterator[tuple[float, dict[str, float]]]:
-    """As :func:`_met`, the furthest first: optima with one parameter held six of its u away.
-
-    Of two modes those that are not weak parameters; of any other model those that are.
-    """
-    model = chart.model
+    """As :func:`_met`, the furthest first: optima with one parameter that is not weak held six of its u away."""
     u, sign = chart.place(dict(solution.values))
     above, _ = chart.place({name: value + solution.uncertainty[name] for name, value in solution.values.items()})
-    if not model.shares and np.all(np.abs(above - u) < WEAK):
-        return
     first = descend(chart, u[None], np.array([sign]), goal, 0)
     here = descend(chart, u[None], np.array([sign]), goal, STEPS)
     if not np.isfinite(first.cost[0]):
@@ -108,8 +102,7 @@ def _along_the_valley(
     covariance = inverse_normal(information_at(chart, here.u, here.sign, goal)[0])
     spread = np.sqrt(np.diag(covariance))
     stated = np.maximum(np.abs(above - u), spread)
-    tried = np.flatnonzero((stated < WEAK) == bool(model.shares))
-    turns = [(k, side) for k in tried.tolist() for side in (-6.0, 6.0)]
+    turns = [(k, side) for k in np.flatnonzero(stated < WEAK).tolist() for side in (-6.0, 6.0)]
     if not turns:
         return
     # The others begin where they would follow along a straight line.

@@ -10,6 +10,7 @@ degrees of freedom less as there are parameters.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy import fft
@@ -35,8 +36,6 @@ MIN_EIGENVALUE = 1e-3
 FREE_SHARE = 0.875
 #: Stretches of a record, each half the next one's too, in which its bands move.
 STRETCHES = 15
-#: Least part of a stretch's degrees of freedom beside the factors that tells its noise.
-MIN_KEPT = 0.5
 #: Noise changes with time where chance makes its stretches as uneven with less than this probability.
 STEADY_CHANCE = 1e-3
 
@@ -98,7 +97,8 @@ def band_factors(bins: Weighed, *, sine: bool, least: FloatArray | float = 0.0) 
     floor = np.maximum(variance * uneven, lowest)
     squares *= variance / floor
     place, freedom = moment / np.maximum(power, 1e-300), np.full(len(rho), even * noise_freedom(bins))
-    return Factors(*(each[kept] for each in (place, rho, np.sqrt(floor), squares, freedom, own)))
+    every: tuple[Any, ...] = (place, rho, np.sqrt(floor), squares, freedom, own)
+    return Factors(*(each[kept] for each in every))
 
 
 def noise_freedom(bins: Weighed) -> float:
@@ -138,8 +138,8 @@ def _scores(
         nuisances = bins.nuisances(part)
         left[part] -= amounts @ nuisances
         common[:, begin : begin + chunk] = np.add.reduceat(turned[part] * nuisances, some[:-1] - some[0], axis=1)
-    real, imaginary = inverse @ common.real, inverse @ common.imag
-    pairs = (common.real, real), (common.imag, imaginary), (common.real, imaginary)
+    real, imaginary = np.real(common), np.imag(common)
+    pairs = (real, inverse @ real), (imaginary, inverse @ imaginary), (real, inverse @ imaginary)
     spent = [np.sum(one * other, axis=0) for one, other in pairs]
     return left, _sums(weight * power_of(motion), edges), _sums(turned * left, edges), spent
 
@@ -159,6 +159,8 @@ def _while_moving(
 ) -> tuple[FloatArray | float, float]:
     """Return the noise power while each band moves over its mean, shape (bands,), and how even it is in time.
 
+    The first is at least one.
+
     A sweep passes a band in a moment; where noise grows within the record, that moment is not as noisy as the rest.
 
     Args:
@@ -167,31 +169,22 @@ def _while_moving(
         motion: whitened.
         edges: of the bands.
     """
-    n = bins.record.samples
+    n, used = bins.record.samples, bins.record.used
+    profile = slow_profile(np.asarray(fft.irfft(rest, n)), used)
+    level = profile[:: max(n // (STRETCHES + 1), 1)]
+    freedom = 2.0 * float(np.count_nonzero(rest)) / len(level)
+    if chi2_tail(len(level) - 1, 0.5 * freedom * float(np.sum((level / np.mean(level) - 1.0) ** 2))) > STEADY_CHANCE:
+        return 1.0, 1.0
     length = 2 * (n // (STRETCHES + 1))
     begins = np.arange(STRETCHES + 2) * (length // 2)  # from half a stretch before the record on
     moved = np.pad(np.asarray(fft.irfft(motion, n)), length // 2 + 1)
-    lines = power_of(np.asarray(fft.rfft(sliding_window_view(moved, length)[begins] * hann(length))))
+    around = np.pad(profile, length // 2 + 1, mode="edge")
+    pieces = [sliding_window_view(each, length)[begins] for each in (moved, around)]
+    lines = power_of(np.asarray(fft.rfft(pieces[0] * hann(length))))
     total = np.cumsum(np.pad(lines, ((0, 0), (1, 0))), axis=1)
     first, end = edges[:-1] * length // n, -(-edges[1:] * length // n)
     moves = total[:, np.minimum(end, total.shape[1] - 1)] - total[:, first]
     shares = moves / np.maximum(np.sum(moves, axis=0), 1e-300)
-    # The factors take two degrees of freedom a band from where it moves: of a shock, all of a stretch.
-    numbers = 2.0 * float(np.count_nonzero(rest))
-    kept = 1.0 - 2.0 * np.sum(shares, axis=1) * len(begins) / max(numbers, 1.0)
-    told = np.interp(np.arange(n), begins, kept)
-    profile = slow_profile(np.asarray(fft.irfft(rest, n)), bins.record.used)
-    known = told > MIN_KEPT
-    if not known.any():
-        return 1.0, 1.0
-    profile = np.divide(profile, told, out=np.zeros_like(profile), where=known)
-    profile[~known] = np.mean(profile[known])
-    level = profile[:: max(n // (STRETCHES + 1), 1)]
-    freedom = numbers / len(level)
-    if chi2_tail(len(level) - 1, 0.5 * freedom * float(np.sum((level / np.mean(level) - 1.0) ** 2))) > STEADY_CHANCE:
-        return 1.0, 1.0
-    around = sliding_window_view(np.pad(profile, length // 2 + 1, mode="edge"), length)[begins]
     mean = float(np.mean(profile))
-    uneven = np.mean(around, axis=1) @ shares / mean
-    # The stretches do not resolve the lowest bands: what is in them may be from either end of the record.
-    return np.where(first >= 2, uneven, 1.0), mean**2 / float(np.mean(profile**2))
+    # What leaks into a band is of all the record, wherever the band moves: no quieter than the mean.
+    return np.maximum(np.mean(pieces[1], axis=1) @ shares / mean, 1.0), mean**2 / float(np.mean(profile**2))

@@ -12,12 +12,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vibrident.data.records import FloatArray
+from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.problem import Coordinates
 from vibrident.fit.problem.frequency_domain import FrequencyProblem
 from vibrident.fit.uncertainty.parameters import WEAK, at_end, deviations, sizes_of
 from vibrident.physics.naming import in_words
-from vibrident.result import Parameter, ResultWarning
+from vibrident.result import Parameter
 
 #: Steps of a descent beside the held coordinate; evaluations on the way to an end, and of the search for it.
 MAX_STEPS, MAX_OUTWARD, MAX_INWARD = 30, 14, 8
@@ -54,8 +54,7 @@ class Profile:
 
 def needs_profile(coordinates: Coordinates, z: FloatArray, covariance: FloatArray) -> bool:
     """Return whether a parameter is near its bound, or hardly determined: there χ² is no parabola."""
-    spread, kinds = deviations(covariance), [spec.kind for spec in coordinates.model.parameters]
-    positive = np.array([kind == "positive" for kind in kinds])
+    spread, positive = deviations(covariance), _positive(coordinates)
     weak = spread > WEAK * sizes_of(coordinates.model, z)
     return bool(np.any(weak | (positive & (np.abs(z) < NEAR * spread))) or at_end(coordinates, z))
 
@@ -72,6 +71,7 @@ def profile_of(
         covariance: of z, shape (p, p); of the first step outward.
         rise: of χ² at the ends.
     """
+    z = np.where(_positive(coordinates), np.abs(z), z)  # reflected at zero
     search = _Search(problem, coordinates, z, rise)
     p = len(z)
     ends = np.full((p, 2, p), np.nan)
@@ -84,10 +84,15 @@ def profile_of(
     return Profile(z, ends)
 
 
+def _positive(coordinates: Coordinates) -> BoolArray:
+    """Return which coordinates are reflected at zero, shape (p,)."""
+    return np.array([spec.kind == "positive" for spec in coordinates.model.parameters])
+
+
 def with_profile(
     table: Mapping[str, Parameter], profile: Profile, coordinates: Coordinates, more: FloatArray, coverage: float
-) -> tuple[dict[str, Parameter], list[ResultWarning]]:
-    """Return the parameters with the intervals of the profile where these are wider, and what is to be said of it.
+) -> tuple[dict[str, Parameter], dict[str, str]]:
+    """Return the parameters with the intervals of the profile where these are wider, and what to say of each.
 
     Args:
         table: of the parameters, by the covariance.
@@ -96,7 +101,7 @@ def with_profile(
         more: covariance of z by systematic effects, beside the data, shape (p, p).
         coverage: factor k of the intervals.
     """
-    model, found, warnings = coordinates.model, dict(table), list[ResultWarning]()
+    model, found, said = coordinates.model, dict(table), dict[str, str]()
     corners = [coordinates.values(point) for point in profile.points]
     for index, spec in enumerate(model.parameters):
         stated = table[spec.name]
@@ -106,13 +111,13 @@ def with_profile(
         beside = coverage * float(np.abs(coordinates.slopes(profile.z)[index]) * np.sqrt(max(more[index, index], 0.0)))
         found[spec.name] = wider = _widened(stated, ends, beside, coverage)
         if wider is not stated:
-            warnings.append(ResultWarning("weakly_determined", _said(spec.name, wider)))
+            said[spec.name] = _said(spec.name, wider)
     for quantity in model.derived(coordinates.values(profile.z)):
         values = [complex(quantity.value(corner)).real for corner in corners]  # no resonance: zero
         ends = [min(values, default=None), max(values, default=None)]
         known = all(found[name].standard_uncertainty is not None for name in quantity.needs)
         found[quantity.name] = _widened(table[quantity.name], ends if known else [None, None], 0.0, coverage)
-    return found, warnings
+    return found, said
 
 
 def _widened(stated: Parameter, ends: Sequence[float | None], beside: float, coverage: float) -> Parameter:
@@ -153,8 +158,7 @@ class _Search:
     def end(self, k: int, step: float) -> FloatArray | None:
         """Return the coordinates where χ² has risen, None where it does not up to the end of what is searched."""
         low, high = (float(edge[k]) for edge in self.coordinates.edges)
-        if self.coordinates.model.parameters[k].kind == "positive":
-            low, step = 0.0, step if self.z[k] >= 0.0 else -step
+        low = 0.0 if _positive(self.coordinates)[k] else low
         least, inner, cost = self._cost(self.z), self.z, 0.0
         for _ in range(MAX_OUTWARD):
             target = float(np.clip(inner[k] + step, low, high))
@@ -186,12 +190,12 @@ class _Search:
         """Return the optimum of the others, and its χ²."""
         free = np.arange(len(start)) != k
         begins = [np.where(free, start, target)]
-        kinds = np.array([spec.kind == "positive" for spec in self.coordinates.model.parameters])
+        kinds = _positive(self.coordinates)
         if np.any(kinds & free & (np.abs(start) < NUDGE)):
             begins.append(np.where(kinds & free, np.maximum(np.abs(start), NUDGE), begins[0]))
         return min((self._down(begin, free) for begin in begins), key=lambda found: found[1])
 
-    def _down(self, z: FloatArray, free: FloatArray) -> tuple[FloatArray, float]:
+    def _down(self, z: FloatArray, free: BoolArray) -> tuple[FloatArray, float]:
         """Descend by Levenberg and Marquardt in the free coordinates."""
         damping, (low, high) = 1e-3, self.coordinates.edges
         here = self.problem.normal(z, self.coordinates)
