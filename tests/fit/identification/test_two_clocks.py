@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
-from vibrident.fit.screening.clock_ratio import at_reference_clock, clock_offset
+from vibrident.fit.response.clock_ratio import at_reference_clock, clock_offset
 
 import vibrident
 from vibrident.data.records import Calibration, Record

@@ -152,7 +152,12 @@ def descend(
 
 
 def settle(
-    starts: Sequence[Descended], look: Look, first: Weighting, progress: Progress
+    starts: Sequence[Descended],
+    look: Look,
+    first: Weighting,
+    progress: Progress,
+    *,
+    explains: bool = True,
 ) -> Settled:
     """Go on from the best of descents until noise and estimate stay.
 
@@ -164,6 +169,8 @@ def settle(
         look: what the records say before any model.
         first: the noise known without a model.
         progress: called after each iteration.
+        explains: whether the best of the starts explains the records but for noise; if not, it is
+            the estimate: in the noise beside a misfit no other place is better.
     """
     best = min(starts, key=lambda descended: descended.at.cost)
     band = best.band
@@ -171,7 +178,7 @@ def settle(
     z = best.z
     places = best.at.groups
     trace = best.trace
-    for number in range(MAX_ROUNDS):
+    for number in range(MAX_ROUNDS if explains else 0):
         weighting = read_weighting(band, places, look.heard)
         band = weighting.beside(band)
         descended = descend(band, coordinates, z, weighting, FINE, progress)
@@ -186,7 +193,7 @@ def settle(
             break
     moved_band = band.beside(best.band.tones, edges=best.band.edges)
     there = iterate(moved_band, coordinates, first.of_groups(moved_band), z)
-    if not there.cost <= ASTRAY * best.at.cost:
+    if not explains or not there.cost <= ASTRAY * best.at.cost:
         weighting = read_weighting(best.band, best.at.groups, look.heard)
         band = weighting.beside(best.band)
         z = best.z

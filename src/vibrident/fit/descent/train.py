@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -17,11 +18,13 @@ from vibrident.fit.descent.settle import (
     descend,
     settle,
 )
-from vibrident.fit.descent.weighting import Weighting
+from vibrident.fit.descent.weighting import Weighting, brought
 from vibrident.fit.group.band import Band
+from vibrident.fit.noise.motion import lines_around
 from vibrident.fit.noise.spectrum import NoiseSpectrum
 from vibrident.fit.problem import Coordinates, Evidence
 from vibrident.fit.problem.bin_problem import BinProblem
+from vibrident.fit.response.transform import mean_around, power_of
 from vibrident.fit.start.at_bins import candidates, rough_delay
 from vibrident.fit.start.look import MIN_WEIGHT, Look, look_at
 from vibrident.physics.discretisation import Method
@@ -30,6 +33,10 @@ from vibrident.physics.models import SensorModel
 #: Starts that go down: of a model whose parameters are few and free, and of others.
 FEW_STARTS = 2
 STARTS = 4
+#: V over the number of numbers above which a model does not explain the records.
+MISFIT = 30.0
+#: Rounds in which the relative error of such a model is found.
+MODEL_ERROR_ROUNDS = 2
 
 
 def train(evidence: Evidence, method: Method, progress: Progress) -> Settled:
@@ -61,7 +68,74 @@ def train(evidence: Evidence, method: Method, progress: Progress) -> Settled:
             yield candidate.values
 
     ends = _descended(evidence, band, look, weighting, starts(), progress)
-    return settle(ends, look, weighting, progress)
+    most = MISFIT * 2.0 * _heard_bins(look)
+    explains = min(end.at.cost for end in ends) < most
+    if not explains:
+        for _ in range(MODEL_ERROR_ROUNDS):
+            best = min(ends, key=lambda end: end.at.cost)
+            wider = with_model_error(weighting, best, 2.0 * _heard_bins(look))
+            begins = [best.coordinates.values(best.z), *starts()]
+            ends = _descended(evidence, band, look, wider, begins, progress, every=True)
+    return settle(ends, look, weighting, progress, explains=explains)
+
+
+def _heard_bins(look: Look) -> float:
+    """Return the number of bins at which motion shows."""
+    return sum(
+        float(np.sum(weight > 2.0 * MIN_WEIGHT * np.max(weight))) for weight in look.weights
+    )
+
+
+def with_model_error(weighting: Weighting, end: Descended, squares: float) -> Weighting:
+    """Return the noise with a relative error of the model, the same at all bins, on top.
+
+    It is as large as the deviations of a descent demand (Mandel & Paule 1970), so that bins of
+    very little noise do not rule where no model suits.
+
+    Args:
+        weighting: the noise.
+        end: where a descent ended.
+        squares: what the weighted sum of squares should be.
+    """
+    samples = dict(weighting.samples)
+    powers: dict[int, FloatArray] = {}
+    residuals: dict[int, FloatArray] = {}
+    for at in end.at.groups:
+        response = power_of(at.group.response) / at.group.count[:, None]
+        rest = power_of(at.rows.residual) / at.group.count[:, None]
+        for row, number in enumerate(at.group.segments):
+            width = lines_around(response[row])
+            powers[number] = mean_around(response[row], width, 0)
+            residuals[number] = rest[row] * at.group.grid.counts * at.group.grid.samples
+
+    def total(error: float) -> float:
+        return sum(
+            float(np.sum(rest * spectra[number].excited / (spectra[number].psd + error * powers[number])))
+            for number, rest in residuals.items()
+        )
+
+    spectra = dict(weighting.spectra)
+    for at in end.at.groups:
+        for number in at.group.segments:
+            spectrum = spectra[number]
+            psd = brought(spectrum.psd, weighting.samples[number], at.group.grid)
+            excited = brought(spectrum.excited, weighting.samples[number], at.group.grid)
+            spectra[number] = replace(spectrum, psd=psd, excited=excited)
+            samples[number] = at.group.grid.samples
+    low, high = np.log(1e-30), 0.0
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if total(float(np.exp(middle))) > squares else (low, middle)
+    error = float(np.exp(high))
+    wider = {
+        number: replace(spectrum, psd=spectrum.psd + error * powers[number])
+        for number, spectrum in spectra.items()
+    }
+    nothing = {number: np.zeros_like(own.psd) for number, own in wider.items()}
+    wider = {
+        number: replace(own, input_noise_at=nothing[number]) for number, own in wider.items()
+    }
+    return Weighting(wider, nothing, samples)
 
 
 def _before(evidence: Evidence) -> dict[str, float]:
@@ -91,11 +165,13 @@ def _descended(
     weighting: Weighting,
     starts: Iterable[dict[str, float]],
     progress: Progress,
+    *,
+    every: bool = False,
 ) -> list[Descended]:
-    """Return where the starts lead in the noise that is known without a model."""
+    """Return where the starts lead in a noise; unless ``every``, up to one that explains all."""
     ends: list[Descended] = []
     reason: Exception = NotConverged(NOT_FINITE)
-    count = sum(float(np.sum(weight > 2.0 * MIN_WEIGHT * np.max(weight))) for weight in look.weights)
+    count = _heard_bins(look)
     for values in starts:
         coordinates = Coordinates.at(evidence.model, values, look.band_hz, evidence.response_size)
         try:
@@ -105,7 +181,7 @@ def _descended(
             reason = error
             continue
         ends.append(end)
-        if end.at.cost < ENOUGH * 2.0 * count:
+        if not every and end.at.cost < ENOUGH * 2.0 * count:
             break
     if not ends:
         raise reason

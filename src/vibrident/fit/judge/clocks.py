@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from vibrident.base.errors import VibridentError
-from vibrident.data.records import Record, SystematicEffect
+from vibrident.data.records import FloatArray, Record, SystematicEffect
 from vibrident.data.screening import Finding
 from vibrident.fit.departures.kinds.clocks import CLOCKS, slope_with_time
 from vibrident.fit.departures.score import LinearFit
@@ -108,20 +108,23 @@ def _step(fitted: Fitted) -> tuple[float, float] | None:
     tones = judgement.points[0] if judgement.tones is not None else None
     every: list[Own] = []
     total: Exact | None = None
+    spread: FloatArray | float = 0.0
+    common: FloatArray | float = 0.0
     for group in groups_of(evidence, estimate, judgement.predicted, tones):
         rows = group.freed(group.flat(slope_with_time(group, 0.0)))
         sums = group.exact_sums(rows, None).total()
         total = sums if total is None else total + sums
         every.append(group.own)
+        profiles, known = group.spread
+        spread = spread + np.sum(profiles, axis=0)
+        common = common + np.sum(known, axis=0)
     if total is None:
         return None
     fit = LinearFit.of(Own.joined(every), deviations(estimate.covariance))
     _, _, gram = fit.beside_parameters(total)
     share = gram[0, 1] / gram[1, 1] if gram[1, 1] > total.least[1] else 0.0
     turned = total.combined(np.array([[1.0, -share]]))
-    spread = np.zeros_like(fit.normal)
-    common = np.zeros((len(fit.normal), total.common.shape[-1]))
-    score = replace(fit, spread=spread, common=common).test(turned)
+    score = replace(fit, spread=np.asarray(spread), common=np.asarray(common)).test(turned)
     if score is None or score.statistic <= 0.0:
         return None
     change = float(score.amounts[0])
