@@ -15,8 +15,8 @@ from vibrident.fit.response.response import ComplexArray
 
 #: Bins in which shapes of a spectrum are compared, evenly spread over the logarithm of frequency.
 MAX_LOG_BINS = 160
-#: Bins on either side that a level is averaged over: this part of the band …
-AVERAGED_PART = 1 / 64
+#: Bins on either side that a level is averaged over: so many times the root of their number …
+AVERAGED_ROOTS = 1.5
 #: … and at least so many …
 MIN_AVERAGED_BINS = 24
 #: … of which the nearest, which are a tone's too, are left out.
@@ -27,7 +27,7 @@ MIN_POWER = 1e-300
 
 def averaged_bins(bins: int) -> int:
     """Return the number of bins on either side that a level is averaged over."""
-    return max(int(bins * AVERAGED_PART), MIN_AVERAGED_BINS)
+    return max(int(AVERAGED_ROOTS * bins**0.5), MIN_AVERAGED_BINS)
 
 
 def mean_around(

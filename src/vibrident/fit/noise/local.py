@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from vibrident.data.records import FloatArray
+from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import power_of
 
@@ -21,13 +21,15 @@ from vibrident.fit.response.transform import power_of
 BLOCK_BINS = 24
 #: Degrees of a polynomial in a block, and one: a quadratic.
 DEGREES = 3
+#: Chance that any block without motion counts as one with motion.
+FALSE_BLOCK = 1e-3
 #: Blocks on either side that a level is averaged over.
 NEIGHBOURS = 2
 
 
 def incoherent_level(
     signal: ComplexArray, motions: Sequence[ComplexArray]
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[FloatArray, BoolArray]:
     """Return the power of what has locally nothing in common with motions, and of the signal.
 
     Args:
@@ -35,15 +37,15 @@ def incoherent_level(
         motions: each of shape (R, K).
 
     Returns:
-        Level of each bin, shape (R, K), smooth over five blocks; and the chance that noise alone
-        has as much in common with the motions in each of B blocks, shape (R, B).
+        Level of each bin, shape (R, K), smooth over five blocks; and whether each of B blocks has
+        more in common with the motions than noise alone would, shape (R, B).
     """
     records, bins = signal.shape
     blocks = max((bins - 1) // BLOCK_BINS, 1)
     width = (bins - 1) // blocks
     if width < 2 * DEGREES * (len(motions) + 1) + 2:
         mean = np.mean(power_of(signal[:, 1:]), axis=1, keepdims=True)
-        return np.broadcast_to(mean, signal.shape), np.zeros((records, 0))
+        return np.broadcast_to(mean, signal.shape), np.zeros((records, 0), dtype=bool)
     place = np.linspace(-1.0, 1.0, width)
     powers = np.stack([np.ones(width), place, 1.5 * place**2 - 0.5])
     inner = slice(1, 1 + blocks * width)
@@ -61,16 +63,31 @@ def incoherent_level(
     level = squares / freedom
     shared = np.sum(power_of(rest), axis=-1)[..., 0] - squares
     share = np.clip(squares / np.maximum(squares + shared, 1e-300), 0.0, 1.0)
-    padded = np.pad(level, ((0, 0), (NEIGHBOURS, NEIGHBOURS)), mode="edge")
-    smooth = sum(padded[:, i : i + blocks] for i in range(2 * NEIGHBOURS + 1))
-    middles = 1.0 + width * (np.arange(blocks) + 0.5)
-    every = np.arange(bins)
-    log = np.log(np.maximum(np.asarray(smooth) / (2 * NEIGHBOURS + 1), 1e-300))
-    levels = np.stack([np.exp(np.interp(every, middles, own)) for own in log])
     # Of n − m complex numbers, m of them taken: 1 − γ² is Beta(n − m, m) by chance, m = 3.
     less = 1.0 - share
     chance = share**freedom * (1.0 + freedom * less * (1.0 + 0.5 * (freedom + 1.0) * less))
-    return levels, np.minimum(chance, 1.0)
+    # Where there is no motion the response lacks the noise of the reference: a level of its own.
+    moving = chance * chance.size < FALSE_BLOCK
+    log = np.log(np.maximum(_among(level, moving), 1e-300))
+    middles = 1.0 + width * (np.arange(blocks) + 0.5)
+    every = np.arange(bins)
+    levels = np.stack([np.exp(np.interp(every, middles, own)) for own in log])
+    return levels, moving
+
+
+def _among(level: FloatArray, moving: BoolArray) -> FloatArray:
+    """Return the mean of each block and those around that are alike in ``moving``, shape (R, B)."""
+    smooth = np.zeros_like(level)
+    for alike in (moving, ~moving):
+        sums = [
+            sum(
+                np.pad(part, ((0, 0), (NEIGHBOURS, NEIGHBOURS)))[:, i : i + level.shape[1]]
+                for i in range(2 * NEIGHBOURS + 1)
+            )
+            for part in (level * alike, alike.astype(float))
+        ]
+        smooth += np.where(alike, np.asarray(sums[0]) / np.maximum(np.asarray(sums[1]), 1.0), 0.0)
+    return smooth
 
 
 def _without(rows: ComplexArray, columns: ComplexArray) -> tuple[ComplexArray, FloatArray]:

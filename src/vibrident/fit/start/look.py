@@ -16,8 +16,6 @@ from vibrident.fit.response.transform import power_of
 HEARD = 10.0
 #: Part of its weight that a bin without motion keeps, so that the equations stay regular.
 MIN_WEIGHT = 1e-9
-#: Chance that any block of bins without motion counts as band.
-FALSE_BLOCK = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,10 +44,9 @@ def look_at(band: Band) -> Look:
     audible: dict[int, tuple[int, BoolArray]] = {}
     everywhere: list[FloatArray] = []
     for group in band.groups:
-        level, chance = incoherent_level(group.response, [group.inputs[:, 0]])
+        level, sure = incoherent_level(group.response, [group.inputs[:, 0]])
         heard = power_of(group.response) > HEARD * level
-        blocks = chance.shape[1]
-        sure = chance * chance.size < FALSE_BLOCK
+        blocks = sure.shape[1]
         if blocks:  # what leaks over from elsewhere is no motion
             place = (np.arange(group.grid.bins) - 1) // ((group.grid.bins - 1) // blocks)
             heard &= sure[:, np.clip(place, 0, blocks - 1)]
