@@ -77,7 +77,7 @@ def _motions(motion: Motion) -> list[BinsAt]:
     """Return what a residual must have nothing in common with: the prediction, the reference."""
     if motion.reference is None:
         return [motion.predicted]
-    return [motion.predicted, motion.reference.__getitem__]
+    return [motion.reference.__getitem__]
 
 
 def without_coherent(

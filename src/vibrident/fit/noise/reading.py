@@ -264,7 +264,8 @@ def _incoherent(rows: _Rows, log_through: FloatArray | None) -> _Read:
         motions = [rows.predicted]
         measured = power_of(rows.predicted)
     else:
-        motions = [rows.reference, rows.predicted]
+        # With the prediction beside it, what leaks into both would cancel and leave the noise.
+        motions = [rows.reference]
         measured = power_of(rows.predicted + rows.residual)
     measured[:, 0] = 0.0
     steep: FloatArray | float = 0.0

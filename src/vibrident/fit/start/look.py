@@ -6,10 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.group.band import Band
-from vibrident.fit.noise.local import incoherent_level
+from vibrident.fit.noise.local import BLOCK_BINS, incoherent_level
+from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import power_of
 
 #: A bin shows motion where the response's power is so many times the noise.
@@ -44,7 +46,11 @@ def look_at(band: Band) -> Look:
     audible: dict[int, tuple[int, BoolArray]] = {}
     everywhere: list[FloatArray] = []
     for group in band.groups:
-        level, sure = incoherent_level(group.response, [group.inputs[:, 0]])
+        motion = group.inputs[:, 0]
+        level, sure = incoherent_level(group.response, [motion])
+        # Noise of the reference is not in the response; at a lone tone it shows in nothing else.
+        felt, _ = incoherent_level(motion, [group.response])
+        level = level + felt * _gain_squared(group.response, motion)
         heard = power_of(group.response) > HEARD * level
         blocks = sure.shape[1]
         if blocks:  # what leaks over from elsewhere is no motion
@@ -67,3 +73,13 @@ def look_at(band: Band) -> Look:
     span = span if span.size else np.concatenate(everywhere)
     band_hz = float(np.min(span)), float(np.max(span))
     return Look(tuple(levels), tuple(weights), audible, band_hz)
+
+
+def _gain_squared(response: ComplexArray, motion: ComplexArray) -> FloatArray:
+    """Return the power of the response over that of the motion around each bin, shape (R, K)."""
+    sums = []
+    for rows in (response, motion):
+        power = power_of(rows)
+        power[:, 0] = power[:, 1]
+        sums.append(uniform_filter1d(power, min(BLOCK_BINS, power.shape[1]), axis=1))
+    return np.divide(sums[0], sums[1], out=np.zeros_like(sums[0]), where=sums[1] > 0.0)
