@@ -117,6 +117,7 @@ def read_weighting(
             group.grid.last - 1,
             colour,
             _heard_in(group, heard),
+            at.through * group.inputs[:, 0],
         )
         doubt = noise.doubt
         for row, number in enumerate(group.segments):

@@ -15,8 +15,8 @@ from vibrident.fit.response.response import ComplexArray
 
 #: Bins in which shapes of a spectrum are compared, evenly spread over the logarithm of frequency.
 MAX_LOG_BINS = 160
-#: Bins on either side that a level is averaged over: so many roots of their number …
-AVERAGED_ROOTS = 1.0
+#: Bins on either side that a level is averaged over: so many times the root of their number …
+AVERAGED_ROOTS = 0.9
 #: … and at least so many …
 MIN_AVERAGED_BINS = 24
 #: … of which the nearest, which are a tone's too, are left out.

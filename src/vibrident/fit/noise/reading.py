@@ -101,6 +101,7 @@ class _Rows(NamedTuple):
     count: FloatArray
     floor: FloatArray
     heard: BoolArray | None
+    passed: ComplexArray
 
 
 class _InputNoise(NamedTuple):
@@ -143,6 +144,7 @@ def read_noise(
     last: int,
     colour: FloatArray | float = 1.0,
     heard: BoolArray | None = None,
+    passed: ComplexArray | None = None,
 ) -> GroupNoise:
     """Read the noise of records of one length and rate.
 
@@ -157,6 +159,8 @@ def read_noise(
         colour: g, power of the reference's noise over its mean, one or shape (K,).
         heard: bins at which motion shows in the response without any model, shape (R, K): there
             alone what is coherent with the motion is no noise. None: where the response is loud.
+        passed: H times the reference, bin by bin, shape (R, K); None: that is the prediction. With
+            initial states in it, what leaks into both would cancel, and leave the noise.
     """
     records, bins = residual.shape
     last = max(min(last, bins - 1), 1)
@@ -172,6 +176,7 @@ def read_noise(
             count[part, None],
             floor[part, None],
             None if heard is None else heard[part],
+            (predicted if passed is None else passed)[part],
         )
         parts.append(read(rows, last, colour))
     if len(parts) == 1:
@@ -264,8 +269,7 @@ def _incoherent(rows: _Rows, log_through: FloatArray | None) -> _Read:
         motions = [rows.predicted]
         measured = power_of(rows.predicted)
     else:
-        # With the prediction beside it, what leaks into both would cancel and leave the noise.
-        motions = [rows.reference]
+        motions = [rows.reference, rows.passed]
         measured = power_of(rows.predicted + rows.residual)
     measured[:, 0] = 0.0
     steep: FloatArray | float = 0.0
