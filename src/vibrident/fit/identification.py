@@ -11,7 +11,6 @@ import numpy as np
 from vibrident.data.records import Calibration
 from vibrident.data.screening.held import is_held_drive
 from vibrident.fit.decay import decays_alone, with_free_decays
-from vibrident.fit.descent.optimise import Progress
 from vibrident.fit.estimators import AUTO, Estimate, Estimator, choose
 from vibrident.fit.estimators.kinds.ipnn import Ipnn
 from vibrident.fit.judge.attempts import Fitted, Told
@@ -20,6 +19,7 @@ from vibrident.fit.judge.document import Uncertainty, document, own_rows
 from vibrident.fit.judge.refits import beside_departures, with_phase_scatter, without_dead_records
 from vibrident.fit.judge.remedy import with_remedy
 from vibrident.fit.judge.stairs import fit_stairs
+from vibrident.fit.optimise import Progress
 from vibrident.fit.problem import Evidence
 from vibrident.fit.registry import ESTIMATORS
 from vibrident.fit.uncertainty.budget import BudgetRow

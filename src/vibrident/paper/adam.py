@@ -9,7 +9,7 @@ import numpy as np
 from vibrident.base.backend import jax, jnp, optax
 from vibrident.base.participants import takes_part
 from vibrident.data.records import FloatArray
-from vibrident.fit.descent.optimise import Objective, Progress, Trace, silent
+from vibrident.fit.optimise import Objective, Progress, Trace, silent
 
 
 def adam(

@@ -17,11 +17,11 @@ import numpy as np
 from vibrident.base.backend import jax, jnp
 from vibrident.base.errors import ModelError
 from vibrident.data.records import FloatArray
-from vibrident.fit.descent.optimise import Progress, Trace, levenberg_marquardt, silent
 from vibrident.fit.descent.sandwich import hac_covariance
 from vibrident.fit.estimators import Estimate, Ipnn
 from vibrident.fit.estimators.findings import Findings
 from vibrident.fit.estimators.kinds.ipnn import require_records, trained_network
+from vibrident.fit.optimise import Progress, Trace, levenberg_marquardt, silent
 from vibrident.fit.problem import Coordinates, Evidence
 from vibrident.fit.problem.time_domain import TimeProblem
 from vibrident.physics.discretisation import Weights, method

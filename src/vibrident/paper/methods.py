@@ -10,8 +10,8 @@ import numpy as np
 
 from vibrident.base.errors import NotConverged
 from vibrident.data.records import FloatArray
-from vibrident.fit.descent.optimise import Progress, silent
 from vibrident.fit.estimators import Estimator, Ipnn, MaximumLikelihood
+from vibrident.fit.optimise import Progress, silent
 from vibrident.paper.black_box import Kind, fit_recurrent, predict_recurrent
 from vibrident.paper.dataset import Dataset, scored
 from vibrident.paper.estimators.lsm import LeastSquares

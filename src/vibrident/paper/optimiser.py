@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 from vibrident.base.errors import InputError
 from vibrident.data.records import FloatArray
-from vibrident.fit.descent.optimise import Progress, Trace
 from vibrident.fit.estimators.optimiser import Optimiser
+from vibrident.fit.optimise import Progress, Trace
 from vibrident.fit.problem import Coordinates, Evidence, NetworkProblem, network_objective
 
 

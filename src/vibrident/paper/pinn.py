@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vibrident.base.backend import jax, jnp
-from vibrident.fit.descent.optimise import Progress, silent
+from vibrident.fit.optimise import Progress, silent
 from vibrident.paper.dataset import Dataset, reference_of
 from vibrident.paper.training import Fitted, Schedule, train
 from vibrident.paper.unrolled import start_of_training

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from vibrident.fit.descent.optimise import Progress, silent
+from vibrident.fit.optimise import Progress, silent
 from vibrident.paper.training import Schedule
 
 

@@ -16,9 +16,9 @@ import numpy as np
 
 from vibrident.base.errors import NotConverged
 from vibrident.data.records import Calibration, FloatArray, Record
-from vibrident.fit.descent.optimise import Progress, levenberg_marquardt, silent
 from vibrident.fit.estimators import Estimator, Ipnn, MaximumLikelihood
 from vibrident.fit.estimators.residual_network import ResidualIpnn
+from vibrident.fit.optimise import Progress, levenberg_marquardt, silent
 from vibrident.fit.problem import Coordinates, network_objective, network_of
 from vibrident.paper.dataset import SENSOR, Dataset
 from vibrident.paper.estimators.lsm import LeastSquares

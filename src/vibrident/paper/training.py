@@ -14,7 +14,7 @@ import numpy as np
 
 from vibrident.base.backend import equinox as eqx
 from vibrident.base.backend import jax, jnp, lax, optax
-from vibrident.fit.descent.optimise import Progress, silent
+from vibrident.fit.optimise import Progress, silent
 
 Loss = Callable[[Any, Any], Any]
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from vibrident.base.backend import jax, jnp, lax
 from vibrident.data.records import FloatArray
-from vibrident.fit.descent.optimise import Progress, silent
+from vibrident.fit.optimise import Progress, silent
 from vibrident.fit.problem import Coordinates
 from vibrident.paper.dataset import Dataset, Seen, Windows, cut, scored, whole_records
 from vibrident.paper.training import Fitted, Schedule, train

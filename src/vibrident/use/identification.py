@@ -9,10 +9,10 @@ from vibrident.base.errors import InputError
 from vibrident.base.memory import in_one_thread
 from vibrident.base.participants import watching
 from vibrident.data.records import Calibration
-from vibrident.fit.descent.optimise import Progress, silent
 from vibrident.fit.estimators import AUTO, Estimator
 from vibrident.fit.identification import fit, identify_run
 from vibrident.fit.judge.document import Uncertainty
+from vibrident.fit.optimise import Progress, silent
 from vibrident.result import Result
 from vibrident.use.repeats import identify_runs, runs_of
 from vibrident.use.temperature import identify_temperatures, temperatures_of

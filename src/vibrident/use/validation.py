@@ -13,8 +13,8 @@ import numpy as np
 from vibrident.base.errors import VibridentError
 from vibrident.base.memory import in_one_thread
 from vibrident.data.records import BoolArray, Calibration, FloatArray
-from vibrident.fit.descent.optimise import Progress, silent
 from vibrident.fit.estimators import AUTO, Estimator
+from vibrident.fit.optimise import Progress, silent
 from vibrident.fit.response.response import ComplexArray
 from vibrident.physics.models import parse
 from vibrident.result import MeasuredCurve, Result

@@ -10,7 +10,7 @@ import vibrident
 from vibrident.base.errors import InputError, ModelError
 from vibrident.data.records import Calibration, Record
 from vibrident.fit.bins import RecordBins, transformable
-from vibrident.fit.descent.optimise import levenberg_marquardt
+from vibrident.fit.optimise import levenberg_marquardt
 from vibrident.fit.problem import BinProblem, Coordinates, network_objective
 from vibrident.fit.problem.time_domain import TimeProblem
 from vibrident.physics.discretisation import METHODS, method

@@ -10,7 +10,7 @@ from vibrident import Ipnn, LeastSquares, MaximumLikelihood
 from vibrident.base.backend import jnp
 from vibrident.data.records import Calibration
 from vibrident.fit.descent.geodesic import geodesic_steps
-from vibrident.fit.descent.optimise import levenberg_marquardt
+from vibrident.fit.optimise import levenberg_marquardt
 from vibrident.fit.problem import Coordinates, Evidence, Local, network_objective, network_of
 from vibrident.fit.problem.time_domain import TimeProblem, evaluate
 from vibrident.paper.adam import adam

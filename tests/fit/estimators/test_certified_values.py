@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from vibrident.base.backend import jax, jnp
-from vibrident.fit.descent.optimise import levenberg_marquardt
 from vibrident.fit.information import inverse_normal
+from vibrident.fit.optimise import levenberg_marquardt
 from vibrident.fit.problem import Local
 
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
-from vibrident.fit.response.clock_ratio import at_reference_clock, clock_offset
 
 import vibrident
 from vibrident.data.records import Calibration, Record
+from vibrident.fit.response.clock_ratio import at_reference_clock, clock_offset
 
 RATE_HZ, SAMPLES, FINER, BEFORE_S = 8000.0, 16000, 4, 0.05
 TRUE = {"sensitivity": 1.0, "natural_frequency": 900.0, "damping_ratio": 0.05}

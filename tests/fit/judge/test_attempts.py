@@ -8,11 +8,11 @@ from bench.adversary.cases import BY_NAME
 
 from vibrident import identify
 from vibrident.data.records import Calibration, Record
-from vibrident.fit.descent.optimise import Trace, silent
 from vibrident.fit.estimators import Estimate
 from vibrident.fit.estimators.findings import Findings, TrainedNetwork
 from vibrident.fit.judge import attempts
 from vibrident.fit.judge.adequacy import Judgement
+from vibrident.fit.optimise import Trace, silent
 from vibrident.fit.problem import Coordinates, Evidence
 from vibrident.fit.response import measure_bands
 from vibrident.fit.start.start import Start

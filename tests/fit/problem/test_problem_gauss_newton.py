@@ -13,7 +13,7 @@ from tests.support.unrolled import physical_residual
 
 from vibrident.base.backend import jax, jnp
 from vibrident.data.records import Record
-from vibrident.fit.descent.optimise import levenberg_marquardt
+from vibrident.fit.optimise import levenberg_marquardt
 from vibrident.fit.problem import BinProblem, Coordinates, network_objective
 from vibrident.fit.problem.time_domain import TimeProblem
 from vibrident.physics.discretisation import method

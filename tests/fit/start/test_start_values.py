@@ -8,9 +8,9 @@ import pytest
 import vibrident
 from vibrident.base.errors import ModelError, NotConverged
 from vibrident.data.records import Calibration, ResponseTable
-from vibrident.fit.descent.optimise import levenberg_marquardt
 from vibrident.fit.estimators import MaximumLikelihood
 from vibrident.fit.information import inverse_normal
+from vibrident.fit.optimise import levenberg_marquardt
 from vibrident.fit.problem import Coordinates, Evidence, FrequencyProblem
 from vibrident.fit.start.search import Population
 from vibrident.fit.start.start import _shortest_delay_first, find_start

@@ -53,7 +53,7 @@ class Busy:
         self._open.close()
 
     def __call__(self, iteration: int, most: int, cost: float) -> None:
-        """Show an optimiser's progress; see ``vibrident.fit.descent.optimise.Progress``."""
+        """Show an optimiser's progress; see ``vibrident.fit.optimise.Progress``."""
         self.tell(f"{self._what}: iteration {iteration} of at most {most}, cost {cost:.4g}", iteration, most)
 
     @property

@@ -11,7 +11,7 @@ from vibrident.base.errors import InputError
 
 if TYPE_CHECKING:
     from vibrident.data.records import Calibration
-    from vibrident.fit.descent.optimise import Progress
+    from vibrident.fit.optimise import Progress
     from vibrident.result import Result
 
 

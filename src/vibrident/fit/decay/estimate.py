@@ -15,9 +15,9 @@ from vibrident.base.errors import InputError, ModelError
 from vibrident.data.records import Calibration, FloatArray
 from vibrident.fit.decay.examine import Decays, drifts, examine, parts_of, verdict
 from vibrident.fit.decay.motion import DecayFit, oscillator_of
-from vibrident.fit.descent.optimise import Progress, silent
 from vibrident.fit.estimators import Estimate, Estimator
 from vibrident.fit.estimators.findings import Findings
+from vibrident.fit.optimise import Progress, silent
 from vibrident.fit.problem import Evidence
 from vibrident.physics.models import CORES, SensorModel
 from vibrident.physics.models.base import OSCILLATOR as NAMES

@@ -21,7 +21,7 @@ from vibrident.fit.decay.drift import SIGNIFICANT, significant_rise
 from vibrident.fit.decay.motion import DecayFit, Stretch, basis_of, fit, free_motion, motion_slopes, shortened, unit
 from vibrident.fit.decay.noise import WHITE, Noise, autoregression, tones_of
 from vibrident.fit.decay.release import free_stretch, trimmed, without_first
-from vibrident.fit.descent.optimise import Progress, silent
+from vibrident.fit.optimise import Progress, silent
 from vibrident.fit.response.verdict import REJECTION
 
 #: Stretches of time that are compared: at most this many, of at least so many samples.

@@ -25,8 +25,8 @@ import numpy as np
 
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.decay.noise import WHITE, Noise, tone_columns
-from vibrident.fit.descent.optimise import Progress, Trace, levenberg_marquardt, silent
 from vibrident.fit.information import inverse_normal
+from vibrident.fit.optimise import Progress, Trace, levenberg_marquardt, silent
 from vibrident.fit.problem import Coordinates, Local
 from vibrident.physics.models import SensorModel
 from vibrident.physics.models.base import OSCILLATOR as NAMES

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from vibrident.data.records import FloatArray
-from vibrident.fit.descent.optimise import LEAST_SHOWN, Bent
+from vibrident.fit.optimise import LEAST_SHOWN, Bent
 from vibrident.fit.problem import Coordinates, Evidence
 
 

@@ -14,11 +14,11 @@ import numpy as np
 
 from vibrident.data.records import FloatArray, Record
 from vibrident.fit.bins import BinsAt, RecordBins
-from vibrident.fit.descent.optimise import Bent
 from vibrident.fit.descent.sandwich import width
 from vibrident.fit.information import SMALLEST, inverse_where_shown, sandwich_covariance
 from vibrident.fit.noise.motion import NEAREST, MotionOf, through_of
 from vibrident.fit.noise.spectrum import TONES, NoiseSpectrum, noise_spectra
+from vibrident.fit.optimise import Bent
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import in_blocks, mean_around, power_of
 

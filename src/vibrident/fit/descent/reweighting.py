@@ -34,10 +34,10 @@ from vibrident.fit.descent.iterate import (
     finite,
     iterate_at,
 )
-from vibrident.fit.descent.optimise import Bent
 from vibrident.fit.noise.found import SpectralNoise, doubtful
 from vibrident.fit.noise.motion import NEAREST, motion_of
 from vibrident.fit.noise.spectrum import DOUBT, NoiseSpectrum
+from vibrident.fit.optimise import Bent
 from vibrident.fit.problem import Coordinates, NetworkProblem
 
 #: Evaluations of the network at most, straight on and along a valley.

@@ -9,7 +9,6 @@ import numpy as np
 
 from vibrident.data.records import FloatArray
 from vibrident.fit.descent.in_noise import GroupAt, GroupWeights, Iterate, iterate
-from vibrident.fit.descent.optimise import Progress, Trace, levenberg_marquardt
 from vibrident.fit.descent.sandwich import width
 from vibrident.fit.descent.weighting import Weighting, read_weighting
 from vibrident.fit.group.band import Band
@@ -18,6 +17,7 @@ from vibrident.fit.information import inverse_normal, sandwich_covariance
 from vibrident.fit.noise.found import SpectralNoise, doubtful
 from vibrident.fit.noise.motion import NEAREST
 from vibrident.fit.noise.spectrum import DOUBT
+from vibrident.fit.optimise import Progress, Trace, levenberg_marquardt
 from vibrident.fit.problem.coordinates import Coordinates
 from vibrident.fit.response.transform import mean_around, power_of
 from vibrident.fit.start.look import Look

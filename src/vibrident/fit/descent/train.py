@@ -9,7 +9,6 @@ import numpy as np
 
 from vibrident.base.errors import InputError, NotConverged
 from vibrident.data.records import FloatArray
-from vibrident.fit.descent.optimise import NOT_FINITE, Progress
 from vibrident.fit.descent.settle import (
     ENOUGH,
     ROUGH,
@@ -22,6 +21,7 @@ from vibrident.fit.descent.weighting import Weighting, brought
 from vibrident.fit.group.band import Band
 from vibrident.fit.noise.motion import lines_around
 from vibrident.fit.noise.spectrum import NoiseSpectrum
+from vibrident.fit.optimise import NOT_FINITE, Progress
 from vibrident.fit.problem import Coordinates, Evidence
 from vibrident.fit.problem.bin_problem import BinProblem
 from vibrident.fit.response.transform import mean_around, power_of

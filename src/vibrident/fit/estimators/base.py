@@ -9,8 +9,8 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from vibrident.base.errors import ModelError
-from vibrident.fit.descent.optimise import Progress, Trace, silent
 from vibrident.fit.estimators.findings import Findings
+from vibrident.fit.optimise import Progress, Trace, silent
 from vibrident.fit.registry import AUTO, ESTIMATORS
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 from vibrident.fit.descent.geodesic import geodesic_steps
-from vibrident.fit.descent.optimise import Progress, Trace, levenberg_marquardt
+from vibrident.fit.optimise import Progress, Trace, levenberg_marquardt
 from vibrident.fit.problem import network_objective
 
 if TYPE_CHECKING:

@@ -18,10 +18,10 @@ import numpy as np
 from vibrident.base.backend import jnp
 from vibrident.base.errors import ModelError, NotConverged
 from vibrident.data.records import FloatArray
-from vibrident.fit.descent.optimise import Progress, Trace, levenberg_marquardt, silent
 from vibrident.fit.descent.sandwich import hac_covariance
 from vibrident.fit.estimators.base import Estimate, Estimator
 from vibrident.fit.estimators.findings import Findings, LearnedShare
+from vibrident.fit.optimise import Progress, Trace, levenberg_marquardt, silent
 from vibrident.fit.problem import Coordinates, Evidence, Local
 from vibrident.fit.problem.time_domain import TimeProblem, evaluate
 from vibrident.fit.registry import ESTIMATORS

@@ -20,11 +20,11 @@ import numpy as np
 
 from vibrident.base.errors import NotConverged
 from vibrident.data.records import FloatArray, SystematicEffect
-from vibrident.fit.descent.optimise import Objective, Progress, Trace, levenberg_marquardt
 from vibrident.fit.information import inverse_normal
 from vibrident.fit.joint.moments import MomentConditions, Score
 from vibrident.fit.joint.sharing import Joint, Place, places
 from vibrident.fit.judge.attempts import Fitted
+from vibrident.fit.optimise import Objective, Progress, Trace, levenberg_marquardt
 from vibrident.fit.problem import Local
 from vibrident.fit.uncertainty.budget import shift_of_effect
 

@@ -16,7 +16,6 @@ from vibrident.base.memory import in_one_thread
 from vibrident.base.participants import watching
 from vibrident.data.records import Calibration
 from vibrident.fit.decay import decays_alone
-from vibrident.fit.descent.optimise import Progress, silent
 from vibrident.fit.estimators import AUTO, Estimate, Estimator
 from vibrident.fit.identification import fit
 from vibrident.fit.information import inverse_normal
@@ -24,6 +23,7 @@ from vibrident.fit.joint.descent import Descent, Together, descend
 from vibrident.fit.joint.sharing import Consistency, compare, joined
 from vibrident.fit.judge.attempts import Fitted
 from vibrident.fit.judge.document import Uncertainty, document, own_rows
+from vibrident.fit.optimise import Progress, silent
 from vibrident.fit.uncertainty.budget import DATA, BudgetRow, row_of_effect
 from vibrident.fit.uncertainty.parameters import parameter_table, parameter_units, unit_fields
 from vibrident.physics.naming import in_words

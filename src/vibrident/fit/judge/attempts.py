@@ -12,11 +12,11 @@ from vibrident.base.errors import InputError, NotConverged
 from vibrident.base.memory import give_back_after
 from vibrident.data.records import FloatArray, SystematicEffect
 from vibrident.fit.departures.examination import Together
-from vibrident.fit.descent.optimise import Progress
 from vibrident.fit.estimators import Estimate, Estimator
 from vibrident.fit.estimators.canonical import canonically_labelled
 from vibrident.fit.judge.adequacy import Judgement, judge_decays, judge_records, judge_table
 from vibrident.fit.judge.effects import all_effects, allowing_for_effects, linearised
+from vibrident.fit.optimise import Progress
 from vibrident.fit.problem import Evidence, FrequencyProblem
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.start.search import LONGEST, LogCoordinates

@@ -53,7 +53,7 @@ def _basis(width: int) -> _Basis:
 def block_edges(bins: int) -> NDArray[np.int_]:
     """Return the first bins of blocks, and the bin behind the last full one; from bin 1 on."""
     width = -(-(bins - 1) // max((bins - 1) // BLOCK_BINS, 1))
-    return np.arange(1, bins - 1 + width, width)
+    return 1 + width * np.arange(-(-(bins - 1) // width) + 1)
 
 
 def without_common(

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy import fft
@@ -19,7 +19,10 @@ from vibrident.base.fft_lengths import fast_length
 from vibrident.data.records import FloatArray
 from vibrident.fit.bins.transfer import DiscreteTransfer
 from vibrident.fit.group.band import Band
-from vibrident.fit.group.network import Step
+from vibrident.fit.group.network import Step, evaluate, products
+from vibrident.fit.optimise import levenberg_marquardt
+from vibrident.fit.problem.coordinates import Coordinates
+from vibrident.fit.problem.frequency_domain import Local
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import power_of
 from vibrident.fit.start.coarse import CoarseRows, coarse_rows
@@ -36,6 +39,10 @@ APART = 2.5
 #: Places of the smaller model from which add-ons are looked for: at least, and with all guesses.
 PLACES = 3
 MAX_PLACES = 500
+#: Places with add-ons that go down at the coarse bins, and evaluations of each.
+REFINED = 12
+ROUGH = 0.5
+MAX_EVALUATIONS = 15
 #: Places whose networks are made at once.
 AT_ONCE = 256
 #: A delay is looked for at so many places a period of the highest frequency.
@@ -80,7 +87,8 @@ def candidates(band: Band, look: Look, most: int) -> list[Candidate]:
     front = search.best(places, max(most, PLACES, MAX_PLACES // len(guesses) if added else 0))
     if added and front:
         known = [{spec.name: place.values[spec.name] for spec in core} for place in front]
-        front = search.best([here | more for here in known for more in guesses], most)
+        front = search.best([here | more for here in known for more in guesses], REFINED)
+        front = search.refined(front)
     if not front:
         raise NotConverged("No start value gives a finite fit: are the columns and units right?")
     return front[:most]
@@ -157,6 +165,68 @@ class _Search:
             if all(self._differ(each.values, other.values, places[0]) for other in chosen):
                 chosen.append(each)
         return chosen
+
+    def refined(self, front: Sequence[Candidate]) -> list[Candidate]:
+        """Return where places lead at the coarse bins, the best first."""
+        ends = [self._refined(candidate) for candidate in front]
+        return sorted(ends, key=lambda each: each.cost)
+
+    def _refined(self, candidate: Candidate) -> Candidate:
+        """Return where a place leads at the coarse bins, with the response turned by its delay."""
+        model = self.band.model
+        delay_s = float(self.band.problem.frame.delay_s)
+        times = [spec.name for spec in model.parameters if spec.kind == "time"]
+        late = sum(candidate.values[name] for name in times) - (delay_s if times else 0.0)
+        begin = candidate.values | dict.fromkeys(times, delay_s)
+        coordinates = Coordinates.at(model, begin, self.band_hz)
+        turned = [
+            replace(
+                rows,
+                bins=replace(
+                    rows.bins,
+                    response=rows.bins.response * np.exp(2j * np.pi * late * rows.frequency_hz),
+                ),
+            )
+            for rows in self.rows
+        ]
+
+        def objective(z: FloatArray, _: None) -> Local:
+            return self._local(turned, coordinates, z)
+
+        try:
+            trace = levenberg_marquardt(
+                objective, coordinates.first, None, tolerance=ROUGH, most=MAX_EVALUATIONS
+            )
+        except (NotConverged, np.linalg.LinAlgError):
+            return candidate
+        values = coordinates.values(trace.last)
+        return Candidate(trace.costs[-1], values | {name: values[name] + late for name in times})
+
+    def _local(
+        self, every: Sequence[CoarseRows], coordinates: Coordinates, z: FloatArray
+    ) -> Local:
+        """Return the weighted sum of squares at the coarse bins, its gradient and matrix."""
+        values = coordinates.values(z)
+        slopes = coordinates.slopes(z)[:, None]
+        delay_s = self.band.problem.frame.delay_s
+        trained = self.band.problem.trained
+        matrix = np.zeros((len(z), len(z)))
+        gradient = np.zeros(len(z))
+        cost = 0.0
+        with np.errstate(all="ignore"):
+            for rows in every:
+                at = values, *rows.bins.step, delay_s
+                step = Step(trained.transfer(*at), trained.jacobian(*at))
+                if not np.all(np.isfinite(step.transfer.denominator)):
+                    return Local(matrix, gradient, np.inf)
+                found = evaluate(rows.bins, step, rows.weight)
+                root = np.sqrt(rows.weight)[:, None]
+                jacobian = (found.jacobian * slopes * root).swapaxes(0, 1).reshape(len(z), -1)
+                residual = (found.residual[:, None] * root).reshape(1, -1)
+                matrix += products(jacobian, jacobian)
+                gradient += products(jacobian, residual)[:, 0]
+                cost += float(products(residual, residual)[0, 0])
+        return Local(matrix, gradient, cost)
 
     def _networks(
         self, places: Sequence[dict[str, float]], step: tuple[float, float]

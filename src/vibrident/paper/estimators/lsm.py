@@ -19,11 +19,11 @@ import numpy as np
 
 from vibrident.base.errors import ModelError
 from vibrident.data.records import FloatArray, Quantity
-from vibrident.fit.descent.optimise import Progress, levenberg_marquardt, silent
 from vibrident.fit.estimators.base import Estimate, Estimator, Setting
 from vibrident.fit.estimators.kinds.ml import responses, weighted_problem
 from vibrident.fit.estimators.residual_tones import network_problem, residual_tones
 from vibrident.fit.information import inverse_normal
+from vibrident.fit.optimise import Progress, levenberg_marquardt, silent
 from vibrident.fit.problem import Coordinates, Evidence, FrequencyProblem, Local
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.start.start import find_start

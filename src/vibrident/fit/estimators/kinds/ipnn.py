@@ -19,7 +19,6 @@ from vibrident.base.binding import bound
 from vibrident.base.errors import ModelError
 from vibrident.data.records import FloatArray
 from vibrident.fit.bins import RecordBins
-from vibrident.fit.descent.optimise import Progress, Trace, silent
 from vibrident.fit.descent.sandwich import hac_covariance
 from vibrident.fit.descent.settle import Settled
 from vibrident.fit.descent.train import train
@@ -27,6 +26,7 @@ from vibrident.fit.descent.weighed import weighed_records
 from vibrident.fit.estimators.base import Estimate, Estimator, Setting
 from vibrident.fit.estimators.findings import Findings, TrainedNetwork
 from vibrident.fit.estimators.optimiser import LevenbergMarquardt, Optimiser
+from vibrident.fit.optimise import Progress, Trace, silent
 from vibrident.fit.problem import BinProblem, Coordinates, Evidence, NetworkProblem
 from vibrident.fit.response.hum import hum_tones, lacking
 from vibrident.fit.start.start import Start, find_start

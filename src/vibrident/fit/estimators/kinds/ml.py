@@ -16,11 +16,11 @@ import numpy as np
 
 from vibrident.base.errors import ModelError
 from vibrident.data.records import FloatArray
-from vibrident.fit.descent.optimise import Progress, Trace, levenberg_marquardt, silent
 from vibrident.fit.estimators.base import Estimate, Estimator
 from vibrident.fit.estimators.findings import Findings
 from vibrident.fit.estimators.residual_tones import network_problem, residual_tones, roughly_cleaned
 from vibrident.fit.information import inverse_normal
+from vibrident.fit.optimise import Progress, Trace, levenberg_marquardt, silent
 from vibrident.fit.problem import Coordinates, Evidence, FrequencyProblem
 from vibrident.fit.response import MeasuredResponse
 from vibrident.fit.response.verdict import REJECTION, as_chi2, chance_of
