@@ -191,14 +191,17 @@ def settle(
         places = at.groups
         if number > 0 and moved < SETTLED:
             break
-    moved_band = band.beside(best.band.tones, edges=best.band.edges)
-    there = iterate(moved_band, coordinates, first.of_groups(moved_band), z)
+    known = band.beside(best.band.tones, edges=best.band.edges)
+    there = iterate(known, coordinates, first.of_groups(known), z)
     if not explains or not there.cost <= ASTRAY * best.at.cost:
-        weighting = read_weighting(best.band, best.at.groups, look.heard)
-        band = weighting.beside(best.band)
+        band = best.band
         z = best.z
-        at = iterate(band, coordinates, weighting.of_groups(band), z)
+        places = best.at.groups
         trace = best.trace
+    # Where hardly anything determines a parameter, noise read a round before is that of another z.
+    weighting = read_weighting(band, places, look.heard)
+    band = weighting.beside(band)
+    at = iterate(band, coordinates, weighting.of_groups(band), z)
     return _stated(band, coordinates, z, at, trace, weighting)
 
 

@@ -18,6 +18,8 @@ from vibrident.physics.models import SensorModel
 #: Bins up to this many times the highest frequency of the motion count: beyond, a misfit that
 #: motion makes and the level of the noise are seen, and nothing else.
 BAND_MARGIN = 1.5
+#: Bins at least, where there are so many: fewer do not tell the noise.
+MIN_BINS = 256
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +62,9 @@ class Band:
         rate_hz = self.problem.records[segment.record].sampling_rate_hz
         highest = min(self.problem.highest * rate_hz, BAND_MARGIN * self.top_hz)
         every = segment.samples // 2 + 1
-        last = min(int(highest / rate_hz * segment.samples) + 1, every)
+        last = int(highest / rate_hz * segment.samples) + 1
+        beyond = int(self.problem.highest * segment.samples) + 1
+        last = min(max(last, MIN_BINS), beyond, every)
         fraction = float(self.problem.fractions[segment.record])
         tones = self.tones[number] if self.tones else segment.hum
         pieces = segment.used is not None

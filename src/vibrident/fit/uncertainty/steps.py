@@ -173,7 +173,8 @@ def rounding_in_residual(
         between = float(median(np.abs(np.asarray(fft.rfft(left))) ** 2)) / MEDIAN_OF_POWER / used.size
         errors = rounding_errors(smooth[span], kept, steps[1], float(record.reference[span][kept][0]))
         errors *= np.sqrt(undithered(steps[1], between))
-        found[TRIALS:] = -np.asarray(fft.irfft(fft.rfft(errors, axis=1) * transfer, used.size, axis=1))
+        bins = fft.rfft(errors, axis=1)[:, : transfer.size] * transfer  # of the band alone
+        found[TRIALS:] = -np.asarray(fft.irfft(bins, used.size, axis=1))
     return found / np.sqrt(TRIALS) if np.any(found) else None
 
 
