@@ -106,7 +106,8 @@ class GroupAt:
             toward = weights.reference * through.conj() * rows.residual / psd  # X̂ − X
             jacobian = jacobian + turns * toward[:, None]
             jacobian -= combined(amounts_of(rows.nuisances, jacobian, weight), rows.nuisances)
-            alone = weight * weights.reference * weights.response / psd
+            # |N|² of noise of the reference is its variance times the number of samples.
+            alone = weight * group.grid.samples * weights.reference * weights.response / psd
             of_noise = products(turns * np.sum(alone, axis=0), turns)
         return cls(group, rows, jacobian, through, turns, psd, weight, of_noise)
 

@@ -263,5 +263,5 @@ def _stated(
 
 def _draw(place: GroupAt, row: int, doubt: FloatArray) -> FloatArray:
     """Return the pull of noise of the reference that may be left (95 %), shape (P,)."""
-    weighted = place.through * (place.weight[row] * doubt)
+    weighted = place.through * (place.weight[row] * place.group.grid.samples * doubt)
     return products(place.turns, weighted[None])[:, 0]
