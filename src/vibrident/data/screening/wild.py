@@ -222,24 +222,6 @@ class Channel:
             for run in runs if len(runs) <= max(4, MAX_SHARE * flags.size) else []:
                 guard = GUARD * (run.end - run.first > MAX_SHORT_RUN)
                 flags[max(run.first - guard, 0) : run.end + guard] = True
-            flags[: 2 * ORDER] |= self._at_the_beginning(self.series, self.valid)
-            flags[-2 * ORDER :] |= self._at_the_beginning(self.series[::-1], self.valid[::-1])[::-1]
-        return flags
-
-    def _at_the_beginning(self, series: FloatArray, valid: BoolArray) -> BoolArray:
-        """Return the wild samples among the first, predicted from those after them, shape (2 ORDER,)."""
-        flags = np.zeros(2 * ORDER, dtype=bool)
-        errors = self.prediction.both(series[: 6 * ORDER])[1]
-        usual = max(self.prediction.deviation, float(np.median(np.abs(errors[2 * ORDER :]))) / MEDIAN)
-        odd = np.flatnonzero(np.abs(errors[: 2 * ORDER]) > NOISE * usual)
-        quiet = np.max(np.abs(errors[2 * ORDER :])) <= NOISE * usual
-        if not quiet or not valid[: 6 * ORDER].all() or odd.size == 0:
-            return flags
-        end = int(odd[-1]) + 1
-        for length in range(1, MAX_SHORT_RUN + 1):
-            if end - length >= 2 and self._explained(errors[:end][::-1], usual, length)[1]:
-                flags[end - length : end] = True
-                break
         return flags
 
 

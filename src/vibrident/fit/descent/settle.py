@@ -19,6 +19,7 @@ from vibrident.fit.noise.motion import NEAREST
 from vibrident.fit.noise.spectrum import DOUBT
 from vibrident.fit.optimise import Progress, Trace, levenberg_marquardt
 from vibrident.fit.problem.coordinates import Coordinates
+from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import mean_around, power_of
 from vibrident.fit.start.look import Look
 
@@ -231,7 +232,7 @@ def _stated(
         owners = band.owners(place.group)
         local = np.stack(
             [
-                np.maximum(mean_around(power_of(residual) / samples, around, NEAREST), floors[owner])
+                np.maximum(mean_around(_power(residual) / samples, around, NEAREST), floors[owner])
                 for residual, samples, owner in zip(
                     place.rows.residual, place.group.count, owners, strict=True
                 )
@@ -259,6 +260,13 @@ def _stated(
     return Settled(
         band, coordinates, z, covariance, freedom, trace, weighting, noise, deviation, at.groups
     )
+
+
+def _power(residual: ComplexArray) -> FloatArray:
+    """Return the power of each bin; that of bin 0, an offset, is that of the next."""
+    power = power_of(residual)
+    power[0] = power[1]
+    return power
 
 
 def _draw(place: GroupAt, row: int, doubt: FloatArray) -> FloatArray:
