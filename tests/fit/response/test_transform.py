@@ -73,7 +73,7 @@ def test_what_is_smoothly_coherent_is_no_noise_and_noise_stays(rng):
     moved, noise = (rng.standard_normal(9602).view(complex) for _ in range(2))
     frequency = np.linspace(0.0, 1.0, noise.size)
     misfit = moved * (3.0 - 2j * frequency + frequency**2)
-    left = without_coherent(noise + misfit, [moved.__getitem__], np.ones(noise.size, dtype=bool))[1:]
-    alone = without_coherent(noise, [moved.__getitem__], np.ones(noise.size, dtype=bool))[1:]
+    left = without_coherent(noise + misfit, moved.__getitem__, np.ones(noise.size, dtype=bool))[1:]
+    alone = without_coherent(noise, moved.__getitem__, np.ones(noise.size, dtype=bool))[1:]
     np.testing.assert_allclose(left, alone, atol=1e-4)
     assert np.mean(power_of(left)) == pytest.approx(np.mean(power_of(noise[1:])), rel=0.05)

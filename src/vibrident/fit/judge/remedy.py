@@ -8,15 +8,13 @@ from dataclasses import replace
 
 from vibrident.base.amounts import plain
 from vibrident.base.errors import VibridentError
-from vibrident.fit.judge.attempts import Fitted
+from vibrident.fit.judge.attempts import MIN_SHARE, Fitted
 from vibrident.fit.problem import Coordinates, Evidence, FrequencyProblem
 from vibrident.fit.start.start import Start, extended, find_start
 from vibrident.physics.models import ADD_ONS, CORES, SensorModel, installed
 
 #: Degrees of freedom that must be left to judge a model by.
 LEAST_FREE = 4
-#: Share of the response's power below which no linear model is likely to be the one.
-MIN_SHARE = 0.5
 #: χ²/ν at the points alone that is little.
 LITTLE = 1.5
 

@@ -7,8 +7,6 @@ it does not raise the noise that it is judged by.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from vibrident.data.records import BoolArray, FloatArray
@@ -17,7 +15,7 @@ from vibrident.fit.noise.motion import Motion, lines_around, typical
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import in_blocks, power_of
 
-#: Bins of a block.
+#: Bins of a block, of which three complex functions are projected out.
 BLOCK = 24
 #: A bin holds motion where the prediction's power is so many times the noise.
 HEARD = 10.0
@@ -26,35 +24,29 @@ ROUNDS = 2
 #: Blocks that are worked on at once.
 AT_ONCE = 512
 #: Ridge of the projection, relative: a limit of the arithmetic.
-RIDGE = 1e-11
-#: Polynomials of a block: 1, k and k².
-DEGREES = 3
+RIDGE = 1e-12
+#: Powers of the products of 1, k and k² with each other.
+HANKEL = np.add.outer(np.arange(3), np.arange(3))
 
 
 def incoherent(residual: ComplexArray, motion: Motion) -> ComplexArray:
-    """Return the incoherent part of a residual, scaled to the same noise, shape (bins,).
+    """The incoherent part of a residual, scaled to the same noise, shape (bins,).
 
     Args:
         residual: measured less predicted response, shape (bins,).
-        motion: the prediction, and the reference where it is known: a wrong model's residual is
-            coherent with that, not with the prediction, and must not count as noise.
+        motion: the prediction.
     """
-    if motion.heard is not None:
-        return without_coherent(residual, _motions(motion), motion.heard)
-    measured = np.empty(residual.size)
-    around = lines_around(residual)
+    moved, around = np.empty(residual.size), lines_around(residual)
     for part in in_blocks(residual.size):  # of a long record each copy counts
-        moved = motion.predicted(part)
-        measured[part] = power_of(moved if motion.reference is None else moved + residual[part])
-    measured[0] = 0.0
-    noise = residual
+        moved[part] = power_of(motion.predicted(part))
+    moved[0], found = 0.0, residual
     for _ in range(ROUNDS):
-        level = _level(power_of(noise), motion.through, around)
+        level = _level(power_of(found), motion.through, around)
         level *= HEARD
-        heard = measured > level
-        del noise, level
-        noise = without_coherent(residual, _motions(motion), heard)
-    return noise
+        heard = moved > level
+        del found, level
+        found = without_coherent(residual, motion.predicted, heard)
+    return found
 
 
 def _level(power: FloatArray, through: FloatArray | None, around: int) -> FloatArray:
@@ -73,42 +65,32 @@ def _level(power: FloatArray, through: FloatArray | None, around: int) -> FloatA
     return np.maximum(level, by_reference, out=level)
 
 
-def _motions(motion: Motion) -> list[BinsAt]:
-    """Return what a residual must have nothing in common with: the prediction, the reference."""
-    if motion.reference is None:
-        return [motion.predicted]
-    return [motion.reference.__getitem__]
-
-
-def without_coherent(
-    residual: ComplexArray, motions: Sequence[BinsAt], heard: BoolArray
-) -> ComplexArray:
-    """Return the residual less what is coherent with motions where heard, shape (bins,)."""
+def without_coherent(residual: ComplexArray, predicted: BinsAt, heard: BoolArray) -> ComplexArray:
+    """The residual less what is coherent in each block with the prediction where it is heard; shape (bins,)."""
     blocks = max((residual.size - 1) // BLOCK, 1)
     width = (residual.size - 1) // blocks
-    rest = residual.copy()
-    degrees = DEGREES * len(motions)
-    if width < 2 * degrees:
-        return rest
-    powers = np.linspace(-1.0, 1.0, width) ** np.arange(DEGREES)[:, None]
+    found = residual.copy()
+    if width < 2 * 3:
+        return found
+    k = np.linspace(-1.0, 1.0, width)
+    powers = k ** np.arange(5)[:, None]
     for begin in range(0, blocks, AT_ONCE):
         count = min(AT_ONCE, blocks - begin)
         part = slice(1 + begin * width, 1 + (begin + count) * width)
-        shares = [_unit(motion(part) * heard[part], count)[:, None] * powers for motion in motions]
-        columns = np.concatenate(shares, axis=1)
-        adjoint = np.conj(columns).swapaxes(1, 2)
-        gram = columns @ adjoint
-        ridged = gram + RIDGE * np.eye(degrees)
-        rows = residual[part].reshape(count, 1, width)
-        inverse = np.linalg.inv(ridged)
-        taken = np.trace(gram @ inverse, axis1=1, axis2=2).real
-        left = rows - (rows @ adjoint) @ inverse @ columns
-        rest[part] = (left[:, 0] * np.sqrt(width / (width - taken))[:, None]).ravel()
-    return rest
-
-
-def _unit(moved: ComplexArray, blocks: int) -> ComplexArray:
-    """Return motion in blocks, each of the power one a bin or zero, shape (blocks, width)."""
-    shares = moved.reshape(blocks, -1)
-    size = np.sqrt(np.sum(power_of(shares), axis=1, keepdims=True))
-    return np.divide(shares, size, out=np.zeros_like(shares), where=size > 0.0)
+        motion = (predicted(part) * heard[part]).reshape(count, width)
+        rest = residual[part].reshape(count, width)
+        power = power_of(motion)
+        size = np.sqrt(np.sum(power, axis=1, keepdims=True))
+        if not np.any(size):
+            continue
+        unit = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
+        gram = ((power * unit**2) @ powers.T)[:, HANKEL]  # real: the phase of the prediction drops out
+        common = np.conj(motion) * (rest * unit)
+        right = np.stack([common.real @ powers[:3].T, common.imag @ powers[:3].T], axis=2)
+        ridged = gram + (RIDGE * np.trace(gram, axis1=1, axis2=2) + 1e-300)[:, None, None] * np.eye(3)
+        solved = np.linalg.solve(ridged, np.concatenate([right, gram], axis=2))
+        taken = np.trace(solved[:, :, 2:], axis1=1, axis2=2)
+        share = (solved[:, :, 0] + 1j * solved[:, :, 1]) @ powers[:3]
+        left = rest - share * (motion * unit)
+        found[part] = (left * np.sqrt(width / (width - taken))[:, None]).ravel()
+    return found

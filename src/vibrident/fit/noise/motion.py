@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.data.records.basis import distinct
 from vibrident.fit.bins import RecordBins
-from vibrident.fit.noise.averages import averaged_bins
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import MOST_KEPT, SHORTEST, in_blocks, mean_around, power_of
 
@@ -22,7 +21,11 @@ from vibrident.fit.response.transform import MOST_KEPT, SHORTEST, in_blocks, mea
 BINS = 160
 #: Part of the sampling rate up to which a spectrum is looked at.
 HIGHEST = 0.4
-#: Of the lines that are averaged on either side of each the nearest are left out.
+#: Lines averaged on either side of each for the weights: this part of the spectrum …
+SHARE = 1 / 64
+#: … and at least so many …
+FEWEST = 24
+#: … of which the nearest are left out.
 NEAREST = 2
 #: A line this many times above its surroundings is no chance: one of 10⁹ white ones is.
 OUTSTANDING = 20.0
@@ -146,7 +149,7 @@ def _lines_close_by(power: FloatArray) -> BoolArray:
 
 def lines_around(lines: ComplexArray | FloatArray) -> int:
     """Lines on either side that a level is averaged over."""
-    return averaged_bins(len(lines))
+    return max(int(len(lines) * SHARE), FEWEST)
 
 
 def typical(values: FloatArray, around: int) -> FloatArray:

@@ -93,7 +93,7 @@ def powers(bins: Weighed, reference: FloatArray, delay: float, band: slice) -> F
     motion = _without_drift(np.asarray(fft.rfft(reference, samples))[:lines], samples) * turn
     response = _without_drift(record.residual + record.predicted(slice(0, lines)), samples)
     every = np.ones(lines, dtype=bool)
-    rest = power_of(without_coherent(response, [motion.__getitem__], every)[band])
+    rest = power_of(without_coherent(response, motion.__getitem__, every)[band])
     left = power_of((record.residual * _of_response(bins))[band])
     return np.array([np.sum(power_of(response[band])), np.sum(left), np.sum(rest), np.sum(rest**2)])
 

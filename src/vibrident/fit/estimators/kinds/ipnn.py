@@ -19,6 +19,8 @@ from vibrident.base.binding import bound
 from vibrident.base.errors import ModelError
 from vibrident.data.records import FloatArray
 from vibrident.fit.bins import RecordBins
+from vibrident.fit.descent.geodesic import geodesic_steps
+from vibrident.fit.descent.reweighting import reweighted
 from vibrident.fit.descent.sandwich import hac_covariance
 from vibrident.fit.descent.settle import Settled
 from vibrident.fit.descent.train import train
@@ -31,6 +33,7 @@ from vibrident.fit.problem import BinProblem, Coordinates, Evidence, NetworkProb
 from vibrident.fit.response.hum import hum_tones, lacking
 from vibrident.fit.start.start import Start, find_start
 from vibrident.physics.discretisation import Method, method
+from vibrident.physics.models.base import DERIVATIVES
 
 
 @dataclass(frozen=True)
@@ -101,9 +104,18 @@ class Ipnn(Estimator):
             InputError: no record is long enough.
         """
         require_records(evidence)
-        if self.by_lines(evidence):
+        if not self.by_lines(evidence):
+            return trained_network(self, evidence, progress).with_equal_weights()
+        # Behind a reference that is differentiated, equal weights follow its noise.
+        if DERIVATIVES[evidence.quantity] > 0:
             return settled_estimate(self, train(evidence, self.method, progress))
-        return trained_network(self, evidence, progress).with_equal_weights()
+        return trained_network(self, evidence, progress).in_the_noise_found(evidence)
+
+    def another(self, evidence: Evidence, progress: Progress = silent) -> Estimate | None:
+        """Return the estimate from start values at the exact bins; None where that was the first."""
+        if not self.by_lines(evidence) or DERIVATIVES[evidence.quantity] > 0:
+            return None
+        return settled_estimate(self, train(evidence, self.method, progress))
 
     @property
     def trainer(self) -> Optimiser:
@@ -113,6 +125,13 @@ class Ipnn(Estimator):
     def by_lines(self, evidence: Evidence) -> bool:
         """Whether the network is run at the bins of its transform; Adam runs it in time, as the paper does."""
         return evidence.model.is_linear and not self.trainer.in_time
+
+    def where_rejected(self, evidence: Evidence, estimate: Estimate, progress: Progress = silent) -> Estimate | None:
+        """The best overall fit: equal weights for all samples of a record; None where its lines were not weighted."""
+        network, problem, begin = estimate.findings.network, estimate.problem, estimate.begin
+        if estimate.findings.noise is None or network is None or problem is None or begin is None:
+            return None
+        return TrainedIpnn(problem, estimate.coordinates, estimate.trace, begin, network).with_equal_weights()
 
 
 IPNN = Ipnn()
@@ -258,6 +277,19 @@ class TrainedIpnn:
 
     def _with_response(self, found: Estimate) -> Estimate:
         return replace(found, predicted=tuple(self.problem.predict(self.coordinates, found.z)))
+
+    def in_the_noise_found(self, evidence: Evidence) -> Estimate:
+        """The last step of training: every line of the residual weighted by its own noise."""
+        two_modes = bool(self.coordinates.model.shares)  # they trade against each other along a curved valley
+        bent, noise = None, self.network.noise
+        begins = [self.trace.last, self.coordinates.place(self.begin.values)]
+        if two_modes:
+            bent = geodesic_steps(evidence, self.coordinates, noise)
+        end = reweighted(self.problem, self.coordinates, begins, noise, bent)
+        if end is None:
+            return self.with_equal_weights()
+        found = Findings(replace(self.network, weights="spectrum"), end.noise)
+        return self._with_response(self.estimate(end.z, end.covariance, end.degrees_of_freedom, found))
 
 
 def _with_harmonic_start(problem: NetworkProblem, normal: Any, evidence: Evidence, z: FloatArray) -> FloatArray:
