@@ -65,9 +65,7 @@ def gaussian(rng: np.random.Generator, records: int = RECORDS) -> Rows:
     return np.asarray(np.sqrt(SAMPLES / 2.0) * (parts[0] + 1j * parts[1]))
 
 
-def draw(
-    seed: int, through: Rows, of_response: Curve, of_reference: Curve, every: int = 1
-) -> Drawn:
+def draw(seed: int, through: Rows, of_response: Curve, of_reference: Curve, every: int = 1) -> Drawn:
     """Records of random motion in a part of the bins, at every so many of these."""
     rng = np.random.default_rng(seed)
     motion = np.zeros((RECORDS, BINS), complex)
@@ -129,9 +127,7 @@ def test_spectrum_is_unbiased_and_scatters_as_its_bins_say(kind: str) -> None:
 @pytest.mark.parametrize("natural", [60.0, 400.0])
 def test_noise_of_the_reference_is_found_where_nothing_moves(natural: float) -> None:
     """σx² within 10 % on average, within 60 % of each record, and its doubt covers what is left."""
-    drawn = [
-        draw(seed, transfer(natural), np.full(BINS, 1e-5), np.full(BINS, 9e-4)) for seed in (4, 5)
-    ]
+    drawn = [draw(seed, transfer(natural), np.full(BINS, 1e-5), np.full(BINS, 9e-4)) for seed in (4, 5)]
     noises = [each.read() for each in drawn]
     ratio = np.concatenate([noise.input_noise for noise in noises]) / 9e-4
     assert np.mean(ratio) == pytest.approx(1.0, abs=0.1)
@@ -155,9 +151,7 @@ def test_misfit_that_is_smooth_does_not_count() -> None:
     """A gain and a delay that are 30 % off leave the noise as it is."""
     drawn = draw(7, transfer(160.0), np.full(BINS, 1e-6), NONE)
     turn = 0.3 * np.exp(2e-3j * PLACE)
-    wrong = drawn._replace(
-        residual=drawn.residual + turn * drawn.predicted, predicted=drawn.predicted * (1.0 - turn)
-    )
+    wrong = drawn._replace(residual=drawn.residual + turn * drawn.predicted, predicted=drawn.predicted * (1.0 - turn))
     ratio = wrong.read().psd / drawn.read().psd
     assert np.median(ratio) == pytest.approx(1.0, abs=0.03)
     assert np.mean(np.abs(ratio - 1.0) > 0.3) < 0.03
@@ -213,9 +207,7 @@ def test_records_do_not_know_each_other() -> None:
     many = Drawn(residual, predicted, reference, drawn.through, drawn.noise)
     together, alone, parts = (
         drawn.read(),
-        drawn._replace(
-            **{name: getattr(drawn, name)[4:5] for name in ("residual", "predicted", "reference")}
-        ).read(),
+        drawn._replace(**{name: getattr(drawn, name)[4:5] for name in ("residual", "predicted", "reference")}).read(),
         many.read(),
     )
     for name in ("psd", "input_noise", "input_noise_at", "doubt", "excited", "free"):

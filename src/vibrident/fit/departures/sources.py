@@ -180,9 +180,7 @@ def _of_bins(
         )
 
 
-def _of_weighed(
-    given: Record, noisy: Weighed, series: FloatArray, unit: float, turns: float | None
-) -> Signals:
+def _of_weighed(given: Record, noisy: Weighed, series: FloatArray, unit: float, turns: float | None) -> Signals:
     """Return signals of a record as the fit weighed it."""
     record = noisy.record
     assert record.model is not None

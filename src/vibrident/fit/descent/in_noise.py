@@ -131,9 +131,7 @@ class Iterate:
     groups: tuple[GroupAt, ...]
 
 
-def iterate(
-    band: Band, coordinates: Coordinates, weights: Sequence[GroupWeights], z: FloatArray
-) -> Iterate:
+def iterate(band: Band, coordinates: Coordinates, weights: Sequence[GroupWeights], z: FloatArray) -> Iterate:
     """Evaluate all groups at z."""
     count = len(z)
     nothing = np.zeros((count, count))
@@ -149,9 +147,7 @@ def iterate(
         for group, own in zip(band.groups, weights, strict=True):
             grid = group.grid
             if hash(grid) not in responses:
-                through, turns = response_and_slopes(
-                    band.model, values, grid.frequency_hz, band.problem.frame.quantity
-                )
+                through, turns = response_and_slopes(band.model, values, grid.frequency_hz, band.problem.frame.quantity)
                 responses[hash(grid)] = through, turns * slopes[:, None]
             response = responses[hash(grid)]
             try:

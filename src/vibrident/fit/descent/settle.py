@@ -233,9 +233,7 @@ def _stated(
         local = np.stack(
             [
                 np.maximum(mean_around(_power(residual) / samples, around, NEAREST), floors[owner])
-                for residual, samples, owner in zip(
-                    place.rows.residual, place.group.count, owners, strict=True
-                )
+                for residual, samples, owner in zip(place.rows.residual, place.group.count, owners, strict=True)
             ]
         )
         loud = place.weight * excited * local / place.psd
@@ -257,9 +255,7 @@ def _stated(
     covariance = covariance + np.sum([np.outer(pull, pull) for pull in pulls], axis=0)
     each = np.array(untold).reshape(-1, count)
     noise = SpectralNoise(reference, doubtful(each, covariance), tuple(tones), each)
-    return Settled(
-        band, coordinates, z, covariance, freedom, trace, weighting, noise, deviation, at.groups
-    )
+    return Settled(band, coordinates, z, covariance, freedom, trace, weighting, noise, deviation, at.groups)
 
 
 def _power(residual: ComplexArray) -> FloatArray:

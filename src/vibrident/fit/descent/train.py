@@ -81,9 +81,7 @@ def train(evidence: Evidence, method: Method, progress: Progress) -> Settled:
 
 def _heard_bins(look: Look) -> float:
     """Return the number of bins at which motion shows."""
-    return sum(
-        float(np.sum(weight > 2.0 * MIN_WEIGHT * np.max(weight))) for weight in look.weights
-    )
+    return sum(float(np.sum(weight > 2.0 * MIN_WEIGHT * np.max(weight))) for weight in look.weights)
 
 
 def with_model_error(weighting: Weighting, end: Descended, squares: float) -> Weighting:
@@ -128,13 +126,10 @@ def with_model_error(weighting: Weighting, end: Descended, squares: float) -> We
         low, high = (middle, high) if total(float(np.exp(middle))) > squares else (low, middle)
     error = float(np.exp(high))
     wider = {
-        number: replace(spectrum, psd=spectrum.psd + error * powers[number])
-        for number, spectrum in spectra.items()
+        number: replace(spectrum, psd=spectrum.psd + error * powers[number]) for number, spectrum in spectra.items()
     }
     nothing = {number: np.zeros_like(own.psd) for number, own in wider.items()}
-    wider = {
-        number: replace(own, input_noise_at=nothing[number]) for number, own in wider.items()
-    }
+    wider = {number: replace(own, input_noise_at=nothing[number]) for number, own in wider.items()}
     return Weighting(wider, nothing, samples)
 
 
@@ -148,9 +143,7 @@ def _before(evidence: Evidence) -> dict[str, float]:
     return values
 
 
-def _with_delay(
-    model: SensorModel, values: Mapping[str, float], late_s: float
-) -> dict[str, float]:
+def _with_delay(model: SensorModel, values: Mapping[str, float], late_s: float) -> dict[str, float]:
     moved = dict(values)
     for spec in model.parameters:
         if spec.kind == "time":

@@ -53,15 +53,10 @@ class Weighting:
             every.append(GroupWeights(response, reference, excited))
         return every
 
-    def _rows(
-        self, group: Group, numbers: Sequence[int], every: Sequence[FloatArray]
-    ) -> FloatArray:
+    def _rows(self, group: Group, numbers: Sequence[int], every: Sequence[FloatArray]) -> FloatArray:
         """Return values at the bins of a group, whose length another delay may have changed."""
         return np.stack(
-            [
-                brought(values, self.samples[number], group.grid)
-                for number, values in zip(numbers, every, strict=True)
-            ]
+            [brought(values, self.samples[number], group.grid) for number, values in zip(numbers, every, strict=True)]
         )
 
     def beside(self, band: Band) -> Band:
@@ -86,9 +81,7 @@ def is_steep(spectrum: NoiseSpectrum) -> bool:
     return spectrum.input_noise > 0.0 or least < STEEP * float(np.mean(spectrum.psd))
 
 
-def read_weighting(
-    band: Band, places: Sequence[GroupAt], heard: Mapping[int, tuple[int, BoolArray]]
-) -> Weighting:
+def read_weighting(band: Band, places: Sequence[GroupAt], heard: Mapping[int, tuple[int, BoolArray]]) -> Weighting:
     """Read the noise of every segment from the residuals at an iterate.
 
     Args:

@@ -47,9 +47,7 @@ class Amounts(NamedTuple):
     information: FloatArray
 
 
-def amounts_of(
-    shapes: FloatArray, level: FloatArray, counts: FloatArray, known: FloatArray | float = 0.0
-) -> Amounts:
+def amounts_of(shapes: FloatArray, level: FloatArray, counts: FloatArray, known: FloatArray | float = 0.0) -> Amounts:
     """Return the most likely amounts of shapes in levels.
 
     Args:

@@ -27,9 +27,7 @@ FALSE_BLOCK = 1e-3
 NEIGHBOURS = 2
 
 
-def incoherent_level(
-    signal: ComplexArray, motions: Sequence[ComplexArray]
-) -> tuple[FloatArray, BoolArray]:
+def incoherent_level(signal: ComplexArray, motions: Sequence[ComplexArray]) -> tuple[FloatArray, BoolArray]:
     """Return the power of what has locally nothing in common with motions, and of the signal.
 
     Args:

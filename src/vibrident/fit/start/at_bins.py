@@ -78,10 +78,7 @@ def candidates(band: Band, look: Look, most: int) -> list[Candidate]:
     core = [spec for spec in model.core.parameters if spec.grid]
     places = _places(core, [_axis(spec, look.band_hz) for spec in core])
     added = [
-        spec
-        for add_on in model.add_ons
-        for spec in add_on.parameters
-        if spec.guesses and spec.name not in model.shares
+        spec for add_on in model.add_ons for spec in add_on.parameters if spec.guesses and spec.name not in model.shares
     ]
     guesses = _places(added, [_guesses(spec, look.band_hz) for spec in added])
     front = search.best(places, max(most, PLACES, MAX_PLACES // len(guesses) if added else 0))
@@ -94,9 +91,7 @@ def candidates(band: Band, look: Look, most: int) -> list[Candidate]:
     return front[:most]
 
 
-def _places(
-    specs: Sequence[ParameterSpec], axes: Sequence[Sequence[float]]
-) -> list[dict[str, float]]:
+def _places(specs: Sequence[ParameterSpec], axes: Sequence[Sequence[float]]) -> list[dict[str, float]]:
     """Return every combination of values of parameters, by name."""
     names = [spec.name for spec in specs]
     return [dict(zip(names, values, strict=True)) for values in itertools.product(*axes)]
@@ -194,17 +189,13 @@ class _Search:
             return self._local(turned, coordinates, z)
 
         try:
-            trace = levenberg_marquardt(
-                objective, coordinates.first, None, tolerance=ROUGH, most=MAX_EVALUATIONS
-            )
+            trace = levenberg_marquardt(objective, coordinates.first, None, tolerance=ROUGH, most=MAX_EVALUATIONS)
         except (NotConverged, np.linalg.LinAlgError):
             return candidate
         values = coordinates.values(trace.last)
         return Candidate(trace.costs[-1], values | {name: values[name] + late for name in times})
 
-    def _local(
-        self, every: Sequence[CoarseRows], coordinates: Coordinates, z: FloatArray
-    ) -> Local:
+    def _local(self, every: Sequence[CoarseRows], coordinates: Coordinates, z: FloatArray) -> Local:
         """Return the weighted sum of squares at the coarse bins, its gradient and matrix."""
         values = coordinates.values(z)
         slopes = coordinates.slopes(z)[:, None]
@@ -228,17 +219,11 @@ class _Search:
                 cost += float(products(residual, residual)[0, 0])
         return Local(matrix, gradient, cost)
 
-    def _networks(
-        self, places: Sequence[dict[str, float]], step: tuple[float, float]
-    ) -> list[list[Step]]:
+    def _networks(self, places: Sequence[dict[str, float]], step: tuple[float, float]) -> list[list[Step]]:
         """Return the networks of places: without what shares multiply, and with each of it."""
         model = self.band.model
         problem = self.band.problem
-        trials = [
-            trial
-            for values in places
-            for trial in (values, *({**values, name: 1.0} for name in model.shares))
-        ]
+        trials = [trial for values in places for trial in (values, *({**values, name: 1.0} for name in model.shares))]
         names = list(trials[0])
         late = {spec.name: problem.frame.delay_s for spec in model.parameters if spec.kind == "time"}
         trained = problem.trained
@@ -247,15 +232,11 @@ class _Search:
             both = trained.transfer(many | late, *step, problem.frame.delay_s)
             steps = [Step(DiscreteTransfer(*pair)) for pair in zip(*both, strict=True)]
         else:
-            steps = [
-                Step(trained.transfer(trial | late, *step, problem.frame.delay_s)) for trial in trials
-            ]
+            steps = [Step(trained.transfer(trial | late, *step, problem.frame.delay_s)) for trial in trials]
         width = 1 + len(model.shares)
         return [steps[begin : begin + width] for begin in range(0, len(steps), width)]
 
-    def _differ(
-        self, values: Mapping[str, float], others: Mapping[str, float], names: Mapping[str, float]
-    ) -> bool:
+    def _differ(self, values: Mapping[str, float], others: Mapping[str, float], names: Mapping[str, float]) -> bool:
         specs = {spec.name: spec for spec in self.band.model.parameters}
         for name in names:
             factor = APART_FREQUENCY if specs[name].kind == "log" else APART
@@ -358,5 +339,3 @@ def rough_delay(band: Band, look: Look) -> float:
     late = np.where(late > 0.5 / spacing_hz, late - 1.0 / spacing_hz, late)
     agreement = np.where(np.abs(late) <= 0.5 * longest, agreement, 0.0)
     return float(late[np.argmax(preferred(agreement, late * high))])
-
-

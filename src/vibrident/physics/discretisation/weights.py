@@ -198,9 +198,7 @@ def _exponential_step(system: StateSpace, ts: Any, fraction: Any, terms: int) ->
         feedthrough = feedthrough + xp.asarray(d)[..., None] * basis
         if m + 1 < len(system.d):
             basis = basis @ shift / ts
-    return Weights(
-        whole[..., :n, :n], size[..., None, None] * whole[..., :n, n:], output, feedthrough
-    )
+    return Weights(whole[..., :n, :n], size[..., None, None] * whole[..., :n, n:], output, feedthrough)
 
 
 def drive_size(b: Any, rate: Any) -> Any:
