@@ -19,6 +19,7 @@ OTHERS = {
     "app/cli/commands/demo.py": {"ipnn"},  # shows the paper's network
     "app/cli/commands/simulate.py": {"delay"},  # of the optical channel
     "app/cli/options.py": {"cubic"},  # a simulated sensor
+    "data/effects.py": {"clocks"},  # a kind of effect
     "fit/estimators/residual_network.py": {"ipnn"},  # the same estimator with a network beside it
     "fit/decay/estimate.py": {"ml"},  # maximum likelihood of free decays, which have no other estimator
     "data/records/basis.py": {"accelerometer"},  # the model of a file that names none

@@ -49,6 +49,9 @@ def test_the_metrics_are_the_results():
     rows = {row[0]: row for row in read(result).table("metric", "value", "unit")}
     for field, metric in words.METRICS.items():
         _, value, unit, _ = rows[metric.label]
+        if not np.isfinite(getattr(result.fit, field)):  # of a table no power is known
+            assert value == "–"
+            continue
         power = metric.in_response_unit
         factor = factor_to(unit, result.response_unit) if power == 1 else 1.0
         assert_rounded(value, getattr(result.fit, field), factor)

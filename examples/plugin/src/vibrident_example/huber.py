@@ -11,7 +11,7 @@ from typing import ClassVar
 import numpy as np
 
 from vibrident.base.errors import ModelError
-from vibrident.fit.descent.optimise import levenberg_marquardt, silent
+from vibrident.fit.optimise import levenberg_marquardt, silent
 from vibrident.fit.estimators import Estimate, Estimator
 from vibrident.fit.estimators.base import Setting
 from vibrident.fit.information import inverse_normal

@@ -127,14 +127,14 @@ def _of_bins(
     network = estimate.findings.network
     assert network is not None
     tones, step = _tones(evidence), np.zeros(len(estimate.z))
-    if len(estimate.weighed) == len(evidence.records):
+    every_short = all(own.record.samples <= LONGEST for own in estimate.weighed.values())
+    if every_short and len(estimate.weighed) == len(evidence.records):
         for index in range(len(evidence.records))[some]:
             noisy = estimate.weighed[index]
-            if noisy.record.count >= SHORTEST and noisy.record.samples <= LONGEST:
+            if noisy.record.count >= SHORTEST:
                 unit, turns = float(network.noise[index]), tones.get(index)
                 yield _of_weighed(evidence.records[index], noisy, predicted[index], unit, turns)
-        if all(own.record.samples <= LONGEST for own in estimate.weighed.values()):
-            return
+        return
     lines = problem.lines(estimate.z, estimate.coordinates, network.noise, some)
     short = {index: record for index, record in enumerate(lines, some.start) if record.samples <= LONGEST}
     motions = [_motion_of(record, tones.get(index)) for index, record in short.items()]

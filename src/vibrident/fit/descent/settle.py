@@ -222,7 +222,7 @@ def _stated(
     pulls = []
     untold = []
     inverse = inverse_normal(information(at))
-    deviation = np.zeros(len(floors))
+    deviation = np.sqrt(floors)  # of a record that no segment reaches
     reference = np.zeros(len(floors))
     tones: list[tuple[float, ...]] = [()] * len(floors)
     for place in at.groups:

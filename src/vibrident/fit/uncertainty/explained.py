@@ -94,17 +94,8 @@ def powers(bins: Weighed, reference: FloatArray, delay: float, band: slice) -> F
     response = _without_drift(record.residual + record.predicted(slice(0, lines)), samples)
     every = np.ones(lines, dtype=bool)
     rest = power_of(without_coherent(response, motion.__getitem__, every)[band])
-    left = power_of((record.residual * _of_response(bins))[band])
+    left = power_of(record.residual[band])
     return np.array([np.sum(power_of(response[band])), np.sum(left), np.sum(rest), np.sum(rest**2)])
-
-
-def _of_response(bins: Weighed) -> FloatArray | float:
-    """Return what of the residual is the response's at the most likely motion, S_y / S at each bin."""
-    spectrum = bins.spectrum
-    model = bins.record.model
-    if spectrum.input_noise == 0.0 or model is None:
-        return 1.0
-    return np.maximum(1.0 - spectrum.input_noise_at * model.power() / spectrum.psd, 0.0)
 
 
 def _without_drift(lines: ComplexArray, samples: int) -> ComplexArray:
