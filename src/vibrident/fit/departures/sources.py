@@ -139,7 +139,6 @@ def _of_bins(
     short = {index: record for index, record in enumerate(lines, some.start) if record.samples <= LONGEST}
     motions = [_motion_of(record, tones.get(index)) for index, record in short.items()]
     spectra = beside_hum(list(short.values()), motions)
-    del short
     every = zip(evidence.records[some], network.noise[some].tolist(), predicted[some], strict=True)
     for index, (given, noise, series) in enumerate(every, some.start):
         record = lines.pop(0)  # of a long record each copy counts
@@ -182,9 +181,8 @@ def _of_bins(
 
 def _of_weighed(given: Record, noisy: Weighed, series: FloatArray, unit: float, turns: float | None) -> Signals:
     """Return signals of a record as the fit weighed it."""
-    record = noisy.record
+    record, first = noisy.record, int(np.argmax(np.isfinite(series)))
     assert record.model is not None
-    first = int(np.argmax(np.isfinite(series)))
     span = slice(first, first + record.samples)
     return Signals(
         given,
