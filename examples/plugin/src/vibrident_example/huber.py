@@ -11,10 +11,10 @@ from typing import ClassVar
 import numpy as np
 
 from vibrident.base.errors import ModelError
-from vibrident.fit.optimise import levenberg_marquardt, silent
 from vibrident.fit.estimators import Estimate, Estimator
 from vibrident.fit.estimators.base import Setting
 from vibrident.fit.information import inverse_normal
+from vibrident.fit.optimise import levenberg_marquardt, silent
 from vibrident.fit.problem import Coordinates, Local
 from vibrident.fit.start.start import find_start
 

@@ -1,1 +1,1 @@
-"""Records of one length and rate as one array in the band of the motion, and their network there."""
+"""Records of one length and rate as one array in the band, and the network over them."""
