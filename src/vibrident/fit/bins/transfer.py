@@ -11,7 +11,7 @@ z − 1, not of z: where the sensor is slow against the sampling rate, all its p
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -81,7 +81,7 @@ class Trained:
         ones = dict.fromkeys(self.model.parameter_names, 1.0)
         return len(self.model.rational(ones, self.quantity).denominator) - 1
 
-    def weights(self, values: dict[str, float], interval_s: float, fraction: float, delay_s: float) -> Weights:
+    def weights(self, values: dict[str, Any], interval_s: float, fraction: float, delay_s: float) -> Weights:
         """Weights of a step; see :class:`vibrident.physics.discretisation.Weights`.
 
         Args:
@@ -95,9 +95,7 @@ class Trained:
             fraction = fraction - (self.model.delay_s(values) - delay_s) / interval_s
         return self.method.weights(system, interval_s, fraction, self.terms)
 
-    def transfer(
-        self, values: dict[str, float], interval_s: float, fraction: float, delay_s: float
-    ) -> DiscreteTransfer:
+    def transfer(self, values: dict[str, Any], interval_s: float, fraction: float, delay_s: float) -> DiscreteTransfer:
         """Transfer function of a step; arguments as of :meth:`weights`."""
         return transfer_of(self.weights(values, interval_s, fraction, delay_s))
 

@@ -145,4 +145,4 @@ def _colour(band: Band, group: Group) -> FloatArray | float:
     """Return the power of the reference's own noise over its mean, one or shape (K,)."""
     record = band.problem.records[band.owners(group)[0]]
     colour = reference_colour(record, group.grid.samples)
-    return colour if isinstance(colour, float) else colour[: group.grid.bins]
+    return colour[: group.grid.bins] if isinstance(colour, np.ndarray) else float(colour)

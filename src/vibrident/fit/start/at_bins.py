@@ -10,6 +10,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy import fft
@@ -228,7 +229,7 @@ class _Search:
         late = {spec.name: problem.frame.delay_s for spec in model.parameters if spec.kind == "time"}
         trained = problem.trained
         if trained.method.takes_many:
-            many = {name: np.array([trial[name] for trial in trials]) for name in names}
+            many: dict[str, Any] = {name: np.array([trial[name] for trial in trials]) for name in names}
             both = trained.transfer(many | late, *step, problem.frame.delay_s)
             steps = [Step(DiscreteTransfer(*pair)) for pair in zip(*both, strict=True)]
         else:
