@@ -26,7 +26,7 @@ from vibrident.fit.problem import Coordinates, Evidence
 from vibrident.fit.problem.bin_problem import BinProblem
 from vibrident.fit.response.transform import mean_around, power_of
 from vibrident.fit.start.at_bins import candidates, rough_delay
-from vibrident.fit.start.look import MIN_WEIGHT, Look, look_at
+from vibrident.fit.start.look import Look, look_at
 from vibrident.physics.discretisation import Method
 from vibrident.physics.models import SensorModel
 
@@ -81,7 +81,7 @@ def train(evidence: Evidence, method: Method, progress: Progress) -> Settled:
 
 def _heard_bins(look: Look) -> float:
     """Return the number of bins at which motion shows."""
-    return sum(float(np.sum(weight > 2.0 * MIN_WEIGHT * np.max(weight))) for weight in look.weights)
+    return float(sum(np.sum(heard) for _, heard in look.heard.values()))
 
 
 def with_model_error(weighting: Weighting, end: Descended, squares: float) -> Weighting:

@@ -27,7 +27,7 @@ from vibrident.fit.problem.frequency_domain import Local
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import power_of
 from vibrident.fit.start.coarse import CoarseRows, coarse_rows
-from vibrident.fit.start.look import MIN_WEIGHT, Look
+from vibrident.fit.start.look import Look
 from vibrident.physics.models import ParameterSpec, SensorModel
 
 #: Natural frequencies of the grid, from a part of the lowest to a multiple of the highest.
@@ -328,9 +328,9 @@ def rough_delay(band: Band, look: Look) -> float:
     high = look.band_hz[1]
     size = max(group.grid.frequency_hz[-1] for group in band.groups)
     phases = np.zeros(int(size / spacing_hz) + 2, complex)
-    for group, weight in zip(band.groups, look.weights, strict=True):
+    for group in band.groups:
         common = group.response * group.inputs[:, 0].conj()
-        common *= weight > np.max(weight) * 2.0 * MIN_WEIGHT
+        common *= look.heard_in(group)
         common /= np.maximum(np.abs(common), np.finfo(float).tiny)
         places = np.round(group.grid.frequency_hz / spacing_hz).astype(int)
         np.add.at(phases, places, np.sum(common, axis=0))

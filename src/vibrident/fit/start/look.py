@@ -10,6 +10,7 @@ from scipy.ndimage import uniform_filter1d
 
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.group.band import Band
+from vibrident.fit.group.group import Group
 from vibrident.fit.noise.local import BLOCK_BINS, incoherent_level
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import power_of
@@ -36,6 +37,10 @@ class Look:
     weights: tuple[FloatArray, ...]
     heard: Mapping[int, tuple[int, BoolArray]]
     band_hz: tuple[float, float]
+
+    def heard_in(self, group: Group) -> BoolArray:
+        """Return where motion shows in a group of the same lengths, shape (R, K)."""
+        return np.stack([self.heard[number][1] for number in group.segments])
 
 
 def look_at(band: Band) -> Look:

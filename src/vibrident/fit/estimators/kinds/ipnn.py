@@ -107,13 +107,13 @@ class Ipnn(Estimator):
         if not self.by_lines(evidence):
             return trained_network(self, evidence, progress).with_equal_weights()
         # Behind a reference that is differentiated, equal weights follow its noise.
-        if DERIVATIVES[evidence.quantity] > 0 and _are_driven(evidence):
+        if _are_driven(evidence):
             return settled_estimate(self, train(evidence, self.method, progress))
         return trained_network(self, evidence, progress).in_the_noise_found(evidence)
 
     def another(self, evidence: Evidence, progress: Progress = silent) -> Estimate | None:
         """Return the estimate from start values at the exact bins; None where that was the first."""
-        if not (self.by_lines(evidence) and _are_driven(evidence)) or DERIVATIVES[evidence.quantity] > 0:
+        if not (self.by_lines(evidence) and _are_driven(evidence)) or True:
             return None
         return settled_estimate(self, train(evidence, self.method, progress))
 
