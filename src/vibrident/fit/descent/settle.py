@@ -241,9 +241,10 @@ def _stated(
         freedom += len(owners) * 4.0 * (around - NEAREST)
         for row, (number, owner) in enumerate(zip(place.group.segments, owners, strict=True)):
             spectrum = weighting.spectra[number]
-            drawn = _draw(place, row, spectrum.doubt())
-            pulls.append(inverse @ drawn / DOUBT)
-            if not spectrum.free:
+            if grid.driven:
+                drawn = _draw(place, row, spectrum.doubt())
+                pulls.append(inverse @ drawn / DOUBT)
+            if grid.driven and not spectrum.free:
                 untold.append(pulls[-1])
             reference[owner] = max(reference[owner], np.sqrt(spectrum.input_noise))
             deviation[owner] = np.sqrt(np.mean(spectrum.psd))

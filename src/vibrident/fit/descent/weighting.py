@@ -100,17 +100,18 @@ def read_weighting(band: Band, places: Sequence[GroupAt], heard: Mapping[int, tu
         colour = _colour(band, group)
         residual = at.rows.residual.copy()
         residual[:, 0] = np.abs(residual[:, 1])
+        driven = group.grid.driven
         noise = read_noise(
             residual,
             at.rows.predicted,
-            group.inputs[:, 0],
-            squares * colour,
+            group.inputs[:, 0] if driven else None,
+            squares * colour if driven else None,
             group.count,
             floors[band.owners(group)],
             group.grid.last - 1,
             colour,
-            _heard_in(group, heard),
-            at.through * group.inputs[:, 0],
+            _heard_in(group, heard) if driven else None,
+            at.through * group.inputs[:, 0] if driven else None,
         )
         doubt = noise.doubt
         for row, number in enumerate(group.segments):

@@ -59,7 +59,8 @@ class Band:
 
     def _grid_of(self, number: int) -> Grid:
         segment = self.problem.segments[number]
-        rate_hz = self.problem.records[segment.record].sampling_rate_hz
+        record = self.problem.records[segment.record]
+        rate_hz = record.sampling_rate_hz
         highest = min(self.problem.highest * rate_hz, BAND_MARGIN * self.top_hz)
         every = segment.samples // 2 + 1
         last = int(highest / rate_hz * segment.samples) + 1
@@ -69,7 +70,9 @@ class Band:
         tones = self.tones[number] if self.tones else segment.hum
         pieces = segment.used is not None
         bins = every if pieces else last
-        return Grid(segment.samples, rate_hz, fraction, bins, last, tones, self.edges, pieces)
+        driven = record.reference is not None
+        edges = self.edges and driven  # slopes of its states are all that a free decay tells
+        return Grid(segment.samples, rate_hz, fraction, bins, last, tones, edges, pieces, driven)
 
     def within(self, top_hz: float) -> Band:
         """Return the same up to another frequency of the motion, Hz."""

@@ -44,6 +44,7 @@ class Grid:
         edges: whether the initial states' slopes over the record are nuisances, too: where the
             noise is steep, what leaks at the ends of a record would count as information.
         in_pieces: whether samples of the response are left out.
+        driven: whether there is a reference; a free decay has none.
     """
 
     samples: int
@@ -54,6 +55,7 @@ class Grid:
     tones: tuple[float, ...] = ()
     edges: bool = False
     in_pieces: bool = False
+    driven: bool = True
 
     @property
     def step(self) -> tuple[float, float]:

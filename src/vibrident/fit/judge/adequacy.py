@@ -142,7 +142,9 @@ def weighed_records(
     size = [max(float(np.std(record.response[record.mask])), TINY) for record in evidence.records]
     units = network.noise.tolist() if by_bins and network is not None else size
     if by_bins and len(estimate.weighed) == len(evidence.records):
-        yield from ((number, units[number], own) for number, own in sorted(estimate.weighed.items()))
+        for number, own in sorted(estimate.weighed.items()):
+            if evidence.records[number].reference is not None:
+                yield number, units[number], own
         return
     for some in together(evidence.records):
         numbers = range(len(evidence.records))[some]

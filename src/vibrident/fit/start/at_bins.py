@@ -77,7 +77,10 @@ def candidates(band: Band, look: Look, most: int) -> list[Candidate]:
     model = band.model
     search = _Search(band, look.band_hz, tuple(coarse_rows(band, look)))
     core = [spec for spec in model.core.parameters if spec.grid]
-    places = _places(core, [_axis(spec, look.band_hz) for spec in core])
+    # A free decay tells no frequency from that of its image above half the sampling rate.
+    rates = [group.grid.rate_hz for group in band.groups if not group.grid.driven]
+    top_hz = min([ABOVE * look.band_hz[1], *(0.5 * rate for rate in rates)])
+    places = _places(core, [_axis(spec, look.band_hz[0], top_hz) for spec in core])
     added = [
         spec for add_on in model.add_ons for spec in add_on.parameters if spec.guesses and spec.name not in model.shares
     ]
@@ -98,10 +101,9 @@ def _places(specs: Sequence[ParameterSpec], axes: Sequence[Sequence[float]]) -> 
     return [dict(zip(names, values, strict=True)) for values in itertools.product(*axes)]
 
 
-def _axis(spec: ParameterSpec, band_hz: tuple[float, float]) -> list[float]:
+def _axis(spec: ParameterSpec, low_hz: float, top_hz: float) -> list[float]:
     if spec.grid == "band":
-        low, high = band_hz
-        return np.geomspace(BELOW * low, ABOVE * high, FREQUENCIES).tolist()
+        return np.geomspace(BELOW * low_hz, top_hz, FREQUENCIES).tolist()
     return list(spec.grid)
 
 

@@ -51,14 +51,10 @@ def look_at(band: Band) -> Look:
     audible: dict[int, tuple[int, BoolArray]] = {}
     everywhere: list[FloatArray] = []
     for group in band.groups:
-        motion = group.inputs[:, 0]
-        level, sure = incoherent_level(group.response, [motion])
-        # Noise of the reference is not in the response; at a lone tone it shows in nothing else.
-        felt, _ = incoherent_level(motion, [group.response])
-        level = level + felt * _gain_squared(group.response, motion)
+        level, sure = _level_of(group)
         heard = power_of(group.response) > HEARD * level
         blocks = sure.shape[1]
-        if blocks:  # what leaks over from elsewhere is no motion
+        if blocks and group.grid.driven:  # what leaks over from elsewhere is no motion
             place = (np.arange(group.grid.bins) - 1) // ((group.grid.bins - 1) // blocks)
             heard &= sure[:, np.clip(place, 0, blocks - 1)]
         samples = group.grid.samples
@@ -69,7 +65,10 @@ def look_at(band: Band) -> Look:
         weights.append(weight)
         frequency = group.grid.frequency_hz
         everywhere.append(frequency[[1, group.grid.last - 1]])
-        if blocks:
+        if not group.grid.driven:  # free motion is where it is heard
+            loud = np.flatnonzero(np.any(heard[:, 1:], axis=0))
+            shown.append(frequency[1 + loud[[0, -1]]] if loud.size else frequency[:0])
+        elif blocks:
             width = (group.grid.bins - 1) // blocks
             first = 1 + width * np.flatnonzero(np.any(sure, axis=0))
             shown.append(frequency[first])
@@ -78,6 +77,17 @@ def look_at(band: Band) -> Look:
     span = span if span.size else np.concatenate(everywhere)
     band_hz = float(np.min(span)), float(np.max(span))
     return Look(tuple(levels), tuple(weights), audible, band_hz)
+
+
+def _level_of(group: Group) -> tuple[FloatArray, BoolArray]:
+    """Return the power of each bin's noise, shape (R, K), and where blocks show motion."""
+    if not group.grid.driven:
+        return incoherent_level(group.response, [])
+    motion = group.inputs[:, 0]
+    level, sure = incoherent_level(group.response, [motion])
+    # Noise of the reference is not in the response; at a lone tone it shows in nothing else.
+    felt, _ = incoherent_level(motion, [group.response])
+    return level + felt * _gain_squared(group.response, motion), sure
 
 
 def _gain_squared(response: ComplexArray, motion: ComplexArray) -> FloatArray:

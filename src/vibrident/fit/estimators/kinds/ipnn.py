@@ -107,7 +107,7 @@ class Ipnn(Estimator):
         if not self.by_lines(evidence):
             return trained_network(self, evidence, progress).with_equal_weights()
         # Behind a reference that is differentiated, equal weights follow its noise.
-        if _are_driven(evidence):
+        if True:
             return settled_estimate(self, train(evidence, self.method, progress))
         return trained_network(self, evidence, progress).in_the_noise_found(evidence)
 
