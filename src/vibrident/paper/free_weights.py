@@ -17,10 +17,8 @@ import numpy as np
 from vibrident.base.backend import jax, jnp
 from vibrident.base.errors import ModelError
 from vibrident.data.records import FloatArray
-from vibrident.fit.descent.sandwich import hac_covariance
 from vibrident.fit.estimators import Estimate, Ipnn
 from vibrident.fit.estimators.findings import Findings
-from vibrident.fit.estimators.kinds.ipnn import require_records, trained_network
 from vibrident.fit.optimise import Progress, Trace, levenberg_marquardt, silent
 from vibrident.fit.problem import Coordinates, Evidence
 from vibrident.fit.problem.time_domain import TimeProblem
@@ -43,16 +41,30 @@ class FreeIpnn(Ipnn):
     reading: Reading = "eigenvalues"
 
     def fit(self, evidence: Evidence, progress: Progress = silent) -> Estimate:
-        """Train the tied network, then all its weights; errors as of ``Ipnn`` and :func:`train_free`."""
-        require_records(evidence)
-        trained = trained_network(self, evidence, progress)
-        coordinates, z = trained.coordinates, trained.trace.last
-        step = method(self.discretisation)
-        in_time = TimeProblem.build(evidence.records, evidence.model, step, evidence.quantity, coordinates.values(z))
-        z, covariance, trace = train_free(in_time, coordinates, z, trained.network.noise, self.reading, progress)
-        _, freedom = hac_covariance(trained.lines(), trained.problem.degrees_of_freedom)
-        found = Findings(replace(trained.network, reading=self.reading))
-        return replace(trained.estimate(z, covariance, freedom, found), trace=trace, begin=None)
+        """Train the tied network, then all its weights; raise as ``Ipnn`` and :func:`train_free`."""
+        tied = super().fit(evidence, progress)
+        coordinates = tied.coordinates
+        network = tied.findings.network
+        assert network is not None
+        problem = TimeProblem.build(
+            evidence.records,
+            evidence.model,
+            method(self.discretisation),
+            evidence.quantity,
+            coordinates.values(tied.z),
+        )
+        z, covariance, trace = train_free(problem, coordinates, tied.z, network.noise, self.reading, progress)
+        found = Findings(replace(network, weights="", reading=self.reading))
+        return replace(
+            tied,
+            z=z,
+            covariance=covariance,
+            trace=trace,
+            begin=None,
+            findings=found,
+            predicted=None,
+            weighed={},
+        )
 
 
 def unpack(vector: Any, states: int, terms: int) -> Weights:

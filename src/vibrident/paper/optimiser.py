@@ -8,7 +8,7 @@ from vibrident.base.errors import InputError
 from vibrident.data.records import FloatArray
 from vibrident.fit.estimators.optimiser import Optimiser
 from vibrident.fit.optimise import Progress, Trace
-from vibrident.fit.problem import Coordinates, Evidence, NetworkProblem, network_objective
+from vibrident.fit.problem import Coordinates, NetworkProblem, network_objective
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,6 @@ class Adam(Optimiser):
 
     def train(
         self,
-        evidence: Evidence,
         z: FloatArray,
         args: tuple[Coordinates, NetworkProblem, FloatArray],
         tolerance: float,

@@ -114,10 +114,6 @@ class Estimator(ABC):
         """
         return None
 
-    def another(self, evidence: Evidence, progress: Progress = silent) -> Estimate | None:
-        """Return another estimate of a model that the first one rejects; None where there is none."""
-        return None
-
     def suits(self, evidence: Evidence) -> str:
         """Reason to choose this estimator for these data; empty: it is not chosen automatically."""
         return ""

@@ -6,13 +6,12 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from vibrident.fit.descent.geodesic import geodesic_steps
 from vibrident.fit.optimise import Progress, Trace, levenberg_marquardt
 from vibrident.fit.problem import network_objective
 
 if TYPE_CHECKING:
     from vibrident.data.records import FloatArray
-    from vibrident.fit.problem import Coordinates, Evidence, NetworkProblem
+    from vibrident.fit.problem import Coordinates, NetworkProblem
 
 
 @dataclass(frozen=True)
@@ -29,7 +28,6 @@ class Optimiser(ABC):
     @abstractmethod
     def train(
         self,
-        evidence: Evidence,
         z: FloatArray,
         args: tuple[Coordinates, NetworkProblem, FloatArray],
         tolerance: float,
@@ -38,7 +36,6 @@ class Optimiser(ABC):
         """Minimise ``network_objective`` from z.
 
         Args:
-            evidence: the data.
             z: start, shape (p,).
             args: of the objective: coordinates, problem, noise of each record.
             tolerance: of the cost, below which no more is to be gained.
@@ -48,19 +45,16 @@ class Optimiser(ABC):
 
 @dataclass(frozen=True)
 class LevenbergMarquardt(Optimiser):
-    """Levenberg and Marquardt's steps, bent along geodesics."""
+    """Levenberg and Marquardt's steps."""
 
     in_time: ClassVar[bool] = False
 
     def train(
         self,
-        evidence: Evidence,
         z: FloatArray,
         args: tuple[Coordinates, NetworkProblem, FloatArray],
         tolerance: float,
         progress: Progress,
     ) -> Trace:
         """Minimise the objective; arguments as of :meth:`Optimiser.train`."""
-        coordinates, _, noise = args
-        bent = geodesic_steps(evidence, coordinates, noise)
-        return levenberg_marquardt(network_objective, z, args, tolerance=tolerance, progress=progress, bent=bent)
+        return levenberg_marquardt(network_objective, z, args, tolerance=tolerance, progress=progress)

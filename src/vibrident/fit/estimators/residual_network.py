@@ -61,11 +61,6 @@ class ResidualIpnn(Estimator):
     physics: Estimator = field(default_factory=lambda: ESTIMATORS[ResidualIpnn.name])
     structures: tuple[tuple[str, ...], ...] = STRUCTURES
 
-    def where_rejected(self, evidence: Evidence, estimate: Estimate, progress: Progress = silent) -> Estimate | None:
-        """That of the physics, where no network stands beside it."""
-        other, learned = self.physics.where_rejected(evidence, estimate, progress), estimate.findings.learned
-        return None if other is None else replace(other, findings=replace(other.findings, learned=learned))
-
     def fit(self, evidence: Evidence, progress: Progress = silent) -> Estimate:
         """Train the physics, then the networks parallel to it.
 

@@ -68,7 +68,5 @@ def beside_departures(first: Fitted) -> Fitted:
         other = now.anew(now.evidence.with_records(records))
         if not other.adequate and not now.adequate:  # a misfit has tones and drifts, too
             break
-        if now.in_noise_found and not other.in_noise_found:
-            break
         now = replace(other, told=(*now.told, told_as_nuisances(now)))
     return now

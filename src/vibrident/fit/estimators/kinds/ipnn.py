@@ -1,9 +1,9 @@
-"""The estimator ``ipnn``: the network, trained end to end on excitation and response, as in the paper, and beyond.
+"""The estimator ``ipnn``: the network, trained on excitation and response, as in the paper, and beyond.
 
-Weights tied to the physics through the chosen discretisation, initial state and offset of every record found exactly,
-each record weighted by its own noise. Trained by Levenberg–Marquardt, or by Adam as in the paper; Levenberg–Marquardt
-is followed by steps that weigh every line of the residual by the noise found there, to maximum likelihood for any
-noise (:mod:`vibrident.fit.descent.reweighting`).
+Its weights are tied to the physics through the chosen discretisation; initial states and offset of
+every record are found exactly. The network of a linear sensor is trained at the bins of the band, in
+the noise of both channels (:mod:`vibrident.fit.descent.train`). A nonlinear sensor, and the paper's
+Adam, run it in time, each record weighted by its own noise.
 """
 
 from __future__ import annotations
@@ -11,16 +11,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
 from vibrident.base.binding import bound
 from vibrident.base.errors import ModelError
 from vibrident.data.records import FloatArray
-from vibrident.fit.bins import RecordBins
-from vibrident.fit.descent.geodesic import geodesic_steps
-from vibrident.fit.descent.reweighting import reweighted
 from vibrident.fit.descent.sandwich import hac_covariance
 from vibrident.fit.descent.settle import Settled
 from vibrident.fit.descent.train import train
@@ -28,12 +25,18 @@ from vibrident.fit.descent.weighed import weighed_records
 from vibrident.fit.estimators.base import Estimate, Estimator, Setting
 from vibrident.fit.estimators.findings import Findings, TrainedNetwork
 from vibrident.fit.estimators.optimiser import LevenbergMarquardt, Optimiser
-from vibrident.fit.optimise import Progress, Trace, silent
-from vibrident.fit.problem import BinProblem, Coordinates, Evidence, NetworkProblem
-from vibrident.fit.response.hum import hum_tones, lacking
-from vibrident.fit.start.start import Start, find_start
+from vibrident.fit.optimise import Progress, silent
+from vibrident.fit.problem import Coordinates, Evidence
+from vibrident.fit.start.start import find_start
 from vibrident.physics.discretisation import Method, method
-from vibrident.physics.models.base import DERIVATIVES
+
+if TYPE_CHECKING:
+    from vibrident.fit.problem.time_domain import TimeProblem
+
+
+#: Rounds of noise and training in time, and the decrease of the cost that ends one.
+MAX_ROUNDS = 6
+TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -104,50 +107,29 @@ class Ipnn(Estimator):
             InputError: no record is long enough.
         """
         require_records(evidence)
-        if not self.by_lines(evidence):
-            return trained_network(self, evidence, progress).with_equal_weights()
-        # Behind a reference that is differentiated, equal weights follow its noise.
-        if True:
-            return settled_estimate(self, train(evidence, self.method, progress))
-        return trained_network(self, evidence, progress).in_the_noise_found(evidence)
-
-    def another(self, evidence: Evidence, progress: Progress = silent) -> Estimate | None:
-        """Return the estimate from start values at the exact bins; None where that was the first."""
-        if not (self.by_lines(evidence) and _are_driven(evidence)) or True:
-            return None
-        return settled_estimate(self, train(evidence, self.method, progress))
+        if self.in_band(evidence):
+            return settled_estimate(train(evidence, self.method, progress))
+        return trained_in_time(self, evidence, progress)
 
     @property
     def trainer(self) -> Optimiser:
         """The optimiser that the setting names or is."""
         return self.optimiser if isinstance(self.optimiser, Optimiser) else _optimiser(self.optimiser, {})
 
-    def by_lines(self, evidence: Evidence) -> bool:
-        """Whether the network is run at the bins of its transform; Adam runs it in time, as the paper does."""
+    def in_band(self, evidence: Evidence) -> bool:
+        """Return whether the network is run at bins; Adam runs it in time, as the paper does."""
         return evidence.model.is_linear and not self.trainer.in_time
-
-    def where_rejected(self, evidence: Evidence, estimate: Estimate, progress: Progress = silent) -> Estimate | None:
-        """The best overall fit: equal weights for all samples of a record; None where its lines were not weighted."""
-        network, problem, begin = estimate.findings.network, estimate.problem, estimate.begin
-        if estimate.findings.noise is None or network is None or problem is None or begin is None:
-            return None
-        return TrainedIpnn(problem, estimate.coordinates, estimate.trace, begin, network).with_equal_weights()
 
 
 IPNN = Ipnn()
 
 
-def _are_driven(evidence: Evidence) -> bool:
-    """Return whether every record has a reference."""
-    return all(record.reference is not None for record in evidence.records)
-
-
-def settled_estimate(network: Ipnn, settled: Settled) -> Estimate:
+def settled_estimate(settled: Settled) -> Estimate:
     """Return the estimate of a linear model's network in the noise of both channels."""
     problem = settled.band.problem
     hum = settled.noise.hum_hz
     trained = TrainedNetwork(
-        network.discretisation,
+        problem.frame.method.name,
         settled.trace.optimiser,
         problem.frame.terms,
         settled.deviation,
@@ -191,115 +173,63 @@ def _optimiser(name: str, settings: dict[str, Any]) -> Optimiser:
     return LevenbergMarquardt() if name == "lm" else bound("adam")(**settings)
 
 
-def trained_network(network: Ipnn, evidence: Evidence, progress: Progress) -> TrainedIpnn:
-    """Train the network with equal weights for all samples of a record."""
+def trained_in_time(network: Ipnn, evidence: Evidence, progress: Progress) -> Estimate:
+    """Return the estimate of equal weights for all samples of a record, run in time."""
+    from vibrident.fit.problem.time_domain import TimeProblem
+
     assert evidence.first_look is not None
-    begin, linear = find_start(evidence.first_look, evidence.model), evidence.model.is_linear
-    coordinates = Coordinates.at(evidence.model, begin.values, evidence.band_hz, evidence.response_size)
-    problem, z = _problem(network, evidence, coordinates, begin.values), coordinates.first
-    noise, trace, settled = np.ones(len(evidence.records)), None, False
-    for _ in range(6):
+    begin = find_start(evidence.first_look, evidence.model)
+    size = evidence.response_size
+    coordinates = Coordinates.at(evidence.model, begin.values, evidence.band_hz, size)
+    method = network.method
+    problem = TimeProblem.build(evidence.records, evidence.model, method, evidence.quantity, begin.values)
+    z = coordinates.first
+    noise = np.ones(len(evidence.records))
+    trace = None
+    settled = False
+    for _ in range(MAX_ROUNDS):
         normal = problem.normal(z, coordinates, noise)
         found = problem.record_noise(normal, noise)
         if settled and np.allclose(found, noise, rtol=1e-3, atol=0.0):
             break
-        if trace is None and not linear:
+        if trace is None and not evidence.model.is_linear:
             z = _with_harmonic_start(problem, normal, evidence, z)
         noise = found
-        # Where weights by the noise of each line follow, a tenth of a standard uncertainty may be left; at first more.
-        tolerance = 1e-6 if not network.by_lines(evidence) else 0.1 if trace is None else 0.01
-        trace = network.trainer.train(evidence, z, (coordinates, problem, noise), tolerance, progress)
+        at = coordinates, problem, noise
+        trace = network.trainer.train(z, at, TOLERANCE, progress)
         z = trace.last
         moved = problem.at_delay_of(coordinates.values(z))
-        settled = moved is problem and tolerance < 0.1  # else another round, with the inputs at the delay found
+        settled = moved is problem  # else another round, with the inputs at the delay found
         problem = moved
     assert trace is not None
-    hum = tuple(record.hum_hz for record in problem.records)
-    terms = problem.frame.terms
-    found = TrainedNetwork(network.discretisation, trace.optimiser, terms, noise, linear=linear, hum_hz=hum)
-    return TrainedIpnn(problem, coordinates, trace, begin, found)
+    trained = TrainedNetwork(
+        network.discretisation,
+        trace.optimiser,
+        problem.frame.terms,
+        noise,
+        linear=evidence.model.is_linear,
+        weights="white",
+        hum_hz=tuple(record.hum_hz for record in problem.records),
+    )
+    lines = problem.lines(z, coordinates, noise)
+    covariance, freedom = hac_covariance(lines, problem.degrees_of_freedom)
+    return Estimate(
+        Ipnn.name,
+        coordinates,
+        z,
+        covariance,
+        freedom,
+        trace,
+        problem=problem,
+        begin=begin,
+        equations=float(np.sum(problem.degrees_of_freedom)),
+        criterion="samples",
+        findings=Findings(trained),
+        predicted=tuple(problem.predict(coordinates, z)),
+    )
 
 
-def _problem(network: Ipnn, evidence: Evidence, coordinates: Coordinates, start: dict[str, float]) -> NetworkProblem:
-    """The records, with the hum that the start values leave as nuisance parameters.
-
-    A free response without damping imitates hum, and a resonance above half the sampling rate has one at any frequency:
-    from a start near the truth, training would leave it for that.
-    """
-    at = (evidence.records, evidence.model, network.method, evidence.quantity, start)
-    if not network.by_lines(evidence):
-        from vibrident.fit.problem.time_domain import TimeProblem
-
-        return TimeProblem.build(*at)
-    problem, known = BinProblem.build(*at), tuple(record.hum_hz for record in evidence.records)
-    tones = hum_tones(problem.records, problem.predict(coordinates, coordinates.first), known)
-    return problem.with_hum(tones) if lacking(tones, known, problem.records) else problem
-
-
-@dataclass(frozen=True, eq=False)
-class TrainedIpnn:
-    """The network at the optimum of equal weights for all samples of a record.
-
-    Attributes:
-        problem: the records.
-        coordinates: the map from z to parameters.
-        trace: of the optimiser; its last place is the optimum.
-        begin: the way from the grid to the start values.
-        network: how it was trained.
-    """
-
-    problem: NetworkProblem
-    coordinates: Coordinates
-    trace: Trace
-    begin: Start
-    network: TrainedNetwork
-
-    def lines(self) -> list[RecordBins]:
-        """The records at the bins of their transforms, at the optimum."""
-        return self.problem.lines(self.trace.last, self.coordinates, self.network.noise)
-
-    def estimate(self, z: FloatArray, covariance: FloatArray, freedom: float, findings: Findings) -> Estimate:
-        """An estimate of this training."""
-        return Estimate(
-            Ipnn.name,
-            self.coordinates,
-            z,
-            covariance,
-            freedom,
-            self.trace,
-            problem=self.problem,
-            begin=self.begin,
-            equations=float(np.sum(self.problem.degrees_of_freedom)),
-            criterion="samples",
-            findings=findings,
-        )
-
-    def with_equal_weights(self) -> Estimate:
-        """As trained."""
-        covariance, freedom = hac_covariance(self.lines(), self.problem.degrees_of_freedom)
-        found = Findings(replace(self.network, weights="white"))
-        return self._with_response(self.estimate(self.trace.last, covariance, freedom, found))
-
-    def _with_response(self, found: Estimate) -> Estimate:
-        return replace(found, predicted=tuple(self.problem.predict(self.coordinates, found.z)))
-
-    def in_the_noise_found(self, evidence: Evidence) -> Estimate:
-        """The last step of training: every line of the residual weighted by its own noise."""
-        two_modes = bool(self.coordinates.model.shares)  # they trade against each other along a curved valley
-        bent, noise = None, self.network.noise
-        begins = [self.trace.last, self.coordinates.place(self.begin.values)]
-        if two_modes:
-            bent = geodesic_steps(evidence, self.coordinates, noise)
-        end = reweighted(self.problem, self.coordinates, begins, noise, bent)
-        if end is None:
-            return self.with_equal_weights()
-        found = Findings(replace(self.network, weights="spectrum"), end.noise)
-        return self._with_response(self.estimate(end.z, end.covariance, end.degrees_of_freedom, found))
-
-
-def _with_harmonic_start(problem: NetworkProblem, normal: Any, evidence: Evidence, z: FloatArray) -> FloatArray:
-    from vibrident.fit.problem.time_domain import TimeProblem
+def _with_harmonic_start(problem: TimeProblem, normal: Any, evidence: Evidence, z: FloatArray) -> FloatArray:
     from vibrident.fit.start.harmonic_start import with_harmonic_start
 
-    assert isinstance(problem, TimeProblem)
     return with_harmonic_start(problem, normal, evidence, z)
