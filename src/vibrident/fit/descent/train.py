@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+import itertools
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -59,24 +60,51 @@ def train(evidence: Evidence, method: Method, progress: Progress) -> Settled:
     band = band.within(look.band_hz[1])
     look = look_at(band)
     weighting = _without_model(band, look)
-
-    def starts() -> Iterator[dict[str, float]]:
-        if evidence.start is not None:
-            yield dict(evidence.start)
-        more = model.has_delay or len(model.parameters) > len(model.core.parameters)
-        for candidate in candidates(band, look, STARTS if more else FEW_STARTS):
-            yield candidate.values
-
-    ends = _descended(evidence, band, look, weighting, starts(), progress)
-    most = MISFIT * 2.0 * _heard_bins(look)
-    explains = min(end.at.cost for end in ends) < most
+    count = 2.0 * _heard_bins(look)
+    started = evidence.start is not None
+    known = [dict(evidence.start)] if started else []
+    some = _candidates(band, look)
+    ends = _descended(evidence, band, look, weighting, itertools.chain(known, some), progress)
+    if not started and _least(ends).at.cost > ENOUGH * count:
+        # Bins of very little noise lead a model that does not suit them astray: they are told less.
+        best = _least(ends)
+        here = best.band
+        there = look_at(here)
+        wider = with_model_error(_without_model(here, there), best, count)
+        more = _candidates(here, there.weighed(_weights(here, wider)))
+        rough = _descended(evidence, here, there, wider, more, progress, every=True)
+        begins = [end.coordinates.values(end.z) for end in rough]
+        ends += _descended(evidence, band, look, weighting, begins, progress, every=True)
+    explains = _least(ends).at.cost < MISFIT * count
     if not explains:
         for _ in range(MODEL_ERROR_ROUNDS):
-            best = min(ends, key=lambda end: end.at.cost)
-            wider = with_model_error(weighting, best, 2.0 * _heard_bins(look))
-            begins = [best.coordinates.values(best.z), *starts()]
+            best = _least(ends)
+            wider = with_model_error(weighting, best, count)
+            begins = [best.coordinates.values(best.z), *known, *_candidates(band, look)]
             ends = _descended(evidence, band, look, wider, begins, progress, every=True)
     return settle(ends, look, weighting, progress, explains=explains)
+
+
+def _candidates(band: Band, look: Look) -> Iterator[dict[str, float]]:
+    """Yield places of the grid; those of a model whose parameters may trade are more."""
+    model = band.model
+    more = model.has_delay or len(model.parameters) > len(model.core.parameters)
+    for candidate in candidates(band, look, STARTS if more else FEW_STARTS):
+        yield candidate.values
+
+
+def _weights(band: Band, weighting: Weighting) -> list[FloatArray]:
+    """Return the weights of each group's bins in a noise, shape (R, K) each."""
+    noises = weighting.of_groups(band)
+    return [
+        group.grid.counts * noise.excited / noise.response
+        for group, noise in zip(band.groups, noises, strict=True)
+    ]
+
+
+def _least(ends: Sequence[Descended]) -> Descended:
+    """Return the descent that leaves least."""
+    return min(ends, key=lambda end: end.at.cost)
 
 
 def _heard_bins(look: Look) -> float:

@@ -309,7 +309,17 @@ class _Search:
             turns = np.exp(2j * np.pi * np.outer(late, rows.frequency_hz.reshape(-1)[told]))
             sums += (turns @ common[told]).real
         whole = late + self.band.problem.frame.delay_s
-        return float(late[np.argmax(preferred(np.abs(sums), whole * high))])
+        best = int(np.argmax(preferred(np.abs(sums), whole * high)))
+        return float(late[best] + _beside(np.abs(sums), best) * (late[1] - late[0]))
+
+
+def _beside(values: FloatArray, place: int) -> float:
+    """Return where a parabola through a maximum and its neighbours peaks, in places from it."""
+    if not 0 < place < len(values) - 1:
+        return 0.0
+    before, here, after = values[place - 1 : place + 2]
+    bend = 2.0 * here - before - after
+    return float(np.clip(0.5 * (after - before) / bend, -0.5, 0.5)) if bend > 0.0 else 0.0
 
 
 def preferred(agreement: FloatArray, periods: FloatArray) -> FloatArray:

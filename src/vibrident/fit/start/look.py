@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
@@ -41,6 +41,10 @@ class Look:
     def heard_in(self, group: Group) -> BoolArray:
         """Return where motion shows in a group of the same lengths, shape (R, K)."""
         return np.stack([self.heard[number][1] for number in group.segments])
+
+    def weighed(self, weights: Sequence[FloatArray]) -> Look:
+        """Return the same with other weights of each group's bins, shape (R, K) each."""
+        return replace(self, weights=tuple(weights))
 
 
 def look_at(band: Band) -> Look:
