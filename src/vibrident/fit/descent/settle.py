@@ -230,13 +230,16 @@ def _stated(
         around = width(grid.samples, 1 / 128)
         excited = np.stack([weighting.spectra[n].excited for n in place.group.segments])
         owners = band.owners(place.group)
-        local = np.stack(
-            [
-                np.maximum(mean_around(_power(residual) / samples, around, NEAREST), floors[owner])
-                for residual, samples, owner in zip(place.rows.residual, place.group.count, owners, strict=True)
-            ]
+        power = power_of(place.rows.residual) / (place.group.count[:, None] * place.psd)
+        power[:, 0] = power[:, 1]  # at bin 0 is an offset
+        least = floors[owners][:, None] / place.psd
+        # What does not count says nothing of the noise where it counts.
+        sums, of_weights = (
+            np.stack([mean_around(row, around, NEAREST) for row in rows])
+            for rows in (power * excited, excited)
         )
-        loud = place.weight * excited * local / place.psd
+        local = np.maximum(sums / np.maximum(of_weights, np.finfo(float).tiny), least)
+        loud = place.weight * excited * local
         middle += np.sum(products(place.jacobian * loud[:, None], place.jacobian), axis=0)
         freedom += len(owners) * 4.0 * (around - NEAREST)
         for row, (number, owner) in enumerate(zip(place.group.segments, owners, strict=True)):
@@ -257,13 +260,6 @@ def _stated(
     each = np.array(untold).reshape(-1, count)
     noise = SpectralNoise(reference, doubtful(each, covariance), tuple(tones), each)
     return Settled(band, coordinates, z, covariance, freedom, trace, weighting, noise, deviation, at.groups)
-
-
-def _power(residual: ComplexArray) -> FloatArray:
-    """Return the power of each bin; that of bin 0, an offset, is that of the next."""
-    power = power_of(residual)
-    power[0] = power[1]
-    return power
 
 
 def _draw(place: GroupAt, row: int, doubt: FloatArray) -> FloatArray:
