@@ -15,8 +15,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
-from scipy.linalg import toeplitz
-from scipy.ndimage import maximum_filter1d
 
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.data.screening.steps import converter_step
@@ -205,8 +203,8 @@ class Channel:
 
         ``usual``: standard deviation of the errors.
         """
-        taps = np.pad(self.prediction.taps, (0, max(errors.size - ORDER - 1, 0)))
-        design = toeplitz(taps[: errors.size], np.zeros(length))
+        taps = np.pad(self.prediction.taps, (length - 1, max(errors.size - ORDER - 1, 0)))
+        design = sliding_window_view(taps[: errors.size + length - 1], errors.size)[::-1].T
         sizes = np.linalg.lstsq(design, errors, rcond=None)[0]
         remainder = errors - design @ sizes
         gained = float(errors @ errors - remainder @ remainder) / usual**2
@@ -338,4 +336,5 @@ def _breaks_off(channel: Channel, place: int) -> bool:
 
 def _near(flags: BoolArray, reach: int) -> BoolArray:
     """Return which samples have a flag within reach, shape (samples,)."""
-    return np.asarray(maximum_filter1d(flags.view(np.uint8), 2 * reach + 1, mode="constant"), dtype=bool)
+    count = np.cumsum(np.pad(flags, (reach + 1, reach)))
+    return count[2 * reach + 1 :] > count[: -2 * reach - 1]
