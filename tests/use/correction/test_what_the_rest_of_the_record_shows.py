@@ -176,14 +176,12 @@ def test_a_wild_sample_of_the_response_costs_its_neighbours(model):
     assert {finding.code for finding in found.findings} == {"dead_channel"}
 
 
-@pytest.mark.xfail(reason="the new rule of wild samples leaves the peak in", strict=False)
 def test_no_peak_is_stated_where_it_is_among_the_samples_that_are_not_known():
     found, _ = corrected("accelerometer", "white", wild=("response", 412))
     assert found.corrections[0].peak is None
     assert "the peak among them" in found.findings[-1].message
 
 
-@pytest.mark.xfail(reason="the new rule of lost time asks for quiet beside it", strict=False)
 def test_lost_time_costs_the_samples_beside_it():
     """Only the longest unbroken part was corrected, as a fit needs it."""
     values = SENSORS["accelerometer"][0]

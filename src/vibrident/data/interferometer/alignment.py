@@ -12,11 +12,12 @@ import functools
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import fft, signal
+from scipy import fft
 
 from vibrident.base.errors import InputError
 from vibrident.data.interferometer.decimation import (
     ATTENUATION_DB,
+    BETA,
     PASS,
     at_positions,
     decimated,
@@ -44,7 +45,7 @@ def _derivative_filter() -> FloatArray:
     half = np.pi * frequency
     wanted = np.divide(half, np.sin(half), out=np.ones(half.shape), where=half > 0.0) ** 2
     inside = frequency <= 0.5 * (PASS + 0.5)
-    window = np.kaiser(2 * HALF_FILTER + 1, signal.kaiser_beta(ATTENUATION_DB))
+    window = np.kaiser(2 * HALF_FILTER + 1, BETA)
     asked = wanted.copy()
     for _ in range(8):  # the window smooths the target, so the target is raised where it is curved
         impulse = np.roll(np.fft.irfft(asked * inside, points), HALF_FILTER)[: 2 * HALF_FILTER + 1] * window

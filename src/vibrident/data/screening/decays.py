@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.signal.windows import hann
 
 from vibrident.data.records import BoolArray, FloatArray
 
@@ -36,7 +35,7 @@ def goes_on(response: FloatArray, valid: BoolArray) -> bool:
     power = np.sum(moving**2, axis=1)
     if not np.max(power) < MAX_RATIO * np.min(power):
         return False
-    lines = np.abs(np.fft.rfft(moving * hann(length), axis=1)) ** 2
+    lines = np.abs(np.fft.rfft(moving * np.hanning(length), axis=1)) ** 2
     if np.any(np.max(lines, axis=0) > MAX_LINE_RATIO * np.median(lines, axis=0)):
         return False
     return not _strongest_line_falls(response)
@@ -45,7 +44,7 @@ def goes_on(response: FloatArray, valid: BoolArray) -> bool:
 def _strongest_line_falls(response: FloatArray) -> bool:
     """Tell whether the amplitude of a record's strongest line becomes smaller with time, to first order."""
     samples = response.size
-    window = hann(samples)
+    window = np.hanning(samples)
     time = np.linspace(-1.0, 1.0, samples)
     motion = response - np.average(response, weights=window)
     power = np.abs(np.fft.rfft(motion * window)) ** 2

@@ -11,6 +11,7 @@ from vibrident.data.records import Calibration, FloatArray
 MIN_STEP_SIGMA = 6.0
 SIGMA_OF_MEDIAN = 1.4826  # standard deviation of normal numbers over the median of their size
 MIN_LONE_POWER = 0.99  # part of the steps' power in steps whose neighbours are noise
+MIN_EXPLAINED = 0.5  # part of the signal's power in the levels of its treads: most of it
 
 
 def is_held_drive(calibration: Calibration) -> bool:
@@ -23,7 +24,10 @@ def is_held_drive(calibration: Calibration) -> bool:
 
 
 def is_stairs(drive: FloatArray) -> bool:
-    """Tell whether a signal jumps from level to level, each of two samples or more."""
+    """Tell whether a signal jumps from level to level, each of two samples or more.
+
+    A motion with a few jumps is not: it moves between them, so that its mean levels explain little.
+    """
     size = np.abs(np.diff(drive))
     noise = SIGMA_OF_MEDIAN * float(np.median(size))
     steps = size > MIN_STEP_SIGMA * noise
@@ -31,4 +35,9 @@ def is_stairs(drive: FloatArray) -> bool:
     lone[1:] &= ~steps[:-1]
     lone[:-1] &= ~steps[1:]
     power = float(np.sum(size[steps] ** 2))
-    return power > 0.0 and float(np.sum(size[lone] ** 2)) >= MIN_LONE_POWER * power
+    if power == 0.0 or float(np.sum(size[lone] ** 2)) < MIN_LONE_POWER * power:
+        return False
+    treads = np.concatenate([[0], 1 + np.flatnonzero(steps)])
+    sums = np.add.reduceat(drive - np.mean(drive), treads)
+    explained = float(np.sum(sums**2 / np.diff(treads, append=drive.size)))
+    return explained >= MIN_EXPLAINED * drive.size * float(np.var(drive))

@@ -6,8 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import fft
-from scipy.signal.windows import hann
+from numpy import fft
 
 from vibrident.base.amounts import amount
 from vibrident.base.errors import InputError
@@ -253,7 +252,7 @@ def _aliasing(record: Record) -> list[Finding]:
     values = record.reference
     if not mask.all():  # a gap filled with zeros would be two steps
         values = np.interp(np.arange(record.samples), np.flatnonzero(mask), values[mask])
-    power = np.abs(np.asarray(fft.rfft((values - values.mean()) * hann(record.samples)))) ** 2
+    power = np.abs(fft.rfft((values - values.mean()) * np.hanning(record.samples))) ** 2
     total = float(power.sum())
     above = float(power[int(0.9 * power.shape[0]) :].sum())
     if above <= ALIAS_POWER * total:

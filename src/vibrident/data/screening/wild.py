@@ -10,15 +10,15 @@ the motion broke off and went on elsewhere, began, or has a corner.
 from __future__ import annotations
 
 import functools
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
-from scipy.linalg import toeplitz
-from scipy.ndimage import maximum_filter1d
 
 from vibrident.data.records import BoolArray, FloatArray
+from vibrident.data.records.basis import runs_of_true
 from vibrident.data.screening.steps import converter_step
 
 #: Samples that predict one.
@@ -81,6 +81,11 @@ class Event:
     def brief(self) -> bool:
         """Whether a wild sample or two may be all there is."""
         return self.plain and self.end - self.first <= MAX_SHORT_RUN
+
+    @property
+    def torn(self) -> bool:
+        """Whether hardly a sample lies between what those before and those after it explain."""
+        return not self.wild and self.end - self.first <= MAX_SHORT_RUN
 
     def meets(self, other: Event) -> bool:
         """Tell whether two channels show something at the same time."""
@@ -174,14 +179,15 @@ class Channel:
         groups = np.split(np.arange(places.size), np.flatnonzero(np.diff(places) > ORDER) + 1)
         if not places.size or len(groups) > max(8, MAX_SHARE * size.size):
             return ()
-        events = [self._event(places[group], float(np.max(level[group]))) for group in groups]
-        return tuple(event for event in events if event is not None)
+        found = (self._found(places[group], float(np.max(level[group]))) for group in groups)
+        return tuple(itertools.chain.from_iterable(found))
 
-    def _event(self, places: NDArray[np.int_], level: float) -> Event | None:
-        """Return what happened around some samples next to each other; None beside samples that are not valid."""
-        low, high = int(places[0]) - ORDER, int(places[-1]) + ORDER + 1
-        if not self.valid[max(low - ORDER, 0) : high + ORDER].all() or low < ORDER or high > self.valid.size - ORDER:
-            return None
+    def _found(self, places: NDArray[np.int_], level: float) -> tuple[Event, ...]:
+        """Return what happened around some samples next to each other; nothing beside samples that are not valid."""
+        low = max(int(places[0]) - ORDER, ORDER)
+        high = min(int(places[-1]) + ORDER + 1, self.valid.size - ORDER)
+        if not self.valid[low - ORDER : high + ORDER].all():
+            return ()
         usual = level * self.prediction.deviation
         peak = int(places[np.argmax(np.abs(self.errors[places]))])
         forward, backward = self.prediction.both(self.series[low - ORDER : high + ORDER])
@@ -189,24 +195,39 @@ class Channel:
         before = np.flatnonzero(np.abs(backward[ORDER:]) > NOISE * usual)
         first = low + int(after[0]) if after.size else peak
         end = low + int(before[-1]) + 1 if before.size else peak + 1
+        if first == low or end == high:  # it began before, or goes on behind what can be judged
+            return ()
         strength = float(np.abs(self.errors[peak])) / level
+        around_peak = [(peak, peak + 1), (peak, peak + 2), (peak - 1, peak + 1)]
         candidates = [(first - left, end + right) for left, right in _WIDER if end > first]
-        for begin, behind in candidates or [(peak, peak + 1), (peak, peak + 2), (peak - 1, peak + 1)]:
+        for begin, behind in candidates or around_peak:
             if begin < low or behind - begin > self.longest:
                 break
             errors = forward[begin - low : behind - low + ORDER]
             lone, wild = self._explained(errors, usual, behind - begin)
             if lone:  # a corner of the motion is seldom told from a wild sample that neither error shows
-                return Event(begin, behind, strength, lone, wild and end > first)
-        return Event(first, end, strength, lone=False, wild=False)
+                return (Event(begin, behind, strength, lone, wild and end > first),)
+        motion = Event(first, end, strength, lone=False, wild=False)
+        for begin, behind in around_peak:
+            if self._far_off(begin, behind):
+                return Event(begin, behind, strength, lone=True, wild=True), *[motion] * (not motion.torn)
+        return (motion,)
+
+    def _far_off(self, begin: int, behind: int) -> bool:
+        """Tell whether samples stand out of a motion that is not predicted: of its changes from sample to sample."""
+        before = np.arange(max(begin - ORDER, 0), begin)
+        beside = np.append(before, np.arange(behind, min(behind + ORDER, self.series.size)))
+        off = self.series[begin:behind] - np.interp(np.arange(begin, behind), beside, self.series[beside])
+        change = float(np.max(np.abs(np.diff(self.series[beside]))))
+        return float(np.min(np.abs(off))) > max(STANDS_OUT * change, self.smallest)
 
     def _explained(self, errors: FloatArray, usual: float, length: int) -> tuple[bool, bool]:
         """Tell whether the first ``length`` samples explain some forward errors, if wild, and whether they surely are.
 
         ``usual``: standard deviation of the errors.
         """
-        taps = np.pad(self.prediction.taps, (0, max(errors.size - ORDER - 1, 0)))
-        design = toeplitz(taps[: errors.size], np.zeros(length))
+        taps = np.pad(self.prediction.taps, (length - 1, max(errors.size - ORDER - 1, 0)))
+        design = sliding_window_view(taps[: errors.size + length - 1], errors.size)[::-1].T
         sizes = np.linalg.lstsq(design, errors, rcond=None)[0]
         remainder = errors - design @ sizes
         gained = float(errors @ errors - remainder @ remainder) / usual**2
@@ -279,23 +300,30 @@ class Samples:
         return Prediction(taps, max(float(np.std(windows @ taps[::-1])), np.finfo(float).eps))
 
     def without_worst(self, prediction: Prediction) -> Samples:
-        """Return the same samples without those near what a prediction does not explain."""
+        """Return the same samples without those near what a prediction does not explain; all if these are most.
+
+        Half of them may lie at rest, which tells nothing of the motion.
+        """
         size = np.abs(self.windows @ prediction.taps[::-1])
         usual = float(np.median(size[self.clean])) / MEDIAN
         clean = self.clean & ~_near(self.clean & (size > NOISE * usual), ORDER)
-        return Samples(self.windows, clean) if np.sum(clean) >= 8 * ORDER else self
+        return Samples(self.windows, clean) if np.sum(clean) > 0.5 * np.sum(self.clean) else self
 
 
 def moves(other: Channel, bad: BoolArray) -> BoolArray:
     """Return which samples are motion, shape (samples,): the other channel does something odd there, too.
 
     A jump of velocity is a pulse of acceleration of a few samples, so the other's differences are looked at as well.
+    A sample or two are not explained by what the other shows before, throughout and after them.
 
     Args:
         other: the other channel.
         bad: samples that are odd in a channel, shape (samples,).
     """
     places, moved = np.flatnonzero(bad), np.zeros(bad.shape, dtype=bool)
+    short = bad.copy()
+    for first, end in zip(*runs_of_true(bad), strict=True):
+        short[first:end] = end - first <= MAX_SHORT_RUN
     for order in range(3):  # motion of one channel is that of the other up to two derivatives
         if order:
             series = np.diff(other.series, prepend=other.series[:1])
@@ -304,22 +332,27 @@ def moves(other: Channel, bad: BoolArray) -> BoolArray:
             odd, reach = np.zeros(bad.shape, dtype=bool), TOGETHER + order
             near = np.flatnonzero(_near(bad, reach))
             odd[near] = np.abs(other.errors[near]) > NOISE * other.level(near)
-            moved |= bad & _near(odd, reach)
+            midst = np.zeros(bad.shape, dtype=bool)
+            for event in other.events:
+                midst[event.first + reach + 1 : max(event.end - reach - 1, 0)] = True
+            moved |= bad & _near(odd, reach) & ~(short & midst)
     return moved
 
 
 def breaks(first: Channel, second: Channel) -> NDArray[np.int_]:
     """Return the samples at which both channels of a stationary motion jump: time was lost before them.
 
-    There both go on elsewhere, which no wild samples explain. A motion that begins or ends is not a break, nor is one
-    of several close together: something was moving there.
+    There both go on elsewhere, which no wild samples explain, and nothing lies between what was before and what is
+    after it: a knock lasts. A motion that begins or ends is not a break, nor is one of several close together:
+    something was moving there.
     """
     places = []
     for event in first.events:
         for other in (each for each in second.events if each.meets(event)):
             strongest = max(event, other, key=lambda each: each.strength)
             place = max(strongest.first, 0)
-            if strongest.strength > STANDS_OUT and not (event.plain and other.plain):
+            seen = strongest.strength > STANDS_OUT and not (event.plain and other.plain)
+            if seen and event.torn and other.torn:
                 places += [place] * all(_breaks_off(channel, place) for channel in (first, second))
     apart = np.diff(np.unique(np.array(places, dtype=int)), prepend=-BESIDE, append=first.valid.size + BESIDE)
     return np.unique(np.array(places, dtype=int))[(apart[:-1] >= BESIDE) & (apart[1:] >= BESIDE)]
@@ -328,7 +361,7 @@ def breaks(first: Channel, second: Channel) -> NDArray[np.int_]:
 def _breaks_off(channel: Channel, place: int) -> bool:
     """Tell whether a channel jumps at a sample, and its motion is about as large before it as after it."""
     series = channel.series
-    errors = channel.prediction.both(series[place - 2 * ORDER : place + 2 * ORDER])[0]
+    errors = channel.prediction.both(series[max(place - 2 * ORDER, 0) : place + 2 * ORDER])[0]
     before, after = series[max(place - BESIDE - ORDER, 0) : place], series[place : place + ORDER + BESIDE]
     if min(before.size, after.size) < ORDER or float(np.max(np.abs(errors))) < MIN_BREAK * float(np.std(series)):
         return False
@@ -338,4 +371,5 @@ def _breaks_off(channel: Channel, place: int) -> bool:
 
 def _near(flags: BoolArray, reach: int) -> BoolArray:
     """Return which samples have a flag within reach, shape (samples,)."""
-    return np.asarray(maximum_filter1d(flags.view(np.uint8), 2 * reach + 1, mode="constant"), dtype=bool)
+    count = np.cumsum(np.pad(flags, (reach + 1, reach)))
+    return count[2 * reach + 1 :] > count[: -2 * reach - 1]

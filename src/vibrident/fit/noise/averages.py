@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import functools
+import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaln
 
 from vibrident.data.records import FloatArray
 from vibrident.data.records.basis import distinct
@@ -155,4 +155,5 @@ def mean_over_geometric(counts: FloatArray) -> FloatArray:
     not the noise looked for.
     """
     counts = np.maximum(counts, 1e-2)
-    return np.exp(-counts * gammaln(1.0 + 1.0 / counts))
+    log_gamma = np.vectorize(math.lgamma, otypes=[float])(1.0 + 1.0 / counts)
+    return np.exp(-counts * log_gamma)

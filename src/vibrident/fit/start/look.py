@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
 
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.group.band import Band
@@ -100,5 +99,15 @@ def _gain_squared(response: ComplexArray, motion: ComplexArray) -> FloatArray:
     for rows in (response, motion):
         power = power_of(rows)
         power[:, 0] = power[:, 1]
-        sums.append(uniform_filter1d(power, min(BLOCK_BINS, power.shape[1]), axis=1))
+        sums.append(_sum_around(power, min(BLOCK_BINS, power.shape[1])))
     return np.divide(sums[0], sums[1], out=np.zeros_like(sums[0]), where=sums[1] > 0.0)
+
+
+def _sum_around(rows: FloatArray, width: int) -> FloatArray:
+    """Return the sum of ``width`` bins around each, mirrored at the ends; shape (R, K)."""
+    before = width // 2
+    sums = np.pad(rows, ((0, 0), (before, width - 1 - before)), mode="symmetric")
+    np.cumsum(sums, axis=1, out=sums)
+    within = sums[:, width - 1 :].copy()
+    within[:, 1:] -= sums[:, :-width]
+    return within
