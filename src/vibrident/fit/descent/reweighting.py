@@ -86,8 +86,7 @@ def reweighted(
     """
     evaluate = functools.partial(problem.lines, coordinates=coordinates, noise=noise)
     for z in begins:
-        with np.errstate(all="ignore"):  # a start may be where the network is not finite
-            lines = evaluate(z)
+        lines = _evaluated(evaluate, z)
         if not finite(lines):
             continue
         motions = [motion_of(record) for record in lines]
@@ -144,9 +143,9 @@ def _down(
         trial, there = here.ahead(damping, bent, part), None
         if np.all(np.abs(trial - here.z) <= 3.0 * np.maximum(np.abs(here.z), 1.0)):  # near enough to be linear
             lines.clear()  # of long records they are most of the memory
-            lines += evaluate(trial)
+            lines += _evaluated(evaluate, trial)
             give_back_after(max(record.samples for record in lines))
-            if here.leads_to(lines):
+            if finite(lines) and here.leads_to(lines):
                 there = iterate_at(lines, [motion_of(record) for record in lines], list(here.spectra), trial, SETTLED)
         if there is None:
             damping = max(DAMPED, damping * MORE_DAMPED * 2.0**rejected)
@@ -158,6 +157,12 @@ def _down(
             here, rejected = there, 0
             damping = damping * LESS_DAMPED if damping > DAMPED else 0.0
     return here
+
+
+def _evaluated(evaluate: Callable[[FloatArray], list[RecordBins]], z: FloatArray) -> list[RecordBins]:
+    """Return the records at a place where the network need not be finite."""
+    with np.errstate(all="ignore"):
+        return evaluate(z)
 
 
 def _draw(record: RecordBins, spectrum: NoiseSpectrum) -> FloatArray:
