@@ -19,7 +19,7 @@ def short(kind, samples, seed=1, noise=1e-3):
     return with_noise(made, response_noise=noise, seed=seed)
 
 
-@pytest.mark.parametrize(("kind", "samples"), [("shock", 20), ("random", 24)])
+@pytest.mark.parametrize(("kind", "samples"), [("shock", 20), ("shock", 60), ("random", 24), ("sweep", 50)])
 def test_what_cannot_be_judged_says_so(kind, samples):
     result = vibrident.identify(short(kind, samples))
     assert "lack_of_fit" in result.warning_codes
