@@ -111,6 +111,7 @@ def _step(fitted: Fitted) -> tuple[float, float] | None:
     spread: FloatArray | float = 0.0
     common: FloatArray | float = 0.0
     for group in groups_of(evidence, estimate, judgement.predicted, tones):
+        group = group.again(slope_with_time(group, 0.0))
         rows = group.freed(group.flat(slope_with_time(group, 0.0)))
         sums = group.exact_sums(rows, None).total()
         total = sums if total is None else total + sums
