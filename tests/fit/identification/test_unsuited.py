@@ -23,6 +23,7 @@ def test_they_are_named_or_right_without_a_python_warning(kind):
         assert result.fit.adequate
         for name, value in TRUE.items():
             found = result.parameters[name]
+            assert found.standard_uncertainty is not None
             assert abs(found.value - value) < 4.0 * found.standard_uncertainty
     for parameter in result.parameters.values():
         assert parameter.standard_uncertainty is None or parameter.standard_uncertainty > 0.0
