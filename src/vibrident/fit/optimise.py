@@ -161,7 +161,8 @@ class _Point:
 
     @classmethod
     def of(cls, z: FloatArray, objective: Objective, args: Any) -> _Point:
-        local = objective(z, args)
+        with np.errstate(all="ignore"):  # a step may be far too long
+            local = objective(z, args)
         gradient, matrix = np.asarray(local.gradient), np.asarray(local.matrix)
         finite = np.all(np.isfinite(matrix)) and np.all(np.isfinite(gradient))
         return cls(z, float(local.cost) if finite else np.inf, gradient, matrix)

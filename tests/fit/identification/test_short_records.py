@@ -31,6 +31,22 @@ def test_what_cannot_be_judged_says_so(kind, samples):
         assert all(u is None or u > 0.0 for u in stated)  # None: the data say nothing of it
 
 
+@pytest.mark.draws(8, 40)
+@pytest.mark.parametrize(("kind", "samples"), [("shock", 60), ("sweep", 50)])
+def test_what_is_judged_adequate_is_right(kind, samples, draws):
+    """Of 40 shocks 37 or more lie within two standard uncertainties in each parameter, of 40 sweeps all."""
+    errors = []
+    for seed in range(draws):
+        result = vibrident.identify(short(kind, samples, seed))
+        assert result.fit.adequate
+        assert result.fit.chi2_reduced is not None
+        found = result.parameters
+        errors.append([(found[n].value - TRUTH[n]) / (found[n].standard_uncertainty or np.nan) for n in NAMES])
+    spread = np.sqrt(np.mean(np.square(errors), axis=0))
+    assert np.all((spread > 0.3) & (spread < 1.6)), spread
+    assert np.max(np.abs(errors)) < 4.0
+
+
 @pytest.mark.draws(8, 20)
 def test_the_uncertainty_of_a_short_record_is_that_of_its_noise(draws):
     """Ten times the noise, ten times u; at 90 samples the scatter is what u says."""

@@ -27,8 +27,9 @@ def test_noise_of_the_reference_does_not_lead_shocks_to_a_resonance_at_infinity(
     assert result.fit.adequate
 
 
-@pytest.mark.xfail(reason="the share explained does not know the most likely motion", strict=False)
-@pytest.mark.parametrize(("name", "seed"), [("clean/in-light/multisine/8 bit", 27)])
+@pytest.mark.parametrize(
+    ("name", "seed"), [("clean/in-light/multisine/8 bit", 27), ("clean/pickup-in-light/multisine/8 bit", 28)]
+)
 def test_a_displacement_of_eight_bits_leads_to_the_resonance_that_its_steps_hide(name, seed):
     """The steps of the reference, which the sensor's model raises with the square of the frequency, draw equal weights
     to a third of the natural frequency, and to a hundredth of the sensitivity."""

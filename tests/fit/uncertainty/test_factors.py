@@ -81,8 +81,8 @@ def test_samples_without_a_prediction_are_left_out(rng):
     known = np.where(np.arange(4000) < 1000, np.nan, predicted)
     part = Record("r", record.reference[1000:], record.response[1000:], 1e4, "random")
     alone, seen = factors(part, predicted[1000:]), factors(record, known)
-    for each in ("place", "squares", "freedom"):  # to the ridge of the projections
-        np.testing.assert_allclose(getattr(seen, each), getattr(alone, each), rtol=1e-6)
+    for each in ("place", "squares", "freedom"):
+        np.testing.assert_allclose(getattr(seen, each), getattr(alone, each), rtol=1e-9)
 
 
 def test_a_straight_drift_is_no_deviation():

@@ -58,8 +58,7 @@ def stacked(where: Sequence[Place], parts: Parts, prior: FloatArray | float = 0.
     """
 
     def objective(theta: FloatArray, _: object) -> Local:
-        with np.errstate(all="ignore"):  # a step may be far too long
-            found = [part(place.z(theta)) for place, part in zip(where, parts, strict=True)]
+        found = [part(place.z(theta)) for place, part in zip(where, parts, strict=True)]
         matrix = sum(p.matrix.T @ f.matrix @ p.matrix for p, f in zip(where, found, strict=True))
         gradient = sum(p.matrix.T @ f.gradient for p, f in zip(where, found, strict=True))
         held = prior * theta

@@ -25,10 +25,10 @@ from vibrident.fit.uncertainty.parameters import deviations
 SOURCE = "the ratio of the two clocks"
 CHANGE = "change"  # the departure that two clocks look like: a sensor that changes evenly
 MIN_SIGMA = 4.0  # of ε, to be tried
+DELAY_ORDER = 2  # of a rational function for what is left of a delay (Padé)
 SETTLED = 0.3  # of its standard uncertainty
 MAX_ROUNDS = 6
-DELAY_ORDER = 2  # of a rational function for what is left of a delay (Padé)
-MIN_FALL = 2.0  # of χ², for a fit that is rejected still
+MIN_FALL = 2.0  # of the power that is not explained, for a fit that is rejected still
 
 
 def at_one_clock(fitted: Fitted) -> Fitted:
@@ -54,8 +54,8 @@ def at_one_clock(fitted: Fitted) -> Fitted:
         if abs(change) < SETTLED * u:
             break
         steps = [change]
-        if not best.adequate:  # its own weights hide most of ε in noise
-            steps = [*filter(None, [_nearby(best)] if number == 0 else []), change]
+        if number == 0 and not best.adequate:  # ε may be beyond first order
+            steps = [*filter(None, [_nearby(best)]), change]
         other = next(filter(None, (_better(best, step) for step in steps)), None)
         if other is None:
             break
@@ -74,14 +74,21 @@ def at_one_clock(fitted: Fitted) -> Fitted:
 def _better(fitted: Fitted, change: float) -> Fitted | None:
     """Return the fit at an ε that is so much larger; None where it explains no more."""
     other = _moved(fitted, fitted.evidence.clock_offset + change)
-    is_better = other is not None and (other.adequate or other.chi2 < fitted.chi2 / MIN_FALL)
-    return other if is_better else None
+    if other is None or other.adequate:
+        return other
+    # χ² may rise where the misfit falls, as the noise beside it does.
+    left, before = (1.0 - each.judgement.explained for each in (other, fitted))
+    return other if left < before / MIN_FALL else None
 
 
 def _moved(fitted: Fitted, offset: float) -> Fitted | None:
-    """Return the fit at another ε; None where it leads to none."""
+    """Return the fit at another ε; None where it leads to none.
+
+    A fit that was rejected is no start: its parameters stand in for ε.
+    """
     try:
-        return fitted.anew(fitted.evidence.at_clock(offset))
+        evidence = fitted.evidence.at_clock(offset)
+        return fitted.anew(evidence) if fitted.adequate else fitted.once(evidence)
     except VibridentError:
         return None
 
@@ -111,6 +118,7 @@ def _step(fitted: Fitted) -> tuple[float, float] | None:
     spread: FloatArray | float = 0.0
     common: FloatArray | float = 0.0
     for group in groups_of(evidence, estimate, judgement.predicted, tones):
+        group = group.again(slope_with_time(group, 0.0))
         rows = group.freed(group.flat(slope_with_time(group, 0.0)))
         sums = group.exact_sums(rows, None).total()
         total = sums if total is None else total + sums

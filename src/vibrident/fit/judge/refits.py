@@ -66,7 +66,9 @@ def beside_departures(first: Fitted) -> Fitted:
         if all(kept is record for kept, record in zip(records, now.evidence.records, strict=True)):
             break
         other = now.anew(now.evidence.with_records(records))
-        if not other.adequate and not now.adequate:  # a misfit has tones and drifts, too
+        # A misfit has tones and drifts, too; and what has more unknowns does not explain less, unless it went astray.
+        less = other.judgement.explained < now.judgement.explained
+        if not other.adequate and (less or not now.adequate):
             break
         now = replace(other, told=(*now.told, told_as_nuisances(now)))
     return now

@@ -79,7 +79,10 @@ def shares_of(parts: Sequence[FloatArray]) -> Shares:
 
 
 def powers(bins: Weighed, reference: FloatArray, delay: float, band: slice) -> FloatArray:
-    """Power of the response in a band of bins, of what the model leaves, of what is incoherent, and Σ of its squares.
+    """Return power of the response in a band, of what the model leaves, of what is incoherent, and Σ of its squares.
+
+    What noise of the reference makes of the prediction counts as not foretold, instead of twice: behind a
+    displacement of eight bits it is more than the response.
 
     Args:
         bins: of the record.
@@ -91,11 +94,24 @@ def powers(bins: Weighed, reference: FloatArray, delay: float, band: slice) -> F
     lines, samples = record.residual.size, record.samples
     turn = np.exp(-2j * np.pi * delay / samples * np.arange(lines))
     motion = _without_drift(np.asarray(fft.rfft(reference, samples))[:lines], samples) * turn
-    response = _without_drift(record.residual + record.predicted(slice(0, lines)), samples)
+    predicted = record.predicted(slice(0, lines))
+    response = _without_drift(record.residual + predicted, samples)
     every = np.ones(lines, dtype=bool)
     rest = power_of(without_coherent(response, motion.__getitem__, every)[band])
-    left = power_of(record.residual[band])
+    left = power_of((record.residual + _of_noise(bins, predicted) * predicted)[band])
     return np.array([np.sum(power_of(response[band])), np.sum(left), np.sum(rest), np.sum(rest**2)])
+
+
+def _of_noise(bins: Weighed, predicted: ComplexArray) -> FloatArray:
+    """Return the share of a prediction, by its power in each bin, that noise of the reference makes.
+
+    The rest is what can be foretold of the response from a noisy reference (Wiener 1949).
+    """
+    if bins.record.model is None:
+        return np.zeros(predicted.size)
+    noise = bins.spectrum.input_noise_at * bins.record.model.power() * bins.record.count
+    power = power_of(predicted)
+    return np.minimum(np.divide(noise, power, out=np.ones(power.size), where=power > 0.0), 1.0)
 
 
 def _without_drift(lines: ComplexArray, samples: int) -> ComplexArray:
