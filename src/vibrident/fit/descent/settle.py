@@ -19,7 +19,6 @@ from vibrident.fit.noise.motion import NEAREST
 from vibrident.fit.noise.spectrum import DOUBT
 from vibrident.fit.optimise import Progress, Trace, levenberg_marquardt
 from vibrident.fit.problem.coordinates import Coordinates
-from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import mean_around, power_of
 from vibrident.fit.start.look import Look
 

@@ -58,9 +58,8 @@ def train(evidence: Evidence, method: Method, progress: Progress) -> Settled:
         band = Band(BinProblem.build(evidence.records, model, method, evidence.quantity, moved), np.inf)
         look = look_at(band)
     band = band.within(look.band_hz[1])
-    look = look_at(band)
     weighting = _without_model(band, look)
-    count = 2.0 * _heard_bins(look)
+    count = 2.0 * look.count
     started = evidence.start is not None
     known = [dict(evidence.start)] if started else []
     some = _candidates(band, look)
@@ -71,7 +70,7 @@ def train(evidence: Evidence, method: Method, progress: Progress) -> Settled:
         here = best.band
         there = look_at(here)
         wider = with_model_error(_without_model(here, there), best, count)
-        more = _candidates(here, there.weighed(_weights(here, wider)))
+        more = _candidates(here, replace(there, weights=_weights(here, wider)))
         rough = _descended(evidence, here, there, wider, more, progress, every=True)
         begins = [end.coordinates.values(end.z) for end in rough]
         ends += _descended(evidence, band, look, weighting, begins, progress, every=True)
@@ -93,23 +92,18 @@ def _candidates(band: Band, look: Look) -> Iterator[dict[str, float]]:
         yield candidate.values
 
 
-def _weights(band: Band, weighting: Weighting) -> list[FloatArray]:
-    """Return the weights of each group's bins in a noise, shape (R, K) each."""
-    noises = weighting.of_groups(band)
-    return [
-        group.grid.counts * noise.excited / noise.response
-        for group, noise in zip(band.groups, noises, strict=True)
-    ]
+def _weights(band: Band, weighting: Weighting) -> dict[int, FloatArray]:
+    """Return the weights of each segment's bins in a noise, shape (K,) each."""
+    weights: dict[int, FloatArray] = {}
+    for group, noise in zip(band.groups, weighting.of_groups(band), strict=True):
+        rows = group.grid.counts * noise.excited / noise.response
+        weights |= zip(group.segments, rows, strict=True)
+    return weights
 
 
 def _least(ends: Sequence[Descended]) -> Descended:
     """Return the descent that leaves least."""
     return min(ends, key=lambda end: end.at.cost)
-
-
-def _heard_bins(look: Look) -> float:
-    """Return the number of bins at which motion shows."""
-    return float(sum(np.sum(heard) for _, heard in look.heard.values()))
 
 
 def with_model_error(weighting: Weighting, end: Descended, squares: float) -> Weighting:
@@ -192,7 +186,7 @@ def _descended(
     """Return where the starts lead in a noise; unless ``every``, up to one that explains all."""
     ends: list[Descended] = []
     reason: Exception = NotConverged(NOT_FINITE)
-    count = _heard_bins(look)
+    count = look.count
     for values in starts:
         coordinates = Coordinates.at(evidence.model, values, look.band_hz, evidence.response_size)
         try:
@@ -214,13 +208,14 @@ def _without_model(band: Band, look: Look) -> Weighting:
     spectra: dict[int, NoiseSpectrum] = {}
     passed: dict[int, FloatArray] = {}
     samples: dict[int, int] = {}
-    for group, levels, weights in zip(band.groups, look.levels, look.weights, strict=True):
-        counts = np.maximum(group.grid.counts, np.finfo(float).tiny)
+    for group in band.groups:
+        levels = look.levels_in(group) / group.count[:, None]
+        every = look.shown_in(group) * (group.grid.samples / group.count[:, None])
         floors = band.problem.noise_floor[band.owners(group)] ** 2
         for row, number in enumerate(group.segments):
             psd = np.maximum(levels[row], floors[row])
             nothing = np.broadcast_to(0.0, psd.shape)
-            excited = weights[row] * levels[row] / counts
+            excited = every[row]
             spectra[number] = NoiseSpectrum(
                 psd, 0.0, nothing, lambda nothing=nothing: nothing, excited, group.grid.tones
             )

@@ -69,8 +69,8 @@ class Weighting:
 
 def brought(values: FloatArray, samples: int, grid: Grid) -> FloatArray:
     """Return values at bins of so many samples at the bins of a grid, shape (K,)."""
-    if samples == grid.samples and len(values) == grid.bins:
-        return values
+    if samples == grid.samples and len(values) >= grid.bins:
+        return values[: grid.bins]
     places = np.arange(grid.bins) * (samples / grid.samples)
     return np.interp(places, np.arange(len(values)), values)
 

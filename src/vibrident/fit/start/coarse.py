@@ -21,7 +21,7 @@ from vibrident.fit.response.transform import power_of
 from vibrident.fit.start.look import Look
 
 #: Bins of all records together, and of one at least and at most.
-ALL_BINS = 3000
+ALL_BINS = 1000
 MIN_BINS = 24
 MAX_BINS = 600
 #: Of each part of the band those bins that say most.
@@ -54,16 +54,17 @@ class CoarseRows:
 
 def coarse_rows(band: Band, look: Look) -> list[CoarseRows]:
     """Choose the bins that say most, of as many records as there is room for."""
+    weights = [look.weights_in(group) for group in band.groups]
     rows = [
         (float(np.sum(weight[row] * power_of(group.response[row]))), number, row)
-        for number, (group, weight) in enumerate(zip(band.groups, look.weights, strict=True))
+        for number, (group, weight) in enumerate(zip(band.groups, weights, strict=True))
         for row in range(len(group.segments))
         if group.used is None
     ]
     if not rows:  # every segment has samples left out: all of their bins
         return [
             CoarseRows(group, weight, np.broadcast_to(group.grid.frequency_hz, weight.shape))
-            for group, weight in zip(band.groups, look.weights, strict=True)
+            for group, weight in zip(band.groups, weights, strict=True)
         ]
     rows.sort(key=lambda item: item[1:])
     most = ALL_BINS // MIN_BINS
@@ -73,7 +74,7 @@ def coarse_rows(band: Band, look: Look) -> list[CoarseRows]:
     alike: dict[tuple[float, float], list[tuple[Group, int, NDArray[np.int_], FloatArray]]] = {}
     for _, number, row in rows:
         group = band.groups[number]
-        weight = look.weights[number][row]
+        weight = weights[number][row]
         bins = _telling_bins(weight * power_of(group.response[row]), width)
         alike.setdefault(group.step, []).append((group, row, bins, weight[bins]))
     return [_joined(parts) for parts in alike.values()]

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -25,33 +25,48 @@ class Look:
     """Noise of the response given the motion, without a model.
 
     Attributes:
-        levels: PSD of the noise of each group's bins, shape (R, K) each.
-        weights: of the bins, next to zero where no motion shows, shape (R, K) each.
+        levels: power of the noise of each bin, by number of the segment, shape (K,) each.
         heard: samples, and bins at which motion shows in the response, by number of the segment.
         band_hz: lowest and highest frequency at which response and reference have something in
             common.
+        weights: of the bins in another noise, by number of the segment; empty: in this one.
     """
 
-    levels: tuple[FloatArray, ...]
-    weights: tuple[FloatArray, ...]
+    levels: Mapping[int, FloatArray]
     heard: Mapping[int, tuple[int, BoolArray]]
     band_hz: tuple[float, float]
+    weights: Mapping[int, FloatArray] = field(default_factory=dict)
+
+    @property
+    def count(self) -> float:
+        """Number of bins at which motion shows."""
+        return float(sum(np.sum(heard) for _, heard in self.heard.values()))
+
+    def levels_in(self, group: Group) -> FloatArray:
+        """Return the power of the noise in a group of the same lengths, shape (R, K)."""
+        return np.stack([self.levels[number][: group.grid.bins] for number in group.segments])
 
     def heard_in(self, group: Group) -> BoolArray:
         """Return where motion shows in a group of the same lengths, shape (R, K)."""
-        return np.stack([self.heard[number][1] for number in group.segments])
+        return np.stack([self.heard[number][1][: group.grid.bins] for number in group.segments])
 
-    def weighed(self, weights: Sequence[FloatArray]) -> Look:
-        """Return the same with other weights of each group's bins, shape (R, K) each."""
-        return replace(self, weights=tuple(weights))
+    def weights_in(self, group: Group) -> FloatArray:
+        """Return the weights, next to zero where no motion shows, shape (R, K)."""
+        if self.weights:
+            return np.stack([self.weights[number][: group.grid.bins] for number in group.segments])
+        floor = np.maximum(self.levels_in(group), np.finfo(float).tiny)
+        return self.shown_in(group) * group.grid.counts * group.grid.samples / floor
+
+    def shown_in(self, group: Group) -> FloatArray:
+        """Return one where motion shows, next to zero elsewhere, shape (R, K)."""
+        return self.heard_in(group) + MIN_WEIGHT
 
 
 def look_at(band: Band) -> Look:
     """Measure the noise of each group, and the band of the motion."""
-    levels: list[FloatArray] = []
-    weights: list[FloatArray] = []
-    shown: list[FloatArray] = []
+    levels: dict[int, FloatArray] = {}
     audible: dict[int, tuple[int, BoolArray]] = {}
+    shown: list[FloatArray] = []
     everywhere: list[FloatArray] = []
     for group in band.groups:
         level, sure = _level_of(group)
@@ -62,10 +77,7 @@ def look_at(band: Band) -> Look:
             heard &= sure[:, np.clip(place, 0, blocks - 1)]
         samples = group.grid.samples
         audible |= {n: (samples, row) for n, row in zip(group.segments, heard, strict=True)}
-        floor = np.maximum(level, np.finfo(float).tiny)
-        weight = group.grid.counts * (heard + MIN_WEIGHT) * group.grid.samples / floor
-        levels.append(level / group.count[:, None])
-        weights.append(weight)
+        levels |= zip(group.segments, level, strict=True)
         frequency = group.grid.frequency_hz
         everywhere.append(frequency[[1, group.grid.last - 1]])
         if not group.grid.driven:  # free motion is where it is heard
@@ -78,8 +90,7 @@ def look_at(band: Band) -> Look:
             shown.append(frequency[np.minimum(first + width - 1, group.grid.last - 1)])
     span = np.concatenate(shown) if shown else np.zeros(0)
     span = span if span.size else np.concatenate(everywhere)
-    band_hz = float(np.min(span)), float(np.max(span))
-    return Look(tuple(levels), tuple(weights), audible, band_hz)
+    return Look(levels, audible, (float(np.min(span)), float(np.max(span))))
 
 
 def _level_of(group: Group) -> tuple[FloatArray, BoolArray]:
