@@ -20,6 +20,8 @@ from vibrident.physics.models import SensorModel
 BAND_MARGIN = 1.5
 #: Bins at least, where there are so many: fewer do not tell the noise.
 MIN_BINS = 256
+#: Part of a bin by which a place may miss that bin in the last digits, in other units of time.
+ROUNDING = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,8 +65,8 @@ class Band:
         rate_hz = record.sampling_rate_hz
         highest = min(self.problem.highest * rate_hz, BAND_MARGIN * self.top_hz)
         every = segment.samples // 2 + 1
-        last = int(highest / rate_hz * segment.samples) + 1
-        beyond = int(self.problem.highest * segment.samples) + 1
+        last = int(highest / rate_hz * segment.samples + ROUNDING) + 1
+        beyond = int(self.problem.highest * segment.samples + ROUNDING) + 1
         last = min(max(last, MIN_BINS), beyond, every)
         fraction = float(self.problem.fractions[segment.record])
         tones = self.tones[number] if self.tones else segment.hum
