@@ -178,6 +178,8 @@ def settle(
     z = best.z
     places = best.at.groups
     trace = best.trace
+    likeliest = -np.inf
+    rounds: list[tuple[float, Descended]] = []
     for number in range(MAX_ROUNDS if explains else 0):
         weighting = read_weighting(band, places, look.heard)
         band = weighting.beside(band)
@@ -191,6 +193,15 @@ def settle(
         places = at.groups
         if number > 0 and moved < SETTLED:
             break
+        rounds.append((_minus_log_likelihood(at), descended))
+    else:  # the noise as read at either of two places leads to the other
+        likeliest = min((score for score, _ in rounds), default=np.inf)
+    for score, descended in rounds:
+        if score == likeliest:
+            band = descended.band
+            z = descended.z
+            places = descended.at.groups
+            trace = descended.trace
     known = band.beside(best.band.tones, edges=best.band.edges)
     there = iterate(known, coordinates, first.of_groups(known), z)
     if not explains or not there.cost <= ASTRAY * best.at.cost:
@@ -203,6 +214,16 @@ def settle(
     band = weighting.beside(band)
     at = iterate(band, coordinates, weighting.of_groups(band), z)
     return _stated(band, coordinates, z, at, trace, weighting)
+
+
+def _minus_log_likelihood(at: Iterate) -> float:
+    """Return Σ |R|²/S + log S over the bins of the band (Whittle's)."""
+    total = 0.0
+    for place in at.groups:
+        counts = place.group.grid.counts * place.group.grid.samples
+        power = power_of(place.rows.residual) / place.group.count[:, None]
+        total += float(np.sum(counts * (power / place.psd + np.log(place.psd))))
+    return total
 
 
 def _stated(
