@@ -17,7 +17,8 @@ from vibrident.fit.bins import BinsAt, RecordBins
 from vibrident.fit.descent.sandwich import width
 from vibrident.fit.information import SMALLEST, inverse_where_shown, sandwich_covariance
 from vibrident.fit.noise.motion import NEAREST, MotionOf, through_of
-from vibrident.fit.noise.spectrum import TONES, NoiseSpectrum, noise_spectra
+from vibrident.fit.noise.spectrum import NoiseSpectrum, noise_spectra
+from vibrident.fit.noise.tones import with_tones
 from vibrident.fit.optimise import Bent
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import in_blocks, mean_around, power_of
@@ -221,7 +222,7 @@ class Weighed:
         found: NoiseSpectrum,
     ) -> Weighed:
         p = len(record.jacobian)
-        spectrum = replace(found, tones=(tones + found.tones)[:TONES])
+        spectrum = replace(found, tones=with_tones(tones, found.tones))
         weight = record.one_sided * spectrum.excited / (max(record.samples, 1) * spectrum.psd)
         jacobian, of_noise = record.jacobian, np.zeros((p, p))
         if spectrum.input_noise > 0 and record.model is not None:
@@ -313,7 +314,7 @@ def beside_hum(lines: Sequence[RecordBins], motions: Sequence[MotionOf]) -> list
     found = list[NoiseSpectrum]()
     for some in together(lines):
         found += spectra_of(lines[some], motions[some], [record.residual for record in lines[some]])
-    return [replace(own, tones=(record.hum + own.tones)[:TONES]) for record, own in zip(lines, found, strict=True)]
+    return [replace(own, tones=with_tones(record.hum, own.tones)) for record, own in zip(lines, found, strict=True)]
 
 
 def spectra_of(
