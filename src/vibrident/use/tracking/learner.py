@@ -13,6 +13,9 @@ from vibrident.use.tracking.state import OPENED
 
 #: Power of the response to the motion, in units of the noise's, from which a block counts: as the bins of a fit.
 EXCITED = 10.0
+#: Part of a block that sets the point of linearisation, where it is not settled. Where a block of such parts does not
+#: agree, they contradict what was known.
+FIRST = 8
 
 
 class Learner:
@@ -24,6 +27,9 @@ class Learner:
     def end_block(self) -> None:
         """The block under way is whole: learn from it, test it, begin the next."""
         s, net = self.knowledge.state, self.knowledge.network
+        if np.isinf(s.clock[10]):
+            self.knowledge.free_run()
+            return
         m, k = net.columns, net.nuisances
         gram = s.gram
         upper = information.triangle(gram)
@@ -49,7 +55,14 @@ class Learner:
         learned = information.absorb(s.known, upper[:m] / np.sqrt(variance))
         lags = s.own[3:].copy(), float(s.own[1])
         if not s.clock[9]:
-            if not fresh and not self._unsettled(learned):
+            s.clock[10] += s.pending[0] != OPENED
+            settled = not fresh and not self._unsettled(learned)
+            if not settled and s.clock[10] > FIRST:
+                start = self.knowledge.time_s - s.own[0] * net.interval_s
+                s.own[:], s.part[:] = 0.0, 0.0
+                self.changes.contradict(start)
+                return
+            if settled:
                 s.clock[9] = 1.0
                 self._learn_whitening(*lags)
                 s.lags[:] = 0.0
