@@ -132,16 +132,12 @@ class Changes:
         before, amount = tests[level][0].least(self.knowledge.thresholds.further)
         self._open(s.ladder.known[level], amount, before + amount)
 
-    def contradict(self, start: float) -> None:
-        """Forget every parameter: parts of blocks up to now contradict what was known, each in its own way.
-
-        A model that does not suit the motion has no point that could be learned from the rest of the run.
-        """
+    def contradict(self) -> None:
+        """Forget every parameter: the parts of a run contradict what was known, each in its own way."""
         s, net = self.knowledge.state, self.knowledge.network
-        s.pending[1:7] = start, self.knowledge.time_s, *NOTHING_BEFORE, 1.0
+        s.pending[2:7] = self.knowledge.time_s, *NOTHING_BEFORE, 1.0
         back = information.solve(s.known)[net.nuisances :]
         self._open(s.known.copy(), np.ones(net.parameters), back)
-        s.clock[10] = np.inf
 
     def _open(self, known: FloatArray, amount: FloatArray, move: FloatArray) -> None:
         """Open what was known to changes of the parameters, and move the point.

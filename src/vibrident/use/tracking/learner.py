@@ -13,8 +13,7 @@ from vibrident.use.tracking.state import OPENED
 
 #: Power of the response to the motion, in units of the noise's, from which a block counts: as the bins of a fit.
 EXCITED = 10.0
-#: Part of a block that sets the point of linearisation, where it is not settled. Where a block of such parts does not
-#: agree, they contradict what was known.
+#: Part of a block that sets the point of linearisation, where it is not settled.
 FIRST = 8
 
 
@@ -27,9 +26,6 @@ class Learner:
     def end_block(self) -> None:
         """The block under way is whole: learn from it, test it, begin the next."""
         s, net = self.knowledge.state, self.knowledge.network
-        if np.isinf(s.clock[10]):
-            self.knowledge.free_run()
-            return
         m, k = net.columns, net.nuisances
         gram = s.gram
         upper = information.triangle(gram)
@@ -55,14 +51,11 @@ class Learner:
         learned = information.absorb(s.known, upper[:m] / np.sqrt(variance))
         lags = s.own[3:].copy(), float(s.own[1])
         if not s.clock[9]:
-            s.clock[10] += s.pending[0] != OPENED
-            settled = not fresh and not self._unsettled(learned)
-            if not settled and s.clock[10] > FIRST:
-                start = self.knowledge.time_s - s.own[0] * net.interval_s
-                s.own[:], s.part[:] = 0.0, 0.0
-                self.changes.contradict(start)
-                return
-            if settled:
+            if s.pending[0] != OPENED:
+                if not s.clock[10]:
+                    s.pending[1] = self.knowledge.time_s - s.own[0] * net.interval_s
+                s.clock[10] += 1.0
+            if not fresh and not self._unsettled(learned):
                 s.clock[9] = 1.0
                 self._learn_whitening(*lags)
                 s.lags[:] = 0.0
@@ -86,6 +79,12 @@ class Learner:
             return
         if not self._moved(fresh=fresh):
             self._learn_whitening(*lags)
+
+    def end_run(self) -> None:
+        """Doubt what was known where more parts than a block has set the point in a run, and no two agreed."""
+        s = self.knowledge.state
+        if not s.clock[9] and s.clock[10] > FIRST:
+            self.changes.contradict()
 
     def _unsettled(self, learned: FloatArray) -> bool:
         """Whether this block moves the point by more than two independent ones may: it then sets the point alone."""

@@ -76,7 +76,7 @@ class State:
     # time of the run's first sample, s; samples fed and steps taken in it; time of the last random walk, s; blocks
     # since the start or the last alarm; rows that whitening may look back to; whether the run's nuisances are all
     # unknown; samples of reference and response still to be left out; whether the point is settled; the parts of
-    # blocks that have set it, infinite where they contradict what was known; shape (11,)
+    # blocks that have set it in this run; shape (11,)
     clock: FloatArray
     row: FloatArray  # products since the last row that was read, shape (m + 1, m + 1); its squares and rows behind
     # a change that is not named yet: SEEN or OPENED, its time and that of its detection, s; variance of the noise

@@ -108,6 +108,7 @@ class Tracker:
             self._end_tone(self._tone)
         elif self.state.own[1] > 0.0:
             self._learner.end_block()
+        self._learner.end_run()
 
     def read(self) -> Estimate:
         """What is known after the last whole block."""
