@@ -11,19 +11,19 @@ from tests.support.random_record import SAMPLES, TRUTH, calibration, motion
 import vibrident
 from vibrident.data.records import Record
 from vibrident.fit.departures import examination, sources
-from vibrident.fit.departures.group import Group, orthonormal, without
+from vibrident.fit.departures.group import WhitenedGroup, orthonormal, without
 from vibrident.fit.departures.score import LinearFit, shifts_beside
 from vibrident.fit.departures.sums import Errors
 from vibrident.physics.simulation import simulate
 
 
-def linear_group(rng: np.random.Generator, bins: int, extra: np.ndarray, records: int = 1) -> Group:
+def linear_group(rng: np.random.Generator, bins: int, extra: np.ndarray, records: int = 1) -> WhitenedGroup:
     """White noise beside two parameters, one nuisance column, and a departure that is there."""
     basis = orthonormal(rng.normal(size=(records, 1, 2 * bins)))
     jacobian = without(rng.normal(size=(records, 2, 2 * bins)), basis)
     residual = without(rng.normal(size=(records, 1, 2 * bins)) + extra, basis)
     ones, nothing = np.ones((records, bins), complex), np.zeros((records, 12, 2 * bins))
-    return Group(
+    return WhitenedGroup(
         tuple(Record(f"{number}", np.zeros(8), np.zeros(8), 1.0, "random") for number in range(records)),
         numbers=np.arange(records),
         begin_s=np.zeros(records),
@@ -46,7 +46,7 @@ def linear_group(rng: np.random.Generator, bins: int, extra: np.ndarray, records
     )
 
 
-def score_of(group: Group, rows: np.ndarray):
+def score_of(group: WhitenedGroup, rows: np.ndarray):
     """The score test of whitened rows that the records share, shape (R, m, 2 K), in white noise."""
     fit = LinearFit.of(group.own, np.ones(2))
     fit = replace(fit, spread=fit.normal, common=np.zeros((2, 13)))

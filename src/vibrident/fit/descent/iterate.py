@@ -15,6 +15,7 @@ import numpy as np
 from vibrident.data.records import FloatArray, Record
 from vibrident.fit.bins import BinsAt, RecordBins
 from vibrident.fit.descent.sandwich import width
+from vibrident.fit.descent.weighting import is_steep
 from vibrident.fit.information import SMALLEST, inverse_where_shown, sandwich_covariance
 from vibrident.fit.noise.motion import NEAREST, MotionOf, through_of
 from vibrident.fit.noise.spectrum import NoiseSpectrum, noise_spectra
@@ -302,11 +303,6 @@ def nuisances_of(record: RecordBins, spectrum: NoiseSpectrum) -> BinsAt:
 def _with_edges(record: RecordBins, spectrum: NoiseSpectrum) -> bool:
     """Whether slopes of the initial states are unknown, too; a free decay has nothing but these states."""
     return record.model is not None and (is_steep(spectrum) or record.rings_unseen)
-
-
-def is_steep(spectrum: NoiseSpectrum) -> bool:
-    """Whether the noise is so much less in some bins than in others that what leaks into these counts."""
-    return spectrum.input_noise > 0 or float(np.min(spectrum.psd)) < 0.01 * float(np.mean(spectrum.psd))
 
 
 def beside_hum(lines: Sequence[RecordBins], motions: Sequence[MotionOf]) -> list[NoiseSpectrum]:
