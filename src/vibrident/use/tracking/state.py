@@ -81,7 +81,7 @@ class State:
     row: FloatArray  # products since the last row that was read, shape (m + 1, m + 1); its squares and rows behind
     # a change that is not named yet: SEEN or OPENED, its time and that of its detection, s; variance of the noise
     # before it, its degrees of freedom and spread; blocks that its naming may take; then what was known before it,
-    # shape (7 + m (m + 1),)
+    # shape (7 + m (m + 1),); before any, the time of the first part that set the point
     pending: FloatArray
     ladder: Ladder
     cell: FloatArray  # states and their sensitivities, shape (S,)
