@@ -8,7 +8,7 @@ from typing import Any
 
 from vibrident.data.io.calibration_file import CalibrationFile
 from vibrident.result import SCHEMA
-from vibrident.result.document import UNKNOWN
+from vibrident.result.document import UNKNOWN, plain
 from vibrident.result.result import adapter
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -27,7 +27,8 @@ def result_schema() -> dict[str, Any]:
     made["required"] = ["schema", *made["required"]]
     for part in (made, *made["$defs"].values()):
         part["properties"].pop(UNKNOWN, None)
-    return {"$schema": DIALECT, **made, "title": "result.json of vibrident"}
+    # A default that is not known is NaN in a result and null in its file.
+    return plain({"$schema": DIALECT, **made, "title": "result.json of vibrident"})
 
 
 #: File of the documentation → the schema that it holds.
@@ -39,4 +40,4 @@ SCHEMAS: Mapping[str, Callable[[], dict[str, Any]]] = {
 
 def text(schema: Mapping[str, Any]) -> str:
     """Return a schema as JSON."""
-    return json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
+    return json.dumps(schema, indent=2, ensure_ascii=False, allow_nan=False) + "\n"

@@ -39,7 +39,6 @@ def identified(sensor, estimator, noise=NOISE, seed=2):
     )
 
 
-@pytest.mark.xfail(reason="a rejected physics names regimes, too", strict=False)
 @pytest.mark.parametrize(
     ("sensor", "learned"), [pytest.param("cubic", ["neurons"], marks=pytest.mark.slow), ("two-mode", ["memory"])]
 )

@@ -93,7 +93,6 @@ def test_the_seismometer_stays_within_the_intervals_of_its_certificate(pickup, t
         assert low < end.parameters[name].value < high
 
 
-@pytest.mark.xfail(reason="the shock is fitted anew", strict=False)
 def test_a_shock_that_its_model_does_not_suit_is_a_doubt(tmp_path):
     """PTB's accelerometer has further resonances: a change is seen, not told what within a shock, and that is said."""
     calibration = vibrident.read(calibration_beside_data("ptb-shock.toml", "ptb-shock", tmp_path))

@@ -12,7 +12,7 @@ import numpy as np
 
 from vibrident.base.warning_kinds import WarningCode
 from vibrident.data.records import BoolArray, FloatArray, Record
-from vibrident.fit.departures.group import Group
+from vibrident.fit.departures.group import WhitenedGroup
 from vibrident.fit.departures.points import Point, PointsPart
 from vibrident.fit.departures.score import Score
 from vibrident.fit.departures.sums import Exact, Sums
@@ -98,10 +98,10 @@ class Departure(ABC):
     nuisance: ClassVar[bool] = False
 
     @abstractmethod
-    def columns(self, group: Group, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
+    def columns(self, group: WhitenedGroup, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
         """For each place what it is in words, and its columns by the bins, shape (R or 1, m, K)."""
 
-    def places(self, group: Group, scale: Scale) -> list[Places]:
+    def places(self, group: WhitenedGroup, scale: Scale) -> list[Places]:
         """All places in a group."""
         every = list(self.columns(group, scale))
         made = list[Places]()
@@ -115,22 +115,22 @@ class Departure(ABC):
             made.append(Places(candidates, sums, np.ones(sums.score.shape[:2], dtype=bool)))
         return made
 
-    def columns_of(self, candidate: Candidate, group: Group, scale: Scale) -> ComplexArray:
+    def columns_of(self, candidate: Candidate, group: WhitenedGroup, scale: Scale) -> ComplexArray:
         """Those of a place."""
         return next(itertools.islice(self.columns(group, scale), candidate.number, None))[1]
 
-    def whitened(self, candidate: Candidate, group: Group, scale: Scale) -> FloatArray:
+    def whitened(self, candidate: Candidate, group: WhitenedGroup, scale: Scale) -> FloatArray:
         """Those of a place as whitened rows, shape (R, m, 2 K)."""
         return group.flat(self.columns_of(candidate, group, scale))
 
-    def doubt(self, candidate: Candidate, group: Group, scale: Scale) -> FloatArray | None:
+    def doubt(self, candidate: Candidate, group: WhitenedGroup, scale: Scale) -> FloatArray | None:
         """What its columns have in common with an error of the reference's noise, shape (R, m).
 
-        None: they are linear in the motion, and :attr:`Group.errors` tell it.
+        None: they are linear in the motion, and :attr:`WhitenedGroup.errors` tell it.
         """
         return None
 
-    def refined(self, candidate: Candidate, group: Group, scale: Scale, sums: Exact) -> tuple[Candidate, Exact]:
+    def refined(self, candidate: Candidate, group: WhitenedGroup, scale: Scale, sums: Exact) -> tuple[Candidate, Exact]:
         """A place as its test and sentence see it, with the sums of its columns in each record."""
         return candidate, sums
 
@@ -154,7 +154,7 @@ class Departure(ABC):
 class WithoutMotion(Departure):
     """A departure of which the columns do not depend on the motion, nor on noise in it."""
 
-    def doubt(self, candidate: Candidate, group: Group, scale: Scale) -> FloatArray:
+    def doubt(self, candidate: Candidate, group: WhitenedGroup, scale: Scale) -> FloatArray:
         """None of it."""
         return np.zeros(1)
 
@@ -178,37 +178,37 @@ class Shape(Departure):
         ``largest``: of the signal of each record, shape (R, 1); that of all is in the scale.
         """
 
-    def signal(self, group: Group, scale: Scale) -> FloatArray:
+    def signal(self, group: WhitenedGroup, scale: Scale) -> FloatArray:
         """The signal that it is a function of, shape (R, L): the response's motion."""
         return group.motion
 
-    def answer(self, group: Group, scale: Scale) -> ComplexArray | float:
+    def answer(self, group: WhitenedGroup, scale: Scale) -> ComplexArray | float:
         """What the functions pass through on their way to the response, shape (R, K) or (K,)."""
         return 1.0
 
-    def gain(self, group: Group, scale: Scale) -> ComplexArray | float:
+    def gain(self, group: WhitenedGroup, scale: Scale) -> ComplexArray | float:
         """By which noise of the response enters the signal: its inverse does the reverse, shape (R, K) or (K,)."""
         return 1.0
 
-    def _shapes(self, group: Group, scale: Scale, signal: FloatArray) -> list[tuple[str, FloatArray]]:
+    def _shapes(self, group: WhitenedGroup, scale: Scale, signal: FloatArray) -> list[tuple[str, FloatArray]]:
         largest = np.max(np.abs(self.signal(group, scale)), axis=1, keepdims=True, initial=0.0)
         return list(self.shapes(signal, scale, largest))
 
-    def columns(self, group: Group, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
+    def columns(self, group: WhitenedGroup, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
         """The functions by their bins."""
         for words, shape in self._shapes(group, scale, self.signal(group, scale)):
             yield words, self._by_bins(shape, group, scale)
 
-    def columns_of(self, candidate: Candidate, group: Group, scale: Scale) -> ComplexArray:
+    def columns_of(self, candidate: Candidate, group: WhitenedGroup, scale: Scale) -> ComplexArray:
         """One function by its bins."""
         _, shape = self._shapes(group, scale, self.signal(group, scale))[candidate.number]
         return self._by_bins(shape, group, scale)
 
-    def _by_bins(self, shape: FloatArray, group: Group, scale: Scale) -> ComplexArray:
+    def _by_bins(self, shape: FloatArray, group: WhitenedGroup, scale: Scale) -> ComplexArray:
         bins = group.bins_of(shape) * self.answer(group, scale)
         return np.stack([bins, 1j * bins] if self.turned else [bins], axis=1)
 
-    def doubt(self, candidate: Candidate, group: Group, scale: Scale) -> FloatArray:
+    def doubt(self, candidate: Candidate, group: WhitenedGroup, scale: Scale) -> FloatArray:
         """Mean of a column times the residual e = −η, where the motion holds η: −Σ E[f(y + η) η] |W|² of the bins.
 
         By the two nodes y ± σ of Gauss and Hermite's quadrature.
@@ -230,15 +230,15 @@ class Shape(Departure):
 class OfReference(Shape):
     """A departure by functions without memory of the reference, which the sensor answers."""
 
-    def signal(self, group: Group, scale: Scale) -> FloatArray:
+    def signal(self, group: WhitenedGroup, scale: Scale) -> FloatArray:
         """The most likely motion at the sensor's input."""
         return group.reference
 
-    def answer(self, group: Group, scale: Scale) -> ComplexArray:
+    def answer(self, group: WhitenedGroup, scale: Scale) -> ComplexArray:
         """The sensor's."""
         return group.transfer
 
-    def gain(self, group: Group, scale: Scale) -> ComplexArray:
+    def gain(self, group: WhitenedGroup, scale: Scale) -> ComplexArray:
         """One over the sensor's."""
         return np.divide(1.0, group.transfer, out=np.zeros_like(group.transfer), where=group.transfer != 0.0)
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from vibrident.data.records import FloatArray
 from vibrident.fit.departures.departure import Candidate, Departure, Scale
-from vibrident.fit.departures.group import Group
+from vibrident.fit.departures.group import WhitenedGroup
 from vibrident.fit.departures.points import PointsPart
 from vibrident.fit.departures.score import LinearFit, Own, Sums, shifts_beside
 from vibrident.fit.departures.search import Asked, Found, best_of, of_records
@@ -66,20 +66,20 @@ class Groups:
         samples: of all together.
     """
 
-    make: Callable[[], Iterable[Group]]
+    make: Callable[[], Iterable[WhitenedGroup]]
     samples: int
 
     @cached_property
-    def _held(self) -> list[Group] | None:
+    def _held(self) -> list[WhitenedGroup] | None:
         return list(self.make()) if self.samples <= MAX_HELD else None
 
-    def __iter__(self) -> Iterator[Group]:
+    def __iter__(self) -> Iterator[WhitenedGroup]:
         return iter(self.make() if self._held is None else self._held)
 
     def beside(self, found: Sequence[Found], scale: Scale) -> Groups:
         """The groups with departures as nuisance columns."""
 
-        def made() -> Iterator[Group]:
+        def made() -> Iterator[WhitenedGroup]:
             for group in self:
                 rows = _rows(found, group, scale)
                 yield group.beside(rows) if rows.shape[1] else group
@@ -119,12 +119,14 @@ def _among_records(groups: Groups, scale: Scale, uncertainty: FloatArray, rounds
     return _of_one_kind([_together(now, lambda k=k: shifts()[k]) for k, now in enumerate(found)])
 
 
-def _rows(found: Sequence[Found], group: Group, scale: Scale) -> FloatArray:
+def _rows(found: Sequence[Found], group: WhitenedGroup, scale: Scale) -> FloatArray:
     """Whitened columns of departures in each record of a group, shape (R, m, 2 K); zero where a record has fewer."""
     return _side_by_side(found, group, lambda one, part: one.departure.whitened(one.candidate, part, scale))
 
 
-def _side_by_side(found: Sequence[Found], group: Group, make: Callable[[Found, Group], NDArray[Any]]) -> NDArray[Any]:
+def _side_by_side(
+    found: Sequence[Found], group: WhitenedGroup, make: Callable[[Found, WhitenedGroup], NDArray[Any]]
+) -> NDArray[Any]:
     """What is made of departures for each record that has them, shape (R, m, …); zero where a record has fewer."""
     every = [list[NDArray[Any]]() for _ in group.records]
     places = group.numbers.tolist()
@@ -186,7 +188,7 @@ def _shifts(
     return shifts
 
 
-def _each(columns: NDArray[Any], group: Group) -> NDArray[Any]:
+def _each(columns: NDArray[Any], group: WhitenedGroup) -> NDArray[Any]:
     """Columns for each record of a group, which may share them."""
     return np.broadcast_to(columns, (len(group.records), *columns.shape[1:]))
 

@@ -36,7 +36,7 @@ STRETCHES, MIN_STRETCH = 16, 128
 
 
 @dataclass(frozen=True, eq=False)
-class Group:
+class WhitenedGroup:
     """R records, or pieces of long ones, at K bins.
 
     Signals are by their bins, in the unit of the response; whitened rows are free of the nuisance columns.
@@ -82,7 +82,7 @@ class Group:
     pull: FloatArray | None
     freedom: FloatArray
     errors_of: Callable[[Sequence[int]], Errors]
-    again: Callable[[ComplexArray], Group]
+    again: Callable[[ComplexArray], WhitenedGroup]
 
     @property
     def rate_hz(self) -> float:
@@ -308,7 +308,7 @@ class Group:
         signals = self._jacobian_in_time
         return (signals * self.profile[:, None]) @ signals.mT, self.jacobian @ self.errors.rows.mT
 
-    def only(self, kept: Sequence[int]) -> Group:
+    def only(self, kept: Sequence[int]) -> WhitenedGroup:
         """Some of the records."""
         chosen, errors_of = list(kept), self.errors_of
         arrays = {each.name: getattr(self, each.name) for each in fields(self)}
@@ -319,7 +319,7 @@ class Group:
             errors_of=lambda some: errors_of([chosen[number] for number in some]),
         )
 
-    def beside(self, rows: FloatArray) -> Group:
+    def beside(self, rows: FloatArray) -> WhitenedGroup:
         """The group with more nuisance columns: whitened rows, shape (R, m, 2 K)."""
         more = orthonormal(without(rows, self.basis))
         return replace(

@@ -14,7 +14,7 @@ import numpy as np
 from vibrident.base.warning_kinds import WarningCode
 from vibrident.data.records import FloatArray
 from vibrident.fit.departures.departure import Candidate, Departure, Places, Scale, pooled
-from vibrident.fit.departures.group import Group
+from vibrident.fit.departures.group import WhitenedGroup
 from vibrident.fit.departures.score import LinearFit, Score
 from vibrident.fit.departures.sums import Exact, Own
 from vibrident.fit.registry import DEPARTURES
@@ -96,7 +96,7 @@ class _Seen:
     places: Mapping[Departure, list[Places]]
 
 
-def of_records(groups: Iterable[Group], scale: Scale, uncertainty: FloatArray) -> list[Found]:
+def of_records(groups: Iterable[WhitenedGroup], scale: Scale, uncertainty: FloatArray) -> list[Found]:
     """Significant departures: the bound in a pass over the groups, and tests in another where that leaves something."""
     kinds = DEPARTURES.all()
     looked = [departure for departure in kinds.values() if departure.of_light or not scale.narrow]
@@ -177,7 +177,7 @@ def _of_every(fit: LinearFit, departure: Departure, seen: Sequence[_Seen], sever
     return asked if maybe[0] else []
 
 
-def _tested(groups: Iterable[Group], scale: Scale, fit: LinearFit, asked: Sequence[Asked]) -> list[Found]:
+def _tested(groups: Iterable[WhitenedGroup], scale: Scale, fit: LinearFit, asked: Sequence[Asked]) -> list[Found]:
     """The tests of what the bound leaves, in one pass over the groups."""
     spreads, commons = list[FloatArray](), list[FloatArray]()
     for group in groups:
@@ -215,7 +215,7 @@ def _together(fit: LinearFit, asked: Sequence[Asked]) -> list[Found]:
     return [Found(one.departure, one.tested[0][0], score, chance, one.place, one.record) for one, score in scores]
 
 
-def _ask(one: Asked, group: Group, scale: Scale, fit: LinearFit) -> None:
+def _ask(one: Asked, group: WhitenedGroup, scale: Scale, fit: LinearFit) -> None:
     """Add what a group says of the candidates of a departure."""
     places = group.numbers.tolist()
     if one.place is not None and one.place not in places:
@@ -231,7 +231,7 @@ def _ask(one: Asked, group: Group, scale: Scale, fit: LinearFit) -> None:
             one.tested[number] = (told, one.tested[number][1] + sums.total())
 
 
-def _exact(departure: Departure, candidate: Candidate, group: Group, scale: Scale) -> tuple[Candidate, Exact]:
+def _exact(departure: Departure, candidate: Candidate, group: WhitenedGroup, scale: Scale) -> tuple[Candidate, Exact]:
     """A place with the sums of its columns in each record, and their covariance."""
     sums = group.exact_sums(departure.whitened(candidate, group, scale), departure.doubt(candidate, group, scale))
     return departure.refined(candidate, group, scale, sums)

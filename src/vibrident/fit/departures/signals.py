@@ -11,7 +11,7 @@ from numpy import fft
 
 from vibrident.data.records import BoolArray, FloatArray, Record
 from vibrident.fit.bins import without_offset
-from vibrident.fit.departures.group import Group, orthonormal, rank_of, without
+from vibrident.fit.departures.group import WhitenedGroup, orthonormal, rank_of, without
 from vibrident.fit.departures.sums import Errors
 from vibrident.fit.noise.incoherent import HEARD
 from vibrident.fit.noise.motion import Motion
@@ -133,7 +133,7 @@ def grouped(every: Sequence[Signals]) -> list[tuple[int, ...]]:
 
 def group_of(
     every: Sequence[Signals], numbers: Sequence[int], effects_of: EffectsOf, departing: ComplexArray | None = None
-) -> Group:
+) -> WhitenedGroup:
     """Records of one length and rate side by side.
 
     Args:
@@ -172,7 +172,7 @@ def group_of(
     else:
         jacobian = np.zeros((len(every), pull.shape[1], 2 * level.shape[1]))
         tone = without(flat(slopes), basis)
-    made = Group(
+    made = WhitenedGroup(
         tuple(one.record for one in every),
         np.array(numbers),
         np.array([one.span.start / one.record.sampling_rate_hz for one in every]),

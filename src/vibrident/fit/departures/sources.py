@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import chain
 
 import numpy as np
@@ -18,9 +19,10 @@ from vibrident.data.records import BoolArray, FloatArray, Record
 from vibrident.fit.bins import RecordBins, without_offset
 from vibrident.fit.departures.departure import Scale
 from vibrident.fit.departures.examination import Groups
-from vibrident.fit.departures.group import Group
+from vibrident.fit.departures.group import WhitenedGroup
 from vibrident.fit.departures.signals import AT_ONCE, Signals, group_of, grouped, most_likely, projected
-from vibrident.fit.descent.iterate import Weighed, beside_hum, is_steep, nuisances_of, together
+from vibrident.fit.descent.iterate import Weighed, beside_hum, nuisances_of, together
+from vibrident.fit.descent.weighting import is_steep
 from vibrident.fit.estimators import Estimate
 from vibrident.fit.information import inverse_normal
 from vibrident.fit.noise.motion import Motion, MotionOf, motion_of
@@ -58,6 +60,7 @@ def groups_of(evidence: Evidence, estimate: Estimate, predicted: Sequence[FloatA
         tones: of the sine records, in the order of the evidence's; None without any.
     """
     problem = estimate.problem
+    effects = partial(_effects, evidence, estimate)
 
     def signals() -> Iterator[Signals]:
         if not estimate.findings.method.is_exact or not evidence.records:
@@ -69,7 +72,7 @@ def groups_of(evidence: Evidence, estimate: Estimate, predicted: Sequence[FloatA
             return _of_sines(evidence, estimate, predicted, tones)
         return _of_samples(evidence, estimate, predicted)
 
-    def made() -> Iterator[Group]:
+    def made() -> Iterator[WhitenedGroup]:
         held, first = list[Signals](), 0
         for one in chain(signals(), [None]):
             if held and (one is None or sum(each.used.size for each in held) >= AT_ONCE):
@@ -79,9 +82,6 @@ def groups_of(evidence: Evidence, estimate: Estimate, predicted: Sequence[FloatA
                 held = []
             if one is not None:
                 held.append(one)
-
-    def effects(one: Signals) -> ComplexArray:
-        return _effects(evidence, estimate, one)
 
     return Groups(made, sum(min(record.samples, MOST_PIECES * LONGEST) for record in evidence.records))
 

@@ -26,9 +26,6 @@ from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import power_of
 from vibrident.physics.models.slopes import response_and_slopes
 
-#: Part of a noise level that is certain when noise of the reference falls on the way.
-CERTAIN = 0.1
-
 
 @dataclass(frozen=True, eq=False)
 class GroupWeights:

@@ -15,9 +15,11 @@ import numpy as np
 from vibrident.data.records import FloatArray, Record
 from vibrident.fit.bins import BinsAt, RecordBins
 from vibrident.fit.descent.sandwich import width
+from vibrident.fit.descent.weighting import is_steep
 from vibrident.fit.information import SMALLEST, inverse_where_shown, sandwich_covariance
 from vibrident.fit.noise.motion import NEAREST, MotionOf, through_of
-from vibrident.fit.noise.spectrum import TONES, NoiseSpectrum, noise_spectra
+from vibrident.fit.noise.spectrum import NoiseSpectrum, noise_spectra
+from vibrident.fit.noise.tones import with_tones
 from vibrident.fit.optimise import Bent
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import in_blocks, mean_around, power_of
@@ -221,7 +223,7 @@ class Weighed:
         found: NoiseSpectrum,
     ) -> Weighed:
         p = len(record.jacobian)
-        spectrum = replace(found, tones=(tones + found.tones)[:TONES])
+        spectrum = replace(found, tones=with_tones(tones, found.tones))
         weight = record.one_sided * spectrum.excited / (max(record.samples, 1) * spectrum.psd)
         jacobian, of_noise = record.jacobian, np.zeros((p, p))
         if spectrum.input_noise > 0 and record.model is not None:
@@ -303,17 +305,12 @@ def _with_edges(record: RecordBins, spectrum: NoiseSpectrum) -> bool:
     return record.model is not None and (is_steep(spectrum) or record.rings_unseen)
 
 
-def is_steep(spectrum: NoiseSpectrum) -> bool:
-    """Whether the noise is so much less in some bins than in others that what leaks into these counts."""
-    return spectrum.input_noise > 0 or float(np.min(spectrum.psd)) < 0.01 * float(np.mean(spectrum.psd))
-
-
 def beside_hum(lines: Sequence[RecordBins], motions: Sequence[MotionOf]) -> list[NoiseSpectrum]:
     """The spectra of the records' residuals, with the tones that are known beside those that were found."""
     found = list[NoiseSpectrum]()
     for some in together(lines):
         found += spectra_of(lines[some], motions[some], [record.residual for record in lines[some]])
-    return [replace(own, tones=(record.hum + own.tones)[:TONES]) for record, own in zip(lines, found, strict=True)]
+    return [replace(own, tones=with_tones(record.hum, own.tones)) for record, own in zip(lines, found, strict=True)]
 
 
 def spectra_of(

@@ -13,7 +13,8 @@ from vibrident.fit.descent.in_noise import GroupAt, GroupWeights
 from vibrident.fit.group.band import Band
 from vibrident.fit.group.group import Grid, Group
 from vibrident.fit.noise.reading import read_noise
-from vibrident.fit.noise.spectrum import TONES, NoiseSpectrum
+from vibrident.fit.noise.spectrum import NoiseSpectrum
+from vibrident.fit.noise.tones import with_tones
 from vibrident.fit.response.transform import power_of, reference_colour
 
 #: Noise is steep where some bins have so much less than the mean.
@@ -123,7 +124,7 @@ def read_weighting(band: Band, places: Sequence[GroupAt], heard: Mapping[int, tu
                 noise.input_noise_at[row],
                 functools.partial(_held, doubt[row]),
                 noise.excited[row],
-                (group.grid.tones + noise.tones[row])[:TONES],
+                with_tones(group.grid.tones, noise.tones[row]),
                 bool(noise.free[row]),
             )
     return Weighting(spectra, passed, samples)

@@ -14,6 +14,8 @@ from vibrident.fit.response.transform import power_of
 TONE_RATIO = 25.0
 #: The most tones of a record that are looked for.
 MAX_TONES = 16
+#: Tones nearer than so many bins are one: a record as long as this tells no nearer ones apart.
+MIN_APART = 1.0
 
 
 def tones_of(
@@ -43,6 +45,12 @@ def tones_of(
         tops = tops[np.argsort(-power[tops])][:MAX_TONES]
         places[record] = tuple((tops + 1 + _offsets(power, tops)).tolist())
     return tuple(places)
+
+
+def with_tones(known: tuple[float, ...], found: tuple[float, ...]) -> tuple[float, ...]:
+    """Return known tones and those found beside them, in bins; what is left near a known one is no other."""
+    fresh = (tone for tone in found if all(abs(tone - other) >= MIN_APART for other in known))
+    return (*known, *fresh)[:MAX_TONES]
 
 
 def _offsets(power: FloatArray, tops: NDArray[np.int_]) -> FloatArray:

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from vibrident.base.amounts import amount
 from vibrident.base.errors import VibridentError
 from vibrident.base.warning_kinds import WarningCode
@@ -43,9 +45,12 @@ class Cause:
         return value is not None and abs(value - before.values[alarm.parameter]) < abs(value - alarm.after)
 
     def left_by(self, alarm: Alarm) -> bool:
-        """Whether the parameter is again what it is without this, as in a smaller motion."""
+        """Return whether the parameter moves towards what it is without this, as in a smaller motion."""
         value = self.values.get(alarm.parameter)
-        return self.code is not None and value is not None and abs(alarm.after - value) < CERTAIN * alarm.u
+        if self.code is None or value is None:
+            return False
+        low, high = sorted((alarm.before, value))
+        return bool(abs(alarm.after - np.clip(alarm.after, low, high)) < CERTAIN * alarm.u)
 
 
 def cause(

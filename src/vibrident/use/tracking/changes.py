@@ -23,6 +23,8 @@ from vibrident.use.tracking.state import INNOVATION, OPENED, SEEN, Alarm
 DEAD = "dead channel"
 LOUDER = "noise, or a part of the response that the model does not have: a second mode, a loose mounting"
 PASSED = "a disturbance that has passed"
+#: Variance of the noise, its degrees of freedom and spread, where none was seen.
+NOTHING_BEFORE = (0.0, 0.0, 0.0)
 
 
 class Changes:
@@ -120,20 +122,38 @@ class Changes:
         s.known[:, -1] = 0.0
 
     def _relearn(self, *, certain: bool) -> None:
-        """Something changed: find when, and open what is known to what follows."""
-        s, k = self.knowledge.state, self.knowledge.network.nuisances
+        """Find when something changed, and open what is known to what follows."""
+        s = self.knowledge.state
         tests = {int(level): self._tested(int(level)) for level in np.flatnonzero(s.ladder.meta[:, 0] > 0.0)}
         level = max(tests, key=lambda each: tests[each][0].statistic if certain else tests[each][2])
-        before, amount = tests[level][0].least(self.knowledge.thresholds.further)
         blocks, _, _, variance, behind, spread, start = s.ladder.meta[level]
         if s.pending[0] != SEEN:
             s.pending[1:7] = start, self.knowledge.time_s, variance, behind, spread, blocks
+        before, amount = tests[level][0].least(self.knowledge.thresholds.further)
+        self._open(s.ladder.known[level], amount, before + amount)
+
+    def contradict(self) -> None:
+        """Forget every parameter: the parts of a run contradict what was known, each in its own way."""
+        s, net = self.knowledge.state, self.knowledge.network
+        s.pending[2:7] = self.knowledge.time_s, *NOTHING_BEFORE, 1.0
+        back = information.solve(s.known)[net.nuisances :]
+        self._open(s.known.copy(), np.ones(net.parameters), back)
+
+    def _open(self, known: FloatArray, amount: FloatArray, move: FloatArray) -> None:
+        """Open what was known to changes of the parameters, and move the point.
+
+        Args:
+            known: before the change, shape (m, m + 1).
+            amount: by which each may have changed, shape (P,).
+            move: of the point, shape (P,).
+        """
+        s, k = self.knowledge.state, self.knowledge.network.nuisances
         s.pending[0] = OPENED
-        self.knowledge.before[:] = s.ladder.known[level]
-        s.known[:] = information.walk(s.ladder.known[level], amount**2 / information.LEFT, k)
+        self.knowledge.before[:] = known
+        s.known[:] = information.walk(known, amount**2 / information.LEFT, k)
         s.noise[:], s.lags[:], s.ladder.meta[:] = 0.0, 0.0, 0.0
-        s.clock[4] = s.clock[9] = 0.0
-        self.knowledge.move(np.concatenate([np.zeros(k), before + amount]))
+        s.clock[4] = s.clock[9] = s.clock[10] = 0.0
+        self.knowledge.move(np.concatenate([np.zeros(k), move]))
 
     def name(self) -> None:
         """A block after a change: say what it was, or wait for another where it takes more to tell."""

@@ -13,6 +13,8 @@ from vibrident.use.tracking.state import OPENED
 
 #: Power of the response to the motion, in units of the noise's, from which a block counts: as the bins of a fit.
 EXCITED = 10.0
+#: Part of a block that sets the point of linearisation, where it is not settled.
+FIRST = 8
 
 
 class Learner:
@@ -49,6 +51,10 @@ class Learner:
         learned = information.absorb(s.known, upper[:m] / np.sqrt(variance))
         lags = s.own[3:].copy(), float(s.own[1])
         if not s.clock[9]:
+            if s.pending[0] != OPENED:
+                if not s.clock[10]:
+                    s.pending[1] = self.knowledge.time_s - s.own[0] * net.interval_s
+                s.clock[10] += 1.0
             if not fresh and not self._unsettled(learned):
                 s.clock[9] = 1.0
                 self._learn_whitening(*lags)
@@ -73,6 +79,12 @@ class Learner:
             return
         if not self._moved(fresh=fresh):
             self._learn_whitening(*lags)
+
+    def end_run(self) -> None:
+        """Doubt what was known where more parts than a block has set the point in a run, and no two agreed."""
+        s = self.knowledge.state
+        if not s.clock[9] and s.clock[10] > FIRST:
+            self.changes.contradict()
 
     def _unsettled(self, learned: FloatArray) -> bool:
         """Whether this block moves the point by more than two independent ones may: it then sets the point alone."""

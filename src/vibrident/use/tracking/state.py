@@ -75,12 +75,13 @@ class State:
     lags: FloatArray  # number of residuals, blocks; their autocovariance, shape (2 + order + 1,)
     # time of the run's first sample, s; samples fed and steps taken in it; time of the last random walk, s; blocks
     # since the start or the last alarm; rows that whitening may look back to; whether the run's nuisances are all
-    # unknown; samples of reference and response still to be left out; whether the point is settled; shape (10,)
+    # unknown; samples of reference and response still to be left out; whether the point is settled; the parts of
+    # blocks that have set it in this run; shape (11,)
     clock: FloatArray
     row: FloatArray  # products since the last row that was read, shape (m + 1, m + 1); its squares and rows behind
     # a change that is not named yet: SEEN or OPENED, its time and that of its detection, s; variance of the noise
     # before it, its degrees of freedom and spread; blocks that its naming may take; then what was known before it,
-    # shape (7 + m (m + 1),)
+    # shape (7 + m (m + 1),); before any, the time of the first part that set the point
     pending: FloatArray
     ladder: Ladder
     cell: FloatArray  # states and their sensitivities, shape (S,)
@@ -103,7 +104,7 @@ class State:
             np.zeros(settings.order),
             np.zeros(6),
             np.zeros(3 + settings.order),
-            np.array([0.0, 0.0, 0.0, np.nan, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]),
+            np.array([0.0, 0.0, 0.0, np.nan, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0]),
             np.zeros((m + 1) ** 2 + 2),
             np.zeros(7 + m * (m + 1)),
             Ladder.empty(settings.levels, m),

@@ -19,7 +19,7 @@ from vibrident.physics.models import SensorModel
 from vibrident.use.tracking import information
 from vibrident.use.tracking.detection import NORMAL, extend
 from vibrident.use.tracking.knowledge import Knowledge
-from vibrident.use.tracking.learner import Learner
+from vibrident.use.tracking.learner import FIRST, Learner
 from vibrident.use.tracking.network import TAPS, Linearised, Network
 from vibrident.use.tracking.state import Alarm, Estimate, Settings
 from vibrident.use.tracking.tones import Tone
@@ -27,8 +27,6 @@ from vibrident.use.tracking.tones import Tone
 #: Part of what a motion tells of a parameter that the others leave: condition indices above 30 are harmful collinearity
 #: (Belsley, Kuh & Welsch 1980, ch. 3).
 ALONE = 1.0 / 30.0**2
-#: Part of a block that sets the point of linearisation, where it is not settled.
-FIRST = 8
 #: Steps taken from the reference at once.
 AT_ONCE = 16384
 USUAL = Settings()
@@ -87,6 +85,7 @@ class Tracker:
             s.clock[3] = time_s
         s.reference, s.response = np.zeros(0), np.zeros(0)
         s.clock[:3] = time_s, 0.0, max(0, -first)
+        s.clock[10] = 0.0
         s.clock[7:9] = max(0, first), max(0, -first)
         self.knowledge.free_run()
 
@@ -109,6 +108,7 @@ class Tracker:
             self._end_tone(self._tone)
         elif self.state.own[1] > 0.0:
             self._learner.end_block()
+        self._learner.end_run()
 
     def read(self) -> Estimate:
         """What is known after the last whole block."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from vibrident.base.warning_kinds import WarningCode
 from vibrident.fit.departures.departure import Candidate, Departure, Scale
-from vibrident.fit.departures.group import Group
+from vibrident.fit.departures.group import WhitenedGroup
 from vibrident.fit.departures.points import Point, PointsPart
 from vibrident.fit.departures.score import Score
 from vibrident.fit.response.response import ComplexArray
@@ -27,7 +27,7 @@ class Bands(Departure):
     own_columns: ClassVar[bool] = True
     joint: ClassVar[bool] = False
 
-    def columns(self, group: Group, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
+    def columns(self, group: WhitenedGroup, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
         """The motion in each band; a sine has one frequency."""
         if group.pull is None:
             inside = [group.likely * ((group.hz >= low) & (group.hz < high)) for low, high in pairwise(scale.bands_hz)]

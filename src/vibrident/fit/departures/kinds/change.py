@@ -12,7 +12,7 @@ from vibrident.base.amounts import amount, plain
 from vibrident.base.warning_kinds import WarningCode
 from vibrident.data.records import FloatArray
 from vibrident.fit.departures.departure import Candidate, Departure, Places, Scale
-from vibrident.fit.departures.group import BLOCKS, Group, without
+from vibrident.fit.departures.group import BLOCKS, WhitenedGroup, without
 from vibrident.fit.departures.score import Score
 from vibrident.fit.departures.sums import Exact
 from vibrident.fit.response.response import ComplexArray
@@ -35,11 +35,11 @@ class Change(Departure):
     family: ClassVar[str] = "change"
     within: ClassVar[bool] = True
 
-    def columns(self, group: Group, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
+    def columns(self, group: WhitenedGroup, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
         """Told by sums over blocks instead."""
         return ()
 
-    def places(self, group: Group, scale: Scale) -> list[Places]:
+    def places(self, group: WhitenedGroup, scale: Scale) -> list[Places]:
         """Steps with enough of the motion on either side, and the ramp, by sums over blocks.
 
         Whitening and a slow factor commute but for the whitening filter's length, so that one transform serves all
@@ -70,13 +70,13 @@ class Change(Departure):
             for words in sets
         ]
 
-    def columns_of(self, candidate: Candidate, group: Group, scale: Scale) -> ComplexArray:
+    def columns_of(self, candidate: Candidate, group: WhitenedGroup, scale: Scale) -> ComplexArray:
         """Those of a place."""
         bins = group.moved if _of_tone(group) else np.concatenate([group.moved, group.slopes], axis=1)
         rows = np.ascontiguousarray(bins[:, _kept(candidate.words, bins.shape[1])]).view(float)
         return self._times_factor(rows, candidate, group).view(complex)
 
-    def whitened(self, candidate: Candidate, group: Group, scale: Scale) -> FloatArray:
+    def whitened(self, candidate: Candidate, group: WhitenedGroup, scale: Scale) -> FloatArray:
         """The factor times the whitened columns.
 
         A step of the columns themselves counts most in the quietest bins, and is half a block misplaced at worst. A
@@ -87,17 +87,17 @@ class Change(Departure):
         rows = _changing(group)
         return self._times_factor(rows[:, _kept(candidate.words, rows.shape[1])], candidate, group)
 
-    def _times_factor(self, rows: FloatArray, candidate: Candidate, group: Group) -> FloatArray:
+    def _times_factor(self, rows: FloatArray, candidate: Candidate, group: WhitenedGroup) -> FloatArray:
         factor = np.repeat(FACTORS[candidate.number], group.length // BLOCKS)
         return group.whitened_at_bins(group.whitened_in_time(rows) * factor)
 
-    def doubt(self, candidate: Candidate, group: Group, scale: Scale) -> FloatArray:
+    def doubt(self, candidate: Candidate, group: WhitenedGroup, scale: Scale) -> FloatArray:
         """That of the columns, over the part of the record that they fill: noise is in all of it."""
         rows = _changing(group)
         rows = rows[:, _kept(candidate.words, rows.shape[1])]
         return float(np.mean(FACTORS[candidate.number])) * (rows @ group.errors.effects[:, -1:].mT)[..., 0]
 
-    def refined(self, candidate: Candidate, group: Group, scale: Scale, sums: Exact) -> tuple[Candidate, Exact]:
+    def refined(self, candidate: Candidate, group: WhitenedGroup, scale: Scale, sums: Exact) -> tuple[Candidate, Exact]:
         """The place with its time in the record, of which the group may hold a piece."""
         begin = float(group.begin_s[0])
         return replace(candidate, time_s=None if candidate.time_s is None else candidate.time_s + begin), sums
@@ -118,12 +118,12 @@ class Change(Departure):
         return f"the sensor {when}" + (f": its response {' and '.join(parts)}" if parts else "")
 
 
-def _of_tone(group: Group) -> bool:
+def _of_tone(group: WhitenedGroup) -> bool:
     """Whether amplitude and phase say it all."""
     return not bool(np.isnan(group.turns).any())
 
 
-def _changing(group: Group) -> FloatArray:
+def _changing(group: WhitenedGroup) -> FloatArray:
     """What a change adds to the response, whitened: motion, its slope and the Jacobian, shape (R, 2 + P, 2 K).
 
     Of sines amplitude and phase say it all: shape (R, 2, 2 K). In time it is told from these: a jump of the response

@@ -10,7 +10,7 @@ import numpy as np
 from vibrident.base.amounts import plain
 from vibrident.base.warning_kinds import WarningCode
 from vibrident.fit.departures.departure import Candidate, Departure, Scale
-from vibrident.fit.departures.group import Group
+from vibrident.fit.departures.group import WhitenedGroup
 from vibrident.fit.departures.score import Score
 from vibrident.fit.response.response import ComplexArray
 
@@ -22,7 +22,7 @@ class Clocks(Departure):
     code: ClassVar[WarningCode] = "clock_suspect"
     family: ClassVar[str] = "change"
 
-    def columns(self, group: Group, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
+    def columns(self, group: WhitenedGroup, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
         """The slope of the motion times the time from the middle of the record.
 
         What is alike at the begin and at the end is a delay.
@@ -38,7 +38,7 @@ class Clocks(Departure):
         )
 
 
-def slope_with_time(group: Group, origin_s: float) -> ComplexArray:
+def slope_with_time(group: WhitenedGroup, origin_s: float) -> ComplexArray:
     """Return bins of dŷ/dt times the time from an origin, and of dŷ/dt, shape (R, 2, K)."""
     slope = group.series(group.likely * (1j * group.rate_hz * group.radians))
     return group.bins_of(np.stack([slope * (group.time_s - origin_s), slope], axis=1))

@@ -10,7 +10,7 @@ import numpy as np
 from vibrident.base.amounts import amount
 from vibrident.base.warning_kinds import WarningCode
 from vibrident.fit.departures.departure import Candidate, Departure, Scale
-from vibrident.fit.departures.group import Group
+from vibrident.fit.departures.group import WhitenedGroup
 from vibrident.fit.departures.points import Point, PointsPart
 from vibrident.fit.departures.score import Score
 from vibrident.fit.response.response import ComplexArray
@@ -22,7 +22,7 @@ class Delay(Departure):
     name: ClassVar[str] = "delay"
     code: ClassVar[WarningCode] = "lack_of_fit"
 
-    def columns(self, group: Group, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
+    def columns(self, group: WhitenedGroup, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
         """The slope of the motion, per second of delay; a sine has one frequency."""
         if group.pull is None:
             yield "", (-1j * group.rate_hz * group.radians * group.likely)[:, None]

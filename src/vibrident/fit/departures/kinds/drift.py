@@ -13,7 +13,7 @@ from vibrident.base.amounts import plain
 from vibrident.base.warning_kinds import WarningCode
 from vibrident.data.records import FloatArray, Record
 from vibrident.fit.departures.departure import Candidate, Scale, WithoutMotion
-from vibrident.fit.departures.group import Group
+from vibrident.fit.departures.group import WhitenedGroup
 from vibrident.fit.departures.score import Score
 from vibrident.fit.response.response import ComplexArray
 
@@ -33,7 +33,7 @@ class Drift(WithoutMotion):
     together: ClassVar[bool] = True
     nuisance: ClassVar[bool] = True
 
-    def columns(self, group: Group, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
+    def columns(self, group: WhitenedGroup, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
         """The polynomials, as large as the largest motion; of records with the nuisance tone, none is left."""
         if any(self.beside(record) is not record for record in group.records):
             bins = group.bins_of(_polynomials(group.samples)[None])

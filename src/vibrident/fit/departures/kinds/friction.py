@@ -11,7 +11,7 @@ from vibrident.base.amounts import amount
 from vibrident.base.warning_kinds import WarningCode
 from vibrident.data.records import FloatArray
 from vibrident.fit.departures.departure import Candidate, Scale, Shape
-from vibrident.fit.departures.group import Group
+from vibrident.fit.departures.group import WhitenedGroup
 from vibrident.fit.departures.score import Score
 from vibrident.fit.response.response import ComplexArray
 
@@ -27,15 +27,15 @@ class Friction(Shape):
         if scale.mass is not None:
             yield "", -np.sign(signal)
 
-    def signal(self, group: Group, scale: Scale) -> FloatArray:
+    def signal(self, group: WhitenedGroup, scale: Scale) -> FloatArray:
         """Return the velocity of the mass."""
         return group.series(group.likely * self.gain(group, scale))
 
-    def answer(self, group: Group, scale: Scale) -> ComplexArray | float:
+    def answer(self, group: WhitenedGroup, scale: Scale) -> ComplexArray | float:
         """Return the sensor's response to an acceleration."""
         return 0.0 if scale.mass is None else scale.mass(group.hz)[1]
 
-    def gain(self, group: Group, scale: Scale) -> ComplexArray | float:
+    def gain(self, group: WhitenedGroup, scale: Scale) -> ComplexArray | float:
         """Return the velocity of the mass for a response of one."""
         if scale.mass is None:
             return 0.0

@@ -13,7 +13,7 @@ from vibrident.base.amounts import plain
 from vibrident.base.warning_kinds import WarningCode
 from vibrident.data.records import FloatArray
 from vibrident.fit.departures.departure import Candidate, Places, Scale, WithoutMotion
-from vibrident.fit.departures.group import Group
+from vibrident.fit.departures.group import WhitenedGroup
 from vibrident.fit.departures.score import Score
 from vibrident.fit.departures.sums import Exact
 from vibrident.fit.response.response import ComplexArray
@@ -44,19 +44,19 @@ class Harmonics(WithoutMotion):
     joint: ClassVar[bool] = False
     of_light: ClassVar[bool] = True
 
-    def columns(self, group: Group, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
+    def columns(self, group: WhitenedGroup, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
         """Cosine and sine of each order, as large as the motion of the record."""
         if not np.isnan(group.turns).all():
             waves = _size(group)[:, None, None, None] * group.harmonics
             for order in range(waves.shape[1]):
                 yield f"{order + 2}", waves[:, order]
 
-    def places(self, group: Group, scale: Scale) -> list[Places]:
+    def places(self, group: WhitenedGroup, scale: Scale) -> list[Places]:
         """Each order that samples tell."""
         every = super().places(group, scale)
         return [replace(one, there=np.any(one.sums.gram != 0.0, axis=(2, 3))) for one in every]
 
-    def refined(self, candidate: Candidate, group: Group, scale: Scale, sums: Exact) -> tuple[Candidate, Exact]:
+    def refined(self, candidate: Candidate, group: WhitenedGroup, scale: Scale, sums: Exact) -> tuple[Candidate, Exact]:
         """Add what a characteristic that makes it does to the parameters; of light, what the light has of it."""
         order = int(candidate.words)
         if group.pull is not None:
@@ -84,12 +84,12 @@ class Harmonics(WithoutMotion):
         return f"the sensor adds harmonics, {size} at {candidate.words} times the tone; a linear one adds none"
 
 
-def _size(group: Group) -> FloatArray:
+def _size(group: WhitenedGroup) -> FloatArray:
     """Largest motion of each record, shape (R,)."""
     return np.asarray(np.max(np.abs(group.motion), axis=1, initial=0.0))
 
 
-def _of_the_tone(group: Group, order: int) -> FloatArray:
+def _of_the_tone(group: WhitenedGroup, order: int) -> FloatArray:
     """What a bent characteristic without memory that makes such a harmonic does to the parameters, shape (R, 2, P).
 
     A power of odd order k adds to the tone C(k, (k − 1)/2) times its harmonic, at k times its phase.

@@ -9,7 +9,7 @@ import numpy as np
 
 from vibrident.base.warning_kinds import WarningCode
 from vibrident.fit.departures.departure import Candidate, Departure, Scale
-from vibrident.fit.departures.group import Group
+from vibrident.fit.departures.group import WhitenedGroup
 from vibrident.fit.departures.points import Point, PointsPart
 from vibrident.fit.departures.score import Score
 from vibrident.fit.response.response import ComplexArray
@@ -21,7 +21,7 @@ class HighPass(Departure):
     name: ClassVar[str] = "high-pass"
     code: ClassVar[WarningCode] = "lack_of_fit"
 
-    def columns(self, group: Group, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
+    def columns(self, group: WhitenedGroup, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
         """The integral of the motion, per hertz of the corner frequency; a sine has one frequency."""
         if group.pull is None:
             yield "", (2j * np.pi / group.rate_hz / group.radians * group.likely)[:, None]

@@ -10,7 +10,7 @@ import numpy as np
 from vibrident.base.amounts import plain
 from vibrident.base.warning_kinds import WarningCode
 from vibrident.fit.departures.departure import Candidate, Departure, Scale
-from vibrident.fit.departures.group import Group
+from vibrident.fit.departures.group import WhitenedGroup
 from vibrident.fit.departures.points import Point, PointsPart
 from vibrident.fit.departures.score import Score
 from vibrident.fit.response.response import ComplexArray
@@ -26,7 +26,7 @@ class OtherRecord(Departure):
     pooled: ClassVar[bool] = False
     family: ClassVar[str] = "change"
 
-    def columns(self, group: Group, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
+    def columns(self, group: WhitenedGroup, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
         """Motion and slope; a sine has an amplitude and phase of its own, which its points compare."""
         if group.pull is None and scale.records > 1:
             yield "", group.moved

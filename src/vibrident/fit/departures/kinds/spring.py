@@ -11,7 +11,7 @@ from vibrident.base.amounts import plain
 from vibrident.base.warning_kinds import WarningCode
 from vibrident.data.records import FloatArray
 from vibrident.fit.departures.departure import Candidate, Scale, Shape
-from vibrident.fit.departures.group import Group
+from vibrident.fit.departures.group import WhitenedGroup
 from vibrident.fit.departures.points import Point, PointsPart
 from vibrident.fit.departures.score import Score
 from vibrident.fit.response.response import ComplexArray
@@ -29,7 +29,7 @@ class Spring(Shape):
         yield "is bent as by a spring that is stiffer on one side of its rest point", y * y * scale.motion
         yield "is bent as by a spring that is not linear", y * y * y * scale.motion
 
-    def answer(self, group: Group, scale: Scale) -> ComplexArray:
+    def answer(self, group: WhitenedGroup, scale: Scale) -> ComplexArray:
         """The sensor's, over its largest."""
         size = np.max(np.abs(group.transfer), axis=1, keepdims=True, initial=0.0)
         return group.transfer / np.where(size > 0.0, size, 1.0)
