@@ -182,7 +182,7 @@ def settle(
     rounds: list[tuple[float, Descended]] = []
     for number in range(MAX_ROUNDS if explains else 0):
         weighting = read_weighting(band, places, look.heard)
-        band = weighting.beside(band)
+        band = weighting.beside(band).beside_ringing(coordinates.values(z))
         descended = descend(band, coordinates, z, weighting, FINE, progress)
         band = descended.band
         at = descended.at
@@ -211,7 +211,7 @@ def settle(
         trace = best.trace
     # Where hardly anything determines a parameter, noise read a round before is that of another z.
     weighting = read_weighting(band, places, look.heard)
-    band = weighting.beside(band)
+    band = weighting.beside(band).beside_ringing(coordinates.values(z))
     at = iterate(band, coordinates, weighting.of_groups(band), z)
     return _stated(band, coordinates, z, at, trace, weighting)
 

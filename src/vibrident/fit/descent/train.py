@@ -190,7 +190,7 @@ def _descended(
     for values in starts:
         coordinates = Coordinates.at(evidence.model, values, look.band_hz, evidence.response_size)
         try:
-            here = band.at_delay_of(values)
+            here = band.at_delay_of(values).beside_ringing(values)
             end = descend(here, coordinates, coordinates.first, weighting, ROUGH, progress)
         except (NotConverged, InputError, np.linalg.LinAlgError) as error:
             reason = error

@@ -33,12 +33,15 @@ class Band:
         top_hz: highest frequency of the motion; infinite where it is not known.
         tones: tones that no motion causes, in bins, of every segment.
         edges: whether the initial states' slopes over the record are nuisances, too.
+        unseen: sampling rates below twice the frequency of the free motion. It was not recorded
+            there, and the initial states hold noise: edges are nuisances.
     """
 
     problem: BinProblem
     top_hz: float
     tones: tuple[tuple[float, ...], ...] = ()
     edges: bool = False
+    unseen: frozenset[float] = frozenset()
 
     @property
     def model(self) -> SensorModel:
@@ -73,7 +76,7 @@ class Band:
         pieces = segment.used is not None
         bins = every if pieces else last
         driven = record.reference is not None
-        edges = self.edges and driven  # slopes of its states are all that a free decay tells
+        edges = (self.edges or rate_hz in self.unseen) and driven  # slopes of its states are all that a free decay tells
         return Grid(segment.samples, rate_hz, fraction, bins, last, tones, edges, pieces, driven)
 
     def within(self, top_hz: float) -> Band:
@@ -90,6 +93,13 @@ class Band:
         """Return the same with inputs at the delay of ``values``; itself where they nearly are."""
         moved = self.problem.at_delay_of(values)
         return self if moved is self.problem else replace(self, problem=moved)
+
+    def beside_ringing(self, values: Mapping[str, float]) -> Band:
+        """Return the same where free motion is seen as ``values`` say; itself where that is so."""
+        lowest_hz = self.problem.lowest_ringing_hz(dict(values))
+        rates = {group.grid.rate_hz for group in self.groups}
+        unseen = frozenset(rate for rate in rates if lowest_hz > 0.5 * rate)
+        return self if unseen == self.unseen else replace(self, unseen=unseen)
 
     def steps(
         self, values: dict[str, float], *, slopes: bool

@@ -239,7 +239,7 @@ class BinProblem(NetworkProblem):
     ) -> list[RecordBins]:
         """Every record, or some, at the bins of its transform, in order; one that no run reaches has no samples."""
         steps = self._all_steps(coordinates.values(z))
-        turn, lowest = coordinates.slopes(z)[:, None], self._lowest_ringing_hz(coordinates.values(z))
+        turn, lowest = coordinates.slopes(z)[:, None], self.lowest_ringing_hz(coordinates.values(z))
         found: list[RecordBins] = []
         models: dict[tuple[int, float], ModelLines] = {}
         states: dict[tuple[int, float, float], FreeLines] = {}
@@ -265,7 +265,7 @@ class BinProblem(NetworkProblem):
             found.append(made.beside_drift())
         return found
 
-    def _lowest_ringing_hz(self, values: dict[str, float]) -> float:
+    def lowest_ringing_hz(self, values: dict[str, float]) -> float:
         """Lowest frequency of a free oscillation, Hz; zero where the sensor has none."""
         poles = self.frame.model.poles(values)
         ringing = np.abs(np.imag(poles[np.imag(poles) != 0.0]))
