@@ -127,14 +127,6 @@ def _of_bins(
     network = estimate.findings.network
     assert network is not None
     tones, step = _tones(evidence), np.zeros(len(estimate.z))
-    every_short = all(own.record.samples <= LONGEST for own in estimate.weighed.values())
-    if every_short and len(estimate.weighed) == len(evidence.records):
-        for index in range(len(evidence.records))[some]:
-            noisy = estimate.weighed[index]
-            if noisy.record.count >= SHORTEST:
-                unit, turns = float(network.noise[index]), tones.get(index)
-                yield _of_weighed(evidence.records[index], noisy, predicted[index], unit, turns)
-        return
     lines = problem.lines(estimate.z, estimate.coordinates, network.noise, some)
     short = {index: record for index, record in enumerate(lines, some.start) if record.samples <= LONGEST}
     motions = [_motion_of(record, tones.get(index)) for index, record in short.items()]
@@ -177,30 +169,6 @@ def _of_bins(
             seen=motion_at(),
             floor=record.floor,
         )
-
-
-def _of_weighed(given: Record, noisy: Weighed, series: FloatArray, unit: float, turns: float | None) -> Signals:
-    """Return signals of a record as the fit weighed it."""
-    record, first = noisy.record, int(np.argmax(np.isfinite(series)))
-    assert record.model is not None
-    span = slice(first, first + record.samples)
-    return Signals(
-        given,
-        span,
-        record.used,
-        record.residual * unit,
-        record.predicted(slice(None)) * unit,
-        series[span],
-        noisy.jacobian * unit,
-        record.model.through(),
-        noisy.nuisances(slice(None)),
-        noisy.spectrum,
-        unit,
-        record.one_sided,
-        turns=turns,
-        seen=_motion_of(record, turns)(),
-        floor=record.floor,
-    )
 
 
 def _of_sines(

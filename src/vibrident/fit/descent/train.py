@@ -27,7 +27,7 @@ from vibrident.fit.problem import Coordinates, Evidence
 from vibrident.fit.problem.bin_problem import BinProblem
 from vibrident.fit.response.transform import mean_around, power_of
 from vibrident.fit.start.at_bins import candidates, rough_delay
-from vibrident.fit.start.look import Look, look_at
+from vibrident.fit.start.look import Look, look_at, loud_bins
 from vibrident.physics.discretisation import Method
 from vibrident.physics.models import SensorModel
 
@@ -36,6 +36,8 @@ FEW_STARTS = 2
 STARTS = 4
 #: V over the number of numbers above which a model does not explain the records.
 MISFIT = 30.0
+#: Part of the loud bins in which motion is heard, if no delay hides it from the look.
+MOSTLY = 0.5
 #: Rounds in which the relative error of such a model is found.
 MODEL_ERROR_ROUNDS = 2
 
@@ -53,10 +55,7 @@ def train(evidence: Evidence, method: Method, progress: Progress) -> Settled:
     band = Band(problem, np.inf)
     look = look_at(band)
     if model.has_delay and evidence.start is None:
-        late = rough_delay(band, look)
-        moved = _with_delay(model, start, late)
-        band = Band(BinProblem.build(evidence.records, model, method, evidence.quantity, moved), np.inf)
-        look = look_at(band)
+        band, look = _at_rough_delay(evidence, method, start, band, look)
     band = band.within(look.band_hz[1])
     weighting = _without_model(band, look)
     count = 2.0 * look.count
@@ -82,6 +81,29 @@ def train(evidence: Evidence, method: Method, progress: Progress) -> Settled:
             begins = [best.coordinates.values(best.z), *known, *_candidates(band, look)]
             ends = _descended(evidence, band, look, wider, begins, progress, every=True)
     return settle(ends, look, weighting, progress, explains=explains)
+
+
+def _at_rough_delay(
+    evidence: Evidence, method: Method, start: Mapping[str, float], band: Band, look: Look
+) -> tuple[Band, Look]:
+    """Return the band with inputs at a delay at which most motion is heard, and the look there."""
+    model = evidence.model
+    loud = loud_bins(band)
+    masks = [{number: heard for number, (_, heard) in look.heard.items()}]
+    if look.count < MOSTLY * sum(np.sum(each) for each in loud.values()):
+        masks.append(loud)
+    best = band, look
+    most = 0.0
+    for mask in masks:
+        late = rough_delay(band, mask, look.band_hz[1])
+        values = _with_delay(model, start, late)
+        problem = BinProblem.build(evidence.records, model, method, evidence.quantity, values)
+        here = Band(problem, np.inf)
+        there = look_at(here)
+        if there.count > most:
+            best = here, there
+            most = there.count
+    return best
 
 
 def _candidates(band: Band, look: Look) -> Iterator[dict[str, float]]:

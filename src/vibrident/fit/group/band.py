@@ -76,7 +76,9 @@ class Band:
         pieces = segment.used is not None
         bins = every if pieces else last
         driven = record.reference is not None
-        edges = (self.edges or rate_hz in self.unseen) and driven  # slopes of its states are all that a free decay tells
+        edges = (
+            self.edges or rate_hz in self.unseen
+        ) and driven  # slopes of its states are all that a free decay tells
         return Grid(segment.samples, rate_hz, fraction, bins, last, tones, edges, pieces, driven)
 
     def within(self, top_hz: float) -> Band:

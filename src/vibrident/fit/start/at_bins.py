@@ -17,7 +17,7 @@ from numpy import fft
 
 from vibrident.base.errors import NotConverged
 from vibrident.base.fft_lengths import fast_length
-from vibrident.data.records import FloatArray
+from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.bins.transfer import DiscreteTransfer
 from vibrident.fit.group.band import Band
 from vibrident.fit.group.network import Step, evaluate, products
@@ -327,22 +327,26 @@ def preferred(agreement: FloatArray, periods: FloatArray) -> FloatArray:
     return agreement * (1.0 - LONGER * np.log2(1.0 + np.abs(periods)))
 
 
-def rough_delay(band: Band, look: Look) -> float:
+def rough_delay(band: Band, heard: Mapping[int, BoolArray], high: float) -> float:
     """Return the delay at which the phases between the channels agree best, s.
 
     Amplitudes count for nothing, so a resonance does not hide the delay by its ringing; nor does a
     constant phase count. Exact to about the inverse of the width of the band.
+
+    Args:
+        band: the segments.
+        heard: bins that count, by number of the segment.
+        high: highest frequency of the motion, Hz.
     """
     longest = max(group.grid.samples / group.grid.rate_hz for group in band.groups)
     grids = {(group.grid.samples, group.grid.rate_hz) for group in band.groups}
     fine = 1 if len(grids) == 1 else FINE
     spacing_hz = 1.0 / (fine * longest)
-    high = look.band_hz[1]
     size = max(group.grid.frequency_hz[-1] for group in band.groups)
     phases = np.zeros(int(size / spacing_hz) + 2, complex)
     for group in band.groups:
         common = group.response * group.inputs[:, 0].conj()
-        common *= look.heard_in(group)
+        common *= np.stack([heard[number] for number in group.segments])
         common /= np.maximum(np.abs(common), np.finfo(float).tiny)
         places = np.round(group.grid.frequency_hz / spacing_hz).astype(int)
         np.add.at(phases, places, np.sum(common, axis=0))

@@ -93,6 +93,26 @@ def look_at(band: Band) -> Look:
     return Look(levels, audible, (float(np.min(span)), float(np.max(span))))
 
 
+def loud_bins(band: Band) -> dict[int, BoolArray]:
+    """Return where both channels are loud, by number of the segment; (K,) each.
+
+    Loud is what stands above the quietest part of the band. A motion that is heard late has
+    nothing in common with its cause within a few bins, as the phase between them turns.
+    """
+    loud: dict[int, BoolArray] = {}
+    for group in band.groups:
+        both = np.ones((len(group.segments), group.grid.bins), dtype=bool)
+        for rows in (group.response, group.inputs[:, 0]):
+            power = power_of(rows)
+            blocks = max((group.grid.last - 1) // BLOCK_BINS, 1)
+            parts = np.array_split(power[:, 1 : group.grid.last], blocks, axis=1)
+            quiet = np.min([np.mean(part, axis=1) for part in parts], axis=0)
+            both &= power > HEARD * quiet[:, None]
+        both |= ~np.any(both, axis=1, keepdims=True)  # the motion is everywhere
+        loud |= zip(group.segments, both, strict=True)
+    return loud
+
+
 def _level_of(group: Group) -> tuple[FloatArray, BoolArray]:
     """Return the power of each bin's noise, shape (R, K), and where blocks show motion."""
     if not group.grid.driven:
