@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -36,7 +36,7 @@ FEW_STARTS = 2
 STARTS = 4
 #: V over the number of numbers above which a model does not explain the records.
 MISFIT = 30.0
-#: Part of the loud bins in which motion is heard, if no delay hides it from the look.
+#: A delay at which motion is heard in less than this part of the bins of another is not tried.
 MOSTLY = 0.5
 #: Rounds in which the relative error of such a model is found.
 MODEL_ERROR_ROUNDS = 2
@@ -49,61 +49,108 @@ def train(evidence: Evidence, method: Method, progress: Progress) -> Settled:
         InputError: no record is long enough.
         NotConverged: no start leads to a finite fit.
     """
+    best: _Begun | None = None
+    for band, look in _looks(evidence, method):
+        begun = _Begun.at(evidence, band, look, progress)
+        if best is None or begun.left < best.left:
+            best = begun
+        if best.left < ENOUGH:
+            break
+    assert best is not None
+    return best.settled(evidence, progress)
+
+
+def _looks(evidence: Evidence, method: Method) -> Iterator[tuple[Band, Look]]:
+    """Yield the band of the motion and what is seen there; with a delay, at the likeliest two."""
     model = evidence.model
     start = evidence.start or _before(evidence)
     problem = BinProblem.build(evidence.records, model, method, evidence.quantity, start)
     band = Band(problem, np.inf)
     look = look_at(band)
-    if model.has_delay and evidence.start is None:
-        band, look = _at_rough_delay(evidence, method, start, band, look)
-    band = band.within(look.band_hz[1])
-    weighting = _without_model(band, look)
-    count = 2.0 * look.count
-    started = evidence.start is not None
-    known = [dict(evidence.start)] if started else []
-    some = _candidates(band, look)
-    ends = _descended(evidence, band, look, weighting, itertools.chain(known, some), progress)
-    if not started and _least(ends).at.cost > ENOUGH * count:
-        # Bins of very little noise lead a model that does not suit them astray: they are told less.
-        best = _least(ends)
-        here = best.band
+    if not model.has_delay or evidence.start is not None:
+        yield band.within(look.band_hz[1]), look
+        return
+    found: dict[float, tuple[Band, Look]] = {}
+    for mask in ({number: heard for number, (_, heard) in look.heard.items()}, loud_bins(band)):
+        late = rough_delay(band, mask, look.band_hz[1])
+        if late not in found:
+            values = _with_delay(model, start, late)
+            problem = BinProblem.build(evidence.records, model, method, evidence.quantity, values)
+            here = Band(problem, np.inf)
+            found[late] = here, look_at(here)
+    most = max(there.count for _, there in found.values())
+    for here, there in found.values():
+        if there.count >= MOSTLY * most:
+            yield here.within(there.band_hz[1]), there
+
+
+@dataclass(frozen=True, eq=False)
+class _Begun:
+    """Where start values lead in the noise that is known without a model.
+
+    Attributes:
+        band: the segments.
+        look: what they say without a model.
+        weighting: the noise.
+        ends: of the descents.
+    """
+
+    band: Band
+    look: Look
+    weighting: Weighting
+    ends: list[Descended]
+
+    @classmethod
+    def at(cls, evidence: Evidence, band: Band, look: Look, progress: Progress) -> _Begun:
+        """Search and go down."""
+        weighting = _without_model(band, look)
+        known = [] if evidence.start is None else [dict(evidence.start)]
+        starts = itertools.chain(known, _candidates(band, look))
+        ends = _descended(evidence, band, look, weighting, starts, progress)
+        begun = cls(band, look, weighting, ends)
+        return begun if known or begun.left < ENOUGH else begun._again(evidence, progress)
+
+    @property
+    def count(self) -> float:
+        """Numbers that show motion."""
+        return 2.0 * self.look.count
+
+    @property
+    def best(self) -> Descended:
+        """The descent that leaves least."""
+        return min(self.ends, key=lambda end: end.at.cost)
+
+    @property
+    def left(self) -> float:
+        """Weighted sum of squares that the best leaves, for each number that shows motion."""
+        return self.best.at.cost / self.count if self.count else np.inf
+
+    def _again(self, evidence: Evidence, progress: Progress) -> _Begun:
+        """Search again at the delay found, with a model error.
+
+        Bins of very little noise lead a model that does not suit them astray: they are told less.
+        """
+        here = self.best.band
         there = look_at(here)
-        wider = with_model_error(_without_model(here, there), best, count)
+        wider = with_model_error(_without_model(here, there), self.best, self.count)
         more = _candidates(here, replace(there, weights=_weights(here, wider)))
         rough = _descended(evidence, here, there, wider, more, progress, every=True)
         begins = [end.coordinates.values(end.z) for end in rough]
-        ends += _descended(evidence, band, look, weighting, begins, progress, every=True)
-    explains = _least(ends).at.cost < MISFIT * count
-    if not explains:
-        for _ in range(MODEL_ERROR_ROUNDS):
-            best = _least(ends)
-            wider = with_model_error(weighting, best, count)
-            begins = [best.coordinates.values(best.z), *known, *_candidates(band, look)]
-            ends = _descended(evidence, band, look, wider, begins, progress, every=True)
-    return settle(ends, look, weighting, progress, explains=explains)
+        more_ends = _descended(
+            evidence, self.band, self.look, self.weighting, begins, progress, every=True
+        )
+        return replace(self, ends=[*self.ends, *more_ends])
 
-
-def _at_rough_delay(
-    evidence: Evidence, method: Method, start: Mapping[str, float], band: Band, look: Look
-) -> tuple[Band, Look]:
-    """Return the band with inputs at a delay at which most motion is heard, and the look there."""
-    model = evidence.model
-    loud = loud_bins(band)
-    masks = [{number: heard for number, (_, heard) in look.heard.items()}]
-    if look.count < MOSTLY * sum(np.sum(each) for each in loud.values()):
-        masks.append(loud)
-    best = band, look
-    most = 0.0
-    for mask in masks:
-        late = rough_delay(band, mask, look.band_hz[1])
-        values = _with_delay(model, start, late)
-        problem = BinProblem.build(evidence.records, model, method, evidence.quantity, values)
-        here = Band(problem, np.inf)
-        there = look_at(here)
-        if there.count > most:
-            best = here, there
-            most = there.count
-    return best
+    def settled(self, evidence: Evidence, progress: Progress) -> Settled:
+        """Go on to the estimate; with a model error where no descent explains the records."""
+        explains = self.left < MISFIT
+        ends = self.ends
+        for _ in range(0 if explains else MODEL_ERROR_ROUNDS):
+            best = min(ends, key=lambda end: end.at.cost)
+            wider = with_model_error(self.weighting, best, self.count)
+            begins = [best.coordinates.values(best.z), *_candidates(self.band, self.look)]
+            ends = _descended(evidence, self.band, self.look, wider, begins, progress, every=True)
+        return settle(ends, self.look, self.weighting, progress, explains=explains)
 
 
 def _candidates(band: Band, look: Look) -> Iterator[dict[str, float]]:
@@ -121,11 +168,6 @@ def _weights(band: Band, weighting: Weighting) -> dict[int, FloatArray]:
         rows = group.grid.counts * noise.excited / noise.response
         weights |= zip(group.segments, rows, strict=True)
     return weights
-
-
-def _least(ends: Sequence[Descended]) -> Descended:
-    """Return the descent that leaves least."""
-    return min(ends, key=lambda end: end.at.cost)
 
 
 def with_model_error(weighting: Weighting, end: Descended, squares: float) -> Weighting:

@@ -27,7 +27,7 @@ from vibrident.fit.problem.frequency_domain import Local
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import power_of
 from vibrident.fit.start.coarse import CoarseRows, coarse_rows
-from vibrident.fit.start.look import Look
+from vibrident.fit.start.look import Look, in_hann
 from vibrident.physics.models import ParameterSpec, SensorModel
 
 #: Natural frequencies of the grid, from a part of the lowest to a multiple of the highest.
@@ -345,7 +345,7 @@ def rough_delay(band: Band, heard: Mapping[int, BoolArray], high: float) -> floa
     size = max(group.grid.frequency_hz[-1] for group in band.groups)
     phases = np.zeros(int(size / spacing_hz) + 2, complex)
     for group in band.groups:
-        common = group.response * group.inputs[:, 0].conj()
+        common = in_hann(group.response) * in_hann(group.inputs[:, 0]).conj()
         common *= np.stack([heard[number] for number in group.segments])
         common /= np.maximum(np.abs(common), np.finfo(float).tiny)
         places = np.round(group.grid.frequency_hz / spacing_hz).astype(int)
