@@ -64,6 +64,7 @@ class FreeIpnn(Ipnn):
             findings=found,
             predicted=None,
             weighed={},
+            in_noise=None,
         )
 
 

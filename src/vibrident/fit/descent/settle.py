@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from vibrident.fit.noise.motion import NEAREST
 from vibrident.fit.noise.spectrum import DOUBT
 from vibrident.fit.optimise import Progress, Trace, levenberg_marquardt
 from vibrident.fit.problem.coordinates import Coordinates
+from vibrident.fit.problem.frequency_domain import Local
 from vibrident.fit.response.transform import mean_around, power_of
 from vibrident.fit.start.look import Look
 
@@ -65,6 +66,31 @@ class Settled:
     noise: SpectralNoise
     deviation: FloatArray
     places: tuple[GroupAt, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class InNoise:
+    """Records in the noise that was found beside their estimate.
+
+    Attributes:
+        band: the groups; made again where they are asked for.
+        weighting: the noise of every segment.
+    """
+
+    band: Band
+    weighting: Weighting
+
+    @classmethod
+    def of(cls, settled: Settled) -> InNoise:
+        """Take band and noise of an estimate, without what the records are at the bins."""
+        band = settled.band
+        return cls(replace(band, problem=band.problem.idle()), settled.weighting)
+
+    def normal(self, z: FloatArray, coordinates: Coordinates) -> Local:
+        """Return V, its gradient and information at z."""
+        band = self.band.at_delay_of(coordinates.values(z))
+        at = iterate(band, coordinates, self.weighting.of_groups(band), z)
+        return Local(information(at), at.gradient, at.cost)
 
 
 @dataclass

@@ -16,6 +16,7 @@ from vibrident.fit.registry import AUTO, ESTIMATORS
 if TYPE_CHECKING:
     from vibrident.data.records import FloatArray
     from vibrident.fit.descent.iterate import Weighed
+    from vibrident.fit.descent.settle import InNoise
     from vibrident.fit.problem import Coordinates, Evidence, NetworkProblem
     from vibrident.fit.response import MeasuredResponse
     from vibrident.fit.start.start import Start
@@ -43,6 +44,8 @@ class Estimate:
         findings: what was found beside the parameters.
         weighed: records at the bins of the band in the noise of the fit, by number; those that
             are missing are made when they are asked for.
+        in_noise: records in the noise of the fit, by which estimates are joined; None where they
+            are joined by equal weights, or at points.
     """
 
     estimator: str
@@ -60,6 +63,7 @@ class Estimate:
     criterion: Literal["samples", "likelihood", "other"] = "other"
     findings: Findings = field(default_factory=Findings)
     weighed: Mapping[int, Weighed] = field(default_factory=dict)
+    in_noise: InNoise | None = None
 
 
 @dataclass(frozen=True)

@@ -42,6 +42,8 @@ class Score:
             from vibrident.fit.decay.estimate import decays_at  # only where there are decays
 
             return cls(estimate.coordinates, decays_at(estimate)[0].fit.problem)
+        if estimate.in_noise is not None:
+            return cls(estimate.coordinates, estimate.in_noise)
         if estimate.criterion == "samples" and network is not None:
             return cls(estimate.coordinates, estimate.problem, network.noise)
         return cls(estimate.coordinates, solved_problem(estimate, fitted.evidence))

@@ -19,7 +19,7 @@ from vibrident.base.binding import bound
 from vibrident.base.errors import ModelError
 from vibrident.data.records import FloatArray
 from vibrident.fit.descent.sandwich import hac_covariance
-from vibrident.fit.descent.settle import Settled
+from vibrident.fit.descent.settle import InNoise, Settled
 from vibrident.fit.descent.train import train
 from vibrident.fit.descent.weighed import weighed_records
 from vibrident.fit.estimators.base import Estimate, Estimator, Setting
@@ -149,6 +149,7 @@ def settled_estimate(settled: Settled) -> Estimate:
         findings=Findings(trained, settled.noise),
         predicted=tuple(problem.predict(settled.coordinates, settled.z)),
         weighed=weighed_records(settled),
+        in_noise=InNoise.of(settled),
     )
 
 
