@@ -11,10 +11,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vibrident.data.records import BoolArray, FloatArray
-from vibrident.fit.information import inverse_normal
+from vibrident.fit.information import SMALLEST, inverse_normal, inverse_where_shown
 from vibrident.fit.noise.averages import averaged_bins, typical, windowed
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import power_of
@@ -82,7 +81,7 @@ def common_noise(
     chance = (power < FAR_RATIO * own) * (2.0 / WINDOWED_VARIANCE)
     product = own * level
     made: FloatArray | float = 0.0
-    amounts, variances, normal = np.zeros((len(noise), 4)), np.zeros(0), np.zeros(0)
+    amounts, variances, normal = np.zeros((len(noise), 2)), np.zeros(0), np.zeros(0)
     for _ in range(2):
         weight = chance / np.maximum(np.square(made) + product, 1e-300)
         normal, right = _normal_equations(share, loud, common, weight, last)
@@ -90,20 +89,23 @@ def common_noise(
         made = share * (amounts[:, :1] + amounts[:, 1:2] / place)
     flicker = 1.0 / place
     mean = np.array([1.0, float(np.mean(flicker))])
-    spread = np.sqrt(np.maximum(mean @ variances[:, :2, :2] @ mean, 0.0))
+    spread = np.sqrt(np.maximum(mean @ variances @ mean, 0.0))
     quiet = QUIET_RATIO * level
     free = np.sum(own < quiet, axis=1) >= MIN_QUIET_BINS
     # Motion everywhere: an error of the model cannot be separated from noise.
     shown = np.sum(own < np.maximum(quiet, QUIET_RATIO * made), axis=1) >= MIN_QUIET_BINS
     spread = np.where(shown, spread, np.inf)
-    covariance = inverse_normal(normal)[:, :2, :2]
-    return CommonNoise(amounts[:, :2] @ mean, spread, amounts[:, :2], covariance, free)
+    covariance = inverse_normal(normal)
+    return CommonNoise(amounts @ mean, spread, amounts, covariance, free)
 
 
 def _normal_equations(
     share: FloatArray, loud: FloatArray, common: FloatArray, weight: FloatArray, last: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the normal equations of noise, its part in 1/k, a share of the motion, and in k².
+    """Return the normal equations of noise and its part in 1/k, beside shares of the motion.
+
+    The motion has a share of its own and one in k². Of a lone tone these are alike: what they
+    explain is taken out by as many as are told apart.
 
     Args:
         share: power of noise of variance one behind the sensor, shape (R, n) or (1, n).
@@ -113,7 +115,7 @@ def _normal_equations(
         last: the bin behind these.
 
     Returns:
-        The normal matrices, shape (R, 4, 4), and right sides, shape (R, 4).
+        The normal matrices, shape (R, 2, 2), and right sides, shape (R, 2).
     """
     place = np.arange(1.0, last)
     powers = (place / last) ** np.array([0.0, 2.0, 4.0])[:, None]
@@ -124,23 +126,23 @@ def _normal_equations(
     of_noise = (weighted * share) @ inverses.T
     of_motion = (loudly * loud) @ powers.T
     across = (weighted * loud) @ mixed.T
-    columns = [
-        np.stack([of_noise[:, 0], of_noise[:, 1], across[:, 0], across[:, 2]], axis=1),
-        np.stack([of_noise[:, 1], of_noise[:, 2], across[:, 1], across[:, 3]], axis=1),
-        np.stack([across[:, 0], across[:, 1], of_motion[:, 0], of_motion[:, 1]], axis=1),
-        np.stack([across[:, 2], across[:, 3], of_motion[:, 1], of_motion[:, 2]], axis=1),
-    ]
-    right = [(weighted * common) @ inverses[:2].T, (loudly * common) @ powers[:2].T]
-    return np.stack(columns, axis=1), np.concatenate(right, axis=1)
+    noise = of_noise[:, [[0, 1], [1, 2]]]
+    motion = of_motion[:, [[0, 1], [1, 2]]]
+    both = across[:, [[0, 2], [1, 3]]]
+    imitated = both @ inverse_where_shown(motion)
+    felt = (weighted * common) @ inverses[:2].T
+    moved = (loudly * common) @ powers[:2].T
+    right = felt - (imitated @ moved[..., None])[..., 0]
+    return noise - imitated @ np.swapaxes(both, 1, 2), right
 
 
 def _amounts(normal: FloatArray, right: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Solve least squares of R records by their normal equations.
 
-    The first two amounts are not negative; the second is left out where it is not significant.
+    No amount is negative; the second is left out where it is not significant.
 
     Returns:
-        The amounts, shape (R, 4), and their covariances, shape (R, 4, 4).
+        The amounts, shape (R, 2), and their covariances, shape (R, 2, 2).
     """
     power = np.diagonal(normal, axis1=1, axis2=2)
     scale = np.sqrt(np.where(power > 0.0, power, 1.0))
@@ -150,13 +152,10 @@ def _amounts(normal: FloatArray, right: FloatArray) -> tuple[FloatArray, FloatAr
     amounts = (covariance @ right[..., None])[..., 0]
     least = SIGNIFICANT_DEVIATIONS * np.sqrt(covariance[:, 1, 1])
     without = ~((amounts[:, 0] >= 0.0) & (amounts[:, 1] > least))
-    kept: NDArray[np.int_] = np.array([0, 2, 3])
-    inverse = inverse_normal(normal[without][:, kept[:, None], kept])
-    fewer = np.zeros((len(inverse), 4))
-    fewer[:, kept] = (inverse @ right[without][:, kept, None])[..., 0]
-    amounts[without] = fewer
-    variances = np.zeros((len(inverse), 4, 4))
-    variances[:, kept[:, None], kept] = inverse
-    covariance[without] = variances
-    amounts[:, :2] = np.maximum(amounts[:, :2], 0.0)
+    variance = 1.0 / np.maximum(normal[without, 0, 0], SMALLEST)
+    amounts[without] = 0.0
+    amounts[without, 0] = variance * right[without, 0]
+    covariance[without] = 0.0
+    covariance[without, 0, 0] = variance
+    amounts = np.maximum(amounts, 0.0)
     return amounts / scale, covariance / size

@@ -41,10 +41,12 @@ class Amounts(NamedTuple):
         information: Fisher's, shape (G, M, S, S), over the dispersion about the shapes where that
             is more than chance's: what does not suit makes the amounts less sure (quasi-likelihood:
             McCullagh & Nelder 1989, ch. 9).
+        shares: means of what the amounts add to the level, over its mean, shape (G, M, S).
     """
 
     values: FloatArray
     information: FloatArray
+    shares: FloatArray
 
 
 def amounts_of(shapes: FloatArray, level: FloatArray, counts: FloatArray, known: FloatArray | float = 0.0) -> Amounts:
@@ -59,6 +61,9 @@ def amounts_of(shapes: FloatArray, level: FloatArray, counts: FloatArray, known:
     size = np.maximum(np.average(level, axis=-1, weights=counts)[..., None], MIN_MEAN)
     level = np.maximum(level / size, MIN_LEVEL)
     known = known / size
+    # Amounts begin alike whatever the units of the shapes.
+    unit = np.maximum(np.mean(shapes, axis=-1), MIN_MEAN)
+    shapes = shapes / unit[..., None]
     groups, count, bins = shapes.shape
     spectra = level.shape[1]
     across = np.ascontiguousarray(np.swapaxes(shapes, 1, 2))
@@ -88,8 +93,9 @@ def amounts_of(shapes: FloatArray, level: FloatArray, counts: FloatArray, known:
     information = ((counts / fitted**2) @ pairs).reshape(groups, spectra, count, count)
     dispersion = np.sum(counts * (level / fitted - 1.0) ** 2, axis=-1) / (bins - count)
     information /= np.maximum(dispersion, 1.0)[..., None, None]
-    size = size[..., None]
-    return Amounts(values * size[..., 0], information / size**2)
+    per = size / unit[:, None]
+    both_units = per[..., :, None] * per[..., None, :]
+    return Amounts(values * per, information / both_units, values)
 
 
 def variances_of_last(amounts: Amounts, coloured: slice) -> FloatArray:
@@ -101,8 +107,8 @@ def variances_of_last(amounts: Amounts, coloured: slice) -> FloatArray:
     """
     values = amounts.values
     fixed = np.zeros(values.shape, dtype=bool)
-    least = BOUND * np.max(values, axis=-1, keepdims=True)
-    fixed[..., coloured] = values[..., coloured] <= least
+    shares = amounts.shares[..., coloured]
+    fixed[..., coloured] = shares <= BOUND * np.max(amounts.shares, axis=-1, keepdims=True)
     kept = ~fixed[..., :, None] & ~fixed[..., None, :]
     power = np.diagonal(amounts.information, axis1=-2, axis2=-1)
     diagonal = np.where(fixed, 1.0, RIDGE * power + 1e-300)[..., None] * np.eye(values.shape[-1])

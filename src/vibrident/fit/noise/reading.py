@@ -48,6 +48,8 @@ DOUBT_DEVIATIONS = 2.0
 MIN_LEVEL_BINS = 16
 #: A bin this many times above its surroundings is no chance: one of 10⁹ white ones is.
 OUTSTANDING_RATIO = 20.0
+#: Powers behind a level at least: of fewer, rounding is left.
+MIN_COUNT = 0.05
 #: Bins on either side that are the nearest.
 CLOSE_BINS = 8
 
@@ -307,6 +309,9 @@ def _shape(rows: _Rows, read: _Read, log_through: FloatArray | None, last: int) 
     logarithm = freedom * log_power(power / np.maximum(freedom, MIN_FREEDOM))
     level = np.exp(grid.sums(logarithm) / np.maximum(counts, MIN_FREEDOM))
     level *= mean_over_geometric(counts)
+    told = counts >= MIN_COUNT
+    counts = np.where(told, counts, 0.0)
+    level = np.where(told, level, 0.0)
     own = grid.order ** np.array([[0.0], [-1.0], [-2.0]])
     if rows.through is None or log_through is None:
         amounts = amounts_of(own[None], level[None], counts[None]).values[0]
