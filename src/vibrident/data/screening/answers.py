@@ -51,19 +51,28 @@ class Answer:
     delay: int = 0
 
     @classmethod
-    def from_channels(cls, reference: Channel, response: Channel) -> Answer:
-        """Return the best prediction, downhill in the delay from none and from that of the most alike channels."""
+    def all_from_channels(cls, reference: Channel, response: Channel) -> tuple[Answer, ...]:
+        """Return the best prediction, and those of delays beside its own that are as good within chance.
+
+        The best is found downhill in the delay, from none and from that of the most alike channels.
+        """
         alike = np.abs(_products(reference.series, response.series))[: reference.series.size // 2]
         starts = {0, max(int(np.argmax(alike)) - ORDER // 2, 0)}
-        found = (cls(reference, response, start)._downhill(alike.size) for start in starts)
-        return min(found, key=lambda each: each.deviation)
+        found = [cls(reference, response, start)._downhill(alike.size) for start in starts]
+        best = min(found, key=lambda each: each.deviation)
+        # A standard deviation told by the median of n sizes scatters by 1.17 / √n of itself.
+        most = best.deviation * (1.0 + NOISE * 1.17 / np.sqrt(max(np.count_nonzero(best._usual), 1)))
+        return tuple(each for each in (best, *best._beside(alike.size), *found) if each.deviation <= most)
 
     def _downhill(self, latest: int) -> Answer:
         """Return the prediction of a delay below ``latest`` beside which there is no better one."""
-        delays = (self.delay + step for step in (-2 * ORDER, -ORDER // 2, ORDER // 2, 2 * ORDER))
-        beside = (Answer(self.reference, self.response, delay) for delay in delays if 0 <= delay < latest)
-        better = min(beside, key=lambda each: each.deviation, default=self)
+        better = min(self._beside(latest), key=lambda each: each.deviation, default=self)
         return better._downhill(latest) if better.deviation < self.deviation else self
+
+    def _beside(self, latest: int) -> list[Answer]:
+        """Return the predictions of delays beside its own, below ``latest``."""
+        delays = [self.delay + step for step in (-2 * ORDER, -ORDER // 2, ORDER // 2, 2 * ORDER)]
+        return [Answer(self.reference, self.response, delay) for delay in delays if 0 <= delay < latest]
 
     @functools.cached_property
     def taps(self) -> tuple[FloatArray, FloatArray]:

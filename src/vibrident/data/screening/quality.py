@@ -204,8 +204,8 @@ def _longest_part(record: Record, channels: Mapping[str, Channel]) -> tuple[Reco
         channels = {label: Channel.from_values(values, valid) for label, values, _ in _channels(record)}
     places = breaks(**channels)
     if places.size:
-        answer = Answer.from_channels(**channels)
-        places = np.array([place for place in places if answer.breaks_off(int(place))], dtype=int)
+        answers = Answer.all_from_channels(**channels)
+        places = places[[all(answer.breaks_off(int(place)) for answer in answers) for place in places]]
     if places.size == 0:
         return record, []
     edges = np.concatenate([[0], places, [record.samples]])
@@ -230,7 +230,7 @@ def _wild(channels: Mapping[str, Channel], linear: bool) -> dict[str, BoolArray]
     wild = {label: channel.wild.copy() for label, channel in channels.items()}
     if len(wild) == 1 or not any(bad.any() for bad in wild.values()):
         return {label: bad for label, bad in wild.items() if bad.any()}
-    answer = Answer.from_channels(**channels)
+    answers = Answer.all_from_channels(**channels)
     for label, other in zip(wild, [*channels.values()][::-1], strict=True):
         if not wild[label].any():
             continue
@@ -240,7 +240,7 @@ def _wild(channels: Mapping[str, Channel], linear: bool) -> dict[str, BoolArray]
             if moved[first:end].any() and not (linear and end - first <= MAX_SHORT_RUN and at_once and all(at_once)):
                 wild[label][first:end] = False
             events = [event for event in channels[label].events if event.wild and first <= event.first < end]
-            if not any(event.brief or answer.denies(label, event) for event in events):
+            if not any(event.brief or all(answer.denies(label, event) for answer in answers) for event in events):
                 wild[label][first:end] = False
     return {label: bad for label, bad in wild.items() if bad.any()}
 

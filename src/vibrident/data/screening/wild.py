@@ -235,8 +235,8 @@ class Channel:
         """Return how far off the first ``length`` samples of some errors are, and the errors that this leaves."""
         taps = np.pad(self.prediction.taps, (length - 1, max(errors.size - ORDER - 1, 0)))
         design = sliding_window_view(taps[: errors.size + length - 1], errors.size)[::-1].T
-        sizes = np.linalg.lstsq(design, errors, rcond=None)[0]
-        return sizes, np.asarray(errors - design @ sizes, dtype=np.float64)
+        sizes = np.asarray(np.linalg.lstsq(design, errors, rcond=None)[0], dtype=np.float64)
+        return sizes, errors - design @ sizes
 
     def sizes(self, event: Event) -> FloatArray:
         """Return how far wild samples are off what those before and after them predict."""
