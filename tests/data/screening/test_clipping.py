@@ -362,6 +362,19 @@ def test_a_jump_of_velocity_is_a_pulse_of_acceleration(rng: np.random.Generator)
         assert "a single sample far off its neighbours at 0.7 s" in said.message
 
 
+@pytest.mark.parametrize("noise", [1e-6, 1e-3, 1e-2])
+@pytest.mark.draws(10, 60)
+def test_a_burst_that_begins_softly_is_sound(noise: float, draws: int, rng: np.random.Generator) -> None:
+    """The reference is free of noise: it shows each corner of its envelope, the response those beyond its noise."""
+    for _ in range(draws):
+        envelope = np.sin(0.5 * np.pi * np.clip((T - 1800.0) / 50.0, 0.0, 1.0)) ** 2
+        lines = np.fft.rfft(envelope * band_limited(rng, 0.002, 0.15))
+        moved = np.fft.irfft(np.where(np.fft.rfftfreq(N) < 0.45, lines, 0.0), N)
+        response = np.convolve(moved, np.exp(-0.3 * np.arange(40)))[:N]
+        response = response + noise * np.std(response) * rng.standard_normal(N)
+        assert screen([Record("r", moved, response, 1e3, "random")])[1] == ()
+
+
 @pytest.mark.parametrize("motion", ["random", "multisine", "sine"])
 def test_lost_time_is_found_and_cut_off(motion: str, rng: np.random.Generator) -> None:
     """Both channels lose 37 samples: the longer part stays, whatever the response is. Whole ones stay whole."""

@@ -13,6 +13,7 @@ from vibrident.base.errors import InputError
 from vibrident.base.warning_kinds import WarningCode
 from vibrident.data.records import BoolArray, FloatArray, Record
 from vibrident.data.records.basis import runs_of_true
+from vibrident.data.screening.answers import Answer
 from vibrident.data.screening.clipping import clipped
 from vibrident.data.screening.decays import goes_on
 from vibrident.data.screening.gaps import lost
@@ -201,7 +202,10 @@ def _longest_part(record: Record, channels: Mapping[str, Channel]) -> tuple[Reco
     valid = record.mask & record.reference_mask
     if not all(np.array_equal(valid, channel.valid) for channel in channels.values()):
         channels = {label: Channel.from_values(values, valid) for label, values, _ in _channels(record)}
-    places = breaks(*channels.values())
+    places = breaks(**channels)
+    if places.size:
+        answers = Answer.all_from_channels(**channels)
+        places = places[[all(answer.breaks_off(int(place)) for answer in answers) for place in places]]
     if places.size == 0:
         return record, []
     edges = np.concatenate([[0], places, [record.samples]])
@@ -224,13 +228,19 @@ def _wild(channels: Mapping[str, Channel], linear: bool) -> dict[str, BoolArray]
     But a sample or two of both at one time is none of a motion that goes on, ``linear``: a sensor answers for longer.
     """
     wild = {label: channel.wild.copy() for label, channel in channels.items()}
+    if len(wild) == 1 or not any(bad.any() for bad in wild.values()):
+        return {label: bad for label, bad in wild.items() if bad.any()}
+    answers = Answer.all_from_channels(**channels)
     for label, other in zip(wild, [*channels.values()][::-1], strict=True):
-        if len(wild) == 1 or not wild[label].any():
+        if not wild[label].any():
             continue
         moved = moves(other, wild[label])
         for first, end in zip(*runs_of_true(wild[label]), strict=True):
             at_once = [event.brief for event in other.events if event.first <= end and first <= event.end]
             if moved[first:end].any() and not (linear and end - first <= MAX_SHORT_RUN and at_once and all(at_once)):
+                wild[label][first:end] = False
+            events = [event for event in channels[label].events if event.wild and first <= event.first < end]
+            if not any(event.brief or all(answer.denies(label, event) for answer in answers) for event in events):
                 wild[label][first:end] = False
     return {label: bad for label, bad in wild.items() if bad.any()}
 

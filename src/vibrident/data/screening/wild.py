@@ -226,13 +226,22 @@ class Channel:
 
         ``usual``: standard deviation of the errors.
         """
-        taps = np.pad(self.prediction.taps, (length - 1, max(errors.size - ORDER - 1, 0)))
-        design = sliding_window_view(taps[: errors.size + length - 1], errors.size)[::-1].T
-        sizes = np.linalg.lstsq(design, errors, rcond=None)[0]
-        remainder = errors - design @ sizes
+        sizes, remainder = self._split(errors, length)
         gained = float(errors @ errors - remainder @ remainder) / usual**2
         lone = float(np.max(np.abs(remainder))) <= NOISE * usual and float(np.max(np.abs(sizes))) > self.smallest
         return lone, lone and gained > STANDS_OUT**2 + length
+
+    def _split(self, errors: FloatArray, length: int) -> tuple[FloatArray, FloatArray]:
+        """Return how far off the first ``length`` samples of some errors are, and the errors that this leaves."""
+        taps = np.pad(self.prediction.taps, (length - 1, max(errors.size - ORDER - 1, 0)))
+        design = sliding_window_view(taps[: errors.size + length - 1], errors.size)[::-1].T
+        sizes = np.asarray(np.linalg.lstsq(design, errors, rcond=None)[0], dtype=np.float64)
+        return sizes, errors - design @ sizes
+
+    def sizes(self, event: Event) -> FloatArray:
+        """Return how far wild samples are off what those before and after them predict."""
+        errors = self.prediction.both(self.series[event.first - ORDER : event.end + ORDER])[0]
+        return self._split(errors, event.end - event.first)[0]
 
     @functools.cached_property
     def wild(self) -> BoolArray:
@@ -339,7 +348,7 @@ def moves(other: Channel, bad: BoolArray) -> BoolArray:
     return moved
 
 
-def breaks(first: Channel, second: Channel) -> NDArray[np.int_]:
+def breaks(reference: Channel, response: Channel) -> NDArray[np.int_]:
     """Return the samples at which both channels of a stationary motion jump: time was lost before them.
 
     There both go on elsewhere, which no wild samples explain, and nothing lies between what was before and what is
@@ -347,14 +356,14 @@ def breaks(first: Channel, second: Channel) -> NDArray[np.int_]:
     something was moving there.
     """
     places = []
-    for event in first.events:
-        for other in (each for each in second.events if each.meets(event)):
+    for event in reference.events:
+        for other in (each for each in response.events if each.meets(event)):
             strongest = max(event, other, key=lambda each: each.strength)
             place = max(strongest.first, 0)
             seen = strongest.strength > STANDS_OUT and not (event.plain and other.plain)
             if seen and event.torn and other.torn:
-                places += [place] * all(_breaks_off(channel, place) for channel in (first, second))
-    apart = np.diff(np.unique(np.array(places, dtype=int)), prepend=-BESIDE, append=first.valid.size + BESIDE)
+                places += [place] * all(_breaks_off(channel, place) for channel in (reference, response))
+    apart = np.diff(np.unique(np.array(places, dtype=int)), prepend=-BESIDE, append=reference.valid.size + BESIDE)
     return np.unique(np.array(places, dtype=int))[(apart[:-1] >= BESIDE) & (apart[1:] >= BESIDE)]
 
 
