@@ -281,8 +281,7 @@ def _stated(
         least = floors[owners][:, None] / place.psd
         # What does not count says nothing of the noise where it counts.
         sums, of_weights = (
-            np.stack([mean_around(row, around, NEAREST) for row in rows])
-            for rows in (power * excited, excited)
+            np.stack([mean_around(row, around, NEAREST) for row in rows]) for rows in (power * excited, excited)
         )
         local = np.maximum(sums / np.maximum(of_weights, np.finfo(float).tiny), least)
         loud = place.weight * excited * local

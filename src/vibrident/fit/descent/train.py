@@ -136,9 +136,7 @@ class _Begun:
         more = _candidates(here, replace(there, weights=_weights(here, wider)))
         rough = _descended(evidence, here, there, wider, more, progress, every=True)
         begins = [end.coordinates.values(end.z) for end in rough]
-        more_ends = _descended(
-            evidence, self.band, self.look, self.weighting, begins, progress, every=True
-        )
+        more_ends = _descended(evidence, self.band, self.look, self.weighting, begins, progress, every=True)
         return replace(self, ends=[*self.ends, *more_ends])
 
     def settled(self, evidence: Evidence, progress: Progress) -> Settled:
