@@ -24,7 +24,7 @@ from vibrident.fit.response.transform import mean_around, power_of
 from vibrident.fit.start.look import Look
 
 #: Rounds of descent and noise, and of moving the inputs to the delay.
-MAX_ROUNDS = 8
+MAX_ROUNDS = 16
 MAX_MOVES = 4
 #: The estimate stays where a round moves it by less, in standard uncertainties.
 SETTLED = 0.05
