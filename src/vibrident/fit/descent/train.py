@@ -42,8 +42,17 @@ MOSTLY = 0.5
 MODEL_ERROR_ROUNDS = 2
 
 
-def train(evidence: Evidence, method: Method, progress: Progress) -> Settled:
+def train(
+    evidence: Evidence, method: Method, progress: Progress, *, level: bool = False
+) -> Settled:
     """Train the network of a linear model.
+
+    Args:
+        evidence: the records.
+        method: the discretisation.
+        progress: called after each iteration.
+        level: whether the start is sought in noise of one level in each record. What a narrow
+            resonance leaves looks like noise to a model without it, wherever noise is read.
 
     Raises:
         InputError: no record is long enough.
@@ -51,6 +60,7 @@ def train(evidence: Evidence, method: Method, progress: Progress) -> Settled:
     """
     best: _Begun | None = None
     for band, look in _looks(evidence, method):
+        look = look.levelled() if level else look
         begun = _Begun.at(evidence, band, look, progress)
         if best is None or begun.left < best.left:
             best = begun

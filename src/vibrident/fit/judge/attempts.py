@@ -131,5 +131,8 @@ def _once(evidence: Evidence, estimator: Estimator, progress: Progress) -> tuple
     give_back_after(longest)
     if judgement.adequacy.adequate or (other := estimator.where_rejected(evidence, found, progress)) is None:
         return estimate, judgement
-    estimate = canonically_labelled(other)
-    return estimate, judged(evidence, estimate)
+    other = canonically_labelled(other)
+    again = judged(evidence, other)
+    if estimate.in_noise is not None and not again.adequacy.adequate:
+        return estimate, judgement
+    return other, again

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -56,6 +56,15 @@ class Look:
             return np.stack([self.weights[number][: group.grid.bins] for number in group.segments])
         floor = np.maximum(self.levels_in(group), np.finfo(float).tiny)
         return self.shown_in(group) * group.grid.counts * group.grid.samples / floor
+
+    def levelled(self) -> Look:
+        """Return the same with one level of noise in each record, the median of what is heard."""
+        levels = {}
+        for number, level in self.levels.items():
+            heard = self.heard[number][1]
+            typical = float(np.median(level[heard] if np.any(heard) else level))
+            levels[number] = np.full(level.shape, typical)
+        return replace(self, levels=levels)
 
     def shown_in(self, group: Group) -> FloatArray:
         """Return one where motion shows, next to zero elsewhere, shape (R, K)."""
