@@ -47,8 +47,6 @@ class Quadratic(Protocol):
 
 
 Objective = Callable[[Any, Any], Quadratic]
-#: Takes coordinates, a step and its damping, and gives the coordinates to try in place of their sum.
-Bent = Callable[[FloatArray, FloatArray, float], FloatArray]
 
 
 class Progress(Protocol):
@@ -86,7 +84,6 @@ def levenberg_marquardt(
     tolerance: float = 1e-9,
     most: int = 60,
     progress: Progress = silent,
-    bent: Bent | None = None,
 ) -> Trace:
     """Minimise by Levenberg and Marquardt's damped Gauss–Newton steps from ``start`` (Nocedal & Wright 2006, ch. 10).
 
@@ -105,8 +102,6 @@ def levenberg_marquardt(
         tolerance: decrease of the cost that is not worth a step.
         most: most evaluations of the objective.
         progress: called after each iteration.
-        bent: where a step leads to if not straight on, from the tenth iterate on: a descent that long is in a curved
-            valley; None: straight on.
 
     Raises:
         NotConverged: the cost is not finite at the start.
@@ -128,8 +123,7 @@ def levenberg_marquardt(
         if arrived():
             break
         step = here.step(damping, used)
-        moved = here.z + step if bent is None or len(way) < 10 else bent(here.z, step, damping)
-        trial = _Point.of(moved, objective, args)
+        trial = _Point.of(here.z + step, objective, args)
         promised, gain = here.promised(step, used), here.cost - trial.cost
         gained = gain / promised if promised > 0.0 else -np.inf
         gained = gained if np.isfinite(gained) else -np.inf

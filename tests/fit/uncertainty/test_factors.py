@@ -11,7 +11,7 @@ from bench.adversary.cases import BY_NAME
 import vibrident
 from vibrident.data.records import Record
 from vibrident.fit.bins.record import bins_of_series
-from vibrident.fit.descent.iterate import Weighed, beside_hum
+from vibrident.fit.descent.bins_in_noise import Weighed, beside_hum
 from vibrident.fit.noise.motion import motion_of
 from vibrident.fit.uncertainty.explained import powers, shares_of
 from vibrident.fit.uncertainty.factors import band_factors

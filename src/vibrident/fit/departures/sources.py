@@ -21,7 +21,7 @@ from vibrident.fit.departures.departure import Scale
 from vibrident.fit.departures.examination import Groups
 from vibrident.fit.departures.group import WhitenedGroup
 from vibrident.fit.departures.signals import AT_ONCE, Signals, group_of, grouped, most_likely, projected
-from vibrident.fit.descent.iterate import Weighed, beside_hum, nuisances_of, together
+from vibrident.fit.descent.bins_in_noise import Weighed, beside_hum, nuisances_of, together
 from vibrident.fit.descent.weighting import is_steep
 from vibrident.fit.estimators import Estimate
 from vibrident.fit.information import inverse_normal

@@ -42,9 +42,7 @@ MOSTLY = 0.5
 MODEL_ERROR_ROUNDS = 2
 
 
-def train(
-    evidence: Evidence, method: Method, progress: Progress, *, level: bool = False
-) -> Settled:
+def train(evidence: Evidence, method: Method, progress: Progress, *, level: bool = False) -> Settled:
     """Train the network of a linear model.
 
     Args:

@@ -9,8 +9,8 @@ import numpy as np
 from vibrident.data.records import FloatArray
 from vibrident.fit.bins import RecordBins
 from vibrident.fit.bins.record import BinsAt, ModelLines
+from vibrident.fit.descent.bins_in_noise import Weighed
 from vibrident.fit.descent.in_noise import GroupAt
-from vibrident.fit.descent.iterate import Weighed
 from vibrident.fit.descent.settle import Settled
 from vibrident.fit.noise.spectrum import NoiseSpectrum
 from vibrident.fit.response.response import ComplexArray

@@ -15,7 +15,7 @@ from vibrident.fit.registry import AUTO, ESTIMATORS
 
 if TYPE_CHECKING:
     from vibrident.data.records import FloatArray
-    from vibrident.fit.descent.iterate import Weighed
+    from vibrident.fit.descent.bins_in_noise import Weighed
     from vibrident.fit.descent.settle import InNoise
     from vibrident.fit.problem import Coordinates, Evidence, NetworkProblem
     from vibrident.fit.response import MeasuredResponse

@@ -14,7 +14,7 @@ from vibrident.base.errors import InputError
 from vibrident.data.records import FloatArray, Record, SystematicEffect
 from vibrident.fit.bins.record import bins_of_series
 from vibrident.fit.decay import decay_deviations
-from vibrident.fit.descent.iterate import Weighed, beside_hum, together
+from vibrident.fit.descent.bins_in_noise import Weighed, beside_hum, together
 from vibrident.fit.estimators import Estimate
 from vibrident.fit.estimators.residual_tones import network_problem, residual_tones
 from vibrident.fit.noise.motion import motion_of

@@ -16,7 +16,7 @@ from numpy import fft
 from vibrident.base.tails import f_tail
 from vibrident.data.records import FloatArray
 from vibrident.fit.bins.segments import shifted_lines
-from vibrident.fit.descent.iterate import Weighed
+from vibrident.fit.descent.bins_in_noise import Weighed
 from vibrident.fit.noise.incoherent import without_coherent
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import power_of

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from vibrident.base.tails import chi2_tail
 from vibrident.data.records import FloatArray
 from vibrident.data.records.basis import distinct
-from vibrident.fit.descent.iterate import Weighed, likelier, products
+from vibrident.fit.descent.bins_in_noise import Weighed, likelier, products
 from vibrident.fit.information import inverse_where_shown
 from vibrident.fit.noise.motion import NEAREST, lines_around
 from vibrident.fit.noise.profile import slow_profile

@@ -111,9 +111,7 @@ class Ipnn(Estimator):
             return settled_estimate(train(evidence, self.method, progress))
         return trained_in_time(self, evidence, progress)
 
-    def where_rejected(
-        self, evidence: Evidence, estimate: Estimate, progress: Progress = silent
-    ) -> Estimate | None:
+    def where_rejected(self, evidence: Evidence, estimate: Estimate, progress: Progress = silent) -> Estimate | None:
         """Return the estimate from a start in noise of one level; None of a network in time."""
         if not self.in_band(evidence) or evidence.start is not None:
             return None
