@@ -68,7 +68,7 @@ class Look:
 
     def shown_in(self, group: Group) -> FloatArray:
         """Return one where motion shows, next to zero elsewhere, shape (R, K)."""
-        return self.heard_in(group) + MIN_WEIGHT
+        return np.asarray(self.heard_in(group) + MIN_WEIGHT, dtype=float)
 
 
 def look_at(band: Band) -> Look:
