@@ -67,7 +67,8 @@ def test_table_and_shock_of_an_accelerometer(tmp_path: Path, part_s: tuple[float
     assert lobe_rms(by_shock, shock) < 0.01
     assert lobe_rms(vibrident.identify(sine, model="accelerometer+delay"), shock) > 0.02
     assert by_shock.parameters["sensitivity"].value == pytest.approx(0.2267, abs=0.0010)
-    assert 49e3 < by_shock.parameters["natural_frequency"].value < 55e3
+    # Alone the table says 50.2(1.0) kHz and the shock 53.7(0.5) kHz, with dampings that disagree.
+    assert 48e3 < by_shock.parameters["natural_frequency"].value < 55e3
     # Damping and delay trade off: the value moves along the valley with the machine's arithmetic, by
     # less than its u, and is said not to be determined.
     damping = by_shock.parameters["damping_ratio"]
