@@ -10,7 +10,7 @@ from __future__ import annotations
 import functools
 import itertools
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -62,13 +62,27 @@ def silent(iteration: int, most: int, cost: float) -> None:
 
 @dataclass(frozen=True)
 class Trace:
-    """The course of an optimisation: cost and coordinates at each accepted iterate, and the reason for its end."""
+    """The course of an optimisation: cost and coordinates at each accepted iterate, and the reason for its end.
+
+    ``changes`` are the iterates from which on the residual has other weights.
+    """
 
     optimiser: str
     converged: bool
     status: str
     costs: tuple[float, ...]
     coordinates: FloatArray  # (iterates, p)
+    changes: tuple[int, ...] = ()
+
+    def then(self, other: Trace) -> Trace:
+        """Return this course and another after it, in other weights."""
+        count = len(self.costs)
+        return replace(
+            other,
+            costs=self.costs + other.costs,
+            coordinates=np.concatenate([self.coordinates, other.coordinates]),
+            changes=(*self.changes, count, *(count + at for at in other.changes)),
+        )
 
     @property
     def last(self) -> FloatArray:

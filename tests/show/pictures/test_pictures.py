@@ -145,9 +145,10 @@ def test_an_identification_says_where_its_weights_change():
     found = vibrident.identify(
         vibrident.simulate("paper", frequencies_hz=[100.0, 400.0, 700.0], seed=4), estimator="ipnn"
     )
-    (change,) = found.training.weighting_changes
+    changes = set(found.training.weighting_changes)
+    assert changes
     jumps = np.flatnonzero(np.diff(found.training.loss) > 1e-9 * np.array(found.training.loss[1:])) + 1
-    assert set(jumps) <= {change}
+    assert set(jumps) <= changes
 
 
 def test_times_of_a_clock_that_counts_from_an_epoch_are_shown_from_the_start():

@@ -433,7 +433,20 @@ static void relearn(tracker *t, int certain) {
     EACH(p, P) {
         move[K + p] = best.before[p][0] + amount[p]; EACH(j, P) move[K + p] -= best.before[p][1 + j] * amount[j];
     }
-    memset(t->ladder_meta, 0, sizeof t->ladder_meta); t->clock[4] = t->clock[9] = 0.0;
+    memset(t->ladder_meta, 0, sizeof t->ladder_meta); t->clock[4] = t->clock[9] = t->clock[10] = 0.0;
+    open(t, t->before, amount, move);
+}
+
+/* Forget every parameter: the parts of a run contradict what was known, each in its own way. */
+static void contradict(tracker *t) {
+    double amount[P], back[M], move[M] = {0.0};
+    int p;
+    solve(t->known, back);
+    t->pending[0] = OPENED; t->pending[2] = now(t); t->pending[6] = 1.0;
+    t->pending[3] = t->pending[4] = t->pending[5] = 0.0;
+    memcpy(t->before, t->known, sizeof t->before);
+    EACH(p, P) { amount[p] = 1.0; move[K + p] = back[K + p]; }
+    memset(t->ladder_meta, 0, sizeof t->ladder_meta); t->clock[4] = t->clock[9] = t->clock[10] = 0.0;
     open(t, t->before, amount, move);
 }
 static int alarmed(tracker *t) {
@@ -574,6 +587,10 @@ static void end_block(tracker *t) {
     t->clock[6] = 0.0; walked(t, learned); memcpy(t->known, learned, sizeof learned); t->clock[3] = now(t);
     absorb(learned, upper, 1.0 / sqrt(variance)); memcpy(lags, t->own + 3, sizeof lags);
     if (t->clock[9] == 0.0) {
+        if (t->pending[0] != OPENED) {
+            if (t->clock[10] == 0.0) t->pending[1] = now(t) - t->own[0] * INTERVAL;
+            t->clock[10] += 1.0;
+        }
         solve(learned, move);
         if (!fresh && distance(learned, move) <= 2.0 * FURTHER[P - 1]) {
             t->clock[9] = 1.0; learn_whitening(t, lags, rows); memset(t->lags, 0, sizeof t->lags);
@@ -675,11 +692,14 @@ static const real *oldest(const real *ring, int size, int next, int count) {
     int at = next - count; return ring + (at < 0 ? at + size : at);
 }
 int @N@_changing(const tracker *t) { return t->pending[0] != 0.0; }
-void @N@_finish(tracker *t) { if (t->own[1] > 0.0) end_block(t); }
+void @N@_finish(tracker *t) {
+    if (t->own[1] > 0.0) end_block(t);
+    if (t->clock[9] == 0.0 && t->clock[10] > @FIRST_PART@.0) contradict(t);
+}
 void @N@_begin(tracker *t, double time_s) {
     @N@_finish(t);
     if (isnan(t->clock[3]) || (t->clock[1] == 0.0 && t->clock[3] == t->clock[0])) t->clock[3] = time_s;
-    t->references = t->responses = 0; t->clock[0] = time_s; t->clock[1] = 0.0;
+    t->references = t->responses = 0; t->clock[0] = time_s; t->clock[1] = t->clock[10] = 0.0;
     t->clock[2] = t->clock[8] = FIRST < 0 ? -FIRST : 0; t->clock[7] = FIRST > 0 ? FIRST : 0;
     free_run(t);
 }

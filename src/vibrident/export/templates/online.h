@@ -40,7 +40,7 @@ typedef struct {
 /* What is carried from sample to sample; the names are those of the Python tracker's state. */
 typedef struct {
     double point[@GUARD@_M], known[@GUARD@_M][@GUARD@_M + 1], own[4 + @GUARD@_AR], whitening[@GUARD@_AR], noise[6];
-    double lags[3 + @GUARD@_AR], clock[10], row[(@GUARD@_M + 1) * (@GUARD@_M + 1) + 2], pending[7];
+    double lags[3 + @GUARD@_AR], clock[11], row[(@GUARD@_M + 1) * (@GUARD@_M + 1) + 2], pending[7];
     double before[@GUARD@_M][@GUARD@_M + 1], ladder_known[@GUARD@_LEVELS][@GUARD@_M][@GUARD@_M + 1];
     double ladder_gram[@GUARD@_LEVELS][@GUARD@_M + 1][@GUARD@_M + 1], ladder_meta[@GUARD@_LEVELS][7];
     @N@_real cell[@GUARD@_CELL], rows[@GUARD@_AR][@GUARD@_M + 1];

@@ -67,6 +67,16 @@ class Settled:
     deviation: FloatArray
     places: tuple[GroupAt, ...]
 
+    @property
+    def numbers(self) -> float:
+        """Count of real numbers that V is a sum over, each by how much it counts."""
+        total = 0.0
+        for at in self.places:
+            grid = at.group.grid
+            excited = [self.weighting.spectra[number].excited for number in at.group.segments]
+            total += float(np.sum(grid.counts * grid.samples * np.stack(excited)))
+        return total
+
 
 @dataclass(frozen=True, eq=False)
 class InNoise:
@@ -212,10 +222,10 @@ def settle(
         descended = descend(band, coordinates, z, weighting, FINE, progress)
         band = descended.band
         at = descended.at
-        trace = descended.trace
+        trace = trace.then(descended.trace)
         deviation = np.sqrt(np.diag(inverse_normal(information(at))))
-        moved = float(np.max(np.abs(trace.last - z) / deviation))
-        z = trace.last
+        moved = float(np.max(np.abs(descended.z - z) / deviation))
+        z = descended.z
         places = at.groups
         if number > 0 and moved < SETTLED:
             break
@@ -227,7 +237,6 @@ def settle(
             band = descended.band
             z = descended.z
             places = descended.at.groups
-            trace = descended.trace
     known = band.beside(best.band.tones, edges=best.band.edges)
     there = iterate(known, coordinates, first.of_groups(known), z)
     if not explains or not there.cost <= ASTRAY * best.at.cost:

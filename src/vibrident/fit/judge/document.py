@@ -226,7 +226,10 @@ def _training(estimate: Estimate) -> Training:
         iterations=len(before) + len(trace.costs),
         loss=tuple(cost for cost, _ in (*before, *own)),
         parameters={name: tuple(float(point[name]) for _, point in (*before, *own)) for name in names},
-        weighting_changes=(len(before),) if before else (),
+        weighting_changes=tuple(
+            len(before) + int(np.searchsorted(keep, change))
+            for change in ((0, *trace.changes) if before else trace.changes)
+        ),
     )
 
 

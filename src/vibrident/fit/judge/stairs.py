@@ -55,7 +55,8 @@ def _lateness(fitted: Fitted) -> tuple[float, float] | None:
     model = installed(f"{evidence.model.name}+{ADD_ONS[DELAY].name}")
     if model is None:
         return None
-    start = {**fitted.values, DELAY: 0.0}
+    # A fit that was rejected is no start: its parameters stand in for the delay.
+    start = {**fitted.values, DELAY: 0.0} if fitted.adequate else None
     try:
         delayed = fitted.once(replace(evidence, model=model, start=start))
     except VibridentError:

@@ -150,7 +150,7 @@ def settled_estimate(settled: Settled) -> Estimate:
         settled.degrees_of_freedom,
         settled.trace,
         problem=problem,
-        equations=float(np.sum(problem.degrees_of_freedom)),
+        equations=settled.numbers,
         criterion="samples",
         findings=Findings(trained, settled.noise),
         predicted=tuple(problem.predict(settled.coordinates, settled.z)),
