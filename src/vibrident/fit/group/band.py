@@ -117,12 +117,13 @@ class Band:
                 continue
             at = values, *group.step, self.problem.frame.delay_s
             transfer = trained.transfer(*at)
-            if not self._is_stable(transfer.denominator, group.step):
+            if not self.is_stable(transfer.denominator, group.step):
                 return None
             steps[group.step] = Step(transfer, trained.jacobian(*at) if slopes else None)
         return steps
 
-    def _is_stable(self, denominator: FloatArray, kind: tuple[float, float]) -> bool:
+    def is_stable(self, denominator: FloatArray, kind: tuple[float, float]) -> bool:
+        """Return whether no state grows beyond all numbers over the longest segment of a step."""
         if not np.all(np.isfinite(denominator)):
             return False
         longest = max(group.grid.samples for group in self.groups if group.step == kind)

@@ -260,6 +260,10 @@ class _Search:
         for rows, networks in zip(self.rows, steps, strict=True):
             if not all(np.all(np.isfinite(each.transfer.denominator)) for each in networks):
                 return None
+            if not self.band.problem.frame.method.is_exact and not all(
+                self.band.is_stable(each.transfer.denominator, rows.bins.step) for each in networks
+            ):
+                return None
             own: list[ComplexArray] = []
             for network in networks:
                 response, nuisances = rows.forced(network)
