@@ -78,7 +78,8 @@ def _better(fitted: Fitted, change: float) -> Fitted | None:
         return other
     # χ² may rise where the misfit falls, as the noise beside it does.
     left, before = (1.0 - each.judgement.explained for each in (other, fitted))
-    return other if left < before / MIN_FALL else None
+    falls = left < before / MIN_FALL or other.chi2 < fitted.chi2 / MIN_FALL
+    return other if falls else None
 
 
 def _moved(fitted: Fitted, offset: float) -> Fitted | None:
