@@ -113,7 +113,7 @@ class Ipnn(Estimator):
 
     def where_rejected(self, evidence: Evidence, estimate: Estimate, progress: Progress = silent) -> Estimate | None:
         """Return the estimate from a start in noise of one level; None of a network in time."""
-        if not self.in_band(evidence) or evidence.start is not None:
+        if not (self.is_tied and self.in_band(evidence)) or evidence.start is not None:
             return None
         return settled_estimate(train(evidence, self.method, progress, level=True))
 
