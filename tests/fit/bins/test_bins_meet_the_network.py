@@ -173,10 +173,8 @@ def test_a_tone_of_known_frequency_says_nothing_whatever_its_size(place, rng):
         start = {key: value * 1.01 for key, value in values_of("accelerometer").items()}
         coordinates = Coordinates.at(parse("accelerometer"), start, (20.0, 2000.0))
         quiet, noisy = (
-            BinProblem.build([r], parse("accelerometer"), method("bandlimited"), "acceleration", start).with_hum(
-                [(hum_hz,)]
-            )
-            for r in (record, loud)
+            BinProblem.build([humming], parse("accelerometer"), method("bandlimited"), "acceleration", start)
+            for humming in (replace(record, hum_hz=(hum_hz,)), replace(loud, hum_hz=(hum_hz,)))
         )
         found, other = (problem.normal(coordinates.first, coordinates, np.ones(1)) for problem in (quiet, noisy))
         noise = np.sqrt(found.cost)
@@ -195,10 +193,14 @@ def test_a_tone_of_a_part_of_a_turn_holds_no_offset():
     """Thirty samples between dropouts see so little of a slow tone that their mean tells nothing of its size."""
     whole, values = random_motion("accelerometer"), values_of("accelerometer")
     run = Record("run", whole.reference[600:640], whole.response[600:640], RATE, "random")
-    problem = BinProblem.build([run], parse("accelerometer"), method("bandlimited"), "acceleration", values)
+    humming = replace(run, hum_hz=(0.5 * RATE / SAMPLES,))
     coordinates = Coordinates.at(parse("accelerometer"), values, (20.0, 2000.0))
-    beside = problem.with_hum([(0.5 * RATE / SAMPLES,)])
-    alone, both = (one.predict(coordinates, coordinates.first)[0] for one in (problem, beside))
+    alone, both = (
+        BinProblem.build([one], parse("accelerometer"), method("bandlimited"), "acceleration", values).predict(
+            coordinates, coordinates.first
+        )[0]
+        for one in (run, humming)
+    )
     np.testing.assert_allclose(both, alone, atol=0.5 * np.nanstd(alone))
 
 

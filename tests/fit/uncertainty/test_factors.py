@@ -25,7 +25,7 @@ def weighed(record: Record, predicted: np.ndarray) -> Weighed:
     """A record beside its prediction, weighted by the noise that it shows."""
     bins = [bins_of_series(record, predicted, float(np.std(record.response)), 0)]
     motions = [motion_of(each) for each in bins]
-    (found,) = Weighed.at(bins, motions, np.zeros(0), beside_hum(bins, motions), known=True)
+    (found,) = Weighed.at(bins, motions, beside_hum(bins, motions))
     return found
 
 

@@ -126,7 +126,7 @@ def _of_bins(
     """Of records that are read together."""
     network = estimate.findings.network
     assert network is not None
-    tones, step = _tones(evidence), np.zeros(len(estimate.z))
+    tones = _tones(evidence)
     lines = problem.lines(estimate.z, estimate.coordinates, network.noise, some)
     short = {index: record for index, record in enumerate(lines, some.start) if record.samples <= LONGEST}
     motions = [_motion_of(record, tones.get(index)) for index, record in short.items()]
@@ -151,7 +151,7 @@ def _of_bins(
                 signals = (rest * noise, motion, np.array(jacobian) * noise)
                 yield _in_time(given, evidence, estimate, there, used[piece], *signals)
             continue
-        (noisy,) = Weighed.at([record], [motion_at], step, [spectrum], known=True)
+        (noisy,) = Weighed.at([record], [motion_at], [spectrum])
         yield Signals(
             given,
             span,

@@ -21,28 +21,31 @@ from vibrident.fit.response.transform import in_blocks, power_of
 
 
 def together(lines: Sequence[RecordBins] | Sequence[Record]) -> list[slice]:
-    """Records one after the other whose noise is read side by side: many short ones, or one long one."""
-    ends, begin, samples = list[int](), 0, 0
+    """Group records in their order: many short ones whose noise is read at once, or one long one."""
+    ends: list[int] = []
+    begin = 0
+    samples = 0
     for number, record in enumerate(lines):
         if number > begin and samples + record.samples > 1 << 17:  # beyond, memory counts
             ends.append(number)
-            begin, samples = number, 0
+            begin = number
+            samples = 0
         samples += record.samples
     return [slice(*pair) for pair in itertools.pairwise([0, *ends, len(lines)])]
 
 
 @dataclass(frozen=True, eq=False)
 class Weighed:
-    """A record's lines, weighted by the noise as read after a step.
+    """A record at its bins, weighted by the noise that its residual shows.
 
     Attributes:
-        record: the lines; the gradient is that of the whole way from no step.
+        record: the bins.
         spectrum: of the noise.
         nuisances: columns beside the parameters'.
-        rest: what the step and the best unknowns leave of the residual, shape (lines,).
-        slopes: at the reference as the response corrects it, shape (p, lines).
-        of_noise: the part of the information that noise of the reference makes up, shape (p, p).
-        weight: of each line, shape (lines,).
+        rest: what the best nuisances leave of the residual, shape (bins,).
+        jacobian: at the most likely motion, shape (p, bins).
+        of_noise: part of the information that noise of the reference makes up, shape (p, p).
+        weight: of each bin, shape (bins,).
     """
 
     record: RecordBins
@@ -58,25 +61,30 @@ class Weighed:
         cls,
         lines: Sequence[RecordBins],
         motions: Sequence[MotionOf],
-        step: FloatArray,
-        before: list[NoiseSpectrum],
-        *,
-        known: bool,
+        spectra: list[NoiseSpectrum],
     ) -> list[Weighed]:
-        """Of records, after a step, shape (p,), from the noise as read before it; the list of which is emptied.
+        """Weigh records by their noise, read again where more than offset and drift hides in it.
 
-        ``known``: that was read here; it is read again where more than offset and drift may hide in it.
+        Args:
+            lines: the records.
+            motions: what a model says of them.
+            spectra: noise of their residuals; the list is emptied, as of long records a copy counts.
         """
-        tones = [own.tones for own in before]
-        nuisances = [nuisances_of(*pair) for pair in zip(lines, before, strict=True)]
-        if known and not any(tones) and not any(_with_edges(*pair) for pair in zip(lines, before, strict=True)):
-            found, rests = list(before), [record.residual for record in lines]
-            before.clear()
+        tones = [spectrum.tones for spectrum in spectra]
+        every = list(zip(lines, spectra, strict=True))
+        nuisances = [nuisances_of(*pair) for pair in every]
+        more = any(tones) or any(_with_edges(*pair) for pair in every)
+        del every
+        if not more:
+            rests = [record.residual for record in lines]
+            noises = list(spectra)
+            spectra.clear()
         else:
-            rests = [_left(record, step, u, before.pop(0)) for record, u in zip(lines, nuisances, strict=True)]
+            rests = [_left(record, columns, spectra.pop(0)) for record, columns in zip(lines, nuisances, strict=True)]
             used = [record.where_used(rest) for record, rest in zip(lines, rests, strict=True)]
-            found = spectra_of(lines, motions, used)
-        return [cls._weighed(*each) for each in zip(lines, tones, nuisances, rests, found, strict=True)]
+            noises = spectra_of(lines, motions, used)
+        parts = zip(lines, tones, nuisances, rests, noises, strict=True)
+        return [cls._weighed(*each) for each in parts]
 
     @classmethod
     def _weighed(
@@ -85,36 +93,39 @@ class Weighed:
         tones: tuple[float, ...],
         nuisances: BinsAt,
         rest: ComplexArray,
-        found: NoiseSpectrum,
+        noise: NoiseSpectrum,
     ) -> Weighed:
-        p = len(record.jacobian)
-        spectrum = replace(found, tones=with_tones(tones, found.tones))
-        weight = record.one_sided * spectrum.excited / (max(record.samples, 1) * spectrum.psd)
-        jacobian, of_noise = record.jacobian, np.zeros((p, p))
+        spectrum = replace(noise, tones=with_tones(tones, noise.tones))
+        counts = record.one_sided * spectrum.excited
+        weight = counts / (max(record.samples, 1) * spectrum.psd)
+        jacobian = record.jacobian
+        of_noise = np.zeros((len(jacobian), len(jacobian)))
         if spectrum.input_noise > 0 and record.model is not None:
-            d_through = np.stack(list(record.model.jacobian()))
-            jacobian = jacobian + d_through * likelier(record, spectrum, rest)
-            beside = np.maximum(spectrum.psd - spectrum.input_noise_at * record.model.power(), 0.0)
-            own = record.one_sided * spectrum.excited * spectrum.input_noise_at * beside / spectrum.psd**2
-            of_noise = products(lambda part: (d_through[:, part],), own)
+            turns = np.stack(list(record.model.jacobian()))
+            jacobian = jacobian + turns * likelier(record, spectrum, rest)
+            passed = spectrum.input_noise_at * record.model.power()
+            beside = np.maximum(spectrum.psd - passed, 0.0)
+            alone = counts * spectrum.input_noise_at * beside / spectrum.psd**2
+            of_noise = products(lambda part: (turns[:, part],), alone)
         return cls(record, spectrum, nuisances, rest, jacobian, of_noise, weight)
 
 
 def around(record: RecordBins) -> int:
-    """Lines on either side of each that are averaged for the covariance."""
+    """Return the number of bins on either side of each that are averaged for the covariance."""
     return width(record.samples, 1 / 128)
 
 
 def likelier(record: RecordBins, spectrum: NoiseSpectrum, rest: ComplexArray) -> ComplexArray:
-    """What the most likely motion has beyond the reference, X̂ − X = σx² H* R/S, shape (lines,)."""
+    """Return what the most likely motion has beyond the reference, σx² H* R/S, shape (bins,)."""
     assert record.model is not None
-    return np.asarray(spectrum.input_noise_at * np.conj(record.model.through()) * rest / spectrum.psd)
+    share = spectrum.input_noise_at * np.conj(record.model.through())
+    return np.asarray(share * rest / spectrum.psd)
 
 
-def _left(record: RecordBins, step: FloatArray, nuisances: BinsAt, spectrum: NoiseSpectrum) -> ComplexArray:
-    """What a step and the best nuisance parameters leave of the residual, shape (lines,)."""
+def _left(record: RecordBins, nuisances: BinsAt, spectrum: NoiseSpectrum) -> ComplexArray:
+    """Return what the best nuisances leave of the residual, shape (bins,)."""
     weight = record.one_sided / (max(record.samples, 1) * spectrum.psd)
-    rest = record.residual - step @ record.jacobian
+    rest = record.residual.copy()
     sums = products(lambda part: (nuisances(part), rest[None, part]), weight)
     amounts = inverse_where_shown(sums[:-1, :-1]) @ sums[:-1, -1]
     for part in in_blocks(len(rest)):
@@ -123,57 +134,72 @@ def _left(record: RecordBins, step: FloatArray, nuisances: BinsAt, spectrum: Noi
 
 
 def nuisances_of(record: RecordBins, spectrum: NoiseSpectrum) -> BinsAt:
-    """Lines of what is unknown beside the parameters."""
+    """Return what makes the columns beside the parameters'."""
     return record.nuisances(edges=_with_edges(record, spectrum), tones=spectrum.tones)
 
 
 def _with_edges(record: RecordBins, spectrum: NoiseSpectrum) -> bool:
-    """Whether slopes of the initial states are unknown, too; a free decay has nothing but these states."""
+    """Return whether slopes of the initial states are unknown; a free decay has nothing but these."""
     return record.model is not None and (is_steep(spectrum) or record.rings_unseen)
 
 
 def beside_hum(lines: Sequence[RecordBins], motions: Sequence[MotionOf]) -> list[NoiseSpectrum]:
-    """The spectra of the records' residuals, with the tones that are known beside those that were found."""
-    found = list[NoiseSpectrum]()
+    """Read the noise of residuals; tones that are known stand beside those that it shows."""
+    spectra: list[NoiseSpectrum] = []
     for some in together(lines):
-        found += spectra_of(lines[some], motions[some], [record.residual for record in lines[some]])
-    return [replace(own, tones=with_tones(record.hum, own.tones)) for record, own in zip(lines, found, strict=True)]
+        residuals = [record.residual for record in lines[some]]
+        spectra += spectra_of(lines[some], motions[some], residuals)
+    return [
+        replace(spectrum, tones=with_tones(record.hum, spectrum.tones))
+        for record, spectrum in zip(lines, spectra, strict=True)
+    ]
 
 
 def spectra_of(
     lines: Sequence[RecordBins], motions_of: Sequence[MotionOf], residuals: Sequence[ComplexArray]
 ) -> list[NoiseSpectrum]:
-    """The spectra of residuals."""
+    """Read the noise of residuals."""
     motions = [motion() for motion in motions_of]
+    every = list(zip(lines, residuals, motions, strict=True))
+    told = [each for each in every if each[2] is not None]
     read = iter(
         noise_spectra(
-            [rest for rest, motion in zip(residuals, motions, strict=True) if motion is not None],
-            [motion for motion in motions if motion is not None],
-            [record.floor for record, motion in zip(lines, motions, strict=True) if motion is not None],
+            [residual for _, residual, _ in told],
+            [motion for _, _, motion in told if motion is not None],
+            [record.floor for record, _, _ in told],
         )
     )
-    every = zip(lines, residuals, motions, strict=True)
-    return [_of_few(record, rest) if motion is None else next(read) for record, rest, motion in every]
+    return [_of_few(record, residual) if motion is None else next(read) for record, residual, motion in every]
 
 
 def _of_few(record: RecordBins, residual: ComplexArray) -> NoiseSpectrum:
-    """The spectrum of a residual of too few lines: all of one level."""
+    """Return the noise of a residual of too few bins: all of one level."""
     power = float(np.sum(record.one_sided * power_of(residual))) / max(record.samples, 1)
     level = max(power / max(record.count, 1.0), record.floor)
     through = through_of(record)
     most = 0.0 if through is None else level / float(np.max(through))
-    flat, nothing, one = (np.broadcast_to(value, record.one_sided.shape) for value in (level, 0.0, 1.0))
-    return NoiseSpectrum(flat, 0.0, nothing, lambda: np.broadcast_to(most * record.colour, record.one_sided.shape), one)
+    shape = record.one_sided.shape
+    flat, nothing, one = (np.broadcast_to(value, shape) for value in (level, 0.0, 1.0))
+    doubt = most * record.colour
+    return NoiseSpectrum(flat, 0.0, nothing, lambda: np.broadcast_to(doubt, shape), one)
 
 
 def products(rows: Callable[[slice], Sequence[ComplexArray]], weight: FloatArray) -> FloatArray:
-    """Re Σ weight v* v over the lines for all pairs of rows; ``rows``: groups of these at some lines."""
-    count, total = 0, np.zeros((1, 1))
-    root = np.sqrt(weight[: len(weight) - int(np.argmax(weight[::-1] != 0.0))])  # up to the last line that counts
+    """Return Re Σ weight v* v over bins for all pairs of rows, in blocks that stay in the cache.
+
+    Args:
+        rows: makes groups of rows at some bins.
+        weight: shape (bins,).
+    """
+    count = 0
+    total = np.zeros((1, 1))
+    last = len(weight) - int(np.argmax(weight[::-1] != 0.0))  # behind the last bin that counts
+    root = np.sqrt(weight[:last])
     for part in in_blocks(len(root)):
         groups = rows(part)
         count = sum(len(group) for group in groups)
-        block = np.empty((count + (count % 4 == 3), part.stop - part.start), dtype=complex)  # BLAS is slow at 3 and 7
+        padded = count + (count % 4 == 3)  # BLAS is slow at 3 and 7
+        block = np.empty((padded, part.stop - part.start), dtype=complex)
         block[count:] = 0.0
         at = 0
         for group in groups:

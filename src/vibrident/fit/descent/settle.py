@@ -214,7 +214,7 @@ def settle(
     z = best.z
     places = best.at.groups
     trace = best.trace
-    likeliest = -np.inf
+    arrived = False
     rounds: list[tuple[float, Descended]] = []
     for number in range(MAX_ROUNDS if explains else 0):
         weighting = read_weighting(band, places, look.heard)
@@ -227,16 +227,15 @@ def settle(
         moved = float(np.max(np.abs(descended.z - z) / deviation))
         z = descended.z
         places = at.groups
-        if number > 0 and moved < SETTLED:
+        arrived = number > 0 and moved < SETTLED
+        if arrived:
             break
         rounds.append((_minus_log_likelihood(at), descended))
-    else:  # the noise as read at either of two places leads to the other
-        likeliest = min((score for score, _ in rounds), default=np.inf)
-    for score, descended in rounds:
-        if score == likeliest:
-            band = descended.band
-            z = descended.z
-            places = descended.at.groups
+    if rounds and not arrived:  # the noise as read at either of two places leads to the other
+        _, likeliest = min(rounds, key=lambda scored: scored[0])
+        band = likeliest.band
+        z = likeliest.z
+        places = likeliest.at.groups
     known = band.beside(best.band.tones, edges=best.band.edges)
     there = iterate(known, coordinates, first.of_groups(known), z)
     if not explains or not there.cost <= ASTRAY * best.at.cost:

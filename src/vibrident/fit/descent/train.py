@@ -150,13 +150,14 @@ class _Begun:
     def settled(self, evidence: Evidence, progress: Progress) -> Settled:
         """Go on to the estimate; with a model error where no descent explains the records."""
         explains = self.left < MISFIT
-        ends = self.ends
+        begun = self
         for _ in range(0 if explains else MODEL_ERROR_ROUNDS):
-            best = min(ends, key=lambda end: end.at.cost)
+            best = begun.best
             wider = with_model_error(self.weighting, best, self.count)
             begins = [best.coordinates.values(best.z), *_candidates(self.band, self.look)]
             ends = _descended(evidence, self.band, self.look, wider, begins, progress, every=True)
-        return settle(ends, self.look, self.weighting, progress, explains=explains)
+            begun = replace(self, ends=ends)
+        return settle(begun.ends, self.look, self.weighting, progress, explains=explains)
 
 
 def _candidates(band: Band, look: Look) -> Iterator[dict[str, float]]:

@@ -137,7 +137,7 @@ def weighed_records(
 
     ``predicted``: response of each record, NaN where it is not defined.
     """
-    problem, network, step = estimate.problem, estimate.findings.network, np.zeros(len(estimate.z))
+    problem, network = estimate.problem, estimate.findings.network
     by_bins = isinstance(problem, BinProblem) and estimate.criterion == "samples"
     size = [max(float(np.std(record.response[record.mask])), TINY) for record in evidence.records]
     units = network.noise.tolist() if by_bins and network is not None else size
@@ -151,13 +151,13 @@ def weighed_records(
         if isinstance(problem, BinProblem) and by_bins and network is not None:
             lines = problem.lines(estimate.z, estimate.coordinates, network.noise, some)
         else:
-            lines = [bins_of_series(evidence.records[i], predicted[i], units[i], len(step)) for i in numbers]
+            lines = [bins_of_series(evidence.records[i], predicted[i], units[i], len(estimate.z)) for i in numbers]
         told = [
             own.count >= 8 and evidence.records[i].reference is not None for i, own in zip(numbers, lines, strict=True)
         ]
         lines = list(itertools.compress(lines, told))
         motions = [motion_of(own) for own in lines]
-        noisy = Weighed.at(lines, motions, step, beside_hum(lines, motions), known=True)
+        noisy = Weighed.at(lines, motions, beside_hum(lines, motions))
         yield from ((i, units[i], own) for i, own in zip(itertools.compress(numbers, told), noisy, strict=True))
 
 

@@ -109,14 +109,6 @@ class BinProblem(NetworkProblem):
             found[segment.record] -= TONE_COLUMNS * len(segment.hum)
         return found
 
-    def with_hum(self, hum_hz: Sequence[tuple[float, ...]]) -> BinProblem:
-        """The same with these tones of each record as nuisance parameters, beside its initial states."""
-        records = tuple(replace(record, hum_hz=tones) for record, tones in zip(self.records, hum_hz, strict=True))
-        segments = tuple(
-            replace(segment, hum=hum_of(records[segment.record], segment.samples)) for segment in self.segments
-        )
-        return replace(self, records=records, segments=segments)
-
     @functools.cached_property
     def _groups(self) -> list[tuple[tuple[float, float], tuple[int, ...]]]:
         """Numbers of whole runs of one length and hum that are worked on side by side, behind their step."""

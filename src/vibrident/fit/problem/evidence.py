@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vibrident.data.records import Calibration, FloatArray, Quantity, Record, SystematicEffect
+from vibrident.data.records import Calibration, Quantity, Record, SystematicEffect
 from vibrident.data.records.basis import distinct
 from vibrident.data.screening import Finding, screen
 from vibrident.data.screening.copies import without_copies
@@ -18,7 +18,6 @@ from vibrident.fit.response import MeasuredResponse, find_tones, measure_bands
 from vibrident.fit.response.bands import uncorrelated_records
 from vibrident.fit.response.clock import judge_clocks
 from vibrident.fit.response.clock_ratio import at_reference_clock, clock_offset
-from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.tone_quality import (
     nothing_in_common,
     refuse_other_motion,
@@ -133,24 +132,20 @@ class Evidence:
     @functools.cached_property
     def first_look(self) -> FrequencyProblem | None:
         """The response before any model, for start values; None where nothing but free decays was recorded."""
-        found = self.look()
-        if found is None:
+        if self.calibration.table is not None:
+            found = FrequencyProblem.of_table(self.calibration.table, self.model, self.quantity)
+            return replace(found, start=self.start)
+        parts = [measured for measured in (self.tones, self.bands) if measured is not None]
+        if not parts:
             return None
+        measured = MeasuredResponse.join(parts)
+        deviation = measured.error_deviation()
+        found = FrequencyProblem.of_measured(measured, deviation, self.model, self.quantity)
         late_s = np.inf
         if self.bands is not None and self.tones is None:
             # Lines as far apart as the inverse of a record's length repeat their phases after it: half of it is told.
             late_s = 0.5 * max(record.duration_s for record in self.records)
         return replace(found, start=self.start, longest_delay_s=late_s)
-
-    def look(self, response: Callable[[FloatArray], ComplexArray] | None = None) -> FrequencyProblem | None:
-        """The response before any model; its noise as the complex sensitivity ``response`` shows it, where given."""
-        if self.calibration.table is not None:
-            return FrequencyProblem.of_table(self.calibration.table, self.model, self.quantity)
-        parts = [m for m in (self.tones, self.bands) if m is not None]
-        if not parts:
-            return None
-        measured = MeasuredResponse.join(parts)
-        return FrequencyProblem.of_measured(measured, measured.error_deviation(response), self.model, self.quantity)
 
     @property
     def band_hz(self) -> tuple[float, float]:

@@ -21,13 +21,14 @@ from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.bins.transfer import DiscreteTransfer
 from vibrident.fit.group.band import Band
 from vibrident.fit.group.network import Step, evaluate, products
+from vibrident.fit.noise.averages import windowed
 from vibrident.fit.optimise import levenberg_marquardt
 from vibrident.fit.problem.coordinates import Coordinates
 from vibrident.fit.problem.frequency_domain import Local
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import power_of
 from vibrident.fit.start.coarse import CoarseRows, coarse_rows
-from vibrident.fit.start.look import Look, in_hann
+from vibrident.fit.start.look import Look
 from vibrident.physics.models import ParameterSpec, SensorModel
 
 #: Natural frequencies of the grid, from a part of the lowest to a multiple of the highest.
@@ -349,10 +350,10 @@ def rough_delay(band: Band, heard: Mapping[int, BoolArray], high: float) -> floa
     size = max(group.grid.frequency_hz[-1] for group in band.groups)
     phases = np.zeros(int(size / spacing_hz) + 2, complex)
     for group in band.groups:
-        common = in_hann(group.response) * in_hann(group.inputs[:, 0]).conj()
-        common *= np.stack([heard[number] for number in group.segments])
+        common = windowed(group.response) * windowed(group.inputs[:, 0]).conj()
+        common *= np.stack([heard[number][1:-1] for number in group.segments])
         common /= np.maximum(np.abs(common), np.finfo(float).tiny)
-        places = np.round(group.grid.frequency_hz / spacing_hz).astype(int)
+        places = np.round(group.grid.frequency_hz[1:-1] / spacing_hz).astype(int)
         np.add.at(phases, places, np.sum(common, axis=0))
     length = fast_length(2 * PER_PERIOD * len(phases))
     agreement = np.abs(fft.ifft(phases, length))

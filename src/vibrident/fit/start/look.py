@@ -10,6 +10,7 @@ import numpy as np
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.group.band import Band
 from vibrident.fit.group.group import Group
+from vibrident.fit.noise.averages import windowed
 from vibrident.fit.noise.local import BLOCK_BINS, incoherent_level
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import power_of
@@ -112,20 +113,15 @@ def loud_bins(band: Band) -> dict[int, BoolArray]:
     for group in band.groups:
         both = np.ones((len(group.segments), group.grid.bins), dtype=bool)
         for rows in (group.response, group.inputs[:, 0]):
-            power = power_of(in_hann(rows))
+            power = np.zeros(rows.shape)
+            power[:, 1:-1] = power_of(windowed(rows))
             blocks = max((group.grid.last - 1) // BLOCK_BINS, 1)
-            parts = np.array_split(power[:, 1 : group.grid.last], blocks, axis=1)
+            parts = np.array_split(power[:, 1 : group.grid.last - 1], blocks, axis=1)
             quiet = np.min([np.mean(part, axis=1) for part in parts], axis=0)
             both &= power > HEARD * quiet[:, None]
         both |= ~np.any(both, axis=1, keepdims=True)  # the motion is everywhere
         loud |= zip(group.segments, both, strict=True)
     return loud
-
-
-def in_hann(rows: ComplexArray) -> ComplexArray:
-    """Return transforms (R, K) of the signals in Hann's window, of which next to nothing leaks."""
-    around = np.concatenate([rows[:, 1:2].conj(), rows, rows[:, -1:]], axis=1)
-    return 0.5 * rows - 0.25 * (around[:, :-2] + around[:, 2:])
 
 
 def _level_of(group: Group) -> tuple[FloatArray, BoolArray]:

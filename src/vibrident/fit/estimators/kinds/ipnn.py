@@ -11,13 +11,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
 from vibrident.base.binding import bound
 from vibrident.base.errors import ModelError
-from vibrident.data.records import FloatArray
 from vibrident.fit.descent.sandwich import hac_covariance
 from vibrident.fit.descent.settle import InNoise, Settled
 from vibrident.fit.descent.train import train
@@ -29,10 +28,6 @@ from vibrident.fit.optimise import Progress, silent
 from vibrident.fit.problem import Coordinates, Evidence
 from vibrident.fit.start.start import find_start
 from vibrident.physics.discretisation import Method, method
-
-if TYPE_CHECKING:
-    from vibrident.fit.problem.time_domain import TimeProblem
-
 
 #: Rounds of noise and training in time, and the decrease of the cost that ends one.
 MAX_ROUNDS = 6
@@ -183,6 +178,7 @@ def _optimiser(name: str, settings: dict[str, Any]) -> Optimiser:
 def trained_in_time(network: Ipnn, evidence: Evidence, progress: Progress) -> Estimate:
     """Return the estimate of equal weights for all samples of a record, run in time."""
     from vibrident.fit.problem.time_domain import TimeProblem
+    from vibrident.fit.start.harmonic_start import with_harmonic_start
 
     assert evidence.first_look is not None
     begin = find_start(evidence.first_look, evidence.model)
@@ -200,7 +196,7 @@ def trained_in_time(network: Ipnn, evidence: Evidence, progress: Progress) -> Es
         if settled and np.allclose(found, noise, rtol=1e-3, atol=0.0):
             break
         if trace is None and not evidence.model.is_linear:
-            z = _with_harmonic_start(problem, normal, evidence, z)
+            z = with_harmonic_start(problem, normal, evidence, z)
         noise = found
         at = coordinates, problem, noise
         trace = network.trainer.train(z, at, TOLERANCE, progress)
@@ -234,9 +230,3 @@ def trained_in_time(network: Ipnn, evidence: Evidence, progress: Progress) -> Es
         findings=Findings(trained),
         predicted=tuple(problem.predict(coordinates, z)),
     )
-
-
-def _with_harmonic_start(problem: TimeProblem, normal: Any, evidence: Evidence, z: FloatArray) -> FloatArray:
-    from vibrident.fit.start.harmonic_start import with_harmonic_start
-
-    return with_harmonic_start(problem, normal, evidence, z)
