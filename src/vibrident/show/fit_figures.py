@@ -188,7 +188,7 @@ def training(result: Result) -> Figure | None:
     caption = f"Optimiser {run.optimiser}: {run.status}, {run.iterations} iterations."
     if changes:
         caption += (
-            " At the dashed line the weights of the residual change: the losses before and after it cannot be compared."
+            " At a dashed line the weights of the residual change: the losses before and after it cannot be compared."
         )
     return Figure("training", "Training", (Stack(tuple(panels)),), subject(result.model, result.sensor), caption)
 
