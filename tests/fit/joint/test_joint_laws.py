@@ -162,8 +162,8 @@ def test_units_change_nothing() -> None:
     assert gain[1].value == pytest.approx(1e3 * gain[0].value, rel=1e-7)
 
 
-def test_calibrations_that_disagree_are_named() -> None:
-    """Natural frequencies 1 % apart; nothing is rescaled."""
+def test_calibrations_that_disagree_are_named_and_the_joint_interval_reaches_both() -> None:
+    """Natural frequencies 1 % apart. Without inflation the uncertainties are those of the noise."""
     other = table(1, values=MECHANICS | SENSITIVITY | {"natural_frequency": 1.01 * MECHANICS["natural_frequency"]})
     agreed = vibrident.identify_together([table(0), table(1)])
     results = vibrident.identify_together([table(0), other])
@@ -172,8 +172,16 @@ def test_calibrations_that_disagree_are_named() -> None:
         (message,) = [w.message for w in result.warnings if w.code == "estimators_disagree"]
         assert "The natural frequency differs most" in message
         assert not result.settings["joint"]["consistency"]["consistent"]
-        u = result.parameters["natural_frequency"].standard_uncertainty
-        assert u == pytest.approx(agreed[0].parameters["natural_frequency"].standard_uncertainty, rel=0.05)
+        assert "Birge ratio" in message
+        low, high = result.parameters["natural_frequency"].interval_95
+        shared = {row["name"]: row for row in result.settings["joint"]["shared"]}["natural_frequency"]
+        for alone in shared["separate"].values():
+            assert low < alone["value"] < high
+    of_noise = vibrident.identify_together([table(0), other], uncertainty="noise")
+    u = of_noise[0].parameters["natural_frequency"].standard_uncertainty
+    assert u == pytest.approx(agreed[0].parameters["natural_frequency"].standard_uncertainty, rel=0.05)
+    (message,) = [w.message for w in of_noise[0].warnings if w.code == "estimators_disagree"]
+    assert "do not cover" in message
 
 
 def test_a_systematic_effect_of_both_is_not_averaged() -> None:

@@ -691,13 +691,15 @@ static void put(real *ring, int size, int *next, int *count, real sample) {
 static const real *oldest(const real *ring, int size, int next, int count) {
     int at = next - count; return ring + (at < 0 ? at + size : at);
 }
-int @N@_changing(const tracker *t) { return t->pending[0] != 0.0; }
-void @N@_finish(tracker *t) {
+/* Ends a run of samples. */
+static void end_run(tracker *t) {
     if (t->own[1] > 0.0) end_block(t);
     if (t->clock[9] == 0.0 && t->clock[10] > @FIRST_PART@.0) contradict(t);
 }
+int @N@_changing(const tracker *t) { return t->pending[0] != 0.0; }
+void @N@_finish(tracker *t) { end_run(t); }
 void @N@_begin(tracker *t, double time_s) {
-    @N@_finish(t);
+    end_run(t);
     if (isnan(t->clock[3]) || (t->clock[1] == 0.0 && t->clock[3] == t->clock[0])) t->clock[3] = time_s;
     t->references = t->responses = 0; t->clock[0] = time_s; t->clock[1] = t->clock[10] = 0.0;
     t->clock[2] = t->clock[8] = FIRST < 0 ? -FIRST : 0; t->clock[7] = FIRST > 0 ? FIRST : 0;

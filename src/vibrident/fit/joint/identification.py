@@ -63,7 +63,8 @@ def identify_together(
     Returns:
         a result for each calibration, in order, with the joint values and their covariance. ``settings["joint"]`` names
         the companions, what was shared, each calibration's separate estimate, and whether these are consistent; if not,
-        each result carries the warning ``estimators_disagree``.
+        each result carries the warning ``estimators_disagree``, and the uncertainties by the data are
+        enlarged by the Birge ratio √(χ²/ν) (Birge, Phys. Rev. 40 (1932) 207).
 
     Raises:
         InputError: the data cannot be used, a name is not a parameter, or nothing can be shared.
@@ -116,9 +117,17 @@ def _documents(descent: Descent, uncertainty: Uncertainty, labels: Sequence[str]
             covariance = inverse_normal(balance.information[i])
             data[i] = BudgetRow(RESIDUAL, DATA, None, "", one.estimate.degrees_of_freedom, covariance)
     consistency = _consistency(descent, data)
-    told = [] if consistency is None or consistency.whole.consistent else [_disagreement(consistency, labels, descent)]
+    birge = 1.0
+    told = []
+    if consistency is not None and not consistency.whole.consistent:
+        if uncertainty != "noise":
+            birge = np.sqrt(consistency.whole.chi2 / consistency.whole.degrees_of_freedom)
+        told = [_disagreement(consistency, birge, labels, descent)]
     shares = [
-        (replace(row, source=f"{label}: {row.source}" if len(places) > 1 else row.source), balance.by_data(i))
+        (
+            replace(row, source=f"{label}: {row.source}" if len(places) > 1 else row.source),
+            birge**2 * balance.by_data(i),
+        )
         for i, (row, label) in enumerate(zip(data, labels, strict=True))
     ]
     for number, one in enumerate(descent.effects):
@@ -182,7 +191,12 @@ def _labels(calibrations: Sequence[Calibration]) -> list[str]:
     ]
 
 
-def _disagreement(consistency: Consistency, labels: Sequence[str], descent: Descent) -> ResultWarning:
+def _disagreement(
+    consistency: Consistency,
+    birge: float,
+    labels: Sequence[str],
+    descent: Descent,
+) -> ResultWarning:
     name, whole = consistency.worst, consistency.whole
     fitted, values = descent.together.fitted, []
     number = next(n for n in descent.together.numbers if n.name == name and len(n.members) > 1)
@@ -195,8 +209,12 @@ def _disagreement(consistency: Consistency, labels: Sequence[str], descent: Desc
     return ResultWarning(
         "estimators_disagree",
         f"The calibrations disagree on what they share: χ² = {whole.chi2:.4g} with {whole.degrees_of_freedom} degrees "
-        f"of freedom, probability {whole.probability:.2g}. {said}The joint values lie between them; their "
-        "uncertainties do not cover the difference.",
+        f"of freedom, probability {whole.probability:.2g}. {said}"
+        + (
+            f"The uncertainties of the joint values are enlarged by the Birge ratio, {birge:.3g}."
+            if birge > 1.0
+            else "The uncertainties of the joint values do not cover the difference."
+        ),
     )
 
 

@@ -145,7 +145,7 @@ def settled_estimate(settled: Settled) -> Estimate:
         settled.degrees_of_freedom,
         settled.trace,
         problem=problem,
-        equations=settled.numbers,
+        equations=max(settled.numbers, 1.0),  # 0 where nothing shows motion
         criterion="samples",
         findings=Findings(trained, settled.noise),
         predicted=tuple(problem.predict(settled.coordinates, settled.z)),
