@@ -17,7 +17,7 @@ ROOMS = {
     "data": "registry effects interferometer records resampling screening io sources",
     "physics": "registry naming models discretisation network simulation",
     "result": "document earlier parts sensor result",
-    "fit": "registry information optimise response bins problem group noise start descent estimators decay uncertainty "
+    "fit": "registry information optimise response bins group problem noise start descent estimators decay uncertainty "
     "departures judge identification joint",
     "use": "",
     "show": "",

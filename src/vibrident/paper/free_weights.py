@@ -63,7 +63,6 @@ class FreeIpnn(Ipnn):
             begin=None,
             findings=found,
             predicted=None,
-            weighed={},
             in_noise=None,
         )
 

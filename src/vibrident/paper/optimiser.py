@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from vibrident.base.errors import InputError
 from vibrident.data.records import FloatArray
 from vibrident.fit.estimators.optimiser import Optimiser
 from vibrident.fit.optimise import Progress, Trace
-from vibrident.fit.problem import Coordinates, NetworkProblem, network_objective
+from vibrident.fit.problem import Coordinates, network_objective
+
+if TYPE_CHECKING:
+    from vibrident.fit.problem.time_domain import TimeProblem
 
 
 @dataclass(frozen=True)
@@ -39,7 +43,7 @@ class Adam(Optimiser):
     def train(
         self,
         z: FloatArray,
-        args: tuple[Coordinates, NetworkProblem, FloatArray],
+        args: tuple[Coordinates, TimeProblem, FloatArray],
         tolerance: float,
         progress: Progress,
     ) -> Trace:

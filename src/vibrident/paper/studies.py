@@ -16,10 +16,11 @@ import numpy as np
 
 from vibrident.base.errors import NotConverged
 from vibrident.data.records import Calibration, FloatArray, Record
+from vibrident.fit.descent.settle import Objective
 from vibrident.fit.estimators import Estimator, Ipnn, MaximumLikelihood
 from vibrident.fit.estimators.residual_network import ResidualIpnn
 from vibrident.fit.optimise import Progress, levenberg_marquardt, silent
-from vibrident.fit.problem import Coordinates, network_objective, network_of
+from vibrident.fit.problem import BinProblem, Coordinates
 from vibrident.paper.dataset import SENSOR, Dataset
 from vibrident.paper.estimators.lsm import LeastSquares
 from vibrident.paper.least_squares import from_sine_fits
@@ -95,10 +96,10 @@ def optimum(calibration: Calibration, discretisation: str, near: Mapping[str, fl
     frequencies = [record.frequency_hz or record.sampling_rate_hz / 4.0 for record in calibration.records]
     coordinates = Coordinates.at(model, near, (min(frequencies), max(frequencies)))
     start = {name: float(near[name]) for name in model.parameter_names}
-    problem = network_of(calibration.records, model, method(discretisation), calibration.quantity, start)
-    size = float(np.sqrt(np.mean([np.var(record.response) for record in calibration.records])))
-    args = (coordinates, problem, np.full(len(calibration.records), size))
-    trace = levenberg_marquardt(network_objective, coordinates.first, args, tolerance=1e-9)
+    problem = BinProblem.build(calibration.records, model, method(discretisation), calibration.quantity, start)
+    variance = float(np.mean([np.var(record.response) for record in calibration.records]))
+    objective = Objective.plain(problem, coordinates, np.full(len(problem.records), variance))
+    trace = levenberg_marquardt(objective, coordinates.first, None, tolerance=1e-9)
     return coordinates.values(trace.last)
 
 

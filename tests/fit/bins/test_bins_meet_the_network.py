@@ -9,7 +9,8 @@ import pytest
 import vibrident
 from vibrident.base.errors import InputError, ModelError
 from vibrident.data.records import Calibration, Record
-from vibrident.fit.bins import RecordBins, transformable
+from vibrident.fit.bins import transformable
+from vibrident.fit.descent.settle import Objective
 from vibrident.fit.optimise import levenberg_marquardt
 from vibrident.fit.problem import BinProblem, Coordinates, network_objective
 from vibrident.fit.problem.time_domain import TimeProblem
@@ -32,12 +33,6 @@ ADDED = {
 def values_of(model):
     core, *add_ons = model.split("+")
     return {**SENSORS[core], **{name: v for addon in add_ons for name, v in ADDED[addon].items()}}
-
-
-@pytest.fixture(autouse=True)
-def every_line_counts(monkeypatch):
-    """As every sample does in time; otherwise lines near half the sampling rate are left out."""
-    monkeypatch.setattr("vibrident.fit.problem.bin_problem.USABLE_BAND", 0.5)
 
 
 def random_motion(model, samples=SAMPLES, rate=RATE):
@@ -101,11 +96,10 @@ EVERY_ADD_ON = (
     "accelerometer+delay-acceleration-zoh",
 )
 def test_they_are_one_problem(model, quantity, name, rng):
-    """Cost, Jᵀr and JᵀJ within 1e-9, the noise of each record, and the response."""
+    """Cost, Jᵀr and JᵀJ within 1e-9, and the response."""
     in_time, at_lines, coordinates, noise = a_problem(model, quantity, name, rng)
     z = coordinates.first
-    whole, lines = (problem.normal(z, coordinates, noise) for problem in (in_time, at_lines))
-    np.testing.assert_allclose(at_lines.record_noise(lines, noise), in_time.record_noise(whole, noise), rtol=1e-9)
+    whole, lines = in_time.normal(z, coordinates, noise), Objective.plain(at_lines, coordinates, noise**2)(z)
     scale, size = np.sqrt(np.diag(lines.matrix)), np.sqrt(lines.cost)
     assert lines.cost == pytest.approx(float(whole.cost), rel=1e-9)
     both = np.outer(scale, scale)
@@ -117,10 +111,10 @@ def test_they_are_one_problem(model, quantity, name, rng):
 def test_the_optimum(rng):
     """Trained either way: the same parameters to 1e-8 of their scale, and the same response."""
     in_time, at_lines, coordinates, noise = a_problem("accelerometer+delay", "acceleration", "bandlimited", rng)
-    one, other = (
-        levenberg_marquardt(network_objective, coordinates.first, (coordinates, problem, noise), tolerance=1e-15)
-        for problem in (in_time, at_lines)
-    )
+    args = coordinates, in_time, noise
+    one = levenberg_marquardt(network_objective, coordinates.first, args, tolerance=1e-15)
+    plain = Objective.plain(at_lines, coordinates, noise**2)
+    other = levenberg_marquardt(plain, coordinates.first, None, tolerance=1e-15)
     np.testing.assert_allclose(other.last, one.last, rtol=0, atol=1e-8)
     assert_the_same_response(in_time, at_lines, coordinates, one.last)
 
@@ -135,13 +129,6 @@ def test_a_record_that_no_run_reaches_has_no_lines_and_does_no_harm():
     )
     for name, value in alone.parameters.items():
         assert both.parameters[name].value == pytest.approx(value.value, rel=1e-9)
-
-
-def test_a_record_without_lines_has_no_unknown_tones():
-    """Hum that other records show is an unknown of every record."""
-    empty = np.zeros(0, dtype=complex)
-    lines = RecordBins(empty, empty.__getitem__, empty == 1.0, empty.real, empty[None], None, None, np.zeros(1), 0.0)
-    assert lines.nuisances(edges=False, tones=(3.5,))(slice(None)).shape == (0, 0)
 
 
 def test_a_long_run_has_a_length_that_transforms_fast():
@@ -176,7 +163,9 @@ def test_a_tone_of_known_frequency_says_nothing_whatever_its_size(place, rng):
             BinProblem.build([humming], parse("accelerometer"), method("bandlimited"), "acceleration", start)
             for humming in (replace(record, hum_hz=(hum_hz,)), replace(loud, hum_hz=(hum_hz,)))
         )
-        found, other = (problem.normal(coordinates.first, coordinates, np.ones(1)) for problem in (quiet, noisy))
+        found, other = (
+            Objective.plain(problem, coordinates, np.ones(1))(coordinates.first) for problem in (quiet, noisy)
+        )
         noise = np.sqrt(found.cost)
         assert other.cost == pytest.approx(found.cost, rel=1e-3)
         np.testing.assert_allclose(
@@ -185,8 +174,6 @@ def test_a_tone_of_known_frequency_says_nothing_whatever_its_size(place, rng):
         )  # fmt: skip
         np.testing.assert_allclose(noisy.predict(coordinates, coordinates.first)[0],
                                    quiet.predict(coordinates, coordinates.first)[0], atol=2e-3 * size)  # fmt: skip
-        least, others = (problem.lines(coordinates.first, coordinates, np.ones(1))[0] for problem in (quiet, noisy))
-        np.testing.assert_allclose(others.residual, least.residual, atol=2e-3 * size * np.sqrt(SAMPLES))
 
 
 def test_a_tone_of_a_part_of_a_turn_holds_no_offset():
@@ -216,10 +203,8 @@ def test_a_long_record_is_worked_on_in_blocks_and_gives_the_same(monkeypatch):
     )
     noisy = with_noise(made, response_noise=0.02, reference_noise=0.01, seed=6)
     whole = vibrident.identify(noisy, estimator="ipnn")
-    for module in ("bins.segments.MOST_KEPT", "bins.record.MOST_KEPT"):
-        monkeypatch.setattr(f"vibrident.fit.{module}", 0)
-    for module in ("bins.normal", "response.transform", "problem.bin_problem"):
-        monkeypatch.setattr(f"vibrident.fit.{module}.AT_ONCE", 256)
+    monkeypatch.setattr("vibrident.fit.bins.segments.MOST_KEPT", 0)
+    monkeypatch.setattr("vibrident.fit.response.transform.AT_ONCE", 256)
     parts = vibrident.identify(noisy, estimator="ipnn")
     assert parts.settings["noise_weights"] == "spectrum"
     for name, value in whole.parameters.items():

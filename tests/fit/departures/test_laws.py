@@ -269,8 +269,9 @@ def test_a_change_in_quiet_noise_is_as_large_as_it_is(change: str, begin: float,
     found, value = result.findings, result.parameters["sensitivity"].value
     assert {finding.code for finding in found} == {"regimes"}
     assert {finding.record for finding in found} == {record.name for record in records}
-    size = float(re.search(r"response is ([\d.]+) % larger", found[0].message)[1])
-    assert size == pytest.approx(1.0, abs=0.05)
+    sizes = [each[1] for each in (re.search(r"response is ([\d.]+) % larger", one.message) for one in found) if each]
+    assert len(sizes) > len(found) / 2
+    assert all(float(size) == pytest.approx(1.0, abs=0.05) for size in sizes)
     true = vibrident.identify(made).parameters["sensitivity"].value
     without = float(re.search(r"sensitivity would be ([\d.]+) mV", result.warnings[0].message)[1]) / 1000.0
     assert value - without == pytest.approx(value - true, rel=0.1)

@@ -8,6 +8,7 @@ import pytest
 from vibrident.base.backend import jax
 from vibrident.base.errors import InputError, ModelError
 from vibrident.data.records import Calibration, Record, ResponseTable
+from vibrident.fit.descent.settle import Objective
 from vibrident.fit.problem import BinProblem, Coordinates, Evidence, FrequencyProblem
 from vibrident.fit.problem.network_problem import DELAY_SETTLED
 from vibrident.fit.problem.time_domain import TimeProblem
@@ -49,17 +50,17 @@ def test_records_in_time_keep_their_samples_and_count_their_freedom():
 
 
 def test_transforms_of_long_runs_are_let_go_of_and_made_again(monkeypatch):
-    """The inputs' after the lines of a record were asked for, and all of an idle problem; its cost stays to the bit."""
+    """The inputs' after the response of a record was asked for, and all of an idle problem; its cost stays to the bit."""
     for module in ("bins.segments", "problem.bin_problem"):
         monkeypatch.setattr(f"vibrident.fit.{module}.MOST_KEPT", 100)
     problem = BinProblem.build(simulated().records, MODEL, method("bandlimited"), "acceleration", P)
     c, noise = Coordinates.at(MODEL, P, BAND), np.ones(1)
-    before = problem.normal(c.first, c, noise)
-    problem.lines(c.first, c, noise)
+    before = Objective.plain(problem, c, noise)(c.first)
+    problem.predict(c, c.first)
     assert "inputs" not in vars(problem.segments[0].transforms)
     idle = problem.idle()
     assert not {"inputs", "response"} & set(vars(idle.segments[0].transforms))
-    np.testing.assert_array_equal(idle.normal(c.first, c, noise).matrix, before.matrix)
+    np.testing.assert_array_equal(Objective.plain(idle, c, noise)(c.first).matrix, before.matrix)
 
 
 def test_the_true_sensor_leaves_nothing_whatever_the_offsets():

@@ -6,7 +6,7 @@ import pytest
 from vibrident.base.fft_lengths import FACTORS, LEAST_LOST, fast_below
 from vibrident.fit.bins.segments import OFF_LINES, tone_bins
 from vibrident.fit.information import inverse_where_shown
-from vibrident.fit.noise.incoherent import without_coherent
+from vibrident.fit.noise.projection import without_common
 from vibrident.fit.response.rounding import converter_step
 from vibrident.fit.response.transform import in_blocks, median, power_of, waves
 
@@ -73,7 +73,8 @@ def test_what_is_smoothly_coherent_is_no_noise_and_noise_stays(rng):
     moved, noise = (rng.standard_normal(9602).view(complex) for _ in range(2))
     frequency = np.linspace(0.0, 1.0, noise.size)
     misfit = moved * (3.0 - 2j * frequency + frequency**2)
-    left = without_coherent(noise + misfit, moved.__getitem__, np.ones(noise.size, dtype=bool))[1:]
-    alone = without_coherent(noise, moved.__getitem__, np.ones(noise.size, dtype=bool))[1:]
-    np.testing.assert_allclose(left, alone, atol=1e-4)
-    assert np.mean(power_of(left)) == pytest.approx(np.mean(power_of(noise[1:])), rel=0.05)
+    (left, freedom), (alone, _) = (
+        without_common(rows[None], [moved[None]], np.ones((1, noise.size))) for rows in (noise + misfit, noise)
+    )
+    np.testing.assert_allclose(left[:, 1:], alone[:, 1:], atol=1e-4)
+    assert np.sum(power_of(left)) / np.sum(freedom) == pytest.approx(np.mean(power_of(noise)), rel=0.05)

@@ -10,9 +10,7 @@ from bench.adversary.cases import BY_NAME
 
 import vibrident
 from vibrident.data.records import Record
-from vibrident.fit.bins.record import bins_of_series
-from vibrident.fit.descent.bins_in_noise import Weighed, beside_hum
-from vibrident.fit.noise.motion import motion_of
+from vibrident.fit.descent.weighed import Weighed, weighed_series
 from vibrident.fit.uncertainty.explained import powers, shares_of
 from vibrident.fit.uncertainty.factors import band_factors
 from vibrident.physics.simulation import simulate
@@ -23,9 +21,8 @@ MOTIONS = ("random", "sweep", "multisine", "shock")
 
 def weighed(record: Record, predicted: np.ndarray) -> Weighed:
     """A record beside its prediction, weighted by the noise that it shows."""
-    bins = [bins_of_series(record, predicted, float(np.std(record.response)), 0)]
-    motions = [motion_of(each) for each in bins]
-    (found,) = Weighed.at(bins, motions, beside_hum(bins, motions))
+    found = weighed_series(0, record, predicted)
+    assert found is not None
     return found
 
 

@@ -12,6 +12,7 @@ import vibrident
 from vibrident.base.backend import jnp
 from vibrident.base.errors import InputError, ModelError
 from vibrident.data.records import Calibration, ResponseTable
+from vibrident.fit.descent.settle import Objective
 from vibrident.fit.estimators import Ipnn
 from vibrident.fit.problem import BinProblem, Coordinates, Evidence, time_domain
 from vibrident.fit.problem.time_domain import TimeProblem, evaluate
@@ -183,15 +184,14 @@ def test_the_derivative_is_that_of_the_cost():
         assert -2 * normal.gradient[index] == pytest.approx((ahead - behind) / 2e-5, rel=1e-5)
 
 
-def test_zero_force_is_the_linear_network(monkeypatch):
-    monkeypatch.setattr("vibrident.fit.problem.bin_problem.USABLE_BAND", 0.5)  # every line counts, as every sample does
+def test_zero_force_is_the_linear_network():
     made = simulate("paper", frequencies_hz=FEW_HZ, sampling_rate_hz=RATE, samples=1200, response_noise=0.01, seed=3)
     values = TRUTH | {"cubic_stiffness": 0.0}
     _, coordinates, args = problem_of(made, values)
     problem = BinProblem.build(made.records, MODEL.linear, method("bandlimited"), made.quantity, values)
     linear = Coordinates.at(MODEL.linear, values, (10.0, 1000.0))
     found = evaluate(jnp.asarray(coordinates.first), *args)
-    expected = problem.normal(linear.first, linear, np.ones(len(made.records)))
+    expected = Objective.plain(problem, linear, np.ones(len(made.records)))(linear.first)
     assert float(found.cost) == pytest.approx(float(expected.cost), rel=1e-9)
     np.testing.assert_allclose(found.matrix[:3, :3], expected.matrix, rtol=1e-7)
 

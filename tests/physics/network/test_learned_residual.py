@@ -8,6 +8,7 @@ import pytest
 import vibrident
 from vibrident.app.workflow.estimators import checked
 from vibrident.base.errors import InputError, ModelError
+from vibrident.fit.descent.settle import Objective
 from vibrident.fit.estimators import Ipnn
 from vibrident.fit.estimators.residual_network import ResidualIpnn
 from vibrident.fit.problem import BinProblem, Coordinates
@@ -114,9 +115,8 @@ def test_too_little_to_hold_out_leaves_the_physics_alone():
     assert "too little data" in found["reason"]
 
 
-def test_a_network_without_weight_is_the_physics(monkeypatch):
+def test_a_network_without_weight_is_the_physics():
     """Neurons at their beginning: cost and derivatives by the physics are those of the linear sensor at its lines."""
-    monkeypatch.setattr("vibrident.fit.problem.bin_problem.USABLE_BAND", 0.5)  # every line counts, as every sample does
     made, model = records("paper"), parse("accelerometer")
     whole = with_residual(model, ("neurons",))
     values = dict(SENSORS["paper"].parameters)
@@ -125,7 +125,11 @@ def test_a_network_without_weight_is_the_physics(monkeypatch):
     for way, chosen, here in ((BinProblem, model, values), (TimeProblem, whole, start)):
         problem = way.build(made.records, chosen, method("bandlimited"), "acceleration", here)
         coordinates = Coordinates.at(chosen, here, (60.0, 1000.0), 2.0)
-        normals.append(problem.normal(coordinates.first, coordinates, np.ones(len(made.records))))
+        level = np.ones(len(made.records))
+        if way is BinProblem:
+            normals.append(Objective.plain(problem, coordinates, level)(coordinates.first))
+        else:
+            normals.append(problem.normal(coordinates.first, coordinates, level))
     assert float(normals[1].cost) == pytest.approx(float(normals[0].cost), rel=1e-6)
     np.testing.assert_allclose(normals[1].matrix[:3, :3], normals[0].matrix, rtol=1e-6)
 

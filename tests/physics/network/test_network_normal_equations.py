@@ -6,6 +6,7 @@ from tests.support.discrete_sensors import recursion
 from tests.support.unrolled import cut, physical_residual, random_weights, stacked, time_residual
 
 from vibrident.base.backend import jax, jnp
+from vibrident.fit.descent.settle import Objective
 from vibrident.fit.problem import BinProblem, Coordinates
 from vibrident.fit.problem.time_domain import TimeProblem, evaluate
 from vibrident.physics.discretisation import Weights, method
@@ -67,7 +68,7 @@ def test_against_finite_differences(way):
 
     def evaluated(point):
         if way is BinProblem:
-            return problem.normal(point, coordinates, noise)
+            return Objective.plain(problem, coordinates, noise**2)(point)
         return evaluate(jnp.asarray(point), coordinates, problem.layout, problem.data, jnp.asarray(noise))
 
     normal = evaluated(z)

@@ -12,8 +12,7 @@ optimum are those of the network unrolled over the same samples (Pintelon & Scho
 
 from __future__ import annotations
 
-from vibrident.fit.bins.normal import Batch, BinNormal, SegmentNormals, Step, add_batch, residual_and_jacobian
-from vibrident.fit.bins.record import BinsAt, RecordBins, without_offset
+from vibrident.fit.bins.record import RecordBins
 from vibrident.fit.bins.segments import (
     Segment,
     hum_of,
@@ -23,30 +22,19 @@ from vibrident.fit.bins.segments import (
     unbroken,
     usable_steps,
 )
-from vibrident.fit.bins.series import SegmentSeries, add_series, series_of
-from vibrident.fit.bins.transfer import DiscreteTransfer, Trained, transfer_of
+from vibrident.fit.bins.transfer import DiscreteTransfer, Trained, horner, transfer_of
 
 __all__ = [
-    "Batch",
-    "BinNormal",
-    "BinsAt",
     "DiscreteTransfer",
     "RecordBins",
     "Segment",
-    "SegmentNormals",
-    "SegmentSeries",
-    "Step",
     "Trained",
-    "add_batch",
-    "add_series",
+    "horner",
     "hum_of",
-    "residual_and_jacobian",
     "seen_by_network",
     "segment_of",
-    "series_of",
     "transfer_of",
     "transformable",
     "unbroken",
     "usable_steps",
-    "without_offset",
 ]

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vibrident.data.records import FloatArray, Quantity
+from vibrident.fit.response.response import ComplexArray
 from vibrident.physics.discretisation import Method, Weights
 from vibrident.physics.models import SensorModel
 from vibrident.physics.models.base import array_library
@@ -116,3 +117,12 @@ class Trained:
             many = self.transfer(dict(zip(values, moved, strict=True)), interval_s, fraction, delay_s)
         per = 1.0 / steps
         return DiscreteTransfer(np.imag(many.denominator) * per[:, None], np.imag(many.numerator) * per[:, None, None])
+
+
+def horner(coefficients: FloatArray, w: ComplexArray) -> ComplexArray:
+    """Value of a polynomial with ascending coefficients, in the shape of ``w``."""
+    value = np.full(w.shape, coefficients[-1], dtype=complex)
+    for coefficient in coefficients[-2::-1]:
+        value *= w
+        value += coefficient
+    return value

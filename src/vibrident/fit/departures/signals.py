@@ -10,12 +10,11 @@ import numpy as np
 from numpy import fft
 
 from vibrident.data.records import BoolArray, FloatArray, Record
-from vibrident.fit.bins import without_offset
 from vibrident.fit.departures.group import WhitenedGroup, orthonormal, rank_of, without
 from vibrident.fit.departures.sums import Errors
-from vibrident.fit.noise.incoherent import HEARD
-from vibrident.fit.noise.motion import Motion
-from vibrident.fit.noise.spectrum import DOUBT, NoiseSpectrum, noise_spectrum
+from vibrident.fit.descent.weighed import freed
+from vibrident.fit.noise.reading import DOUBT_DEVIATIONS, HEARD_RATIO
+from vibrident.fit.noise.spectrum import Motion, NoiseSpectrum, noise_spectrum
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.rounding import TRIALS
 from vibrident.fit.response.tones import HARMONICS
@@ -32,8 +31,6 @@ MIN_BINS = 512
 OVERSAMPLED = 4.0 - 2.0 / BAND
 #: Records whose bands differ by less than this factor are worked on side by side, so many samples at once.
 ALIKE, AT_ONCE = 1.5, 1 << 18
-#: Rounding of columns that others span, in squares.
-ROUNDING = 1e-13
 
 #: Relative change of the response by one standard uncertainty of each stated effect, shape (K, bins).
 EffectsOf = Callable[["Signals"], ComplexArray]
@@ -53,13 +50,12 @@ class Signals:
         jacobian: of the response with the coordinates, shape (p, bins).
         transfer: of the sensor, shape (bins,).
         nuisance: columns of the nuisance parameters, shape (q, bins).
-        spectrum: of the noise, in the square of ``unit``; that of the reference, over |H|².
-        unit: standard deviation that the record was weighted by.
+        spectrum: of the noise; that of the reference, over |H|².
         one_sided: how often a bin counts, shape (bins,).
         pull: shift of the fit's coordinates by those of the record, shape (P, p); None where these are the same.
         turns: of the record's sine from sample to sample; None for other motion.
-        seen: motion, as the analysis of the noise sees it; None of too few bins for that.
-        floor: lower limit of the noise, in the square of ``unit``.
+        seen: motion, as the reading of the noise sees it.
+        floor: lower limit of the noise.
     """
 
     record: Record
@@ -72,43 +68,41 @@ class Signals:
     transfer: ComplexArray
     nuisance: ComplexArray
     spectrum: NoiseSpectrum
-    unit: float
     one_sided: FloatArray
+    seen: Motion
+    floor: float
     pull: FloatArray | None = None
     turns: float | None = None
-    seen: Motion | None = None
-    floor: float = 0.0
 
     @property
     def counted(self) -> BoolArray:
         """Bins that count, shape (bins,)."""
         return np.asarray(self.one_sided > 0.0)
 
-    @functools.cached_property
+    @property
     def level(self) -> FloatArray:
         """Power of the noise, a sample, at the bins, shape (bins,)."""
-        return np.asarray(np.asarray(self.spectrum.psd) * self.unit**2, dtype=float)
+        return self.spectrum.psd
 
     def in_noise_beside(self, columns: ComplexArray) -> Signals:
         """In the noise as it is beside the columns of departures, shape (m, K), at the first bins.
 
         A departure that is no motion's is noise to the spectrum that was read before it was known.
         """
-        if self.seen is None or not columns.any():
+        if not columns.any():
             return self
         known = np.zeros((len(columns), self.rest.size), dtype=complex)
         known[:, 1 : columns.shape[1] + 1] = columns
-        root = np.sqrt(self.one_sided / np.asarray(self.spectrum.psd))
-        freed = projected(self.rest / self.unit, np.concatenate([self.nuisance, known, self.jacobian]), root)
-        without_offset(freed)
-        spectrum = replace(noise_spectrum(freed, self.seen, self.floor), tones=self.spectrum.tones)
+        beside = np.concatenate([self.nuisance, known, self.jacobian])
+        left = freed(self.rest, beside, self.one_sided / self.level)
+        spectrum = replace(noise_spectrum(left, self.seen, self.floor), tones=self.spectrum.tones)
         return replace(self, spectrum=spectrum)
 
     @functools.cached_property
     def last(self) -> int:
         """Last bin of the band: one and a half times the highest of the motion, and a tone's harmonics."""
         power = np.divide(power_of(self.predicted), self.level * max(float(self.used.sum()), 1.0))
-        power[(power < HEARD) | ~self.counted] = 0.0
+        power[(power < HEARD_RATIO) | ~self.counted] = 0.0
         behind = np.cumsum(power[::-1])[::-1]
         top = BAND * float(np.searchsorted(-behind, -BEYOND))
         if self.turns is not None:
@@ -160,7 +154,7 @@ def group_of(
     if departing is not None:
         known = without(residual, orthonormal(without(flat(departing), basis)))
     rest = np.divide(known[:, 0].view(complex), gain, out=np.zeros_like(predicted), where=gain > 0.0)
-    share = np.stack([np.asarray(one.spectrum.input_noise_at)[part] * one.unit**2 for one in every])
+    share = np.stack([one.spectrum.input_noise_at[part] for one in every])
     count = np.array([[float(one.used.sum())] for one in every])
     likely = most_likely(predicted, rest, share * power_of(transfer) / level, level * count) * counted
     slopes = np.stack([one.jacobian[:, part] for one in every])
@@ -225,7 +219,7 @@ def most_likely(predicted: ComplexArray, rest: ComplexArray, share: FloatArray, 
     share = np.minimum(share, 1.0)
     likely = predicted + share * rest
     unsure = np.where(share > 0.0, share * (1.0 - share), 1.0) * noise
-    return np.asarray(likely * (power_of(likely) > HEARD * unsure))
+    return np.asarray(likely * (power_of(likely) > HEARD_RATIO * unsure))
 
 
 def _motion(every: Sequence[Signals], likely: ComplexArray, stop: int) -> FloatArray:
@@ -272,7 +266,7 @@ def _errors_of(
         return np.ascontiguousarray(columns * gain).view(float)
 
     transfer = np.where(counted, one.transfer, 0.0)
-    doubt = np.asarray(one.spectrum.doubt()) * power_of(transfer) * one.unit**2 / (DOUBT * one.level)
+    doubt = one.spectrum.doubt * power_of(transfer) / (DOUBT_DEVIATIONS * one.level)
     doubt = np.minimum(doubt, 1.0)[part]
     # An error ε of σx² leaves ε H* R/S of the residual R in the most likely motion: a departure D = L Ŷ then has
     # Σ L* ε |R|²/S with it, as much as with the signal ε |R|²/(S Ŷ*).
@@ -287,16 +281,3 @@ def _errors_of(
     if errors is not None:
         rounding = flat(np.asarray(fft.rfft(errors * one.used, axis=-1))[:, part])
     return rounding, flat(np.concatenate([effects[:, part] * likely, among[None]])), doubt
-
-
-def projected(bins: ComplexArray, columns: ComplexArray, root: FloatArray) -> ComplexArray:
-    """Bins less the columns that fit them best, each bin weighted by ``root``; shape (bins,)."""
-    if not len(columns):
-        return bins
-    size = np.sqrt(np.sum(power_of(columns * root), axis=1, keepdims=True))
-    unit = np.divide(columns, size, out=np.zeros_like(columns), where=size > 0.0)
-    flat, right = (np.ascontiguousarray(rows * root).view(float) for rows in (unit, bins[None]))
-    values, vectors = np.linalg.eigh(flat @ flat.T)
-    kept = values > ROUNDING * max(float(values[-1]), 1e-300)
-    share = (vectors[:, kept] / values[kept]) @ (vectors[:, kept].T @ (flat @ right[0]))
-    return bins - share @ unit

@@ -1,13 +1,12 @@
 """The groups of a fit: its records at the bins of their transforms, its sines, or the samples of a nonlinear model.
 
-Noise, hum and the most likely motion are those that the fit is weighted by
-(:mod:`vibrident.fit.noise.spectrum`).
+Noise, hum and the most likely motion are read as those that the fit is weighted by
+(:mod:`vibrident.fit.noise.reading`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
 from functools import partial
 from itertools import chain
 
@@ -16,30 +15,34 @@ from numpy import fft
 
 from vibrident.base.fft_lengths import fast_below
 from vibrident.data.records import BoolArray, FloatArray, Record
-from vibrident.fit.bins import RecordBins, without_offset
 from vibrident.fit.departures.departure import Scale
 from vibrident.fit.departures.examination import Groups
 from vibrident.fit.departures.group import WhitenedGroup
-from vibrident.fit.departures.signals import AT_ONCE, Signals, group_of, grouped, most_likely, projected
-from vibrident.fit.descent.bins_in_noise import Weighed, beside_hum, nuisances_of, together
+from vibrident.fit.departures.signals import AT_ONCE, Signals, group_of, grouped, most_likely
+from vibrident.fit.descent.settle import InNoise
+from vibrident.fit.descent.weighed import MAX_LOST, freed
 from vibrident.fit.descent.weighting import is_steep
 from vibrident.fit.estimators import Estimate
 from vibrident.fit.information import inverse_normal
-from vibrident.fit.noise.motion import Motion, MotionOf, motion_of
-from vibrident.fit.noise.spectrum import NoiseSpectrum, noise_spectrum
-from vibrident.fit.problem import BinProblem, Evidence
+from vibrident.fit.noise.spectrum import Motion, noise_spectrum
+from vibrident.fit.noise.tones import with_tones
+from vibrident.fit.problem import Evidence
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.tones import free_exponents
-from vibrident.fit.response.transform import SHORTEST, line_frequencies, power_of, reference_colour, waves
+from vibrident.fit.response.transform import (
+    SHORTEST,
+    counts_in_band,
+    line_frequencies,
+    power_of,
+    reference_colour,
+    waves,
+)
 from vibrident.fit.uncertainty.adequacy import Points
 from vibrident.fit.uncertainty.budget import Place, effects_of, patterns
 from vibrident.fit.uncertainty.linearised import Linearised
-from vibrident.physics.discretisation.inputs import USABLE_BAND
 from vibrident.physics.models import SensorModel
 from vibrident.physics.models.slopes import response_and_slopes
 
-#: Largest part of a record that is left out for a length that transforms fast.
-MOST_LOST = 0.01
 #: Longer records are looked at in pieces of so many samples, so many of them: a limit of memory.
 LONGEST, MOST_PIECES = 1 << 16, 4
 #: Central differences of a nonlinear model's response, in its coordinates.
@@ -59,15 +62,13 @@ def groups_of(evidence: Evidence, estimate: Estimate, predicted: Sequence[FloatA
         predicted: response of each record, NaN where it is not defined.
         tones: of the sine records, in the order of the evidence's; None without any.
     """
-    problem = estimate.problem
     effects = partial(_effects, evidence, estimate)
 
     def signals() -> Iterator[Signals]:
         if not estimate.findings.method.is_exact or not evidence.records:
             return iter(())
-        if isinstance(problem, BinProblem) and estimate.criterion == "samples":
-            groups = together(evidence.records)  # bins of all records at once take more memory than the data
-            return chain.from_iterable(_of_bins(evidence, estimate, problem, predicted, some) for some in groups)
+        if estimate.in_noise is not None:
+            return _of_bins(evidence, estimate, estimate.in_noise, predicted)
         if evidence.only_sines and evidence.model.is_linear and tones is not None:
             return _of_sines(evidence, estimate, predicted, tones)
         return _of_samples(evidence, estimate, predicted)
@@ -121,54 +122,39 @@ def _mass_of(
 
 
 def _of_bins(
-    evidence: Evidence, estimate: Estimate, problem: BinProblem, predicted: Sequence[FloatArray], some: slice
+    evidence: Evidence, estimate: Estimate, in_noise: InNoise, predicted: Sequence[FloatArray]
 ) -> Iterator[Signals]:
-    """Of records that are read together."""
-    network = estimate.findings.network
-    assert network is not None
-    tones = _tones(evidence)
-    lines = problem.lines(estimate.z, estimate.coordinates, network.noise, some)
-    short = {index: record for index, record in enumerate(lines, some.start) if record.samples <= LONGEST}
-    motions = [_motion_of(record, tones.get(index)) for index, record in short.items()]
-    spectra = beside_hum(list(short.values()), motions)
-    every = zip(evidence.records[some], network.noise[some].tolist(), predicted[some], strict=True)
-    for index, (given, noise, series) in enumerate(every, some.start):
-        record = lines.pop(0)  # of a long record each copy counts
-        whole = record.samples <= LONGEST
-        motion_at, spectrum = (motions.pop(0), spectra.pop(0)) if whole else (None, None)
-        if record.count < SHORTEST or record.free is None or record.model is None or given.reference is None:
+    """Of the segments that the fit is of, at all bins that count."""
+    tones, segments = _tones(evidence), in_noise.band.problem.segments
+    for place in in_noise.places(estimate.z, estimate.coordinates, whole=True):
+        grid = place.group.grid
+        if not grid.driven:
             continue
-        first = int(np.argmax(np.isfinite(series)))
-        span = slice(first, first + record.samples)
-        if motion_at is None or spectrum is None:
-            pieces, used = _pieces(record.samples), record.used
-            rows = [_cut(np.asarray(fft.irfft(row, used.size)), pieces) for row in (record.residual, *record.jacobian)]
-            del record
-            for piece, motion, rest, *jacobian in zip(
-                pieces, _cut(_about_mean(series[span], used), pieces), *rows, strict=True
-            ):
-                there = slice(first + piece.start, first + piece.stop)
-                signals = (rest * noise, motion, np.array(jacobian) * noise)
-                yield _in_time(given, evidence, estimate, there, used[piece], *signals)
-            continue
-        (noisy,) = Weighed.at([record], [motion_at], [spectrum])
-        yield Signals(
-            given,
-            span,
-            record.used,
-            record.residual * noise,
-            np.array(record.predicted(slice(None))) * noise,
-            np.where(record.used, series[span], 0.0),
-            noisy.jacobian * noise,
-            record.model.through(),
-            nuisances_of(record, noisy.spectrum)(slice(None)),
-            noisy.spectrum,
-            noise,
-            record.one_sided,
-            turns=tones.get(index),
-            seen=motion_at(),
-            floor=record.floor,
-        )
+        for row, number in enumerate(place.group.segments):
+            segment = segments[number]
+            given, series = evidence.records[segment.record], predicted[segment.record][segment.span]
+            used = np.ones(grid.samples, dtype=bool) if place.group.used is None else place.group.used[row]
+            if used.sum() < SHORTEST:
+                continue
+            rest, jacobian = place.rows.residual[row], place.rows.jacobian[row]
+            jacobian = jacobian * estimate.coordinates.slopes(estimate.z)[:, None]
+            if grid.samples <= LONGEST:
+                signals = (
+                    rest,
+                    place.rows.predicted[row],
+                    np.where(used, series, 0.0),
+                    jacobian,
+                    place.rows.nuisances[row],
+                )
+                tone = tones.get(segment.record)
+                yield _at_bins(given, evidence, estimate, segment.span, used, *signals, turns=tone)
+                continue
+            pieces = _pieces(grid.samples)
+            rows = [_cut(np.asarray(fft.irfft(each, grid.samples)), pieces) for each in (rest, *jacobian)]
+            motions = _cut(_about_mean(series, used), pieces)
+            for piece, motion, left, *columns in zip(pieces, motions, *rows, strict=True):
+                there = slice(segment.span.start + piece.start, segment.span.start + piece.stop)
+                yield _in_time(given, evidence, estimate, there, used[piece], left, motion, np.array(columns))
 
 
 def _of_sines(
@@ -237,7 +223,7 @@ def _spans(record: Record, series: FloatArray) -> list[slice]:
     if used.sum() < SHORTEST:
         return []
     first, last = int(np.argmax(used)), used.size - int(np.argmax(used[::-1]))
-    pieces = _pieces(fast_below(last - first, MOST_LOST))
+    pieces = _pieces(fast_below(last - first, MAX_LOST))
     spans = [slice(first + piece.start, first + piece.stop) for piece in pieces]
     return [span for span in spans if used[span].sum() >= SHORTEST]
 
@@ -272,54 +258,67 @@ def _in_time(
     turns: float | None = None,
 ) -> Signals:
     """Of signals in time: residual and motion, shape (n,), and Jacobian, shape (p, n), zero where not used."""
-    n = used.size
-    unit = max(float(np.sqrt(np.mean(np.square(motion)))), float(np.finfo(float).tiny))
-    hz = line_frequencies(n, record.sampling_rate_hz)
-    values, model = estimate.coordinates.values(estimate.z), evidence.model.linear
-    transfer = np.array(model.frequency_response(values, hz, evidence.quantity), dtype=complex)
-    left, bins, columns = (np.asarray(fft.rfft(signal, axis=-1), dtype=complex) for signal in (rest, motion, jacobian))
+    n, values, model = used.size, estimate.coordinates.values(estimate.z), evidence.model.linear
     known = [hz * n / record.sampling_rate_hz for hz in record.hum_hz]
     straight, free = np.linspace(-1.0, 1.0, n), _free_motion(model, values, record.sampling_rate_hz, used)
     if pull is None:  # noise of the reference rings beyond either end, and so do the slopes
         free = np.concatenate([free, free * np.arange(n)])
-    several = [used[None] * 1.0, used[None] * straight, waves(known, n) * used, free]
-    nuisance = np.asarray(fft.rfft(np.concatenate(several), axis=1))
-    one_sided = np.where((np.arange(bins.size) > 0) & (np.arange(bins.size) <= USABLE_BAND * n), 2.0, 0.0)
-    colour, root = reference_colour(record, n), np.sqrt(one_sided)
+    nuisance = np.concatenate([used[None] * 1.0, used[None] * straight, waves(known, n) * used, free])
+    left, bins, columns, beside = (
+        np.asarray(fft.rfft(signal, axis=-1), dtype=complex) for signal in (rest, motion, jacobian, nuisance)
+    )
+    return _at_bins(record, evidence, estimate, span, used, left, bins, motion, columns, beside, pull, turns)
+
+
+def _at_bins(
+    record: Record,
+    evidence: Evidence,
+    estimate: Estimate,
+    span: slice,
+    used: BoolArray,
+    rest: ComplexArray,
+    bins: ComplexArray,
+    motion: FloatArray,
+    columns: ComplexArray,
+    nuisance: ComplexArray,
+    pull: FloatArray | None = None,
+    turns: float | None = None,
+) -> Signals:
+    """Of bins: residual and motion, shape (K,), Jacobian, shape (p, K), and nuisances; ``motion``: in time."""
+    n, count = used.size, rest.size
+    hz = line_frequencies(n, record.sampling_rate_hz)[:count]
+    values, model = estimate.coordinates.values(estimate.z), evidence.model.linear
+    transfer = np.array(model.frequency_response(values, hz, evidence.quantity), dtype=complex)
+    one_sided, colour = counts_in_band(n)[:count], reference_colour(record, n)
+    colour = colour[:count] if isinstance(colour, np.ndarray) else 1.0
+    last = int(np.flatnonzero(one_sided)[-1])
+    seen = Motion(bins, float(used.sum()), last, power_of(transfer) * colour, colour, _harmonics(n, turns, count))
     beside = nuisance if pull is None else np.concatenate([nuisance, columns])  # a misfit of the tone is no noise
-    own, over = (np.asarray(signal / unit, dtype=complex) for signal in (left, bins))  # noise levels near one
-    seen = Motion.of(over.__getitem__, float(used.sum()), np.square(np.abs(transfer)) * colour, colour)
-    seen = _beside_harmonics(seen, n, turns)
-    floor = (np.finfo(float).eps * float(np.max(np.abs(record.response[span]))) / unit) ** 2
-    freed, spectrum = _read(own, beside, seen, floor, root)
-    if is_steep(spectrum):
-        freed, spectrum = _read(own, beside, seen, floor, root / np.sqrt(spectrum.psd))
+    floor = (np.finfo(float).eps * float(np.max(np.abs(record.response[span])))) ** 2
+    tones, weight = (), one_sided
+    hum = np.zeros((0, count), dtype=complex)
+    for _ in range(2):  # what hum and steep noise leak is no noise
+        left = freed(rest, np.concatenate([beside, hum]), weight)
+        spectrum = noise_spectrum(left, seen, floor)
+        if not (spectrum.tones or is_steep(spectrum)):
+            break
+        tones, weight = with_tones(tones, spectrum.tones), one_sided / spectrum.psd
+        hum = np.asarray(fft.rfft(waves(tones, n) * used, axis=1))[:, :count]
     if pull is None and evidence.model.is_linear:
         share = spectrum.input_noise_at * power_of(transfer) / spectrum.psd
-        columns = columns + _slopes(evidence, estimate, share * freed * unit, transfer, hz)
-    if spectrum.tones:
-        nuisance = np.concatenate([nuisance, np.asarray(fft.rfft(waves(spectrum.tones, n) * used, axis=1))])
-    spectrum = replace(spectrum, tones=(*known, *spectrum.tones))
+        columns = columns + _slopes(evidence, estimate, share * left, transfer, hz)
+    nuisance = np.concatenate([nuisance, hum])
     if pull is not None:
         # less the tone itself, whose leakage is above the noise of the reference in all bins, and hides it in none; and
         # less free motion, which is not the reference's
-        other = projected(np.asarray(fft.rfft(motion - jacobian[0]) / unit, dtype=complex), nuisance, root)
+        other = freed(bins - columns[0], nuisance, one_sided)
         share = spectrum.input_noise_at * power_of(transfer) / spectrum.psd
-        other = most_likely(other, freed, share, spectrum.psd * float(used.sum()))
+        other = most_likely(other, left, share, spectrum.psd * float(used.sum()))
         place = round((turns or 0.0) * n)
         other[max(place - NEAR_TONE, 0) : place + NEAR_TONE + 1] = 0.0
         nuisance = np.concatenate([nuisance, _slopes(evidence, estimate, other, transfer, hz)])
-    signals = left, bins, motion, columns, transfer, nuisance
-    return Signals(record, span, used, *signals, spectrum, unit, one_sided, pull, turns, seen, floor)
-
-
-def _read(
-    rest: ComplexArray, beside: ComplexArray, seen: Motion, floor: float, root: FloatArray
-) -> tuple[ComplexArray, NoiseSpectrum]:
-    """A residual less the columns that fit it best, each bin weighted by ``root``, and the noise that it shows."""
-    freed = projected(rest, beside, root)
-    without_offset(freed)
-    return freed, noise_spectrum(freed, seen, floor)
+    signals = rest, bins, motion, columns, transfer, nuisance, spectrum, one_sided
+    return Signals(record, span, used, *signals, seen, floor, pull, turns)
 
 
 def _free_motion(model: SensorModel, values: dict[str, float], rate_hz: float, used: BoolArray) -> FloatArray:
@@ -329,21 +328,13 @@ def _free_motion(model: SensorModel, values: dict[str, float], rate_hz: float, u
     return np.concatenate([waves_of.real, waves_of.imag[lasting.imag > 0.0]])
 
 
-def _motion_of(record: RecordBins, turns: float | None) -> MotionOf:
-    """What gives the motion of a record; ``turns``: of its tone from sample to sample, None for other motion."""
-    found = motion_of(record)()
-    heard = None if found is None else _beside_harmonics(found, record.samples, turns)
-    return lambda: heard
-
-
-def _beside_harmonics(motion: Motion, samples: int, turns: float | None) -> Motion:
-    """The motion of a sine, whose harmonics are the sensor's and no hum."""
+def _harmonics(samples: int, turns: float | None, count: int) -> BoolArray | None:
+    """Bins of a sine's harmonics, which are the sensor's and no hum, shape (K,); None of other motion."""
     if turns is None:
-        return motion
+        return None
     place = turns * samples
-    order = np.arange(motion.alone.size) / place
-    near = np.abs(order - np.round(order)) * place < NEAR_TONE
-    return replace(motion, alone=motion.alone | (near & (np.round(order) > 0.0)))
+    order = np.arange(count) / place
+    return (np.abs(order - np.round(order)) * place < NEAR_TONE) & (np.round(order) > 0.0)
 
 
 def _slopes(
@@ -364,5 +355,5 @@ def _effects(evidence: Evidence, estimate: Estimate, signals: Signals) -> Comple
     stated = [*effects_of(evidence.calibration), *evidence.effects]
     if not stated or not evidence.model.is_linear:
         return np.zeros((0, signals.rest.size), dtype=complex)
-    hz = line_frequencies(signals.used.size, signals.record.sampling_rate_hz)
+    hz = line_frequencies(signals.used.size, signals.record.sampling_rate_hz)[: signals.rest.size]
     return patterns(stated, Place(estimate.coordinates, estimate.z, evidence.quantity), hz).T

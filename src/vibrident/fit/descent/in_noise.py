@@ -12,15 +12,15 @@ from what of R is incoherent with the motion, and the descent goes on until the 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from vibrident.data.records import FloatArray
-from vibrident.fit.group.band import Band
 from vibrident.fit.group.group import Group
 from vibrident.fit.group.network import Rows, Step, amounts_of, combined, evaluate, products
+from vibrident.fit.problem.band import Band
 from vibrident.fit.problem.coordinates import Coordinates
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import power_of
@@ -40,6 +40,12 @@ class GroupWeights:
     response: FloatArray
     reference: FloatArray
     excited: FloatArray
+
+    @classmethod
+    def white(cls, group: Group, variance: FloatArray) -> GroupWeights:
+        """Return white noise of the response alone; ``variance``: of each segment, shape (R,)."""
+        level = np.broadcast_to(variance[:, None], group.response.shape)
+        return cls(level, np.zeros_like(level), np.ones_like(level))
 
     def psd(self, through: FloatArray) -> FloatArray:
         """Return S, shape (R, K); ``through``: |H|², shape (K,)."""
@@ -128,30 +134,38 @@ class Iterate:
     groups: tuple[GroupAt, ...]
 
 
+def places_in(
+    band: Band, coordinates: Coordinates, weights: Sequence[GroupWeights], z: FloatArray
+) -> Iterator[GroupAt]:
+    """Yield each group at z.
+
+    Raises:
+        LinAlgError: something there is not finite.
+    """
+    values = coordinates.values(z)
+    steps = band.steps(values, slopes=True)
+    if steps is None:
+        raise np.linalg.LinAlgError("The network grows beyond all numbers.")
+    slopes = coordinates.slopes(z)
+    responses: dict[int, tuple[ComplexArray, ComplexArray]] = {}
+    for group, own in zip(band.groups, weights, strict=True):
+        grid = group.grid
+        if hash(grid) not in responses:
+            through, turns = response_and_slopes(band.model, values, grid.frequency_hz, band.problem.frame.quantity)
+            responses[hash(grid)] = through, turns * slopes[:, None]
+        yield GroupAt.evaluated(group, steps[group.step], own, responses[hash(grid)], slopes)
+
+
 def iterate(band: Band, coordinates: Coordinates, weights: Sequence[GroupWeights], z: FloatArray) -> Iterate:
     """Evaluate all groups at z."""
     count = len(z)
     nothing = np.zeros((count, count))
     astray = Iterate(np.inf, np.zeros(count), nothing, nothing, ())
     with np.errstate(all="ignore"):
-        values = coordinates.values(z)
-        steps = band.steps(values, slopes=True)
-        if steps is None:
+        try:
+            places = tuple(places_in(band, coordinates, weights, z))
+        except np.linalg.LinAlgError:
             return astray
-        slopes = coordinates.slopes(z)
-        responses: dict[int, tuple[ComplexArray, ComplexArray]] = {}
-        places: list[GroupAt] = []
-        for group, own in zip(band.groups, weights, strict=True):
-            grid = group.grid
-            if hash(grid) not in responses:
-                through, turns = response_and_slopes(band.model, values, grid.frequency_hz, band.problem.frame.quantity)
-                responses[hash(grid)] = through, turns * slopes[:, None]
-            response = responses[hash(grid)]
-            try:
-                place = GroupAt.evaluated(group, steps[group.step], own, response, slopes)
-            except np.linalg.LinAlgError:  # not finite
-                return astray
-            places.append(place)
         cost = 0.0
         gradient = np.zeros(count)
         matrix = np.zeros((count, count))
@@ -166,4 +180,4 @@ def iterate(band: Band, coordinates: Coordinates, weights: Sequence[GroupWeights
             of_noise += at.of_noise
     if not (np.isfinite(cost) and np.all(np.isfinite(matrix)) and np.all(np.isfinite(gradient))):
         return astray
-    return Iterate(cost, gradient, matrix, of_noise, tuple(places))
+    return Iterate(cost, gradient, matrix, of_noise, places)

@@ -17,8 +17,8 @@ import numpy as np
 from vibrident.data.records import FloatArray
 from vibrident.fit.bins import RecordBins
 from vibrident.fit.information import inverse_root, sandwich_covariance
-from vibrident.fit.noise.motion import NEAREST
-from vibrident.fit.response.transform import in_blocks, mean_around, power_of
+from vibrident.fit.noise.averages import NEAREST_BINS, mean_around
+from vibrident.fit.response.transform import in_blocks, power_of
 
 #: Fewest lines averaged on either side.
 FEWEST = 12
@@ -48,8 +48,8 @@ def hac_covariance(
             level, told = np.ones_like(power), max(float(own), 1.0)
         else:
             around = width(record.samples, 1 / 256)
-            level, told = mean_around(power, around, NEAREST), 4.0 * (around - NEAREST)
-        level, weight = np.maximum(level, record.floor), record.one_sided / record.samples
+            level, told = mean_around(power[None], around)[0], 4.0 * (around - NEAREST_BINS)
+        level, weight = np.maximum(level, record.floor), record.counts / record.samples
         freedom += told
         for block in in_blocks(len(weight)):  # copies of a block, not of everything
             slopes = record.jacobian[:, block]

@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from vibrident.data.records import FloatArray
-from vibrident.fit.descent.in_noise import GroupAt, GroupWeights, Iterate, iterate
+from vibrident.fit.descent.in_noise import GroupAt, GroupWeights, Iterate, iterate, places_in
 from vibrident.fit.descent.sandwich import width
 from vibrident.fit.descent.weighting import Weighting, read_weighting
-from vibrident.fit.group.band import Band
 from vibrident.fit.group.network import products
 from vibrident.fit.information import inverse_normal, sandwich_covariance
+from vibrident.fit.noise.averages import NEAREST_BINS, mean_around
 from vibrident.fit.noise.found import SpectralNoise, doubtful
-from vibrident.fit.noise.motion import NEAREST
-from vibrident.fit.noise.spectrum import DOUBT
+from vibrident.fit.noise.reading import DOUBT_DEVIATIONS
 from vibrident.fit.optimise import Progress, Trace, levenberg_marquardt
+from vibrident.fit.problem.band import Band
+from vibrident.fit.problem.bin_problem import BinProblem
 from vibrident.fit.problem.coordinates import Coordinates
 from vibrident.fit.problem.frequency_domain import Local
-from vibrident.fit.response.transform import mean_around, power_of
+from vibrident.fit.response.transform import power_of
 from vibrident.fit.start.look import Look
 
 #: Rounds of descent and noise, and of moving the inputs to the delay.
@@ -96,6 +97,22 @@ class InNoise:
         band = settled.band
         return cls(replace(band, problem=band.problem.idle()), settled.weighting)
 
+    def places(self, z: FloatArray, coordinates: Coordinates, *, whole: bool = False) -> Iterator[GroupAt]:
+        """Yield each group at z in the noise of the fit.
+
+        ``whole``: at all bins of the network, whether or not motion shows there, with hum in the residual.
+        """
+        band = replace(self.band, top_hz=np.inf, tones=()) if whole else self.band
+        weights = self.weighting.of_groups(band)
+        if whole:
+            weights = [replace(own, excited=np.ones_like(own.excited)) for own in weights]
+        return places_in(band, coordinates, weights, z)
+
+    def again(self, z: FloatArray, coordinates: Coordinates) -> InNoise:
+        """Return the same in the noise that is read at z."""
+        weighting = read_weighting(self.band, tuple(self.places(z, coordinates)), None)
+        return InNoise(weighting.beside(self.band), weighting)
+
     def normal(self, z: FloatArray, coordinates: Coordinates) -> Local:
         """Return V, its gradient and information at z."""
         band = self.band.at_delay_of(coordinates.values(z))
@@ -104,7 +121,7 @@ class InNoise:
 
 
 @dataclass
-class _Objective:
+class Objective:
     """V for an optimiser; remembers the last iterate."""
 
     band: Band
@@ -112,7 +129,16 @@ class _Objective:
     weights: Sequence[GroupWeights]
     last: tuple[FloatArray, Iterate] | None = None
 
+    @classmethod
+    def plain(cls, problem: BinProblem, coordinates: Coordinates, variance: FloatArray) -> Objective:
+        """Return the sum of squares over all samples, as in time; ``variance``: of each record."""
+        band = Band(problem, np.inf, whole=True)
+        return cls(
+            band, coordinates, [GroupWeights.white(group, variance[band.owners(group)]) for group in band.groups]
+        )
+
     def __call__(self, z: FloatArray, _: None = None) -> _Quadratic:
+        """Return V, its gradient and information at z."""
         at = iterate(self.band, self.coordinates, self.weights, z)
         self.last = z, at
         return _Quadratic(at.cost, at.gradient, information(at))
@@ -176,7 +202,7 @@ def descend(
         NotConverged: V is not finite at z.
     """
     for _ in range(MAX_MOVES):
-        objective = _Objective(band, coordinates, weighting.of_groups(band))
+        objective = Objective(band, coordinates, weighting.of_groups(band))
         trace = levenberg_marquardt(objective, z, None, tolerance=tolerance, progress=progress)
         z = trace.last
         at = objective.at(z)
@@ -288,18 +314,16 @@ def _stated(
         power[:, 0] = power[:, 1]  # at bin 0 is an offset
         least = floors[owners][:, None] / place.psd
         # What does not count says nothing of the noise where it counts.
-        sums, of_weights = (
-            np.stack([mean_around(row, around, NEAREST) for row in rows]) for rows in (power * excited, excited)
-        )
+        sums, of_weights = (mean_around(rows, around) for rows in (power * excited, excited))
         local = np.maximum(sums / np.maximum(of_weights, np.finfo(float).tiny), least)
         loud = place.weight * excited * local
         middle += np.sum(products(place.jacobian * loud[:, None], place.jacobian), axis=0)
-        freedom += len(owners) * 4.0 * (around - NEAREST)
+        freedom += len(owners) * 4.0 * (around - NEAREST_BINS)
         for row, (number, owner) in enumerate(zip(place.group.segments, owners, strict=True)):
             spectrum = weighting.spectra[number]
             if grid.driven:
-                drawn = _draw(place, row, spectrum.doubt())
-                pulls.append(inverse @ drawn / DOUBT)
+                drawn = _draw(place, row, spectrum.doubt)
+                pulls.append(inverse @ drawn / DOUBT_DEVIATIONS)
             if grid.driven and not spectrum.free:
                 untold.append(pulls[-1])
             reference[owner] = max(reference[owner], np.sqrt(spectrum.input_noise))

@@ -19,13 +19,13 @@ from vibrident.fit.descent.settle import (
     settle,
 )
 from vibrident.fit.descent.weighting import Weighting, brought
-from vibrident.fit.group.band import Band
-from vibrident.fit.noise.motion import lines_around
+from vibrident.fit.noise.averages import averaged_bins, mean_around
 from vibrident.fit.noise.spectrum import NoiseSpectrum
 from vibrident.fit.optimise import NOT_FINITE, Progress
 from vibrident.fit.problem import Coordinates, Evidence
+from vibrident.fit.problem.band import Band
 from vibrident.fit.problem.bin_problem import BinProblem
-from vibrident.fit.response.transform import mean_around, power_of
+from vibrident.fit.response.transform import power_of
 from vibrident.fit.start.at_bins import candidates, rough_delay
 from vibrident.fit.start.look import Look, look_at, loud_bins
 from vibrident.physics.discretisation import Method
@@ -194,9 +194,9 @@ def with_model_error(weighting: Weighting, end: Descended, squares: float) -> We
     for at in end.at.groups:
         response = power_of(at.group.response) / at.group.count[:, None]
         rest = power_of(at.rows.residual) / at.group.count[:, None]
+        smooth = mean_around(response, averaged_bins(response.shape[1]), 0)
         for row, number in enumerate(at.group.segments):
-            width = lines_around(response[row])
-            powers[number] = mean_around(response[row], width, 0)
+            powers[number] = smooth[row]
             residuals[number] = rest[row] * at.group.grid.counts * at.group.grid.samples
 
     def total(error: float) -> float:
@@ -287,9 +287,7 @@ def _without_model(band: Band, look: Look) -> Weighting:
             psd = np.maximum(levels[row], floors[row])
             nothing = np.broadcast_to(0.0, psd.shape)
             excited = every[row]
-            spectra[number] = NoiseSpectrum(
-                psd, 0.0, nothing, lambda nothing=nothing: nothing, excited, group.grid.tones
-            )
+            spectra[number] = NoiseSpectrum(psd, 0.0, nothing, nothing, excited, group.grid.tones)
             passed[number] = nothing
             samples[number] = group.grid.samples
     return Weighting(spectra, passed, samples)

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.descent.in_noise import GroupAt, GroupWeights
-from vibrident.fit.group.band import Band
 from vibrident.fit.group.group import Grid, Group
 from vibrident.fit.noise.reading import read_noise
 from vibrident.fit.noise.spectrum import NoiseSpectrum
 from vibrident.fit.noise.tones import with_tones
+from vibrident.fit.problem.band import Band
 from vibrident.fit.response.transform import power_of, reference_colour
 
 #: Noise is steep where some bins have so much less than the mean.
@@ -82,7 +81,9 @@ def is_steep(spectrum: NoiseSpectrum) -> bool:
     return spectrum.input_noise > 0.0 or least < STEEP * float(np.mean(spectrum.psd))
 
 
-def read_weighting(band: Band, places: Sequence[GroupAt], heard: Mapping[int, tuple[int, BoolArray]]) -> Weighting:
+def read_weighting(
+    band: Band, places: Sequence[GroupAt], heard: Mapping[int, tuple[int, BoolArray]] | None
+) -> Weighting:
     """Read the noise of every segment from the residuals at an iterate.
 
     Args:
@@ -111,22 +112,14 @@ def read_weighting(band: Band, places: Sequence[GroupAt], heard: Mapping[int, tu
             floors[band.owners(group)],
             group.grid.last - 1,
             colour,
-            _heard_in(group, heard) if driven else None,
+            _heard_in(group, heard) if driven and heard is not None else None,
             at.through * group.inputs[:, 0] if driven else None,
         )
-        doubt = noise.doubt
-        for row, number in enumerate(group.segments):
+        for number, spectrum in zip(group.segments, NoiseSpectrum.each(noise), strict=True):
             passed[number] = squares
             samples[number] = group.grid.samples
-            spectra[number] = NoiseSpectrum(
-                noise.psd[row],
-                float(noise.input_noise[row]),
-                noise.input_noise_at[row],
-                functools.partial(_held, doubt[row]),
-                noise.excited[row],
-                with_tones(group.grid.tones, noise.tones[row]),
-                bool(noise.free[row]),
-            )
+            tones = with_tones(group.grid.tones, spectrum.tones)
+            spectra[number] = replace(spectrum, tones=tones)
     return Weighting(spectra, passed, samples)
 
 
@@ -137,10 +130,6 @@ def _heard_in(group: Group, heard: Mapping[int, tuple[int, BoolArray]]) -> BoolA
         samples, own = heard[min(number, len(heard) - 1)]
         rows.append(brought(own.astype(float), samples, group.grid) > 0.5)
     return np.stack(rows)
-
-
-def _held(values: FloatArray) -> FloatArray:
-    return values
 
 
 def _colour(band: Band, group: Group) -> FloatArray | float:

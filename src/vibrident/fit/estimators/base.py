@@ -15,7 +15,6 @@ from vibrident.fit.registry import AUTO, ESTIMATORS
 
 if TYPE_CHECKING:
     from vibrident.data.records import FloatArray
-    from vibrident.fit.descent.bins_in_noise import Weighed
     from vibrident.fit.descent.settle import InNoise
     from vibrident.fit.problem import Coordinates, Evidence, NetworkProblem
     from vibrident.fit.response import MeasuredResponse
@@ -42,10 +41,8 @@ class Estimate:
         criterion: what was made small: the residual of the network's ``samples``, the ``likelihood`` of the responses
             in frequency, or an ``other`` function.
         findings: what was found beside the parameters.
-        weighed: records at the bins of the band in the noise of the fit, by number; those that
-            are missing are made when they are asked for.
-        in_noise: records in the noise of the fit, by which estimates are joined; None where they
-            are joined by equal weights, or at points.
+        in_noise: records in the noise of the fit, by which it is judged, and joined with others; None
+            of equal weights, or points.
     """
 
     estimator: str
@@ -62,7 +59,6 @@ class Estimate:
     equations: float = 1.0
     criterion: Literal["samples", "likelihood", "other"] = "other"
     findings: Findings = field(default_factory=Findings)
-    weighed: Mapping[int, Weighed] = field(default_factory=dict)
     in_noise: InNoise | None = None
 
 

@@ -53,7 +53,6 @@ def canonically_labelled(estimate: Estimate) -> Estimate:
         trace=replace(estimate.trace, coordinates=path),
         begin=begin,
         findings=_turned(estimate.findings, turn, covariance),
-        weighed={},
     )
 
 

@@ -11,7 +11,8 @@ from vibrident.fit.problem import network_objective
 
 if TYPE_CHECKING:
     from vibrident.data.records import FloatArray
-    from vibrident.fit.problem import Coordinates, NetworkProblem
+    from vibrident.fit.problem import Coordinates
+    from vibrident.fit.problem.time_domain import TimeProblem
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,7 @@ class Optimiser(ABC):
     def train(
         self,
         z: FloatArray,
-        args: tuple[Coordinates, NetworkProblem, FloatArray],
+        args: tuple[Coordinates, TimeProblem, FloatArray],
         tolerance: float,
         progress: Progress,
     ) -> Trace:
@@ -52,7 +53,7 @@ class LevenbergMarquardt(Optimiser):
     def train(
         self,
         z: FloatArray,
-        args: tuple[Coordinates, NetworkProblem, FloatArray],
+        args: tuple[Coordinates, TimeProblem, FloatArray],
         tolerance: float,
         progress: Progress,
     ) -> Trace:

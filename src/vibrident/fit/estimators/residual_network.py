@@ -22,7 +22,7 @@ from vibrident.fit.descent.sandwich import hac_covariance
 from vibrident.fit.estimators.base import Estimate, Estimator
 from vibrident.fit.estimators.findings import Findings, LearnedShare
 from vibrident.fit.optimise import Progress, Trace, levenberg_marquardt, silent
-from vibrident.fit.problem import Coordinates, Evidence, Local
+from vibrident.fit.problem import BinProblem, Coordinates, Evidence, Local
 from vibrident.fit.problem.time_domain import TimeProblem, evaluate
 from vibrident.fit.registry import ESTIMATORS
 from vibrident.physics.models import SensorModel
@@ -322,6 +322,9 @@ def _with(
     findings = Findings(
         replace(network, noise=whole.noise, weights=""), learned=LearnedShare(True, share, tried, about)
     )
+    problem, in_noise = plain.problem.of_frame(left, plain.problem.frame), plain.in_noise
+    if in_noise is not None and isinstance(problem, BinProblem):
+        in_noise = replace(in_noise, band=replace(in_noise.band, problem=problem)).again(z, plain.coordinates)
     return replace(
         plain,
         z=z,
@@ -329,8 +332,9 @@ def _with(
         degrees_of_freedom=freedom,
         trace=replace(trace, coordinates=trace.coordinates[:, :count]),
         predicted=predicted,
-        problem=plain.problem.of_frame(left, plain.problem.frame),
+        problem=problem,
         findings=findings,
+        in_noise=in_noise,
     )
 
 

@@ -45,6 +45,7 @@ class Grid:
             noise is steep, what leaks at the ends of a record would count as information.
         in_pieces: whether samples of the response are left out.
         driven: whether there is a reference; a free decay has none.
+        whole: whether all counts that counts in time, and no drift is a nuisance.
     """
 
     samples: int
@@ -56,6 +57,7 @@ class Grid:
     edges: bool = False
     in_pieces: bool = False
     driven: bool = True
+    whole: bool = False
 
     @property
     def step(self) -> tuple[float, float]:
@@ -76,7 +78,8 @@ class Grid:
     def counts(self) -> FloatArray:
         """How often each bin counts in a mean over the samples, shape (K,)."""
         counts = line_counts(self.samples)[: self.bins] / self.samples
-        counts[0] = 0.0
+        if not (self.whole and self.in_pieces):  # an offset is at bin 0 alone
+            counts[0] = 0.0
         counts[self.last :] = 0.0
         return counts
 
@@ -84,9 +87,10 @@ class Grid:
     def unmoved(self) -> ComplexArray:
         """Columns that depend on no parameter, shape (m, K): drift, and tones of hum."""
         nonzero = np.where(self.shifted == 0.0, 1.0, self.shifted)
-        columns = [((1.0 + self.shifted) / nonzero)[None]]
+        drift = ((1.0 + self.shifted) / nonzero)[None]
+        columns = [drift[: 0 if self.whole else 1]]
         if self.edges:
-            columns.append(columns[0] / nonzero)
+            columns.append(drift / nonzero)
         if self.in_pieces:  # an offset is not at bin 0 alone
             columns.append((np.arange(self.bins) == 0)[None] * complex(self.samples))
         if self.tones:

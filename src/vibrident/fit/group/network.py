@@ -14,11 +14,11 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy import fft
 
 from vibrident.data.records import FloatArray
-from vibrident.fit.bins.normal import horner
-from vibrident.fit.bins.transfer import DiscreteTransfer
-from vibrident.fit.group.group import Bins
+from vibrident.fit.bins.transfer import DiscreteTransfer, horner
+from vibrident.fit.group.group import Bins, Group
 from vibrident.fit.information import inverse_where_shown
 from vibrident.fit.response.response import ComplexArray
 
@@ -46,6 +46,7 @@ class Rows:
         jacobian: ∂ predicted, initial states held, less what nuisance columns could imitate,
             shape (R, P, K); P is zero where no slopes were asked for.
         nuisances: nuisance columns, shape (R, m, K); the n initial states first.
+        amounts: of these, shape (R, m).
     """
 
     residual: ComplexArray
@@ -53,6 +54,7 @@ class Rows:
     forced: ComplexArray
     jacobian: ComplexArray
     nuisances: ComplexArray
+    amounts: FloatArray
 
 
 def real_rows(rows: ComplexArray) -> FloatArray:
@@ -112,7 +114,28 @@ def evaluate(group: Bins, step: Step, weight: FloatArray) -> Rows:
                 jacobian[:, number] -= predicted * (horner(denominator, shifted) * over)
         jacobian = group.where_used(jacobian)
         jacobian -= combined(amounts_of(nuisances, jacobian, weight), nuisances)
-    return Rows(residual, predicted, forced, jacobian, nuisances)
+    return Rows(residual, predicted, forced, jacobian, nuisances, amounts[:, 0])
+
+
+def predict(group: Group, step: Step) -> FloatArray:
+    """Return the response with the best initial states and offset, without hum, shape (R, N).
+
+    Args:
+        group: whole segments.
+        step: the network's step.
+    """
+    grid = group.grid
+    rows = evaluate(group, step, np.broadcast_to(grid.counts, group.response.shape))
+    predicted = rows.predicted
+    order = len(step.transfer.denominator) - 1
+    offset = np.zeros((len(predicted), 1))
+    if grid.in_pieces:
+        offset = rows.amounts[:, order : order + 1]
+    else:
+        predicted[:, 0] = group.response[:, 0]
+        if min(grid.tones, default=0.0) >= 1.0:  # less than a turn tells nothing of its mean
+            predicted[:, 0] -= rows.amounts[:, order:] @ grid.unmoved[:, 0]
+    return np.asarray(fft.irfft(predicted, grid.samples)) + offset
 
 
 def forced_response(group: Bins, step: Step) -> tuple[ComplexArray, ComplexArray]:

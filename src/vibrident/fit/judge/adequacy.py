@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
@@ -12,15 +11,12 @@ import numpy as np
 from vibrident.base.amounts import plain
 from vibrident.base.errors import InputError
 from vibrident.data.records import FloatArray, Record, SystematicEffect
-from vibrident.fit.bins.record import bins_of_series
 from vibrident.fit.decay import decay_deviations
-from vibrident.fit.descent.bins_in_noise import Weighed, beside_hum, together
+from vibrident.fit.descent.weighed import Weighed, weighed_segments, weighed_series
 from vibrident.fit.estimators import Estimate
 from vibrident.fit.estimators.residual_tones import network_problem, residual_tones
-from vibrident.fit.noise.motion import motion_of
-from vibrident.fit.problem import BinProblem, Evidence, network_of
+from vibrident.fit.problem import Evidence, network_of
 from vibrident.fit.response import MeasuredResponse
-from vibrident.fit.response.alignment import TINY
 from vibrident.fit.response.rounding import rounding_variance
 from vibrident.fit.response.transform import about_mean, line_frequencies, power_of
 from vibrident.fit.response.verdict import REJECTION, probability
@@ -102,14 +98,14 @@ def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
         tones = estimate.tones or _tones(evidence, estimate, values)
         points.append(tone_points(tones, response, [record.name for record in evidence.records]))
         shares.append(_powers_of_tones(tones, response))
-    for index, unit, bins in weighed_records(evidence, estimate, predicted):
-        record = evidence.records[index]
+    for bins in weighed_records(evidence, estimate, predicted):
+        record = evidence.records[bins.record]
         sine = record.excitation == "sine"
         if sine and tones is not None:
             continue
-        factors = band_factors(bins, sine=sine, least=_of_rounding(record, bins, unit, response))
-        points += [] if factors is None else [factor_points(factors, record, bins.record.samples, response)]
-        shares.append(_powers(evidence, record, predicted[index], bins, model.delay_s(values)))
+        factors = band_factors(bins, sine=sine, least=_of_rounding(record, bins, response))
+        points += [] if factors is None else [factor_points(factors, record, bins.samples, response)]
+        shares.append(_powers(evidence, record, bins, model.delay_s(values)))
     decays = decay_deviations(evidence.records, model, values)
     adequacy = assess(points, len(estimate.z), decays)
     birge = _birge(estimate, points, adequacy, decays)
@@ -130,53 +126,35 @@ def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
     )
 
 
-def weighed_records(
-    evidence: Evidence, estimate: Estimate, predicted: Sequence[FloatArray]
-) -> Iterator[tuple[int, float, Weighed]]:
-    """Yield records with a reference at their bins, weighted by the noise at the estimate; with number and unit.
+def weighed_records(evidence: Evidence, estimate: Estimate, predicted: Sequence[FloatArray]) -> Iterator[Weighed]:
+    """Yield records with a reference, or their segments, in the noise at the estimate.
 
     ``predicted``: response of each record, NaN where it is not defined.
     """
-    problem, network = estimate.problem, estimate.findings.network
-    by_bins = isinstance(problem, BinProblem) and estimate.criterion == "samples"
-    size = [max(float(np.std(record.response[record.mask])), TINY) for record in evidence.records]
-    units = network.noise.tolist() if by_bins and network is not None else size
-    if by_bins and len(estimate.weighed) == len(evidence.records):
-        for number, own in sorted(estimate.weighed.items()):
-            if evidence.records[number].reference is not None:
-                yield number, units[number], own
+    if estimate.in_noise is not None:
+        yield from weighed_segments(estimate.in_noise, estimate.z, estimate.coordinates)
         return
-    for some in together(evidence.records):
-        numbers = range(len(evidence.records))[some]
-        if isinstance(problem, BinProblem) and by_bins and network is not None:
-            lines = problem.lines(estimate.z, estimate.coordinates, network.noise, some)
-        else:
-            lines = [bins_of_series(evidence.records[i], predicted[i], units[i], len(estimate.z)) for i in numbers]
-        told = [
-            own.count >= 8 and evidence.records[i].reference is not None for i, own in zip(numbers, lines, strict=True)
-        ]
-        lines = list(itertools.compress(lines, told))
-        motions = [motion_of(own) for own in lines]
-        noisy = Weighed.at(lines, motions, beside_hum(lines, motions))
-        yield from ((i, units[i], own) for i, own in zip(itertools.compress(numbers, told), noisy, strict=True))
+    for number, (record, series) in enumerate(zip(evidence.records, predicted, strict=True)):
+        own = None if record.reference is None else weighed_series(number, record, series)
+        if own is not None:
+            yield own
 
 
-def _of_rounding(record: Record, bins: Weighed, unit: float, response: Response) -> FloatArray | float:
+def _of_rounding(record: Record, bins: Weighed, response: Response) -> FloatArray | float:
     """Variance a sample of the converters' rounding, which noise is not believed to be below, shape (bins,)."""
-    hz = line_frequencies(bins.record.samples, record.sampling_rate_hz)[: bins.record.residual.size]
+    hz = line_frequencies(bins.samples, record.sampling_rate_hz)[: bins.residual.size]
     found = rounding_variance(record, lambda: power_of(response(hz)))
-    return 0.0 if found is None else found / unit**2
+    return 0.0 if found is None else found
 
 
-def _powers(evidence: Evidence, record: Record, predicted: FloatArray, bins: Weighed, delay_s: float) -> FloatArray:
+def _powers(evidence: Evidence, record: Record, bins: Weighed, delay_s: float) -> FloatArray:
     """What a record says of the shares of the response's power, in the band of the motion."""
     assert record.reference is not None
-    first, samples = int(np.argmax(np.isfinite(predicted))), bins.record.samples
-    span = slice(first, first + samples)
-    used = record.reference_mask[span] & bins.record.used
-    low, high = (int(hz * samples / record.sampling_rate_hz) for hz in evidence.band_hz)
+    used = record.reference_mask[bins.span] & bins.used
+    low, high = (int(hz * bins.samples / record.sampling_rate_hz) for hz in evidence.band_hz)
     band = slice(max(low, 1), high + 2)
-    return powers(bins, about_mean(record.reference[span], used), delay_s * record.sampling_rate_hz, band)
+    reference = about_mean(record.reference[bins.span], used)
+    return powers(bins, reference, delay_s * record.sampling_rate_hz, band)
 
 
 def _powers_of_tones(tones: MeasuredResponse, response: Response) -> FloatArray:

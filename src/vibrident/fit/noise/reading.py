@@ -30,7 +30,7 @@ from vibrident.fit.noise.averages import (
 )
 from vibrident.fit.noise.common import SIGNIFICANT_DEVIATIONS, CommonNoise, common_noise
 from vibrident.fit.noise.likelihood import MIN_LEVEL, amounts_of, variances_of_last
-from vibrident.fit.noise.projection import BLOCK_BINS, without_common
+from vibrident.fit.noise.projection import BLOCK_BINS, RIDGE, without_common
 from vibrident.fit.noise.surroundings import MIN_FREEDOM, level_of_noise
 from vibrident.fit.noise.tones import tones_of
 from vibrident.fit.response.response import ComplexArray
@@ -104,6 +104,7 @@ class _Rows(NamedTuple):
     floor: FloatArray
     heard: BoolArray | None
     passed: ComplexArray
+    lines: BoolArray
 
 
 class _InputNoise(NamedTuple):
@@ -147,6 +148,7 @@ def read_noise(
     colour: FloatArray | float = 1.0,
     heard: BoolArray | None = None,
     passed: ComplexArray | None = None,
+    lines: BoolArray | bool = False,
 ) -> GroupNoise:
     """Read the noise of records of one length and rate.
 
@@ -163,6 +165,7 @@ def read_noise(
             alone what is coherent with the motion is no noise. None: where the response is loud.
         passed: H times the reference, bin by bin, shape (R, K); None: that is the prediction. With
             initial states in it, what leaks into both would cancel, and leave the noise.
+        lines: bins whose remainder is the motion's, too, and no hum, shape (R, K).
     """
     records, bins = residual.shape
     last = max(min(last, bins - 1), 1)
@@ -179,6 +182,7 @@ def read_noise(
             floor[part, None],
             None if heard is None else heard[part],
             (predicted if passed is None else passed)[part],
+            lines[part] if isinstance(lines, np.ndarray) else np.array(False),
         )
         parts.append(read(rows, last, colour))
     if len(parts) == 1:
@@ -209,6 +213,7 @@ def _read(rows: _Rows, last: int, colour: FloatArray | float) -> GroupNoise:
     log_through = None if rows.through is None else log_power(rows.through)
     width = averaged_bins(expected.shape[1])
     moved = _lines_of_motion(expected, log_expected, log_through, width)
+    moved |= rows.lines
     read = _incoherent(rows, log_through)
     np.divide(read.power, rows.count, out=read.power)
     shape, of_input = _shape(rows, read, log_through, last)
@@ -239,8 +244,7 @@ def _lines_of_motion(
 ) -> BoolArray:
     """Return where the motion has a line of its own: a remainder there is the model's, no hum.
 
-    Lines stand out of all around, or of the nearest alone, as a multisine's do among its others;
-    a resonance is no line.
+    Lines stand out of all around, or of the nearest, as a multisine's do; a resonance is no line.
     """
     stands = expected > OUTSTANDING_RATIO * mean_around(expected, width)
     logarithm = log_expected if log_through is None else log_expected - log_through
@@ -289,7 +293,9 @@ def _incoherent(rows: _Rows, log_through: FloatArray | None) -> _Read:
         return projected(slice(None), rows.heard, level)
     heard = measured > HEARD_RATIO * level
     read = projected(slice(None), heard, level)
-    level = threshold(read.power / np.maximum(read.freedom, MIN_FREEDOM))
+    # Where no freedom is left, nothing is but rounding: less than the ridge.
+    power = np.maximum(read.power, RIDGE * power_of(rows.residual))
+    level = threshold(power / np.maximum(read.freedom, MIN_FREEDOM))
     clearer = measured > HEARD_RATIO * level
     newly = np.add.reduceat(clearer & ~heard, np.arange(1, level.shape[1], BLOCK_BINS), axis=1)
     again = np.flatnonzero(np.any(newly >= MAX_NEWLY_HEARD, axis=1))

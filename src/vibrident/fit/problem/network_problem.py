@@ -12,7 +12,6 @@ import numpy as np
 
 from vibrident.base.errors import InputError, ModelError
 from vibrident.data.records import FloatArray, Quantity, Record
-from vibrident.fit.bins import RecordBins
 from vibrident.fit.problem.coordinates import Coordinates
 from vibrident.fit.response.response import LEAST_DEVIATION
 from vibrident.fit.response.rounding import converter_step
@@ -103,7 +102,7 @@ class Frame:
 
 @dataclass(frozen=True, eq=False)
 class NetworkProblem(ABC):
-    """Measured response minus the network's, weighted by each record's noise; initial states and offsets eliminated.
+    """The network over records; initial states and offsets are eliminated.
 
     Attributes:
         records: the records, in order.
@@ -139,23 +138,6 @@ class NetworkProblem(ABC):
             InputError: no record is long enough.
         """
 
-    @property
-    @abstractmethod
-    def degrees_of_freedom(self) -> FloatArray:
-        """Numbers that count less initial states and offset, for every record, shape (records,)."""
-
-    @abstractmethod
-    def normal(self, z: FloatArray, coordinates: Coordinates, noise: FloatArray) -> Any:
-        """Cost, gradient and normal matrix at ``z``; ``noise``: standard deviation of each record, shape (records,)."""
-
-    @abstractmethod
-    def squares(self, normal: Any, noise: FloatArray) -> FloatArray:
-        """Sum of squares of each record's residual, shape (records,), of normal equations weighted by ``noise``."""
-
-    @abstractmethod
-    def lines(self, z: FloatArray, coordinates: Coordinates, noise: FloatArray) -> list[RecordBins]:
-        """Every record at the bins of its transform, in order, in units of its noise."""
-
     @abstractmethod
     def predict(self, coordinates: Coordinates, z: FloatArray) -> list[FloatArray]:
         """Response of every record with the best initial states and offsets, NaN where the network gives no value."""
@@ -167,14 +149,7 @@ class NetworkProblem(ABC):
     @functools.cached_property
     def noise_floor(self) -> FloatArray:
         """Lower limit of the standard deviation of each record's residual, response unit, shape (records,)."""
-        floor = [LEAST_DEVIATION * float(np.std(record.response[record.mask])) for record in self.records]
-        steps = [converter_step(record.response, record.mask) / np.sqrt(12.0) for record in self.records]
-        return np.maximum(np.maximum(floor, steps), np.finfo(float).tiny)
-
-    def record_noise(self, normal: Any, noise: FloatArray) -> FloatArray:
-        """Standard deviation of each record's residual, shape (records,), of normal equations weighted by ``noise``."""
-        mean = self.squares(normal, noise) / np.maximum(self.degrees_of_freedom, 1.0)
-        return np.maximum(np.sqrt(mean), self.noise_floor)
+        return np.array([noise_floor_of(record) for record in self.records])
 
     def at_delay_of(self, values: Mapping[str, float]) -> Self:
         """The same with inputs interpolated at the delay of ``values``; itself where they nearly are."""
@@ -188,7 +163,14 @@ class NetworkProblem(ABC):
         return self
 
 
-def network_objective(z: FloatArray, args: tuple[Coordinates, NetworkProblem, FloatArray]) -> Any:
-    """The residual in the form of the optimisers; args: coordinates, problem, noise of each record."""
+def noise_floor_of(record: Record) -> float:
+    """Return the lower limit of the standard deviation of a record's residual, response unit."""
+    least = LEAST_DEVIATION * float(np.std(record.response[record.mask])) if record.mask.any() else 0.0
+    step = converter_step(record.response, record.mask) / np.sqrt(12.0)
+    return max(least, step, float(np.finfo(float).tiny))
+
+
+def network_objective(z: FloatArray, args: tuple[Coordinates, Any, FloatArray]) -> Any:
+    """The residual in the form of the optimisers; args: coordinates, network in time, noise of each record."""
     coordinates, problem, noise = args
     return problem.normal(np.asarray(z, dtype=float), coordinates, noise)

@@ -135,6 +135,11 @@ class TimeProblem(NetworkProblem):
         squares = np.asarray(normal.squares)[: len(self.record_of_segment)]  # segments beyond are padding
         return np.bincount(self.record_of_segment, squares, len(self.records)).astype(float)
 
+    def record_noise(self, normal: Any, noise: FloatArray) -> FloatArray:
+        """Standard deviation of each record's residual, shape (records,), of normal equations weighted by ``noise``."""
+        mean = self.squares(normal, noise) / np.maximum(self.degrees_of_freedom, 1.0)
+        return np.maximum(np.sqrt(mean), self.noise_floor)
+
     def lines(self, z: FloatArray, coordinates: Coordinates, noise: FloatArray) -> list[RecordBins]:
         """Residual and slopes of every record at the bins of its transform, in units of its noise."""
         normal = self.normal(z, coordinates, noise)
@@ -143,11 +148,10 @@ class TimeProblem(NetworkProblem):
         found = []
         for index, (record, predicted) in enumerate(zip(self.records, responses, strict=True)):
             used = record.mask & np.isfinite(predicted)
-            signals = [(record.response - predicted) / noise[index], predicted / noise[index]]
-            signals += [column[index] for column in columns]
+            signals = [(record.response - predicted) / noise[index], *(column[index] for column in columns)]
             lines = np.fft.rfft(np.where(used, signals, 0.0), axis=1)
-            one_sided, floor = line_counts(record.samples), float((self.noise_floor[index] / noise[index]) ** 2)
-            found.append(RecordBins(lines[0], lines[1].__getitem__, used, one_sided, lines[2:], None, None, z, floor))
+            counts, floor = line_counts(record.samples), float((self.noise_floor[index] / noise[index]) ** 2)
+            found.append(RecordBins(lines[0], lines[1:], used, counts, floor))
         return found
 
     def predict(self, coordinates: Coordinates, z: Any) -> list[FloatArray]:

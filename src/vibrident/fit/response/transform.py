@@ -11,6 +11,7 @@ from numpy import fft
 from numpy.typing import NDArray
 
 from vibrident.data.records import BoolArray, FloatArray, Record
+from vibrident.physics.discretisation.inputs import USABLE_BAND
 
 #: Windows and transforms of filters are kept for signals of up to so many samples.
 MOST_KEPT = 1 << 16
@@ -76,6 +77,14 @@ def line_counts(samples: int) -> FloatArray:
     return counts
 
 
+def counts_in_band(samples: int) -> FloatArray:
+    """Return these counts, zero at line 0, which holds the offset, and above the band of the interpolation."""
+    counts = line_counts(samples)
+    counts[:1] = 0.0
+    counts[int(USABLE_BAND * samples) + 1 :] = 0.0
+    return counts
+
+
 def waves(places: Sequence[float] | FloatArray, samples: int) -> FloatArray:
     """Cosines and sines of these places, in lines, and both growing with time; shape (4 tones, samples)."""
     turn = np.arange(samples) / max(samples, 1)
@@ -93,31 +102,6 @@ def median(values: FloatArray) -> Any:
     ordered.partition(middle)
     high = ordered[..., middle]
     return high if values.shape[-1] % 2 else 0.5 * (np.max(ordered[..., :middle], axis=-1) + high)
-
-
-def mean_around(power: FloatArray, width: int, nearest: int) -> FloatArray:
-    """Mean over ``width`` lines on either side, the ``nearest`` and the line itself left out; mirrored at the ends.
-
-    Of too few lines for that, the mean of all.
-    """
-    width, lines = min(width, power.size - 2), power.size
-    if width <= nearest:
-        return np.full(power.shape, float(np.mean(power)))
-    total = np.empty(lines + 2 * width + 1)
-    total[0], total[1 : width + 1], total[width + 1 : -width] = 0.0, power[width:0:-1], power
-    total[-width:] = power[-2 : -width - 2 : -1]
-    del power  # of a long record each copy counts
-    np.cumsum(total, out=total)
-
-    def within(reach: int, part: slice) -> FloatArray:
-        far, near = width + reach + 1, width - reach
-        return total[far + part.start : far + part.stop] - total[near + part.start : near + part.stop]
-
-    found = np.empty(lines)
-    for part in in_blocks(lines):
-        found[part] = within(width, part) - within(nearest, part)
-    found /= 2.0 * (width - nearest)
-    return found
 
 
 def hann(samples: int) -> FloatArray:

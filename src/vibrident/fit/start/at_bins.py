@@ -19,10 +19,10 @@ from vibrident.base.errors import NotConverged
 from vibrident.base.fft_lengths import fast_length
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.bins.transfer import DiscreteTransfer
-from vibrident.fit.group.band import Band
 from vibrident.fit.group.network import Step, evaluate, products
 from vibrident.fit.noise.averages import windowed
 from vibrident.fit.optimise import levenberg_marquardt
+from vibrident.fit.problem.band import Band
 from vibrident.fit.problem.coordinates import Coordinates
 from vibrident.fit.problem.frequency_domain import Local
 from vibrident.fit.response.response import ComplexArray

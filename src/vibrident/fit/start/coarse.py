@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibrident.data.records import FloatArray
-from vibrident.fit.group.band import Band
 from vibrident.fit.group.group import Bins, Group
 from vibrident.fit.group.network import Step, amounts_of, combined, forced_response
+from vibrident.fit.problem.band import Band
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import power_of
 from vibrident.fit.start.look import Look

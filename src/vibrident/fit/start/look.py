@@ -8,10 +8,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from vibrident.data.records import BoolArray, FloatArray
-from vibrident.fit.group.band import Band
 from vibrident.fit.group.group import Group
 from vibrident.fit.noise.averages import windowed
 from vibrident.fit.noise.local import BLOCK_BINS, incoherent_level
+from vibrident.fit.problem.band import Band
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import power_of
 

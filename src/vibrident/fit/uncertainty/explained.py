@@ -1,8 +1,8 @@
 """Shares of the response's power: what the model explains, and what any linear sensor could.
 
 The second is what the response has locally in common with the motion, which needs no model: of each block of bins what
-no smooth response to the reference makes (:func:`vibrident.fit.noise.incoherent.without_coherent`, unbiased for its
-degrees of freedom) is incoherent. A model that explains nothing may well be adequate in its own noise; this tells.
+no smooth response to the reference makes (:func:`vibrident.fit.noise.projection.without_common`, over its degrees of
+freedom) is incoherent. A model that explains nothing may well be adequate in its own noise; this tells.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from numpy import fft
 from vibrident.base.tails import f_tail
 from vibrident.data.records import FloatArray
 from vibrident.fit.bins.segments import shifted_lines
-from vibrident.fit.descent.bins_in_noise import Weighed
-from vibrident.fit.noise.incoherent import without_coherent
+from vibrident.fit.descent.weighed import Weighed
+from vibrident.fit.noise.projection import block_edges, without_common
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import power_of
 
@@ -90,28 +90,28 @@ def powers(bins: Weighed, reference: FloatArray, delay: float, band: slice) -> F
         delay: of the model, in samples.
         band: bins, of which line 0 is none.
     """
-    record = bins.record
-    lines, samples = record.residual.size, record.samples
+    lines, samples = bins.residual.size, bins.samples
     turn = np.exp(-2j * np.pi * delay / samples * np.arange(lines))
     motion = _without_drift(np.asarray(fft.rfft(reference, samples))[:lines], samples) * turn
-    predicted = record.predicted(slice(0, lines))
-    response = _without_drift(record.residual + predicted, samples)
-    every = np.ones(lines, dtype=bool)
-    rest = power_of(without_coherent(response, motion.__getitem__, every)[band])
-    left = power_of((record.residual + _of_noise(bins, predicted) * predicted)[band])
-    return np.array([np.sum(power_of(response[band])), np.sum(left), np.sum(rest), np.sum(rest**2)])
+    response = _without_drift(bins.residual + bins.predicted, samples)
+    level = np.sqrt(bins.spectrum.psd)
+    rest, freedom = without_common(response[None], [motion[None]], level[None])
+    begins = block_edges(lines)[:-1]
+    wide = np.diff([*begins, lines])
+    incoherent = power_of(rest[0])
+    incoherent[1:] *= np.repeat(wide / np.maximum(np.add.reduceat(freedom[0], begins), 1.0), wide)
+    left = power_of(bins.residual + _of_noise(bins) * bins.predicted)
+    parts = power_of(response), left, incoherent, incoherent**2
+    return np.array([np.sum(each[band]) for each in parts])
 
 
-def _of_noise(bins: Weighed, predicted: ComplexArray) -> FloatArray:
+def _of_noise(bins: Weighed) -> FloatArray:
     """Return the share of a prediction, by its power in each bin, that noise of the reference makes.
 
     The rest is what can be foretold of the response from a noisy reference (Wiener 1949).
     """
-    if bins.record.model is None:
-        return np.zeros(predicted.size)
-    noise = bins.spectrum.input_noise_at * bins.record.model.power() * bins.record.count
-    power = power_of(predicted)
-    return np.minimum(np.divide(noise, power, out=np.ones(power.size), where=power > 0.0), 1.0)
+    power = np.maximum(power_of(bins.predicted), np.finfo(float).tiny)
+    return np.minimum(bins.passed_noise * bins.count / power, 1.0)
 
 
 def _without_drift(lines: ComplexArray, samples: int) -> ComplexArray:

@@ -20,13 +20,14 @@ from numpy.typing import NDArray
 from vibrident.base.tails import chi2_tail
 from vibrident.data.records import FloatArray
 from vibrident.data.records.basis import distinct
-from vibrident.fit.descent.bins_in_noise import Weighed, likelier, products
+from vibrident.fit.descent.weighed import Weighed
+from vibrident.fit.group.network import products
 from vibrident.fit.information import inverse_where_shown
-from vibrident.fit.noise.motion import NEAREST, lines_around
+from vibrident.fit.noise.averages import NEAREST_BINS, averaged_bins
 from vibrident.fit.noise.profile import slow_profile
 from vibrident.fit.response.bands import LEAST_POWER, band_edges
 from vibrident.fit.response.response import LEAST_DEVIATION, ComplexArray
-from vibrident.fit.response.transform import MOST_KEPT, SHORTEST, hann, power_of
+from vibrident.fit.response.transform import SHORTEST, hann, power_of
 
 #: A factor whose real part has a larger standard deviation than this says nothing.
 MAX_DEVIATION = 0.5
@@ -66,14 +67,14 @@ def band_factors(bins: Weighed, *, sine: bool, least: FloatArray | float = 0.0) 
 
     ``sine``: all bins are one band; ``least``: variance, a sample, that no noise is below, shape (bins,).
     """
-    record, last = bins.record, bins.record.residual.size
-    edges = distinct(np.minimum(band_edges(record.samples, 1.0).astype(int), last))
+    last = bins.residual.size
+    edges = distinct(np.minimum(band_edges(bins.samples, 1.0).astype(int), last))
     edges = np.array([1, last]) if sine else edges
     if edges[-1] <= edges[0]:
         return None
-    motion, moves = motion_bins(bins), record.one_sided * (np.asarray(bins.spectrum.excited) > 0.5)
+    motion, moves = motion_bins(bins), bins.counts * (bins.spectrum.excited > 0.5)
     # The fit's weights fade out where noise of the reference may be the motion; these do not, so that cov s = G.
-    weight = moves / (max(record.samples, 1) * np.asarray(bins.spectrum.psd))
+    weight = moves / (bins.samples * bins.spectrum.psd)
     left, gain, score, spent = _scores(bins, motion, weight, edges)
     power, moment, flat = (
         _sums(each, edges) for each in (power_of(motion), np.arange(last) * power_of(motion), moves * power_of(motion))
@@ -91,8 +92,8 @@ def band_factors(bins: Weighed, *, sine: bool, least: FloatArray | float = 0.0) 
     variance, squares = 0.5 * trace / safe, rho.real * score.real + rho.imag * score.imag
     rest = left - np.where(kept, rho, 0.0)[_band_of(edges, last)] * motion * (weight > 0.0)
     uneven, even = _while_moving(bins, rest * np.sqrt(weight), motion * np.sqrt(weight), edges)
-    own = np.minimum(1.0, variance * flat / max(record.samples, 1))
-    lowest = 0.5 * record.count * _sums(np.broadcast_to(least, last), edges) / np.diff(edges)
+    own = np.minimum(1.0, variance * flat / bins.samples)
+    lowest = 0.5 * bins.count * _sums(np.broadcast_to(least, last), edges) / np.diff(edges)
     lowest = np.maximum(lowest, LEAST_DEVIATION**2 * strongest) / np.maximum(power, 1e-300)
     floor = np.maximum(variance * uneven, lowest)
     squares *= variance / floor
@@ -103,18 +104,14 @@ def band_factors(bins: Weighed, *, sine: bool, least: FloatArray | float = 0.0) 
 
 def noise_freedom(bins: Weighed) -> float:
     """Degrees of freedom of the level of the noise at a bin."""
-    record = bins.record
-    if record.count < SHORTEST or record.free is None:
-        return max(record.count - 2.0 - len(bins.nuisances(slice(0, 1))), 2.0)
-    return 4.0 * (lines_around(record.residual) - NEAREST) * FREE_SHARE
+    if bins.count < SHORTEST:
+        return max(bins.count - 2.0 - len(bins.nuisances), 2.0)
+    return 4.0 * (averaged_bins(bins.residual.size) - NEAREST_BINS) * FREE_SHARE
 
 
 def motion_bins(bins: Weighed) -> ComplexArray:
     """Response to the most likely motion, shape (bins,)."""
-    record = bins.record
-    motion = np.array(record.predicted(slice(0, record.residual.size)))
-    if bins.spectrum.input_noise > 0.0 and record.model is not None:
-        motion += record.model.through() * likelier(record, bins.spectrum, bins.rest)
+    motion = bins.predicted + bins.passed_noise * bins.residual / bins.spectrum.psd
     motion[0] = 0.0
     return motion
 
@@ -126,18 +123,12 @@ def _scores(
 
     The last for the two columns of a band, and for their product.
     """
-    residual = bins.record.residual
-    gram = products(lambda part: (bins.nuisances(part), residual[None, part]), weight)
+    rows = np.concatenate([bins.nuisances, bins.residual[None]])
+    gram = products(rows * weight, rows)
     inverse = inverse_where_shown(gram[:-1, :-1])
-    amounts, turned = inverse @ gram[:-1, -1], weight * np.conj(motion)
-    left, common = residual.copy(), np.empty((len(amounts), len(edges) - 1), dtype=complex)
-    chunk = 1 if residual.size > MOST_KEPT else len(edges)  # of a long record each copy of the nuisances counts
-    for begin in range(0, len(edges) - 1, chunk):
-        some = edges[begin : begin + chunk + 1]
-        part = slice(int(some[0]), int(some[-1]))
-        nuisances = bins.nuisances(part)
-        left[part] -= amounts @ nuisances
-        common[:, begin : begin + chunk] = np.add.reduceat(turned[part] * nuisances, some[:-1] - some[0], axis=1)
+    turned = weight * np.conj(motion)
+    left = bins.residual - (inverse @ gram[:-1, -1]) @ bins.nuisances
+    common = np.add.reduceat((turned * bins.nuisances)[:, : edges[-1]], edges[:-1], axis=1)
     real, imaginary = np.real(common), np.imag(common)
     pairs = (real, inverse @ real), (imaginary, inverse @ imaginary), (real, inverse @ imaginary)
     spent = [np.sum(one * other, axis=0) for one, other in pairs]
@@ -169,7 +160,7 @@ def _while_moving(
         motion: whitened.
         edges: of the bands.
     """
-    n, used = bins.record.samples, bins.record.used
+    n, used = bins.samples, bins.used
     profile = slow_profile(np.asarray(fft.irfft(rest, n)), used)
     level = profile[:: max(n // (STRETCHES + 1), 1)]
     freedom = 2.0 * float(np.count_nonzero(rest)) / len(level)

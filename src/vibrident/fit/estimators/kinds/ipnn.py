@@ -20,7 +20,6 @@ from vibrident.base.errors import ModelError
 from vibrident.fit.descent.sandwich import hac_covariance
 from vibrident.fit.descent.settle import InNoise, Settled
 from vibrident.fit.descent.train import train
-from vibrident.fit.descent.weighed import weighed_records
 from vibrident.fit.estimators.base import Estimate, Estimator, Setting
 from vibrident.fit.estimators.findings import Findings, TrainedNetwork
 from vibrident.fit.estimators.optimiser import LevenbergMarquardt, Optimiser
@@ -149,7 +148,6 @@ def settled_estimate(settled: Settled) -> Estimate:
         criterion="samples",
         findings=Findings(trained, settled.noise),
         predicted=tuple(problem.predict(settled.coordinates, settled.z)),
-        weighed=weighed_records(settled),
         in_noise=InNoise.of(settled),
     )
 

@@ -35,6 +35,7 @@ class Band:
         edges: whether the initial states' slopes over the record are nuisances, too.
         unseen: sampling rates below twice the frequency of the free motion. It was not recorded
             there, and the initial states hold noise: edges are nuisances.
+        whole: whether all counts that counts in time, and no drift is a nuisance.
     """
 
     problem: BinProblem
@@ -42,6 +43,7 @@ class Band:
     tones: tuple[tuple[float, ...], ...] = ()
     edges: bool = False
     unseen: frozenset[float] = frozenset()
+    whole: bool = False
 
     @property
     def model(self) -> SensorModel:
@@ -63,6 +65,8 @@ class Band:
         return tuple(groups)
 
     def _grid_of(self, number: int) -> Grid:
+        if self.whole:
+            return self.problem.grid_of(number)
         segment = self.problem.segments[number]
         record = self.problem.records[segment.record]
         rate_hz = record.sampling_rate_hz
@@ -103,9 +107,7 @@ class Band:
         unseen = frozenset(rate for rate in rates if lowest_hz > 0.5 * rate)
         return self if unseen == self.unseen else replace(self, unseen=unseen)
 
-    def steps(
-        self, values: dict[str, float], *, slopes: bool
-    ) -> dict[tuple[float, float], Step] | None:
+    def steps(self, values: dict[str, float], *, slopes: bool) -> dict[tuple[float, float], Step] | None:
         """Return the network's steps by sampling interval and fraction.
 
         None where a state grows beyond all numbers over its segment, as Euler's may.
