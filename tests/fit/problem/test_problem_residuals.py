@@ -50,7 +50,7 @@ def test_records_in_time_keep_their_samples_and_count_their_freedom():
 
 
 def test_transforms_of_long_runs_are_let_go_of_and_made_again(monkeypatch):
-    """The inputs' after the response of a record was asked for, and all of an idle problem; its cost stays to the bit."""
+    """The inputs' after a prediction, and all of an idle problem; its cost stays to the bit."""
     for module in ("bins.segments", "problem.bin_problem"):
         monkeypatch.setattr(f"vibrident.fit.{module}.MOST_KEPT", 100)
     problem = BinProblem.build(simulated().records, MODEL, method("bandlimited"), "acceleration", P)

@@ -1,4 +1,4 @@
-"""A record's residual and slopes at the bins of its transform, for a covariance by its own spectrum."""
+"""A record's residual and slopes at its bins, for a covariance by its own spectrum."""
 
 from __future__ import annotations
 

@@ -295,18 +295,21 @@ def _at_bins(
     seen = Motion(bins, float(used.sum()), last, power_of(transfer) * colour, colour, _harmonics(n, turns, count))
     beside = nuisance if pull is None else np.concatenate([nuisance, columns])  # a misfit of the tone is no noise
     floor = (np.finfo(float).eps * float(np.max(np.abs(record.response[span])))) ** 2
-    tones, weight = (), one_sided
+    tones: tuple[float, ...] = ()
+    weight = one_sided
     hum = np.zeros((0, count), dtype=complex)
     for _ in range(2):  # what hum and steep noise leak is no noise
         left = freed(rest, np.concatenate([beside, hum]), weight)
         spectrum = noise_spectrum(left, seen, floor)
         if not (spectrum.tones or is_steep(spectrum)):
             break
-        tones, weight = with_tones(tones, spectrum.tones), one_sided / spectrum.psd
+        tones = with_tones(tones, spectrum.tones)
+        weight = one_sided / spectrum.psd
         hum = np.asarray(fft.rfft(waves(tones, n) * used, axis=1))[:, :count]
     if pull is None and evidence.model.is_linear:
         share = spectrum.input_noise_at * power_of(transfer) / spectrum.psd
-        columns = columns + _slopes(evidence, estimate, share * left, transfer, hz)
+        likelier = np.asarray(share * left, dtype=complex)
+        columns = columns + _slopes(evidence, estimate, likelier, transfer, hz)
     nuisance = np.concatenate([nuisance, hum])
     if pull is not None:
         # less the tone itself, whose leakage is above the noise of the reference in all bins, and hides it in none; and

@@ -90,7 +90,7 @@ def weighed_segments(in_noise: InNoise, z: FloatArray, coordinates: Coordinates)
 
 
 def weighed_series(number: int, record: Record, predicted: FloatArray) -> Weighed | None:
-    """Return a record by its predicted response, NaN where it is not defined; None of too few samples.
+    """Return a record by its predicted response, NaN where not defined; None of too few samples.
 
     Beside an offset, a drift and hum; of a network that runs in time nothing else is known.
     """

@@ -90,7 +90,7 @@ def read_weighting(
         band: the segments.
         places: the groups at the iterate.
         heard: samples, and bins at which motion shows, by number of the segment. Elsewhere what a residual has
-            in common with the reference is noise of that.
+            in common with the reference is noise of that. None: where the response is loud.
     """
     floors = band.problem.noise_floor**2
     spectra: dict[int, NoiseSpectrum] = {}

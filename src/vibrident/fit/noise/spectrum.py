@@ -17,8 +17,8 @@ class NoiseSpectrum:
 
     Attributes:
         psd: noise at each bin, shape (K,).
-        input_noise: σx² if it is significant, in squares of the residual's unit per |H|²; else zero.
-        input_noise_at: the same at each bin, with its colour: its share of the level there, shape (K,).
+        input_noise: σx² if significant, in squares of the residual's unit per |H|²; else zero.
+        input_noise_at: the same at each bin, with its colour and level there, shape (K,).
         doubt: σx² that may be left beside it (95 %) at each bin, shape (K,).
         excited: weight of each bin, shape (K,): zero where noise of the reference alone could
             explain the prediction.
@@ -37,7 +37,13 @@ class NoiseSpectrum:
     @classmethod
     def each(cls, noise: GroupNoise) -> list[NoiseSpectrum]:
         """Return the noise of each record of a group."""
-        rows = noise.psd, noise.input_noise.tolist(), noise.input_noise_at, noise.doubt, noise.excited
+        rows = (
+            noise.psd,
+            noise.input_noise.tolist(),
+            noise.input_noise_at,
+            noise.doubt,
+            noise.excited,
+        )
         return [cls(*row) for row in zip(*rows, noise.tones, noise.free.tolist(), strict=True)]
 
 
@@ -51,7 +57,7 @@ class Motion:
         last: bins from here on are not looked at.
         through: g |H|², shape (K,); None where it is not known.
         colour: g, power of the reference's own noise over its mean, one or shape (K,).
-        lines: bins whose remainder is the motion's, and no hum, shape (K,); None of none but its own.
+        lines: bins whose remainder is the motion's, and no hum, shape (K,); None: its own alone.
     """
 
     predicted: ComplexArray
