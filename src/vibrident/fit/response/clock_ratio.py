@@ -40,6 +40,7 @@ FIRST_SAMPLES = 1 << 11  # in which the search begins
 LAST_SAMPLES = 1 << 17  # beyond which the valley is so narrow that the fit goes on by itself
 MAX_CANDIDATES = 256  # of valleys that look alike, as in the first of several shocks
 FINER = 8  # points of the interpolation between two samples; the search needs no better one
+MIN_SAMPLES = 8  # of a response at another clock; else the record keeps its own
 
 
 def clock_offset(records: Sequence[Record]) -> float:
@@ -83,18 +84,21 @@ def at_reference_clock(record: Record, offset: float) -> Record:
     Args:
         record: its response is read at intervals 1 + ``offset`` times those of the reference.
         offset: ε.
+
+    Returns:
+        the record; itself where less than ``MIN_SAMPLES`` samples would be left of it.
     """
     if record.reference is None or offset == 0.0:
         return record
     reach, n = lost(1.0), record.samples
     first = int(np.ceil(reach * (1.0 + offset)))
     last = min(n, int(np.floor((n - 1 - reach) * (1.0 + offset))) + 1)
-    if last - first < 8:
-        return record
     positions = np.arange(first, last) / (1.0 + offset)
     spoilt = np.concatenate([[0], np.cumsum(~record.mask)])
     near = np.floor(positions).astype(int)
     valid = spoilt[np.minimum(near + reach + 1, n)] == spoilt[np.maximum(near - reach, 0)]
+    if np.count_nonzero(valid) < MIN_SAMPLES:
+        return record
     of_reference = None
     if record.reference_valid is not None or not record.mask.all():
         of_reference = record.reference_mask[first:last]
