@@ -5,7 +5,7 @@ import pytest
 from numpy import fft
 
 import vibrident
-from vibrident.data.records import Calibration, Quantity, Record
+from vibrident.data.records import Calibration, Excitation, Quantity, Record
 from vibrident.fit.group.band import Band
 from vibrident.fit.group.network import evaluate
 from vibrident.fit.problem.bin_problem import BinProblem
@@ -33,7 +33,7 @@ def motion_of(kind: str, frequency_hz: np.ndarray, rng: np.random.Generator) -> 
     return bins
 
 
-def recorded(kind: str, quantity: Quantity, noise: float, seed: int) -> Calibration:
+def recorded(kind: Excitation, quantity: Quantity, noise: float, seed: int) -> Calibration:
     """A quarter of a motion that recurs later, so that the record's ends do not meet."""
     rng = np.random.default_rng(seed)
     whole = 4 * SAMPLES
@@ -54,8 +54,9 @@ def test_the_network_behind_an_average_gives_its_response() -> None:
     given = recorded("random", "acceleration", 0.0, 1)
     problem = BinProblem.build(given.records, parse(MODEL), method("bandlimited"), "acceleration", TRUTH)
     (group,) = Band(problem, np.inf).groups
-    step = Band(problem, np.inf).steps(TRUTH, slopes=False)[group.step]
-    rows = evaluate(group, step, group.grid.counts[None])
+    steps = Band(problem, np.inf).steps(TRUTH, slopes=False)
+    assert steps is not None
+    rows = evaluate(group, steps[group.step], group.grid.counts[None])
     left = np.sum(group.grid.counts * np.abs(rows.residual) ** 2)
     assert left < 1e-12 * np.sum(group.grid.counts * np.abs(group.response) ** 2)
 
@@ -70,7 +71,9 @@ def test_its_slope_is_that_of_inputs_made_anew() -> None:
         values = TRUTH | {"boxcar_length": length}
         here = band.at_factors_of(values)
         (group,) = here.groups
-        return evaluate(group, here.steps(values, slopes=slopes)[group.step], group.grid.counts[None])
+        steps = here.steps(values, slopes=slopes)
+        assert steps is not None
+        return evaluate(group, steps[group.step], group.grid.counts[None])
 
     length = TRUTH["boxcar_length"]
     change = 1e-4 * length
@@ -84,7 +87,7 @@ def test_its_slope_is_that_of_inputs_made_anew() -> None:
 
 @pytest.mark.parametrize("quantity", list(DIVIDED))
 @pytest.mark.parametrize("kind", ["random", "shock", "multisine"])
-def test_a_digital_average_is_found_by_any_motion(kind: str, quantity: Quantity) -> None:
+def test_a_digital_average_is_found_by_any_motion(kind: Excitation, quantity: Quantity) -> None:
     result = vibrident.identify(recorded(kind, quantity, 1e-3, 3))
     assert result.estimator == "ipnn"
     assert not set(result.warning_codes) - {"weakly_determined"}
