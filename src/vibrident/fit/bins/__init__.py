@@ -15,7 +15,9 @@ from __future__ import annotations
 from vibrident.fit.bins.normal import Batch, BinNormal, SegmentNormals, Step, add_batch, residual_and_jacobian
 from vibrident.fit.bins.record import BinsAt, RecordBins, without_offset
 from vibrident.fit.bins.segments import (
+    Drive,
     Segment,
+    driven_by,
     hum_of,
     seen_by_network,
     segment_of,
@@ -31,6 +33,7 @@ __all__ = [
     "BinNormal",
     "BinsAt",
     "DiscreteTransfer",
+    "Drive",
     "RecordBins",
     "Segment",
     "SegmentNormals",
@@ -39,6 +42,7 @@ __all__ = [
     "Trained",
     "add_batch",
     "add_series",
+    "driven_by",
     "hum_of",
     "residual_and_jacobian",
     "seen_by_network",

@@ -10,6 +10,7 @@ z − 1, not of z: where the sensor is slow against the sampling rate, all its p
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -68,12 +69,15 @@ class Trained:
         method: the discretisation.
         quantity: what the reference is.
         terms: inputs a step, q.
+        factor_values: parameters of the factors that are not rational, by name, at which the
+            reference was taken. The inputs' derivatives with each are inputs, too.
     """
 
     model: SensorModel
     method: Method
     quantity: Quantity
     terms: int
+    factor_values: Mapping[str, float]
 
     @property
     def order(self) -> int:
@@ -96,8 +100,16 @@ class Trained:
         return self.method.weights(system, interval_s, fraction, self.terms)
 
     def transfer(self, values: dict[str, Any], interval_s: float, fraction: float, delay_s: float) -> DiscreteTransfer:
-        """Transfer function of a step; arguments as of :meth:`weights`."""
-        return transfer_of(self.weights(values, interval_s, fraction, delay_s))
+        """Return the transfer function of a step; arguments as of :meth:`weights`.
+
+        The response is linear in how far the factors' parameters are from those of the inputs.
+        """
+        rational = transfer_of(self.weights(values, interval_s, fraction, delay_s))
+        moves = [np.asarray(values[name] - at) for name, at in self.factor_values.items()]
+        if not moves:
+            return rational
+        slopes = [move[..., None, None] * rational.numerator for move in moves]
+        return rational._replace(numerator=np.concatenate([rational.numerator, *slopes], axis=-1))
 
     def jacobian(
         self, values: dict[str, float], interval_s: float, fraction: float, delay_s: float

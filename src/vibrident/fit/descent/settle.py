@@ -113,7 +113,8 @@ class _Objective:
     last: tuple[FloatArray, Iterate] | None = None
 
     def __call__(self, z: FloatArray, _: None = None) -> _Quadratic:
-        at = iterate(self.band, self.coordinates, self.weights, z)
+        band = self.band.at_factors_of(self.coordinates.values(z))
+        at = iterate(band, self.coordinates, self.weights, z)
         self.last = z, at
         return _Quadratic(at.cost, at.gradient, information(at))
 
@@ -175,13 +176,13 @@ def descend(
     Raises:
         NotConverged: V is not finite at z.
     """
-    for _ in range(MAX_MOVES):
+    for move in range(MAX_MOVES):
         objective = _Objective(band, coordinates, weighting.of_groups(band))
         trace = levenberg_marquardt(objective, z, None, tolerance=tolerance, progress=progress)
         z = trace.last
         at = objective.at(z)
         moved = band.at_delay_of(coordinates.values(z))
-        if moved is band:
+        if moved is band or move == MAX_MOVES - 1:
             break
         band = moved
     return Descended(band, coordinates, trace, at)

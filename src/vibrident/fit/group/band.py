@@ -96,6 +96,11 @@ class Band:
         moved = self.problem.at_delay_of(values)
         return self if moved is self.problem else replace(self, problem=moved)
 
+    def at_factors_of(self, values: Mapping[str, float]) -> Band:
+        """Return the same with inputs behind the factors of ``values``, over the same samples."""
+        moved = self.problem.at_factors_of(values)
+        return self if moved is self.problem else replace(self, problem=moved)
+
     def beside_ringing(self, values: Mapping[str, float]) -> Band:
         """Return the same where free motion is seen as ``values`` say; itself where that is so."""
         lowest_hz = self.problem.lowest_ringing_hz(dict(values))

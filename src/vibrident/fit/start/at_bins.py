@@ -204,12 +204,15 @@ class _Search:
         values = coordinates.values(z)
         slopes = coordinates.slopes(z)[:, None]
         delay_s = self.band.problem.frame.delay_s
+        model = self.band.model
         trained = self.band.problem.trained
+        trained = replace(trained, factor_values={name: values[name] for name in model.factor_names})
         matrix = np.zeros((len(z), len(z)))
         gradient = np.zeros(len(z))
         cost = 0.0
         with np.errstate(all="ignore"):
-            for rows in every:
+            for told in every:
+                rows = self._behind(told, values)
                 at = values, *rows.bins.step, delay_s
                 step = Step(trained.transfer(*at), trained.jacobian(*at))
                 if not np.all(np.isfinite(step.transfer.denominator)):
@@ -230,6 +233,7 @@ class _Search:
         trials = [trial for values in places for trial in (values, *({**values, name: 1.0} for name in model.shares))]
         names = list(trials[0])
         late = {spec.name: problem.frame.delay_s for spec in model.parameters if spec.kind == "time"}
+        late |= problem.frame.factor_values
         trained = problem.trained
         if trained.method.takes_many:
             many: dict[str, Any] = {name: np.array([trial[name] for trial in trials]) for name in names}
@@ -239,6 +243,19 @@ class _Search:
             steps = [Step(trained.transfer(trial | late, *step, problem.frame.delay_s)) for trial in trials]
         width = 1 + len(model.shares)
         return [steps[begin : begin + width] for begin in range(0, len(steps), width)]
+
+    def _behind(self, rows: CoarseRows, values: Mapping[str, float]) -> CoarseRows:
+        """Return rows whose inputs are behind the factors of ``values``, as if the motion recurred."""
+        frame = self.band.problem.frame
+        if not frame.factor_values:
+            return rows
+        model = frame.model
+        over = 1.0 / model.factors(frame.factor_values, rows.frequency_hz)
+        slopes = model.factor_slopes(values, rows.frequency_hz)
+        factors = [model.factors(values, rows.frequency_hz), *(slopes[name] for name in frame.factor_values)]
+        plain = rows.bins.inputs[:, : frame.terms]
+        inputs = np.concatenate([plain * (factor * over)[:, None] for factor in factors], axis=1)
+        return replace(rows, bins=replace(rows.bins, inputs=inputs))
 
     def _differ(self, values: Mapping[str, float], others: Mapping[str, float], names: Mapping[str, float]) -> bool:
         specs = {spec.name: spec for spec in self.band.model.parameters}
@@ -258,7 +275,8 @@ class _Search:
         trials = range(1 + len(model.shares))
         forced: list[list[ComplexArray]] = []
         measured: list[ComplexArray] = []
-        for rows, networks in zip(self.rows, steps, strict=True):
+        for told, networks in zip(self.rows, steps, strict=True):
+            rows = self._behind(told, values)
             if not all(np.all(np.isfinite(each.transfer.denominator)) for each in networks):
                 return None
             if not self.band.problem.frame.method.is_exact and not all(
