@@ -115,14 +115,6 @@ def evaluate(group: Bins, step: Step, weight: FloatArray) -> Rows:
     return Rows(residual, predicted, forced, jacobian, nuisances)
 
 
-def forced_response(group: Bins, step: Step) -> tuple[ComplexArray, ComplexArray]:
-    """Return the forced response, shape (R, K), and the nuisance columns, shape (R, m, K)."""
-    over = 1.0 / horner(step.transfer.denominator, group.shifted)
-    states = _states(group.shifted, over, len(step.transfer.denominator) - 1)
-    forced = _driven(group, step.transfer.numerator[None], over)
-    return group.where_used(forced)[:, 0], _nuisances(group, states, over)
-
-
 def _nuisances(group: Bins, states: ComplexArray, over: ComplexArray) -> ComplexArray:
     """Return the nuisance columns of every segment, the states first, shape (R, m, K)."""
     columns = [states, group.unmoved]

@@ -20,6 +20,7 @@ from vibrident.base.fft_lengths import fast_length
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.bins.transfer import DiscreteTransfer
 from vibrident.fit.group.band import Band
+from vibrident.fit.group.group import in_parts
 from vibrident.fit.group.network import Step, evaluate, products
 from vibrident.fit.noise.averages import windowed
 from vibrident.fit.optimise import levenberg_marquardt
@@ -45,8 +46,6 @@ MAX_PLACES = 500
 REFINED = 12
 ROUGH = 0.5
 MAX_EVALUATIONS = 15
-#: Places whose networks are made at once.
-AT_ONCE = 256
 #: A delay is looked for at so many places a period of the highest frequency.
 PER_PERIOD = 8
 #: Of delays that differ by a factor of two, the longer must fit better by this part: a record that
@@ -148,14 +147,9 @@ class _Search:
     def best(self, places: Sequence[Mapping[str, float]], most: int) -> list[Candidate]:
         """Return the best and most different of places, the best first."""
         neutral = _neutral(self.band.model, self.band_hz)
-        scored: list[Candidate] = []
-        for begin in range(0, len(places), AT_ONCE):
-            some = [neutral | dict(place) for place in places[begin : begin + AT_ONCE]]
-            networks = [self._networks(some, rows.bins.step) for rows in self.rows]
-            for number, values in enumerate(some):
-                candidate = self._scored(values, [each[number] for each in networks])
-                if candidate is not None:
-                    scored.append(candidate)
+        tried = [neutral | dict(place) for place in places]
+        bins = sum(rows.weight.size for rows in self.rows)
+        scored = [each for some in in_parts(len(tried), bins) for each in self._scored(tried[some])]
         scored.sort(key=lambda each: each.cost)
         chosen: list[Candidate] = []
         for each in scored:
@@ -223,8 +217,12 @@ class _Search:
                 cost += float(products(residual, residual)[0, 0])
         return Local(matrix, gradient, cost)
 
-    def _networks(self, places: Sequence[dict[str, float]], step: tuple[float, float]) -> list[list[Step]]:
-        """Return the networks of places: without what shares multiply, and with each of it."""
+    def _networks(self, places: Sequence[dict[str, float]], step: tuple[float, float]) -> DiscreteTransfer:
+        """Return the networks of G places: without what T − 1 shares multiply, and with each of it.
+
+        Returns:
+            In leading axes (G, T).
+        """
         model = self.band.model
         problem = self.band.problem
         trials = [trial for values in places for trial in (values, *({**values, name: 1.0} for name in model.shares))]
@@ -234,11 +232,11 @@ class _Search:
         if trained.method.takes_many:
             many: dict[str, Any] = {name: np.array([trial[name] for trial in trials]) for name in names}
             both = trained.transfer(many | late, *step, problem.frame.delay_s)
-            steps = [Step(DiscreteTransfer(*pair)) for pair in zip(*both, strict=True)]
         else:
-            steps = [Step(trained.transfer(trial | late, *step, problem.frame.delay_s)) for trial in trials]
-        width = 1 + len(model.shares)
-        return [steps[begin : begin + width] for begin in range(0, len(steps), width)]
+            steps = [trained.transfer(trial | late, *step, problem.frame.delay_s) for trial in trials]
+            both = DiscreteTransfer(*(np.stack(parts) for parts in zip(*steps, strict=True)))
+        shape = len(places), 1 + len(model.shares)
+        return DiscreteTransfer(*(part.reshape(*shape, *part.shape[1:]) for part in both))
 
     def _differ(self, values: Mapping[str, float], others: Mapping[str, float], names: Mapping[str, float]) -> bool:
         specs = {spec.name: spec for spec in self.band.model.parameters}
@@ -249,73 +247,88 @@ class _Search:
                 return True
         return False
 
-    def _scored(self, values: dict[str, float], steps: Sequence[list[Step]]) -> Candidate | None:
-        """Return a place with the best gain, shares and delay; None where it is not finite.
-
-        ``steps``: the networks of each sampling rate, as of :meth:`_networks`.
-        """
+    def _scored(self, places: Sequence[dict[str, float]]) -> list[Candidate]:
+        """Return places with the best gain, shares and delay; without those that are not finite."""
         model = self.band.model
-        trials = range(1 + len(model.shares))
-        forced: list[list[ComplexArray]] = []
-        measured: list[ComplexArray] = []
-        for rows, networks in zip(self.rows, steps, strict=True):
-            if not all(np.all(np.isfinite(each.transfer.denominator)) for each in networks):
-                return None
-            if not self.band.problem.frame.method.is_exact and not all(
-                self.band.is_stable(each.transfer.denominator, rows.bins.step) for each in networks
-            ):
-                return None
-            own: list[ComplexArray] = []
-            for network in networks:
-                response, nuisances = rows.forced(network)
-                own.append(response)
-            own[1:] = [each - own[0] for each in own[1:]]
-            freed = rows.freed(np.stack([rows.bins.response, *own], axis=1), nuisances)
-            measured.append(freed[:, 0])
-            forced.append([freed[:, 1 + place] for place in trials])
-        late = 0.0
-        if model.has_delay:
-            late = self._late([each[0] for each in forced], measured)
-        gram = np.zeros((len(trials), len(trials)))
-        right = np.zeros(len(trials))
-        power = 0.0
-        for rows, columns, response in zip(self.rows, forced, measured, strict=True):
-            turned = response * np.exp(2j * np.pi * late * rows.frequency_hz)
-            stack = np.stack([each.reshape(-1) for each in columns])
-            gram += (stack.conj() @ stack.T).real
-            right += (stack.conj() @ turned.reshape(-1)).real
-            power += float(np.sum(power_of(response)))
-        scale = np.sqrt(np.diag(gram))
-        if not np.all(np.isfinite(gram)) or not np.all(scale > 0.0):
-            return None
-        amounts = np.linalg.lstsq(gram / np.outer(scale, scale), right / scale, rcond=1e-10)[0]
-        cost = power - float(amounts @ (right / scale))
-        amounts = amounts / scale
-        if amounts[0] == 0.0:
-            return None
-        found = {**values, model.gain_name: float(amounts[0])}
-        for name, amount in zip(model.shares, amounts[1:].tolist(), strict=True):
-            found[name] = amount / float(amounts[0])
-        for spec in model.parameters:
-            if spec.kind == "time":
-                found[spec.name] = late + float(self.band.problem.frame.delay_s)
-        return Candidate(cost, found)
+        networks = [self._networks(places, rows.bins.step) for rows in self.rows]
+        stay = [self._stay_finite(*pair) for pair in zip(self.rows, networks, strict=True)]
+        usable = np.flatnonzero(np.all(stay, axis=0))
+        networks = [DiscreteTransfer(*(part[usable] for part in network)) for network in networks]
+        freed = [rows.freed(network) for rows, network in zip(self.rows, networks, strict=True)]
+        late = self._late(freed) if model.has_delay else np.zeros(len(usable))
+        gram, right, power = self._sums(freed, late)
+        scale = np.sqrt(np.diagonal(gram, axis1=1, axis2=2))
+        finite = np.all(np.isfinite(gram), axis=(1, 2)) & np.all(scale > 0.0, axis=1)
+        usable, late, gram, right, power, scale = (each[finite] for each in (usable, late, gram, right, power, scale))
+        right = right / scale
+        inverse = np.linalg.pinv(gram / scale[:, :, None] / scale[:, None], rcond=1e-10, hermitian=True)
+        amounts = (inverse @ right[:, :, None])[:, :, 0]
+        costs = power - np.sum(amounts * right, axis=1)
+        amounts /= scale
+        late += float(self.band.problem.frame.delay_s)
+        scored: list[Candidate] = []
+        for number, cost, (gain, *others), delay_s in zip(
+            usable.tolist(), costs.tolist(), amounts.tolist(), late.tolist(), strict=True
+        ):
+            if gain == 0.0:
+                continue
+            values = places[number] | {model.gain_name: gain}
+            values |= {name: amount / gain for name, amount in zip(model.shares, others, strict=True)}
+            values |= {spec.name: delay_s for spec in model.parameters if spec.kind == "time"}
+            scored.append(Candidate(cost, values))
+        return scored
 
-    def _late(self, forced: Sequence[ComplexArray], measured: Sequence[ComplexArray]) -> float:
-        """Return the delay at which the response agrees best with the forced one, s."""
+    def _stay_finite(self, rows: CoarseRows, networks: DiscreteTransfer) -> BoolArray:
+        """Return which places have networks whose states stay finite, shape (G,)."""
+        usable = np.all(np.isfinite(networks.denominator), axis=(1, 2))
+        if not self.band.problem.frame.method.is_exact:
+            for place in np.flatnonzero(usable).tolist():
+                each = networks.denominator[place]
+                usable[place] = all(self.band.is_stable(denominator, rows.bins.step) for denominator in each)
+        return usable
+
+    def _sums(
+        self, freed: Sequence[tuple[ComplexArray, ComplexArray]], late: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the products of forced responses with each other and with the response at a delay, and its power.
+
+        Args:
+            freed: response and forced responses at the bins of each sampling rate.
+            late: of each place, s, shape (G,).
+
+        Returns:
+            Shapes (G, T, T), (G, T) and (G,).
+        """
+        gram, right, power = 0.0, 0.0, 0.0
+        for rows, (response, forced) in zip(self.rows, freed, strict=True):
+            if self.band.model.has_delay:
+                response = response * np.exp(2j * np.pi * late[:, None] * rows.frequency_hz[:, None])
+            added = forced[:, :, 1:] - forced[:, :, :1]
+            columns = np.concatenate([forced[:, :, :1], added], axis=2)
+            gram = gram + np.sum(products(columns, columns), axis=0)
+            right = right + np.sum(products(columns, response[:, :, None]), axis=0)[..., 0]
+            power = power + np.sum(power_of(response), axis=(0, 2))
+        return np.asarray(gram), np.asarray(right), np.asarray(power)
+
+    def _late(self, freed: Sequence[tuple[ComplexArray, ComplexArray]]) -> FloatArray:
+        """Return the delay of each place at which the response agrees best with the first forced one, s, (G,)."""
         low, high = self.band_hz
         reach = max(2.0 / max(high - low, 1e-3 * high), 4.0 * self.rows[0].bins.step[0])
         count = int(np.ceil(reach * high * PER_PERIOD))
         late = np.arange(-count, count + 1) / (PER_PERIOD * high)
-        sums = np.zeros(late.size)
-        for rows, response, predicted in zip(self.rows, measured, forced, strict=True):
-            common = (predicted.conj() * response).reshape(-1)
-            told = np.flatnonzero(power_of(common) > 0.0)
-            turns = np.exp(2j * np.pi * np.outer(late, rows.frequency_hz.reshape(-1)[told]))
-            sums += (turns @ common[told]).real
+        sums = np.zeros((freed[0][0].shape[1], late.size))
+        for rows, (response, forced) in zip(self.rows, freed, strict=True):
+            common = np.swapaxes(forced[:, :, 0].conj() * response, 0, 1).reshape(len(sums), -1)
+            told = np.flatnonzero(np.any(power_of(common) > 0.0, axis=0))
+            hz = rows.frequency_hz.reshape(-1)[told]
+            for some in in_parts(late.size, hz.size):
+                turns = np.exp(2j * np.pi * np.outer(late[some], hz))
+                sums[:, some] += (common[:, told] @ turns.T).real
+        agreement = np.abs(sums)
         whole = late + self.band.problem.frame.delay_s
-        best = int(np.argmax(preferred(np.abs(sums), whole * high)))
-        return float(late[best] + _beside(np.abs(sums), best) * (late[1] - late[0]))
+        best = np.argmax(preferred(agreement, whole * high), axis=1)
+        beside = [_beside(row, place) for row, place in zip(agreement, best.tolist(), strict=True)]
+        return np.asarray(late[best] + np.array(beside) * (late[1] - late[0]))
 
 
 def _beside(values: FloatArray, place: int) -> float:

@@ -13,9 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibrident.data.records import FloatArray
+from vibrident.fit.bins.transfer import DiscreteTransfer
 from vibrident.fit.group.band import Band
 from vibrident.fit.group.group import Bins, Group
-from vibrident.fit.group.network import Step, amounts_of, combined, forced_response
+from vibrident.fit.group.network import combined, products
+from vibrident.fit.information import inverse_where_shown
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import power_of
 from vibrident.fit.start.look import Look
@@ -42,14 +44,33 @@ class CoarseRows:
     weight: FloatArray
     frequency_hz: FloatArray
 
-    def freed(self, rows: ComplexArray, nuisances: ComplexArray) -> ComplexArray:
-        """Return rows (R, i, K) less what nuisance columns could imitate, times the root weight."""
-        rest = rows - combined(amounts_of(nuisances, rows, self.weight), nuisances)
-        return rest * np.sqrt(self.weight)[:, None]
+    def freed(self, networks: DiscreteTransfer) -> tuple[ComplexArray, ComplexArray]:
+        """Return response and forced responses, less what nuisance columns could imitate.
 
-    def forced(self, step: Step) -> tuple[ComplexArray, ComplexArray]:
-        """Return the forced response, shape (R, K), and nuisance columns, shape (R, m, K)."""
-        return forced_response(self.bins, step)
+        Args:
+            networks: of G places with T trials each, in leading axes (G, T); trials of a place have one denominator.
+
+        Returns:
+            Both times the root weight, shapes (R, G, K) and (R, G, T, K).
+        """
+        places, trials, powers = networks.numerator.shape[:3]
+        segments, bins = self.weight.shape
+        w = self.bins.shifted[:, None] ** np.arange(powers)[:, None]
+        over = 1.0 / combined(networks.denominator[:, 0], w)[:, :, None]
+        inputs = (w[:, :, None] * self.bins.inputs[:, None]).reshape(segments, -1, bins)
+        forced = combined(networks.numerator.reshape(places * trials, -1), inputs)
+        states = ((1.0 + self.bins.shifted[:, None]) * w[:, :-1])[:, None] * over
+        columns = [states, states * over] if self.bins.edges else [states]
+        every = [*columns, self.bins.unmoved[:, None], forced.reshape(segments, places, trials, bins) * over]
+        rows = np.concatenate([np.broadcast_to(each, (segments, places, *each.shape[2:])) for each in every], axis=2)
+        seen = self.bins.where_used(rows.reshape(segments, -1, bins)).reshape(rows.shape)
+        seen = seen * np.sqrt(self.weight)[:, None, None]
+        nuisances = seen[:, :, :-trials]
+        response = np.broadcast_to((self.bins.response * np.sqrt(self.weight))[:, None, None], rows[:, :, :1].shape)
+        rows = np.concatenate([response, seen[:, :, -trials:]], axis=2)
+        inverse = inverse_where_shown(products(nuisances, nuisances))
+        rows -= combined(products(rows, nuisances) @ inverse, nuisances)
+        return rows[:, :, 0], rows[:, :, 1:]
 
 
 def coarse_rows(band: Band, look: Look) -> list[CoarseRows]:
