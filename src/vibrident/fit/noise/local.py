@@ -14,6 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from vibrident.data.records import BoolArray, FloatArray
+from vibrident.fit.information import regular_inverse
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import power_of
 
@@ -21,6 +22,8 @@ from vibrident.fit.response.transform import power_of
 BLOCK_BINS = 24
 #: Degrees of a polynomial in a block, and one: a quadratic.
 DEGREES = 3
+#: Directions of which columns hold less than this part of the best explain nothing.
+SHOWN = 1e-10
 #: Chance that any block without motion counts as one with motion.
 FALSE_BLOCK = 1e-3
 #: Blocks on either side that a level is averaged over.
@@ -49,7 +52,8 @@ def incoherent_level(signal: ComplexArray, motions: Sequence[ComplexArray]) -> t
     inner = slice(1, 1 + blocks * width)
     rows = signal[:, inner].reshape(records, blocks, 1, width)
     leaks = np.broadcast_to(powers.astype(complex), (records, blocks, DEGREES, width))
-    rest, _ = _without(rows, leaks)
+    own, _ = np.linalg.qr(powers.T)
+    rest = rows - (rows @ own) @ own.T
     columns = [leaks]
     for motion in motions:
         shares = motion[:, inner].reshape(records, blocks, 1, width)
@@ -92,9 +96,14 @@ def _without(rows: ComplexArray, columns: ComplexArray) -> tuple[ComplexArray, F
     """Return rows (R, B, 1, w) less what columns (R, B, m, w) explain, and the number of these."""
     adjoint = np.conj(columns).swapaxes(-1, -2)
     gram = columns @ adjoint
-    values, vectors = np.linalg.eigh(gram)
-    shown = values > 1e-10 * np.max(values, axis=-1, keepdims=True)
-    inverse = np.where(shown, 1.0 / np.where(shown, values, 1.0), 0.0)
-    share = (rows @ adjoint) @ vectors
-    share = (share * inverse[..., None, :]) @ vectors.conj().swapaxes(-1, -2)
-    return rows - share @ columns, np.sum(shown, axis=-1).astype(float)
+    size = np.trace(gram, axis1=-2, axis2=-1).real
+    inverse, regular = regular_inverse(gram / np.where(size > 0.0, size, 1.0)[..., None, None], SHOWN)
+    inverse /= np.where(size > 0.0, size, 1.0)[..., None, None]
+    taken = np.full(size.shape, float(columns.shape[-2]))
+    if not np.all(regular):
+        values, vectors = np.linalg.eigh(gram[~regular])
+        shown = values > SHOWN * np.max(values, axis=-1, keepdims=True)
+        kept = np.where(shown, 1.0 / np.where(shown, values, 1.0), 0.0)
+        inverse[~regular] = (vectors * kept[..., None, :]) @ vectors.conj().swapaxes(-1, -2)
+        taken[~regular] = np.sum(shown, axis=-1)
+    return rows - ((rows @ adjoint) @ inverse) @ columns, taken
