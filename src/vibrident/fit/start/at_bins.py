@@ -205,7 +205,7 @@ class _Search:
         with np.errstate(all="ignore"):
             for rows in every:
                 at = values, *rows.bins.step, delay_s
-                step = Step(trained.transfer(*at), trained.jacobian(*at))
+                step = Step(*trained.with_slopes(*at))
                 if not np.all(np.isfinite(step.transfer.denominator)):
                     return Local(matrix, gradient, np.inf)
                 found = evaluate(rows.bins, step, rows.weight)
