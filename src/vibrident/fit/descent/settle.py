@@ -119,7 +119,7 @@ class _Objective:
 
     def at(self, z: FloatArray) -> Iterate:
         """Return the iterate at z."""
-        if self.last is None or self.last[0] is not z:
+        if self.last is None or not np.array_equal(self.last[0], z):
             self(z)
         assert self.last is not None
         return self.last[1]

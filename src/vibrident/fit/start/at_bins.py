@@ -148,8 +148,12 @@ class _Search:
         """Return the best and most different of places, the best first."""
         neutral = _neutral(self.band.model, self.band_hz)
         tried = [neutral | dict(place) for place in places]
+        networks = [self._networks(tried, rows.bins.step) for rows in self.rows]
         bins = sum(rows.weight.size for rows in self.rows)
-        scored = [each for some in in_parts(len(tried), bins) for each in self._scored(tried[some])]
+        scored: list[Candidate] = []
+        for some in in_parts(len(tried), bins):
+            here = [DiscreteTransfer(*(part[some] for part in network)) for network in networks]
+            scored += self._scored(tried[some], here)
         scored.sort(key=lambda each: each.cost)
         chosen: list[Candidate] = []
         for each in scored:
@@ -247,10 +251,14 @@ class _Search:
                 return True
         return False
 
-    def _scored(self, places: Sequence[dict[str, float]]) -> list[Candidate]:
-        """Return places with the best gain, shares and delay; without those that are not finite."""
+    def _scored(self, places: Sequence[dict[str, float]], networks: Sequence[DiscreteTransfer]) -> list[Candidate]:
+        """Return places with the best gain, shares and delay; without those that are not finite.
+
+        ``networks``: of these places at each sampling rate, as of :meth:`_networks`.
+        """
         model = self.band.model
-        networks = [self._networks(places, rows.bins.step) for rows in self.rows]
+        gain_name, shares = model.gain_name, model.shares
+        times = [spec.name for spec in model.parameters if spec.kind == "time"]
         stay = [self._stay_finite(*pair) for pair in zip(self.rows, networks, strict=True)]
         usable = np.flatnonzero(np.all(stay, axis=0))
         networks = [DiscreteTransfer(*(part[usable] for part in network)) for network in networks]
@@ -272,9 +280,8 @@ class _Search:
         ):
             if gain == 0.0:
                 continue
-            values = places[number] | {model.gain_name: gain}
-            values |= {name: amount / gain for name, amount in zip(model.shares, others, strict=True)}
-            values |= {spec.name: delay_s for spec in model.parameters if spec.kind == "time"}
+            values = places[number] | {gain_name: gain} | dict.fromkeys(times, delay_s)
+            values |= {name: amount / gain for name, amount in zip(shares, others, strict=True)}
             scored.append(Candidate(cost, values))
         return scored
 
