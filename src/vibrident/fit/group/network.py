@@ -92,7 +92,9 @@ def real_rows(rows: ComplexArray) -> FloatArray:
 
 def products(rows: ComplexArray, others: ComplexArray) -> FloatArray:
     """Return Re Σ rows* others over bins; (…, i, K) and (…, j, K) to (…, i, j)."""
-    return real_rows(rows) @ np.swapaxes(real_rows(others), -1, -2)
+    first = real_rows(rows)
+    second = first if others is rows else real_rows(others)
+    return first @ np.swapaxes(second, -1, -2)
 
 
 def combined(amounts: FloatArray, columns: ComplexArray) -> ComplexArray:

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.information import regular_inverse
@@ -81,14 +82,10 @@ def _among(level: FloatArray, moving: BoolArray) -> FloatArray:
     """Return the mean of each block and those around that are alike in ``moving``, shape (R, B)."""
     smooth = np.zeros_like(level)
     for alike in (moving, ~moving):
-        sums = [
-            sum(
-                np.pad(part, ((0, 0), (NEIGHBOURS, NEIGHBOURS)))[:, i : i + level.shape[1]]
-                for i in range(2 * NEIGHBOURS + 1)
-            )
-            for part in (level * alike, alike.astype(float))
-        ]
-        smooth += np.where(alike, np.asarray(sums[0]) / np.maximum(np.asarray(sums[1]), 1.0), 0.0)
+        padded = np.zeros((2, len(level), level.shape[1] + 2 * NEIGHBOURS))
+        padded[:, :, NEIGHBOURS:-NEIGHBOURS] = level * alike, alike
+        total, number = np.sum(sliding_window_view(padded, level.shape[1], axis=2), axis=2)
+        smooth += np.where(alike, total / np.maximum(number, 1.0), 0.0)
     return smooth
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy import fft
@@ -46,6 +46,8 @@ MAX_PLACES = 500
 REFINED = 12
 ROUGH = 0.5
 MAX_EVALUATIONS = 15
+#: Directions of which shares hold less than this part of the best add nothing.
+SHOWN = 1e-10
 #: A delay is looked for at so many places a period of the highest frequency.
 PER_PERIOD = 8
 #: Of delays that differ by a factor of two, the longer must fit better by this part: a record that
@@ -130,6 +132,20 @@ def _neutral(model: SensorModel, band_hz: tuple[float, float]) -> dict[str, floa
     return values
 
 
+class _Scores(NamedTuple):
+    """How well places of a grid suit.
+
+    Attributes:
+        cost: weighted sum of squares that each leaves, infinite where it has none, shape (G,).
+        amounts: the best gain, and what each share adds, shape (G, T).
+        late_s: the best delay, s, shape (G,).
+    """
+
+    cost: FloatArray
+    amounts: FloatArray
+    late_s: FloatArray
+
+
 @dataclass(frozen=True, eq=False)
 class _Search:
     """Compares places of a grid.
@@ -150,18 +166,27 @@ class _Search:
         tried = [neutral | dict(place) for place in places]
         networks = [self._networks(tried, rows.bins.step) for rows in self.rows]
         bins = sum(rows.weight.size for rows in self.rows)
-        scored: list[Candidate] = []
+        parts: list[_Scores] = []
         for some in in_parts(len(tried), bins):
             here = [DiscreteTransfer(*(part[some] for part in network)) for network in networks]
-            scored += self._scored(tried[some], here)
-        scored.sort(key=lambda each: each.cost)
+            parts.append(self._scored(here))
+        scores = _Scores(*(np.concatenate(each) for each in zip(*parts, strict=True)))
         chosen: list[Candidate] = []
-        for each in scored:
-            if len(chosen) == most:
+        for number in np.argsort(scores.cost, kind="stable").tolist():
+            if len(chosen) == most or not np.isfinite(scores.cost[number]):
                 break
-            if all(self._differ(each.values, other.values, places[0]) for other in chosen):
-                chosen.append(each)
+            values = self._values(tried[number], scores.amounts[number], float(scores.late_s[number]))
+            if all(self._differ(values, other.values, places[0]) for other in chosen):
+                chosen.append(Candidate(float(scores.cost[number]), values))
         return chosen
+
+    def _values(self, place: Mapping[str, float], amounts: FloatArray, late_s: float) -> dict[str, float]:
+        """Return the parameters of a place by name, with its gain, shares and delay."""
+        model = self.band.model
+        gain, *others = amounts.tolist()
+        times = [spec.name for spec in model.parameters if spec.kind == "time"]
+        shares = {name: amount / gain for name, amount in zip(model.shares, others, strict=True)}
+        return {**place, model.gain_name: gain, **shares, **dict.fromkeys(times, late_s)}
 
     def refined(self, front: Sequence[Candidate]) -> list[Candidate]:
         """Return where places lead at the coarse bins, the best first."""
@@ -251,39 +276,38 @@ class _Search:
                 return True
         return False
 
-    def _scored(self, places: Sequence[dict[str, float]], networks: Sequence[DiscreteTransfer]) -> list[Candidate]:
-        """Return places with the best gain, shares and delay; without those that are not finite.
+    def _scored(self, networks: Sequence[DiscreteTransfer]) -> _Scores:
+        """Return how well some places suit, with the best gain, shares and delay.
 
         ``networks``: of these places at each sampling rate, as of :meth:`_networks`.
         """
-        model = self.band.model
-        gain_name, shares = model.gain_name, model.shares
-        times = [spec.name for spec in model.parameters if spec.kind == "time"]
         stay = [self._stay_finite(*pair) for pair in zip(self.rows, networks, strict=True)]
         usable = np.flatnonzero(np.all(stay, axis=0))
-        networks = [DiscreteTransfer(*(part[usable] for part in network)) for network in networks]
-        freed = [rows.freed(network) for rows, network in zip(self.rows, networks, strict=True)]
-        late = self._late(freed) if model.has_delay else np.zeros(len(usable))
-        gram, right, power = self._sums(freed, late)
-        scale = np.sqrt(np.diagonal(gram, axis1=1, axis2=2))
-        finite = np.all(np.isfinite(gram), axis=(1, 2)) & np.all(scale > 0.0, axis=1)
-        usable, late, gram, right, power, scale = (each[finite] for each in (usable, late, gram, right, power, scale))
-        right = right / scale
-        inverse = np.linalg.pinv(gram / scale[:, :, None] / scale[:, None], rcond=1e-10, hermitian=True)
-        amounts = (inverse @ right[:, :, None])[:, :, 0]
-        costs = power - np.sum(amounts * right, axis=1)
-        amounts /= scale
-        late += float(self.band.problem.frame.delay_s)
-        scored: list[Candidate] = []
-        for number, cost, (gain, *others), delay_s in zip(
-            usable.tolist(), costs.tolist(), amounts.tolist(), late.tolist(), strict=True
-        ):
-            if gain == 0.0:
-                continue
-            values = places[number] | {gain_name: gain} | dict.fromkeys(times, delay_s)
-            values |= {name: amount / gain for name, amount in zip(shares, others, strict=True)}
-            scored.append(Candidate(cost, values))
-        return scored
+        places, trials = networks[0].denominator.shape[:2]
+        scores = _Scores(np.full(places, np.inf), np.zeros((places, trials)), np.zeros(places))
+        freed = [
+            rows.freed(DiscreteTransfer(*(part[usable] for part in network)))
+            for rows, network in zip(self.rows, networks, strict=True)
+        ]
+        if self.band.model.has_delay:
+            scores.late_s[usable] = late = self._late(freed)
+            for rows, each in zip(self.rows, freed, strict=True):
+                each[:, :, -1] *= np.exp(2j * np.pi * late[:, None] * rows.frequency_hz[:, None])
+        normal = np.zeros((len(usable), trials + 1, trials + 1))
+        for each in freed:
+            each[:, :, 1:-1] -= each[:, :, :1]
+            normal += np.sum(products(each, each), axis=0)
+        scale = np.sqrt(np.diagonal(normal, axis1=1, axis2=2)[:, :-1])
+        finite = np.all(np.isfinite(normal), axis=(1, 2)) & np.all(scale > 0.0, axis=1)
+        usable, normal, scale = usable[finite], normal[finite], scale[finite]
+        right = normal[:, :-1, -1] / scale
+        gram = normal[:, :-1, :-1] / scale[:, :, None] / scale[:, None]
+        amounts = (np.linalg.pinv(gram, rcond=SHOWN, hermitian=True) @ right[:, :, None])[:, :, 0]
+        cost = normal[:, -1, -1] - np.sum(amounts * right, axis=1)
+        scores.cost[usable] = np.where(amounts[:, 0] != 0.0, cost, np.inf)
+        scores.amounts[usable] = amounts / scale
+        scores.late_s[:] += float(self.band.problem.frame.delay_s)
+        return scores
 
     def _stay_finite(self, rows: CoarseRows, networks: DiscreteTransfer) -> BoolArray:
         """Return which places have networks whose states stay finite, shape (G,)."""
@@ -294,38 +318,15 @@ class _Search:
                 usable[place] = all(self.band.is_stable(denominator, rows.bins.step) for denominator in each)
         return usable
 
-    def _sums(
-        self, freed: Sequence[tuple[ComplexArray, ComplexArray]], late: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the products of forced responses with each other and with the response at a delay, and its power.
-
-        Args:
-            freed: response and forced responses at the bins of each sampling rate.
-            late: of each place, s, shape (G,).
-
-        Returns:
-            Shapes (G, T, T), (G, T) and (G,).
-        """
-        gram, right, power = 0.0, 0.0, 0.0
-        for rows, (response, forced) in zip(self.rows, freed, strict=True):
-            if self.band.model.has_delay:
-                response = response * np.exp(2j * np.pi * late[:, None] * rows.frequency_hz[:, None])
-            added = forced[:, :, 1:] - forced[:, :, :1]
-            columns = np.concatenate([forced[:, :, :1], added], axis=2)
-            gram = gram + np.sum(products(columns, columns), axis=0)
-            right = right + np.sum(products(columns, response[:, :, None]), axis=0)[..., 0]
-            power = power + np.sum(power_of(response), axis=(0, 2))
-        return np.asarray(gram), np.asarray(right), np.asarray(power)
-
-    def _late(self, freed: Sequence[tuple[ComplexArray, ComplexArray]]) -> FloatArray:
+    def _late(self, freed: Sequence[ComplexArray]) -> FloatArray:
         """Return the delay of each place at which the response agrees best with the first forced one, s, (G,)."""
         low, high = self.band_hz
         reach = max(2.0 / max(high - low, 1e-3 * high), 4.0 * self.rows[0].bins.step[0])
         count = int(np.ceil(reach * high * PER_PERIOD))
         late = np.arange(-count, count + 1) / (PER_PERIOD * high)
-        sums = np.zeros((freed[0][0].shape[1], late.size))
-        for rows, (response, forced) in zip(self.rows, freed, strict=True):
-            common = np.swapaxes(forced[:, :, 0].conj() * response, 0, 1).reshape(len(sums), -1)
+        sums = np.zeros((freed[0].shape[1], late.size))
+        for rows, each in zip(self.rows, freed, strict=True):
+            common = np.swapaxes(each[:, :, 0].conj() * each[:, :, -1], 0, 1).reshape(len(sums), -1)
             told = np.flatnonzero(np.any(power_of(common) > 0.0, axis=0))
             hz = rows.frequency_hz.reshape(-1)[told]
             for some in in_parts(late.size, hz.size):

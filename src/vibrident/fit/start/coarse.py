@@ -44,33 +44,35 @@ class CoarseRows:
     weight: FloatArray
     frequency_hz: FloatArray
 
-    def freed(self, networks: DiscreteTransfer) -> tuple[ComplexArray, ComplexArray]:
-        """Return response and forced responses, less what nuisance columns could imitate.
+    def freed(self, networks: DiscreteTransfer) -> ComplexArray:
+        """Return forced responses and response, less what nuisance columns could imitate, times the root weight.
 
         Args:
             networks: of G places with T trials each, in leading axes (G, T); trials of a place have one denominator.
 
         Returns:
-            Both times the root weight, shapes (R, G, K) and (R, G, T, K).
+            The forced responses, and the response last, shape (R, G, T + 1, K).
         """
-        places, trials, powers = networks.numerator.shape[:3]
+        places, trials = networks.denominator.shape[:2]
+        powers = networks.denominator.shape[2]
         segments, bins = self.weight.shape
         w = self.bins.shifted[:, None] ** np.arange(powers)[:, None]
         over = 1.0 / combined(networks.denominator[:, 0], w)[:, :, None]
         inputs = (w[:, :, None] * self.bins.inputs[:, None]).reshape(segments, -1, bins)
         forced = combined(networks.numerator.reshape(places * trials, -1), inputs)
         states = ((1.0 + self.bins.shifted[:, None]) * w[:, :-1])[:, None] * over
-        columns = [states, states * over] if self.bins.edges else [states]
-        every = [*columns, self.bins.unmoved[:, None], forced.reshape(segments, places, trials, bins) * over]
-        rows = np.concatenate([np.broadcast_to(each, (segments, places, *each.shape[2:])) for each in every], axis=2)
-        seen = self.bins.where_used(rows.reshape(segments, -1, bins)).reshape(rows.shape)
-        seen = seen * np.sqrt(self.weight)[:, None, None]
-        nuisances = seen[:, :, :-trials]
-        response = np.broadcast_to((self.bins.response * np.sqrt(self.weight))[:, None, None], rows[:, :, :1].shape)
-        rows = np.concatenate([response, seen[:, :, -trials:]], axis=2)
-        inverse = inverse_where_shown(products(nuisances, nuisances))
-        rows -= combined(products(rows, nuisances) @ inverse, nuisances)
-        return rows[:, :, 0], rows[:, :, 1:]
+        nuisances = [states, self.bins.unmoved[:, None]]
+        if self.bins.edges:
+            nuisances.append(states * over)
+        own = [forced.reshape(segments, places, trials, bins) * over, self.bins.response[:, None, None]]
+        every = [np.broadcast_to(each, (segments, places, *each.shape[2:])) for each in (*nuisances, *own)]
+        rows = np.concatenate(every, axis=2)
+        rows = self.bins.where_used(rows.reshape(segments, -1, bins)).reshape(rows.shape)
+        rows *= np.sqrt(self.weight)[:, None, None]
+        normal = products(rows, rows)
+        count = sum(each.shape[2] for each in nuisances)
+        amounts = normal[:, :, count:, :count] @ inverse_where_shown(normal[:, :, :count, :count])
+        return rows[:, :, count:] - (amounts @ rows.view(float)[:, :, :count]).view(complex)
 
 
 def coarse_rows(band: Band, look: Look) -> list[CoarseRows]:
