@@ -161,6 +161,11 @@ class Descended:
         """Where it ended, shape (P,)."""
         return self.trace.last
 
+    @property
+    def values(self) -> dict[str, float]:
+        """The parameters there by name."""
+        return self.coordinates.values(self.z)
+
 
 def descend(
     band: Band,

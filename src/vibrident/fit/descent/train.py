@@ -165,7 +165,7 @@ class _Begun:
         wider = with_model_error(_without_model(here, there), self.best, self.count)
         seen = _Seen(here, replace(there, weights=_weights(here, wider)))
         rough = _descended(evidence, seen, wider, seen.places, progress, every=True)
-        begins = [end.coordinates.values(end.z) for end in rough]
+        begins = _different(rough)
         more_ends = _descended(evidence, self.seen, self.weighting, begins, progress, every=True)
         return replace(self, ends=[*self.ends, *more_ends])
 
@@ -173,12 +173,14 @@ class _Begun:
         """Go on to the estimate; with a model error where no descent explains the records."""
         explains = self.left < MISFIT
         begun = self
+        places = [] if explains else self.seen.places
         for _ in range(0 if explains else MODEL_ERROR_ROUNDS):
             best = begun.best
             wider = with_model_error(self.weighting, best, self.count)
-            begins = self.seen.starts([best.coordinates.values(best.z)])
+            begins = [best.values, *places]
             ends = _descended(evidence, self.seen, wider, begins, progress, every=True)
             begun = replace(self, ends=ends)
+            places = _different(ends)[1:]
         return settle(begun.ends, self.seen.look, self.weighting, progress, explains=explains)
 
 
@@ -285,6 +287,26 @@ def _descended(
     if not ends:
         raise reason
     return ends
+
+
+def _different(ends: Sequence[Descended]) -> list[dict[str, float]]:
+    """Return the values at the ends of descents, the best first, without those that are where a better one is.
+
+    A descent ends within a step of the bottom that would lower its cost by less than its tolerance, so two that end
+    at one bottom are apart by two such steps at most.
+    """
+    chosen: list[Descended] = []
+    for end in sorted(ends, key=lambda each: each.at.cost):
+        if not any(_apart(end, other) <= 4.0 * ROUGH for other in chosen):
+            chosen.append(end)
+    return [end.values for end in chosen]
+
+
+def _apart(end: Descended, other: Descended) -> float:
+    """Return the squared distance of two ends, in standard uncertainties of the other's coordinates."""
+    place = other.coordinates.place
+    step = place(end.values) - place(other.values)
+    return float(step @ other.at.matrix @ step)
 
 
 def _without_model(band: Band, look: Look) -> Weighting:
