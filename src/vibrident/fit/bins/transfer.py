@@ -111,10 +111,10 @@ class Trained:
         slopes = [move[..., None, None] * rational.numerator for move in moves]
         return rational._replace(numerator=np.concatenate([rational.numerator, *slopes], axis=-1))
 
-    def jacobian(
+    def with_slopes(
         self, values: dict[str, float], interval_s: float, fraction: float, delay_s: float
-    ) -> DiscreteTransfer:
-        """Derivatives of :meth:`transfer` with each parameter, in a leading axis of P, by complex step."""
+    ) -> tuple[DiscreteTransfer, DiscreteTransfer]:
+        """Return :meth:`transfer`, and its derivatives with each parameter in a leading axis of P, by complex step."""
         places = np.array(list(values.values()), dtype=float)
         steps = STEP * np.maximum(np.abs(places), 1e-30)
         moved = np.repeat(places[:, None].astype(complex), len(places), axis=1)
@@ -127,4 +127,7 @@ class Trained:
         else:
             many = self.transfer(dict(zip(values, moved, strict=True)), interval_s, fraction, delay_s)
         per = 1.0 / steps
-        return DiscreteTransfer(np.imag(many.denominator) * per[:, None], np.imag(many.numerator) * per[:, None, None])
+        slopes = DiscreteTransfer(
+            np.imag(many.denominator) * per[:, None], np.imag(many.numerator) * per[:, None, None]
+        )
+        return DiscreteTransfer(many.denominator[0].real, many.numerator[0].real), slopes

@@ -20,7 +20,7 @@ import numpy as np
 from vibrident.data.records import FloatArray
 from vibrident.fit.group.band import Band
 from vibrident.fit.group.group import Group
-from vibrident.fit.group.network import Rows, Step, amounts_of, combined, evaluate, products
+from vibrident.fit.group.network import Rows, Step, evaluate, products
 from vibrident.fit.problem.coordinates import Coordinates
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import power_of
@@ -102,7 +102,7 @@ class GroupAt:
         if weights.has_reference:
             toward = weights.reference * through.conj() * rows.residual / psd  # X̂ − X
             jacobian = jacobian + turns * toward[:, None]
-            jacobian -= combined(amounts_of(rows.nuisances, jacobian, weight), rows.nuisances)
+            jacobian -= rows.nuisances.imitated(jacobian)
             # |N|² of noise of the reference is its variance times the number of samples.
             alone = weight * group.grid.samples * weights.reference * weights.response / psd
             of_noise = products(turns * np.sum(alone, axis=0), turns)

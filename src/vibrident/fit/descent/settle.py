@@ -120,7 +120,7 @@ class _Objective:
 
     def at(self, z: FloatArray) -> Iterate:
         """Return the iterate at z."""
-        if self.last is None or self.last[0] is not z:
+        if self.last is None or not np.array_equal(self.last[0], z):
             self(z)
         assert self.last is not None
         return self.last[1]
@@ -161,6 +161,11 @@ class Descended:
     def z(self) -> FloatArray:
         """Where it ended, shape (P,)."""
         return self.trace.last
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The parameters there by name."""
+        return self.coordinates.values(self.z)
 
 
 def descend(

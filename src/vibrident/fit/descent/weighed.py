@@ -24,7 +24,7 @@ def weighed_records(settled: Settled) -> dict[int, Weighed]:
 
     Signals are in units of each record's noise. Of long records none: they are made again.
     """
-    size = sum(place.jacobian.size + place.rows.nuisances.size for place in settled.places)
+    size = sum(place.jacobian.size + place.rows.nuisances.columns.size for place in settled.places)
     if size > MAX_CARRIED:
         return {}
     problem = settled.band.problem
@@ -47,7 +47,7 @@ def _weighed(settled: Settled, place: GroupAt, row: int, number: int) -> Weighed
     unit = float(settled.deviation[owner])
     spectrum = settled.weighting.spectra[number]
     counts = grid.counts * grid.samples
-    nuisances = place.rows.nuisances[row]
+    nuisances = place.rows.nuisances.columns[row]
     predicted = place.rows.predicted[row] / unit
 
     def response(z: FloatArray) -> ComplexArray:

@@ -121,10 +121,10 @@ class Band:
             if group.step in steps:
                 continue
             at = values, *group.step, self.problem.frame.delay_s
-            transfer = trained.transfer(*at)
-            if not self.is_stable(transfer.denominator, group.step):
+            step = Step(*trained.with_slopes(*at)) if slopes else Step(trained.transfer(*at))
+            if not self.is_stable(step.transfer.denominator, group.step):
                 return None
-            steps[group.step] = Step(transfer, trained.jacobian(*at) if slopes else None)
+            steps[group.step] = step
         return steps
 
     def is_stable(self, denominator: FloatArray, kind: tuple[float, float]) -> bool:

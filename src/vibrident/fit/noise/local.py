@@ -12,8 +12,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from vibrident.data.records import BoolArray, FloatArray
+from vibrident.fit.information import regular_inverse
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import power_of
 
@@ -21,6 +23,8 @@ from vibrident.fit.response.transform import power_of
 BLOCK_BINS = 24
 #: Degrees of a polynomial in a block, and one: a quadratic.
 DEGREES = 3
+#: Directions of which columns hold less than this part of the best explain nothing.
+SHOWN = 1e-10
 #: Chance that any block without motion counts as one with motion.
 FALSE_BLOCK = 1e-3
 #: Blocks on either side that a level is averaged over.
@@ -49,7 +53,8 @@ def incoherent_level(signal: ComplexArray, motions: Sequence[ComplexArray]) -> t
     inner = slice(1, 1 + blocks * width)
     rows = signal[:, inner].reshape(records, blocks, 1, width)
     leaks = np.broadcast_to(powers.astype(complex), (records, blocks, DEGREES, width))
-    rest, _ = _without(rows, leaks)
+    own, _ = np.linalg.qr(powers.T)
+    rest = rows - (rows @ own) @ own.T
     columns = [leaks]
     for motion in motions:
         shares = motion[:, inner].reshape(records, blocks, 1, width)
@@ -77,14 +82,10 @@ def _among(level: FloatArray, moving: BoolArray) -> FloatArray:
     """Return the mean of each block and those around that are alike in ``moving``, shape (R, B)."""
     smooth = np.zeros_like(level)
     for alike in (moving, ~moving):
-        sums = [
-            sum(
-                np.pad(part, ((0, 0), (NEIGHBOURS, NEIGHBOURS)))[:, i : i + level.shape[1]]
-                for i in range(2 * NEIGHBOURS + 1)
-            )
-            for part in (level * alike, alike.astype(float))
-        ]
-        smooth += np.where(alike, np.asarray(sums[0]) / np.maximum(np.asarray(sums[1]), 1.0), 0.0)
+        padded = np.zeros((2, len(level), level.shape[1] + 2 * NEIGHBOURS))
+        padded[:, :, NEIGHBOURS:-NEIGHBOURS] = level * alike, alike
+        total, number = np.sum(sliding_window_view(padded, level.shape[1], axis=2), axis=2)
+        smooth += np.where(alike, total / np.maximum(number, 1.0), 0.0)
     return smooth
 
 
@@ -92,9 +93,14 @@ def _without(rows: ComplexArray, columns: ComplexArray) -> tuple[ComplexArray, F
     """Return rows (R, B, 1, w) less what columns (R, B, m, w) explain, and the number of these."""
     adjoint = np.conj(columns).swapaxes(-1, -2)
     gram = columns @ adjoint
-    values, vectors = np.linalg.eigh(gram)
-    shown = values > 1e-10 * np.max(values, axis=-1, keepdims=True)
-    inverse = np.where(shown, 1.0 / np.where(shown, values, 1.0), 0.0)
-    share = (rows @ adjoint) @ vectors
-    share = (share * inverse[..., None, :]) @ vectors.conj().swapaxes(-1, -2)
-    return rows - share @ columns, np.sum(shown, axis=-1).astype(float)
+    size = np.trace(gram, axis1=-2, axis2=-1).real
+    inverse, regular = regular_inverse(gram / np.where(size > 0.0, size, 1.0)[..., None, None], SHOWN)
+    inverse /= np.where(size > 0.0, size, 1.0)[..., None, None]
+    taken = np.full(size.shape, float(columns.shape[-2]))
+    if not np.all(regular):
+        values, vectors = np.linalg.eigh(gram[~regular])
+        shown = values > SHOWN * np.max(values, axis=-1, keepdims=True)
+        kept = np.where(shown, 1.0 / np.where(shown, values, 1.0), 0.0)
+        inverse[~regular] = (vectors * kept[..., None, :]) @ vectors.conj().swapaxes(-1, -2)
+        taken[~regular] = np.sum(shown, axis=-1)
+    return rows - ((rows @ adjoint) @ inverse) @ columns, taken

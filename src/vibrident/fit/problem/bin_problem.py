@@ -159,9 +159,7 @@ class BinProblem(NetworkProblem):
         """Transfer function of each kind of step, and its slopes with the physical parameters."""
         every = [(kind, (values, *kind, self.frame.delay_s)) for kind in self._all_kinds]
         network = self.trained
-        return self._kept(
-            "steps", values, lambda: {kind: (network.transfer(*at), network.jacobian(*at)) for kind, at in every}
-        )
+        return self._kept("steps", values, lambda: {kind: network.with_slopes(*at) for kind, at in every})
 
     def normal(self, z: FloatArray, coordinates: Coordinates, noise: FloatArray) -> BinNormal:
         """Normal equations at coordinates ``z``; ``noise``: standard deviation of each record, shape (records,)."""
