@@ -108,6 +108,19 @@ class GroupAt:
             of_noise = products(turns * np.sum(alone, axis=0), turns)
         return cls(group, rows, jacobian, through, turns, psd, weight, of_noise)
 
+    def told_by_all_bins(self) -> tuple[ComplexArray, ComplexArray]:
+        """Return residual and prediction with the nuisances that fit all bins best, shape (R, K).
+
+        Those of the fit are told by the bins that show motion. What these do not tell of the
+        initial states is no noise of the others.
+        """
+        rows = self.rows
+        weight = self.group.grid.counts / self.psd
+        more = amounts_of(rows.nuisances, rows.residual[:, None], weight)
+        residual = rows.residual - combined(more, rows.nuisances)[:, 0]
+        states = combined(more[:, :, : rows.order], rows.nuisances[:, : rows.order])[:, 0]
+        return residual, rows.predicted + states
+
 
 @dataclass(frozen=True, eq=False)
 class Iterate:

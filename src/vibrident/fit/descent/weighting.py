@@ -99,12 +99,12 @@ def read_weighting(band: Band, places: Sequence[GroupAt], heard: Mapping[int, tu
         group = at.group
         squares = power_of(at.through)
         colour = _colour(band, group)
-        residual = at.rows.residual.copy()
+        residual, predicted = at.told_by_all_bins()
         residual[:, 0] = np.abs(residual[:, 1])
         driven = group.grid.driven
         noise = read_noise(
             residual,
-            at.rows.predicted,
+            predicted,
             group.inputs[:, 0] if driven else None,
             squares * colour if driven else None,
             group.count,

@@ -46,6 +46,7 @@ class Rows:
         jacobian: ∂ predicted, initial states held, less what nuisance columns could imitate,
             shape (R, P, K); P is zero where no slopes were asked for.
         nuisances: nuisance columns, shape (R, m, K); the n initial states first.
+        order: number of states n.
     """
 
     residual: ComplexArray
@@ -53,6 +54,7 @@ class Rows:
     forced: ComplexArray
     jacobian: ComplexArray
     nuisances: ComplexArray
+    order: int
 
 
 def real_rows(rows: ComplexArray) -> FloatArray:
@@ -112,7 +114,7 @@ def evaluate(group: Bins, step: Step, weight: FloatArray) -> Rows:
                 jacobian[:, number] -= predicted * (horner(denominator, shifted) * over)
         jacobian = group.where_used(jacobian)
         jacobian -= combined(amounts_of(nuisances, jacobian, weight), nuisances)
-    return Rows(residual, predicted, forced, jacobian, nuisances)
+    return Rows(residual, predicted, forced, jacobian, nuisances, order)
 
 
 def forced_response(group: Bins, step: Step) -> tuple[ComplexArray, ComplexArray]:
