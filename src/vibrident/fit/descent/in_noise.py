@@ -108,6 +108,11 @@ class GroupAt:
             of_noise = products(turns * np.sum(alone, axis=0), turns)
         return cls(group, rows, jacobian, through, turns, psd, weight, of_noise)
 
+    @property
+    def numbers(self) -> FloatArray:
+        """Return the count of real numbers that V is a sum over, each by how much it counts, shape (R,)."""
+        return np.asarray(np.sum(self.weight * self.psd, axis=1)) * self.group.grid.samples
+
     def told_by_all_bins(self) -> tuple[ComplexArray, ComplexArray]:
         """Return residual and prediction with the nuisances that fit all bins best, shape (R, K).
 
@@ -120,6 +125,15 @@ class GroupAt:
         residual = rows.residual - combined(more, rows.nuisances)[:, 0]
         states = combined(more[:, :, : rows.order], rows.nuisances[:, : rows.order])[:, 0]
         return residual, rows.predicted + states
+
+
+def fitted_numbers(places: Sequence[GroupAt]) -> list[FloatArray]:
+    """Return the count of numbers that were fitted to the segments of each group, shape (R,) each.
+
+    Those are the amounts of a segment's nuisances, and its share of the parameters.
+    """
+    total = max(sum(float(np.sum(at.numbers)) for at in places), 1.0)
+    return [at.rows.nuisances.shape[1] + len(at.turns) / total * at.numbers for at in places]
 
 
 @dataclass(frozen=True, eq=False)

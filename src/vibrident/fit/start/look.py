@@ -83,7 +83,8 @@ def look_at(band: Band) -> Look:
         seen = _seen_in(group)
         heard = power_of(seen.response) > HEARD * seen.level
         if group.grid.driven:  # what leaks over from elsewhere is no motion
-            heard &= seen.moving | ~seen.told[:, None]
+            heard &= seen.moving
+            heard |= ~seen.told[:, None]  # all that is known of the noise is that it is no more than everything
         samples = group.grid.samples
         audible |= {n: (samples, row) for n, row in zip(group.segments, heard, strict=True)}
         levels |= zip(group.segments, seen.level, strict=True)
