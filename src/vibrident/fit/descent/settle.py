@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vibrident.data.records import FloatArray
-from vibrident.fit.descent.in_noise import GroupAt, GroupWeights, Iterate, iterate
+from vibrident.fit.descent.in_noise import GroupAt, GroupWeights, Iterate, fitted_numbers, iterate
 from vibrident.fit.descent.sandwich import width
 from vibrident.fit.descent.weighting import Weighting, read_weighting
 from vibrident.fit.group.band import Band
@@ -70,12 +70,7 @@ class Settled:
     @property
     def numbers(self) -> float:
         """Count of real numbers that V is a sum over, each by how much it counts."""
-        total = 0.0
-        for at in self.places:
-            grid = at.group.grid
-            excited = [self.weighting.spectra[number].excited for number in at.group.segments]
-            total += float(np.sum(grid.counts * grid.samples * np.stack(excited)))
-        return total
+        return sum(float(np.sum(at.numbers)) for at in self.places)
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,7 +256,8 @@ def _minus_log_likelihood(at: Iterate) -> float:
     total = 0.0
     for place in at.groups:
         counts = place.group.grid.counts * place.group.grid.samples
-        power = power_of(place.rows.residual) / place.group.count[:, None]
+        residual, _ = place.told_by_all_bins()
+        power = power_of(residual) / place.group.count[:, None]
         total += float(np.sum(counts * (power / place.psd + np.log(place.psd))))
     return total
 
@@ -285,7 +281,7 @@ def _stated(
     deviation = np.sqrt(floors)  # of a record that no segment reaches
     reference = np.zeros(len(floors))
     tones: list[tuple[float, ...]] = [()] * len(floors)
-    for place in at.groups:
+    for place, fitted in zip(at.groups, fitted_numbers(at.groups), strict=True):
         grid = place.group.grid
         around = width(grid.samples, 1 / 128)
         excited = np.stack([weighting.spectra[n].excited for n in place.group.segments])
@@ -297,6 +293,9 @@ def _stated(
         sums, of_weights = (
             np.stack([mean_around(row, around, NEAREST) for row in rows]) for rows in (power * excited, excited)
         )
+        # What was fitted is missing in the residual (MacKinnon & White 1985).
+        missing = place.numbers / np.maximum(place.numbers - fitted, 1.0)
+        sums *= missing[:, None]
         local = np.maximum(sums / np.maximum(of_weights, np.finfo(float).tiny), least)
         loud = place.weight * excited * local
         middle += np.sum(products(place.jacobian * loud[:, None], place.jacobian), axis=0)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vibrident.data.records import BoolArray, FloatArray
-from vibrident.fit.descent.in_noise import GroupAt, GroupWeights
+from vibrident.fit.descent.in_noise import GroupAt, GroupWeights, fitted_numbers
 from vibrident.fit.group.band import Band
 from vibrident.fit.group.group import Grid, Group
 from vibrident.fit.noise.reading import read_noise
@@ -95,16 +95,16 @@ def read_weighting(band: Band, places: Sequence[GroupAt], heard: Mapping[int, tu
     spectra: dict[int, NoiseSpectrum] = {}
     passed: dict[int, FloatArray] = {}
     samples: dict[int, int] = {}
-    for at in places:
+    for at, fitted in zip(places, fitted_numbers(places), strict=True):
         group = at.group
         squares = power_of(at.through)
         colour = _colour(band, group)
-        residual = at.rows.residual.copy()
+        residual, predicted = at.told_by_all_bins()
         residual[:, 0] = np.abs(residual[:, 1])
         driven = group.grid.driven
         noise = read_noise(
             residual,
-            at.rows.predicted,
+            predicted,
             group.inputs[:, 0] if driven else None,
             squares * colour if driven else None,
             group.count,
@@ -113,6 +113,7 @@ def read_weighting(band: Band, places: Sequence[GroupAt], heard: Mapping[int, tu
             colour,
             _heard_in(group, heard) if driven else None,
             at.through * group.inputs[:, 0] if driven else None,
+            fitted,
         )
         doubt = noise.doubt
         for row, number in enumerate(group.segments):

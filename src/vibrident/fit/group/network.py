@@ -76,6 +76,7 @@ class Rows:
         jacobian: ∂ predicted, initial states held, less what nuisance columns could imitate,
             shape (R, P, K); P is zero where no slopes were asked for.
         nuisances: nuisance columns.
+        order: number of states n.
     """
 
     residual: ComplexArray
@@ -83,6 +84,7 @@ class Rows:
     forced: ComplexArray
     jacobian: ComplexArray
     nuisances: Nuisances
+    order: int
 
 
 def real_rows(rows: ComplexArray) -> FloatArray:
@@ -128,7 +130,7 @@ def evaluate(group: Bins, step: Step, weight: FloatArray) -> Rows:
                 jacobian[:, number] -= predicted * (horner(denominator, shifted) * over)
         jacobian = group.where_used(jacobian)
         jacobian -= nuisances.imitated(jacobian)
-    return Rows(residual, predicted, forced, jacobian, nuisances)
+    return Rows(residual, predicted, forced, jacobian, nuisances, order)
 
 
 def _nuisances(group: Bins, states: ComplexArray, over: ComplexArray) -> ComplexArray:

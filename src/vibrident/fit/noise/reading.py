@@ -48,6 +48,8 @@ DOUBT_DEVIATIONS = 2.0
 MIN_LEVEL_BINS = 16
 #: A bin this many times above its surroundings is no chance: one of 10⁹ white ones is.
 OUTSTANDING_RATIO = 20.0
+#: Bins of which nothing was fitted, where there is one level: a number at least.
+MIN_FREE_BINS = 0.5
 #: Powers behind a level at least: of fewer, rounding is left.
 MIN_COUNT = 0.05
 #: Bins on either side that are the nearest.
@@ -104,6 +106,7 @@ class _Rows(NamedTuple):
     floor: FloatArray
     heard: BoolArray | None
     passed: ComplexArray
+    fitted: FloatArray
 
 
 class _InputNoise(NamedTuple):
@@ -147,6 +150,7 @@ def read_noise(
     colour: FloatArray | float = 1.0,
     heard: BoolArray | None = None,
     passed: ComplexArray | None = None,
+    fitted: FloatArray | None = None,
 ) -> GroupNoise:
     """Read the noise of records of one length and rate.
 
@@ -163,6 +167,7 @@ def read_noise(
             alone what is coherent with the motion is no noise. None: where the response is loud.
         passed: H times the reference, bin by bin, shape (R, K); None: that is the prediction. With
             initial states in it, what leaks into both would cancel, and leave the noise.
+        fitted: count of numbers that were fitted to each record, shape (R,); None: none.
     """
     records, bins = residual.shape
     last = max(min(last, bins - 1), 1)
@@ -179,6 +184,7 @@ def read_noise(
             floor[part, None],
             None if heard is None else heard[part],
             (predicted if passed is None else passed)[part],
+            (np.zeros(records) if fitted is None else fitted)[part, None],
         )
         parts.append(read(rows, last, colour))
     if len(parts) == 1:
@@ -192,7 +198,8 @@ def read_noise(
 def _read_one_level(rows: _Rows, last: int, colour: FloatArray | float) -> GroupNoise:
     """Read one level of each record, as of few bins no more can be read."""
     shape = rows.residual.shape
-    level = np.mean(power_of(rows.residual[:, 1 : last + 1]), axis=1, keepdims=True) / rows.count
+    squares = np.sum(power_of(rows.residual[:, 1 : last + 1]), axis=1, keepdims=True)
+    level = squares / (np.maximum(last - 0.5 * rows.fitted, MIN_FREE_BINS) * rows.count)
     psd = np.broadcast_to(np.maximum(level, rows.floor), shape)
     none = _no_input_noise(len(psd))
     if rows.through is not None:
