@@ -161,7 +161,7 @@ class _Begun:
         Bins of very little noise lead a model that does not suit them astray: they are told less.
         """
         # A factor that is zero at a frequency tells nothing there of other values.
-        here = self.best.band.at_factors_of(self.band.problem.frame.factor_values)
+        here = self.best.band.at_factors_of(self.seen.band.problem.frame.factor_values)
         there = look_at(here)
         wider = with_model_error(_without_model(here, there), self.best, self.count)
         seen = _Seen(here, replace(there, weights=_weights(here, wider)))
