@@ -149,7 +149,9 @@ class SmoothColumns:
         middles = 1.0 + width * (np.arange(blocks) + 0.5)
         every = np.arange(rows.shape[1])
         levels = np.stack([np.exp(np.interp(every, middles, own)) for own in log])
-        return levels, moving[:, np.clip((every - 1) // width, 0, blocks - 1)]
+        bins = np.zeros(rows.shape, dtype=bool)
+        bins[:, 1 : 1 + blocks * width] = np.repeat(moving, width, axis=1)
+        return levels, bins
 
 
 def _inner(rows: ComplexArray, others: ComplexArray) -> float:
