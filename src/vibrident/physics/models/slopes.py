@@ -52,7 +52,8 @@ def response_and_slopes(
 def _moved(model: SensorModel, values: Mapping[str, Any]) -> tuple[dict[str, Any], FloatArray]:
     """Each parameter moved by its own imaginary step: values of shape (parameters, …, 1), and one over the steps."""
     names = model.parameter_names
-    places = np.array([np.atleast_1d(values[name]) for name in names], dtype=float)
+    places = np.array([values[name] for name in names], dtype=float)
+    places = places.reshape(len(names), *(places.shape[1:] or (1,)))
     steps = STEP * (np.abs(places) + (places == 0.0))
     moved = np.repeat(places[:, None].astype(complex), len(names), axis=1)
     each = np.arange(len(names))
