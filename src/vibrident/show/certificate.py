@@ -23,7 +23,7 @@ from vibrident.show.formulas import Mixed
 from vibrident.show.history import date_of
 from vibrident.show.issue import GROUPS, NOTHING_MORE, Issue, missing
 from vibrident.show.language import ENGLISH, Say
-from vibrident.show.numbers import plain, printed, reference_unit, sensor_name
+from vibrident.show.numbers import plain, printed, reference_quantity, reference_unit, sensor_name
 from vibrident.show.points import measured_band
 from vibrident.show.setting_tables import budget
 from vibrident.show.views import (
@@ -143,7 +143,7 @@ def groups(result: Result, say: Say = ENGLISH) -> tuple[Facts, ...]:
         if name != "air_pressure" or stated.get("air_pressure_hpa") is not None:
             conditions.append((say("label", f"{name}_{suffix}"), _ambient(stated, name, suffix, unit)))
     unit = pretty(reference_unit(result))
-    quantity = say.each(lambda one: one("text", "in_unit", quantity=one.known(result.quantity), unit=unit))
+    quantity = say.each(lambda one: one("text", "in_unit", quantity=one.known(reference_quantity(result)), unit=unit))
     method = [
         *always("procedure"),
         *given("deviations", "external_results"),

@@ -26,6 +26,7 @@ from vibrident.show.numbers import (
     printed,
     sensitivity_scale,
     stated,
+    unit_of_sensitivity,
     with_u,
 )
 from vibrident.show.points import Point, nominal_points, reference_point
@@ -236,7 +237,7 @@ def adjustment(result: Result, before: Result | None, say: Say = ENGLISH) -> Tab
     found: list[tuple[str, Parameter, Parameter]] = []
     first, last = (reference_point(one)[0] for one in (before, result))
     if first is not None and last is not None:
-        unit = f"{result.response_unit}/({result.reference.get('unit') or 'm/s^2'})"
+        unit = unit_of_sensitivity(result)
         one, other = (Parameter(p.magnitude, unit, p.magnitude_uncertainty, (None, None)) for p in (first, last))
         found.append((say.each(lambda each: f"{each('label', 'magnitude')}, {last.nominal} Hz"), one, other))
     for name, after in result.parameters.items():
