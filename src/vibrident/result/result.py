@@ -51,6 +51,9 @@ if TYPE_CHECKING:
     from vibrident.result.sensor import IdentifiedSensor
 
 
+TRACKED = "tracked"  # the estimator of a result that follows a sensor after its calibration
+
+
 @dataclass(frozen=True)
 class Result(Part):
     """The outcome of one identification. See DESIGN's contract for each field's meaning.
@@ -199,6 +202,11 @@ class Result(Part):
     def quantity(self) -> str:
         """What the sensitivities are per; acceleration where it is not stated."""
         return self.sensitivity_per.get("quantity", "acceleration")
+
+    @property
+    def is_tracked(self) -> bool:
+        """Whether the values follow a sensor after its calibration, and are none themselves."""
+        return self.estimator == TRACKED
 
     @property
     def has_gain(self) -> bool:

@@ -73,7 +73,13 @@ def certificate(result: Result, issue: Issue = NOTHING_MORE) -> Document:
         part("remarks", *map(Sentence, remarks(result))),
         section("signatures", "", Signatures(signatures(result, say))),
     ]
-    head = (*_draft(result, say), *scatter_only(result, say), *_amendment(result, say), Beside(groups(result, say)))
+    head = (
+        *_draft(result, say),
+        *((Sentence(say("text", "tracked")),) if result.is_tracked else ()),
+        *scatter_only(result, say),
+        *_amendment(result, say),
+        Beside(groups(result, say)),
+    )
     return replace(
         document(title(result, say), head, sections),
         letterhead=letterhead(result, say, issue.logo),
@@ -84,7 +90,13 @@ def certificate(result: Result, issue: Issue = NOTHING_MORE) -> Document:
 
 
 def title(result: Result, say: Say = ENGLISH) -> str:
-    """What the document is: a certificate states an uncertainty of the sensor, not of the scatter alone."""
+    """Return what the document is.
+
+    A certificate is of a calibration, and states an uncertainty of the sensor, not of the scatter
+    alone.
+    """
+    if result.is_tracked:
+        return say("title", "tracking")
     return say("title", "report" if unstated(result) else "certificate")
 
 
@@ -181,7 +193,7 @@ def _ambient(stated: Mapping[str, Any], name: str, suffix: str, unit: str) -> st
 
 def _band(result: Result, say: Say) -> str:
     band, total = measured_band(result), len(result.measured.frequency_hz)
-    if band is None:
+    if band is None or not total:
         return say("text", "no_points")
     low, high = (f"{end:.5g}" for end in band)
     return say("text", "point" if total == 1 else "points", low=low, high=high, count=total)
@@ -203,7 +215,9 @@ def statements(result: Result, say: Say = ENGLISH) -> tuple[str, ...]:
         Mixed(say.each(lambda one: f"{one('text', 'covers')} {sources(one)}.")) if covers else "",
         say("text", "reference", percent=plain(100.0 * relative, 3)) if relative else "",
         say("text", "cmc") if result.settings.get("cmc") else "",
-        say.each(lambda one: f"{one('text', verdict)} {tables.worst(result.measured, one)}".strip()),
+        ""
+        if result.is_tracked
+        else say.each(lambda one: f"{one('text', verdict)} {tables.worst(result.measured, one)}".strip()),
         tables.small_signals(result),
         say("text", "unstated") if unknown or np.isnan(result.response.magnitude_uncertainty).any() else "",
         say("text", "no_reproduction"),

@@ -29,7 +29,7 @@ from vibrident.show.numbers import (
     unit_of_sensitivity,
     with_u,
 )
-from vibrident.show.points import Point, nominal_points, reference_point
+from vibrident.show.points import Point, measured_band, nominal_points, reference_point
 from vibrident.show.setting_tables import point_budget
 from vibrident.show.views import Column, Fact, Facts, Figure, K, Sentence, Table, columns, listed
 from vibrident.use.conformity import DEVIATION, Judged, judged
@@ -58,7 +58,7 @@ def reference(result: Result, say: Say = ENGLISH) -> Facts:
         asked = result.certificate.get("reference_frequency_hz")
         reason = say.known(why)
         reason = Words(f"{reason[:1].upper()}{reason[1:]}.")
-        if asked is not None:
+        if asked is not None and measured_band(result) is not None:
             reason = say("text", "outside", frequency=f"{asked:.6g}")
         return Facts(((label, None), (say("label", "reason"), reason)))
     scale = sensitivity_scale(result)
@@ -188,8 +188,9 @@ def conformity(result: Result, say: Say = ENGLISH) -> tuple[Table | Sentence, ..
     """
     if not result.certificate.get("requirements"):
         return ()
-    if unstated(result):
-        return (Sentence(say("text", "no_conformity")),)
+    if unstated(result) or result.is_tracked:
+        why = "tracked_conformity" if result.is_tracked else "no_conformity"
+        return (Sentence(say("text", why)),)
     point, _ = reference_point(result)
     place = None if point is None else (point.magnitude, point.magnitude_uncertainty)
     rows = [_judged(result, one, say) for one in judged(result, None if point is None else point.frequency_hz, place)]
@@ -205,7 +206,11 @@ def _judged(result: Result, row: Judged, say: Say) -> tuple[str, ...]:
     if row.quantity == DEVIATION:
         point, _ = reference_point(result)
         place = "" if point is None else point.nominal
-        name = say("text", "deviation", reference=place, frequency=f"{row.frequency_hz or math.nan:.5g}")
+        if row.frequency_hz is None:
+            name = say("text", "deviation_nowhere", reference=place or NONE)
+        else:
+            frequency = f"{row.frequency_hz:.5g}"
+            name = say("text", "deviation", reference=place, frequency=frequency)
         factor, unit = 1.0, "%"
     else:
         scale = parameter_scale(result, result.parameters[row.quantity])

@@ -30,9 +30,12 @@ class Point:
 
 
 def measured_band(result: Result) -> tuple[float, float] | None:
-    """Lowest and highest frequency, Hz, common to the data and the model's curve; None if they do not overlap."""
+    """Return the lowest and highest frequency, Hz, common to the data and the model's curve.
+
+    None if they do not overlap. The band of a tracked result is that of its calibration's curve.
+    """
     measured, curve = result.measured.frequency_hz, result.response.frequency_hz
-    measured = measured[measured > 0.0]
+    measured = curve if result.is_tracked else measured[measured > 0.0]
     if measured.size == 0 or curve.size == 0:
         return None
     low, high = float(max(measured.min(), curve.min())), float(min(measured.max(), curve.max()))

@@ -61,6 +61,14 @@ def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
 
 
 def _check(result: Result, options: Options) -> None:
+    if result.is_tracked:
+        raise InputError(
+            "A tracked result is no calibration, so it has no calibration certificate.",
+            expected="the result of a calibration",
+            found="a result of ⟦command = track⟧",
+            where="result.json, estimator",
+            remedy="export the result that the tracking began with",
+        )
     stated = result.certificate
     missing = [f"[certificate] {key}" for key in _NEEDED if _blank(stated.get(key))]
     if all(_blank(stated.get(key)) for key in ("approved_by", "operator")):

@@ -22,6 +22,7 @@ from vibrident.fit.uncertainty.budget import (
     DATA,
     BudgetRow,
     as_settings,
+    covered_kinds,
     effective_degrees_of_freedom,
     point_budget,
     rows_of_effects,
@@ -140,8 +141,7 @@ def _kinds_covered(rows: Sequence[BudgetRow], table: ResponseTable | None) -> li
     kinds = {row.kind for row in rows}
     if table is not None and table.magnitude_uncertainty is not None:
         kinds |= {"gain"} if table.phase_uncertainty_rad is None else {"gain", "phase"}
-    parts = {"noise": {DATA}, "gain": {"gain"}, "phase": {"phase", "timing"}}
-    return [name for name, of in parts.items() if kinds & of]
+    return covered_kinds(kinds)
 
 
 def _curves(fitted: Fitted, covariance: FloatArray) -> tuple[Curve, MeasuredCurve]:
