@@ -17,7 +17,8 @@ from vibrident.base.amounts import pretty
 from vibrident.result import Result
 from vibrident.show import certificate_tables as parts
 from vibrident.show import tables
-from vibrident.show.coverage import coverage, parameter_factor, scatter_only, unstated
+from vibrident.show.certified import RAISED, REJECTED, certified
+from vibrident.show.coverage import coverage, document_kind, not_certified, parameter_factor
 from vibrident.show.findings import findings
 from vibrident.show.formulas import Mixed
 from vibrident.show.history import date_of
@@ -45,9 +46,14 @@ _SENSOR = ("manufacturer", "type", "serial_number")
 
 
 def certificate(result: Result, issue: Issue = NOTHING_MORE) -> Document:
-    """Everything that a certificate states of a result, to be signed."""
+    """Return everything that a certificate states of a result, to be signed."""
     say = Say.of(result)
-    nominal = parts.sensitivity(result, say) or Sentence(say("text", "no_nominal"))
+    kind = title(result, say)
+    unstated_sources = not_certified(result, say)
+    result = certified(result)
+    rejected = bool(result.settings.get(REJECTED))
+    no_model = Sentence(say("text", "rejected" if rejected else "no_nominal"))
+    nominal = parts.sensitivity(result, say) or no_model
     stated = result.certificate
 
     def part(name: str, *blocks: Block | None) -> Section:
@@ -64,7 +70,7 @@ def certificate(result: Result, issue: Issue = NOTHING_MORE) -> Document:
         part("adjustment", parts.adjustment(result, issue.before, say)),
         part("sensitivity", nominal),
         part("curve", parts.curve(result, say)),
-        part("parameters", parts.parameters(result, say)),
+        part("parameters", None if rejected else parts.parameters(result, say)),
         part("temperature", parts.temperature(result, say)),
         part("budget", budget(result, say), *parts.point_budgets(result, say)),
         part("data", parts.files(result, say)),
@@ -76,12 +82,12 @@ def certificate(result: Result, issue: Issue = NOTHING_MORE) -> Document:
     head = (
         *_draft(result, say),
         *((Sentence(say("text", "tracked")),) if result.is_tracked else ()),
-        *scatter_only(result, say),
+        *unstated_sources,
         *_amendment(result, say),
         Beside(groups(result, say)),
     )
     return replace(
-        document(title(result, say), head, sections),
+        document(kind, head, sections),
         letterhead=letterhead(result, say, issue.logo),
         draft=say("title", "draft") if missing(result) else "",
         language=say.codes[0],
@@ -90,14 +96,8 @@ def certificate(result: Result, issue: Issue = NOTHING_MORE) -> Document:
 
 
 def title(result: Result, say: Say = ENGLISH) -> str:
-    """Return what the document is.
-
-    A certificate is of a calibration, and states an uncertainty of the sensor, not of the scatter
-    alone.
-    """
-    if result.is_tracked:
-        return say("title", "tracking")
-    return say("title", "report" if unstated(result) else "certificate")
+    """Return what the document is."""
+    return say("title", document_kind(result))
 
 
 def letterhead(result: Result, say: Say = ENGLISH, logo: bytes | None = None) -> Letterhead:
@@ -215,6 +215,7 @@ def statements(result: Result, say: Say = ENGLISH) -> tuple[str, ...]:
         Mixed(say.each(lambda one: f"{one('text', 'covers')} {sources(one)}.")) if covers else "",
         say("text", "reference", percent=plain(100.0 * relative, 3)) if relative else "",
         say("text", "cmc") if result.settings.get("cmc") else "",
+        say("text", "raised") if result.settings.get(RAISED) else "",
         ""
         if result.is_tracked
         else say.each(lambda one: f"{one('text', verdict)} {tables.worst(result.measured, one)}".strip()),

@@ -13,6 +13,7 @@ from vibrident.base.nominal import same
 from vibrident.physics.naming import parameter_name
 from vibrident.result import Parameter, Result
 from vibrident.show import figures, tables
+from vibrident.show.certified import stated_parameters
 from vibrident.show.coverage import parameter_factor, unstated
 from vibrident.show.curves import column
 from vibrident.show.formulas import Mixed, Words
@@ -29,7 +30,15 @@ from vibrident.show.numbers import (
     unit_of_sensitivity,
     with_u,
 )
-from vibrident.show.points import Point, measured_band, nominal_points, reference_point
+from vibrident.show.points import (
+    Point,
+    measured_at,
+    measured_band,
+    nominal_points,
+    reference_frequency,
+    reference_value,
+    sensitivity_at,
+)
 from vibrident.show.setting_tables import point_budget
 from vibrident.show.views import Column, Fact, Facts, Figure, K, Sentence, Table, columns, listed
 from vibrident.use.conformity import DEVIATION, Judged, judged
@@ -52,8 +61,11 @@ def instruments(result: Result, say: Say = ENGLISH) -> Table:
 
 def reference(result: Result, say: Say = ENGLISH) -> Facts:
     """The sensitivity at the reference frequency, and how that was chosen."""
-    point, why = reference_point(result)
+    chosen, why = reference_frequency(result)
     label = say("label", "reference_frequency_hz")
+    model = None if chosen is None else sensitivity_at(result, chosen)
+    found = None if chosen is None else measured_at(result, chosen)
+    point = found or model
     if point is None:
         asked = result.certificate.get("reference_frequency_hz")
         reason = say.known(why)
@@ -61,22 +73,31 @@ def reference(result: Result, say: Say = ENGLISH) -> Facts:
         if asked is not None and measured_band(result) is not None:
             reason = say("text", "outside", frequency=f"{asked:.6g}")
         return Facts(((label, None), (say("label", "reason"), reason)))
-    scale = sensitivity_scale(result)
-    magnitude, expanded = with_u(point.magnitude, point.magnitude_uncertainty, scale.factor)
     exact = same(float(point.nominal), point.frequency_hz)
 
-    def chosen(one: Say) -> str:
+    def choice(one: Say) -> str:
         at_exact = "" if exact else one("text", "computed_at", frequency=exact_frequency(point))
         return f"{point.nominal} Hz{at_exact}; {one.known(why)}"
 
-    rows: list[Fact] = [
-        (label, say.each(chosen)),
-        (say("label", "magnitude"), f"{magnitude} {scale.unit}{_bar(expanded, scale.unit)}"),
-    ]
+    rows: list[Fact] = [(label, say.each(choice))]
+    for one, source in ((found, "measured_value"), (model, "model_value")):
+        rows += [] if one is None else _reference_rows(result, one, source, say)
+    return Facts(tuple(rows))
+
+
+def _reference_rows(result: Result, point: Point, source: str, say: Say) -> list[Fact]:
+    """Return magnitude and phase at the reference frequency, measured or of the model."""
+
+    def label(key: str) -> Words:
+        return say.each(lambda one: f"{one('label', key)}, {one('text', source)}")
+
+    scale = sensitivity_scale(result)
+    magnitude, expanded = with_u(point.magnitude, point.magnitude_uncertainty, scale.factor)
+    rows: list[Fact] = [(label("magnitude"), f"{magnitude} {scale.unit}{_bar(expanded, scale.unit)}")]
     if point.phase_deg is not None:
         phase, phase_u = with_u(point.phase_deg, point.phase_deg_uncertainty, 1.0)
-        rows.append((say("label", "phase"), f"{phase}°{_bar(phase_u, '°')}"))
-    return Facts(tuple(rows))
+        rows.append((label("phase"), f"{phase}°{_bar(phase_u, '°')}"))
+    return rows
 
 
 def _bar(expanded: str, unit: str) -> str:
@@ -137,7 +158,8 @@ def measured(result: Result, say: Say = ENGLISH) -> Table | None:
 def curve(result: Result, say: Say = ENGLISH) -> Figure | None:
     """The picture of the sensitivity with symbols for words; None for a single frequency."""
     figure = figures.sensitivity(result)
-    if figure is None or len(result.response.frequency_hz) < 2:
+    curves = (result.response, result.measured)
+    if figure is None or max(len(curve.frequency_hz) for curve in curves) < 2:
         return None
     stacks = []
     for stack in figure.stacks:
@@ -147,12 +169,13 @@ def curve(result: Result, say: Say = ENGLISH) -> Figure | None:
             axes = replace(panel.x, label="f / Hz"), replace(panel.y, label=name)
             panels.append(replace(panel, x=axes[0], y=axes[1], series=series, title=""))
         stacks.append(replace(stack, panels=tuple(panels), title=""))
-    return replace(figure, title="", subject="", note="", stacks=tuple(stacks), caption=say("text", "caption"))
+    caption = say("text", "caption" if result.response.magnitude.size else "caption_measured")
+    return replace(figure, title="", subject="", note="", stacks=tuple(stacks), caption=caption)
 
 
 def parameters(result: Result, say: Say = ENGLISH) -> Table:
     """The parameter table without the columns that a certificate does not need."""
-    whole = tables.parameters(result)
+    whole = tables.parameters(stated_parameters(result))
     few = parameter_factor(result) != K
     names = ("parameter", "symbol", "value", "u", *(("k",) if few else ()), "U", "unit", "remark")
     kept = whole.select(tuple(whole.header.index(name) for name in names))
@@ -188,11 +211,12 @@ def conformity(result: Result, say: Say = ENGLISH) -> tuple[Table | Sentence, ..
     """
     if not result.certificate.get("requirements"):
         return ()
-    if unstated(result) or result.is_tracked:
+    if "gain" in unstated(result) or result.is_tracked:
         why = "tracked_conformity" if result.is_tracked else "no_conformity"
         return (Sentence(say("text", why)),)
-    point, _ = reference_point(result)
+    point = reference_value(result)
     place = None if point is None else (point.magnitude, point.magnitude_uncertainty)
+    result = stated_parameters(result)
     rows = [_judged(result, one, say) for one in judged(result, None if point is None else point.frequency_hz, place)]
     heads = [Column(say("head", key)) for key in ("requirement", "source")]
     heads += [Column(say("head", key), "number") for key in ("limits", "value")]
@@ -204,7 +228,7 @@ def conformity(result: Result, say: Say = ENGLISH) -> tuple[Table | Sentence, ..
 
 def _judged(result: Result, row: Judged, say: Say) -> tuple[str, ...]:
     if row.quantity == DEVIATION:
-        point, _ = reference_point(result)
+        point = reference_value(result)
         place = "" if point is None else point.nominal
         if row.frequency_hz is None:
             name = say("text", "deviation_nowhere", reference=place or NONE)
@@ -212,6 +236,8 @@ def _judged(result: Result, row: Judged, say: Say) -> tuple[str, ...]:
             frequency = f"{row.frequency_hz:.5g}"
             name = say("text", "deviation", reference=place, frequency=frequency)
         factor, unit = 1.0, "%"
+    elif row.quantity not in result.parameters:
+        name, factor, unit = say.known(parameter_name(row.quantity).words), 1.0, NONE
     else:
         scale = parameter_scale(result, result.parameters[row.quantity])
         name, factor, unit = say.known(parameter_name(row.quantity).words), scale.factor, scale.printed or "1"
@@ -240,7 +266,7 @@ def adjustment(result: Result, before: Result | None, say: Say = ENGLISH) -> Tab
     if before is None:
         return None
     found: list[tuple[str, Parameter, Parameter]] = []
-    first, last = (reference_point(one)[0] for one in (before, result))
+    first, last = (reference_value(one) for one in (before, result))
     if first is not None and last is not None:
         unit = unit_of_sensitivity(result)
         one, other = (Parameter(p.magnitude, unit, p.magnitude_uncertainty, (None, None)) for p in (first, last))

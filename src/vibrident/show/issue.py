@@ -28,7 +28,10 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
         *("relative_humidity_percent", "relative_humidity_uncertainty_percent"),
         *("air_pressure_hpa", "air_pressure_uncertainty_hpa"),
     ),
-    "method": ("procedure", "deviations", "traceability", "instruments", "external_results", "reference_frequency_hz"),
+    "method": (
+        *("procedure", "deviations", "traceability", "instruments", "external_results"),
+        *("reference_frequency_hz", "quantities"),
+    ),
     "conformity": ("requirements", "decision_rule"),
     "further": ("opinions", "remarks"),
 }

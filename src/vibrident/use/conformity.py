@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from vibrident.base.errors import unknown
+from vibrident.physics.models import installed
 from vibrident.result import Result
 
 Rule = Literal["simple", "guarded"]
@@ -74,6 +75,9 @@ def judged(result: Result, reference_hz: float | None, reference: tuple[float, f
                 rows = [_row(entry, "%", limits, math.nan, None, None, rule)]
             found.append(min(rows, key=_order))
             continue
+        if _left_out(result, entry["quantity"]):
+            found.append(_row(entry, "", limits, math.nan, None, None, rule))
+            continue
         if entry["quantity"] not in result.parameters:
             raise unknown(
                 "A requirement is of a quantity that the result does not have.",
@@ -86,6 +90,14 @@ def judged(result: Result, reference_hz: float | None, reference: tuple[float, f
         u = parameter.standard_uncertainty
         found.append(_row(entry, parameter.unit, limits, parameter.value, u, None, rule))
     return found
+
+
+def _left_out(result: Result, name: str) -> bool:
+    """Return whether a parameter of the result's model is not stated, as of a rejected one."""
+    model = installed(result.model)
+    if model is None or name in result.parameters:
+        return False
+    return name in (*model.parameter_names, *(derived.name for derived in model.core.derived))
 
 
 def _order(row: Judged) -> tuple[bool, float, float]:
