@@ -60,13 +60,13 @@ def certificate(result: Result, issue: Issue = NOTHING_MORE) -> Document:
         return section(name, say("section", name), *blocks)
 
     sections = [
+        part("reference", parts.reference(result, say)),
+        part("measured", parts.measured(result, say), parts.from_reference(result, say)),
         part("instruments", parts.instruments(result, say)),
         part("traceability", Sentence(_text(stated, "traceability") or "")),
-        part("reference", parts.reference(result, say)),
         part("conformity", *parts.conformity(result, say)),
         part("limits", *_doubts(result, say)),
         replace(findings(result), title=say("section", "findings")),
-        part("measured", parts.measured(result, say)),
         part("adjustment", parts.adjustment(result, issue.before, say)),
         part("sensitivity", nominal),
         part("curve", parts.curve(result, say)),

@@ -12,10 +12,11 @@ from vibrident.base.amounts import pretty
 from vibrident.base.nominal import same
 from vibrident.physics.naming import parameter_name
 from vibrident.result import Parameter, Result
-from vibrident.show import figures, tables
+from vibrident.show import deviation_points, figures, tables
 from vibrident.show.certified import stated_parameters
 from vibrident.show.coverage import parameter_factor, unstated
 from vibrident.show.curves import column
+from vibrident.show.deviation_points import columns_of_points, reference_hz
 from vibrident.show.formulas import Mixed, Words
 from vibrident.show.language import ENGLISH, Say
 from vibrident.show.numbers import (
@@ -44,6 +45,7 @@ from vibrident.show.views import Column, Fact, Facts, Figure, K, Sentence, Table
 from vibrident.use.conformity import DEVIATION, Judged, judged
 
 MOST_FILES = 30  # data files listed; the result lists them all
+_BESIDE = 5  # columns of the magnitude, before those of the phase
 MOST_POINTS = 100  # measured points listed; more are thinned evenly
 
 
@@ -146,13 +148,24 @@ def measured(result: Result, say: Say = ENGLISH) -> Table | None:
     phases, step = bool(np.isfinite(points.phase_deg).any()), max(1, -(-total // MOST_POINTS))
     names = ("magnitude", "phase_deg", "magnitude_uncertainty", "phase_deg_uncertainty")
     known, rows = [column(points, name) for name in names], []
+    beside = columns_of_points(result, say)
     for i in range(0, total, step):
         f = float(points.frequency_hz[i])
         place = Point(nominal_frequency(f) or NONE, f, *(float(values[i]) for values in known))
-        rows.append(_row(place, scale.factor, phases))
+        row = _row(place, scale.factor, phases)
+        rows.append((*row[:_BESIDE], *(one.cell(i) for one in beside), *row[_BESIDE:]))
     notes = [say("text", "measured_note"), *([say("text", "thinned", step=step, total=total)] if step > 1 else [])]
     notes += [say("text", "unstated")] if any(NONE in row[1:] for row in rows) else []
-    return Table(_heads(say, scale.unit, phases), tuple(rows), notes=tuple(notes))
+    notes += [say("text", "deviation_note", reference=plain(reference_hz(result), 5))] if beside else []
+    heads = _heads(say, scale.unit, phases)
+    heads = (*heads[:_BESIDE], *(one.head for one in beside), *heads[_BESIDE:])
+    return Table(heads, tuple(rows), notes=tuple(notes))
+
+
+def from_reference(result: Result, say: Say = ENGLISH) -> Figure | None:
+    """Return the picture of the deviation from the reference value, without words."""
+    figure = deviation_points.from_reference(result, say)
+    return None if figure is None else replace(figure, title="")
 
 
 def curve(result: Result, say: Say = ENGLISH) -> Figure | None:
