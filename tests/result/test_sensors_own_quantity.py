@@ -48,8 +48,8 @@ def calibrated(sensor: str, reference: str) -> Result:
         sensor,
         samples=8000,
         quantity=reference,
-        reference_noise=NOISE * _rms(sensor, reference),
-        response_noise=NOISE * _rms(sensor, None),
+        reference_noise=NOISE,
+        response_noise=NOISE,
         seed=seed,
     )
     stated = CERTIFICATE | {"date_of_calibration": DATES[reference], "requirements": [LIMITS]}
@@ -58,14 +58,6 @@ def calibrated(sensor: str, reference: str) -> Result:
     result = identify(named)
     covers = {"covers": ["noise", "gain", "phase"]}
     return replace(result, uncertainty=covers)
-
-
-@functools.cache
-def _rms(sensor: str, reference: str | None) -> float:
-    """Return the least rms of a channel over the records, the response's without a reference."""
-    records = simulate(sensor, samples=8000, quantity=reference or "acceleration").records
-    channels = [record.reference if reference else record.response for record in records]
-    return min(float(np.std(channel)) for channel in channels)
 
 
 def require_same(one: np.ndarray, other: np.ndarray, u_one: np.ndarray, u_other: np.ndarray):
