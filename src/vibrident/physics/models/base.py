@@ -23,6 +23,17 @@ from vibrident.data.records import Quantity
 
 #: Powers of s that turn the reference quantity into acceleration. A drive acts as acceleration up to a constant.
 DERIVATIVES: Mapping[str, int] = {"acceleration": 0, "drive": 0, "velocity": 1, "displacement": 2}
+_TURNS = (1.0, 1j, -1.0, -1j)  # whole powers of j, without rounding
+
+
+def conversion(frequency_hz: Any, given: Quantity, wanted: Quantity) -> Any:
+    """Return the factor from a response per ``given`` quantity to that per ``wanted``, (points,).
+
+    Each power of s = jω is exact in phase. A drive is per itself alone.
+    """
+    power = DERIVATIVES[wanted] - DERIVATIVES[given]
+    return _TURNS[power % 4] * (2.0 * np.pi * frequency_hz) ** power
+
 
 Parameters = Mapping[str, Any]  # name → number, array or tracer, SI units except frequencies in Hz
 
@@ -220,6 +231,16 @@ class SensorModel:
         if self.core.oscillator is not None:
             return float(parameters[self.core.oscillator[0]])
         return self.fastest(parameters) / (2.0 * np.pi)
+
+    def stated_quantity(self, reference: Quantity) -> Quantity:
+        """Return what a sensitivity is stated per: the sensor's own motion, or the drive.
+
+        A pickup of velocity is stated per m/s, every other sensor per m/s², whatever the
+        reference measured.
+        """
+        if reference == "drive":
+            return "drive"
+        return "velocity" if self.core.output == "velocity" else "acceleration"
 
     @property
     def has_gain(self) -> bool:
