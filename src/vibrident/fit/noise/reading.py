@@ -48,8 +48,6 @@ DOUBT_DEVIATIONS = 2.0
 MIN_LEVEL_BINS = 16
 #: A bin this many times above its surroundings is no chance: one of 10⁹ white ones is.
 OUTSTANDING_RATIO = 20.0
-#: Bins of which nothing was fitted, where there is one level: a number at least.
-MIN_FREE_BINS = 0.5
 #: Powers behind a level at least: of fewer, rounding is left.
 MIN_COUNT = 0.05
 #: Bins on either side that are the nearest.
@@ -199,7 +197,8 @@ def _read_one_level(rows: _Rows, last: int, colour: FloatArray | float) -> Group
     """Read one level of each record, as of few bins no more can be read."""
     shape = rows.residual.shape
     squares = np.sum(power_of(rows.residual[:, 1 : last + 1]), axis=1, keepdims=True)
-    level = squares / (np.maximum(last - 0.5 * rows.fitted, MIN_FREE_BINS) * rows.count)
+    unfitted = np.maximum(last - 0.5 * rows.fitted, 0.5)  # half a bin, a number, at least
+    level = squares / (unfitted * rows.count)
     psd = np.broadcast_to(np.maximum(level, rows.floor), shape)
     none = _no_input_noise(len(psd))
     if rows.through is not None:
