@@ -320,6 +320,8 @@ class _Search:
         usable = np.flatnonzero(np.all(stay, axis=0))
         places, trials = networks[0].denominator.shape[:2]
         scores = _Scores(np.full(places, np.inf), np.zeros((places, trials)), np.zeros(places))
+        if not usable.size:
+            return scores
         freed = [
             rows.freed(
                 DiscreteTransfer(*(part[usable] for part in network)),

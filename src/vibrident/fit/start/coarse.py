@@ -60,7 +60,7 @@ class CoarseRows:
         w = self.bins.shifted[:, None] ** np.arange(powers)[:, None]
         over = 1.0 / combined(networks.denominator[:, 0], w)[:, :, None]
         inputs = (w[:, :, None] * self.bins.inputs[:, None]).reshape(segments, -1, bins)
-        forced = combined(networks.numerator.reshape(places * trials, -1), inputs)
+        forced = combined(networks.numerator.reshape(places * trials, inputs.shape[1]), inputs)
         states = ((1.0 + self.bins.shifted[:, None]) * w[:, :-1])[:, None] * over
         nuisances = [states, self.bins.unmoved[:, None]]
         if self.bins.edges:
@@ -69,7 +69,8 @@ class CoarseRows:
         own = [forced.reshape(segments, places, trials, bins) * behind, self.bins.response[:, None, None]]
         every = [np.broadcast_to(each, (segments, places, *each.shape[2:])) for each in (*nuisances, *own)]
         rows = np.concatenate(every, axis=2)
-        rows = self.bins.where_used(rows.reshape(segments, -1, bins)).reshape(rows.shape)
+        flat = rows.reshape(segments, places * rows.shape[2], bins)
+        rows = self.bins.where_used(flat).reshape(rows.shape)
         rows *= np.sqrt(self.weight)[:, None, None]
         normal = products(rows, rows)
         count = sum(each.shape[2] for each in nuisances)
