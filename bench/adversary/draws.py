@@ -134,13 +134,11 @@ def clean_trial(made: list[Raw], given: Setting, noise: Noise, drawn: str) -> Tr
         allowed.add("drift")  # which brown noise is
     if "highpass" in model and given.sensor.parameters["damping_ratio"] > 1.0:
         allowed.add("weakly_determined")  # which of three real poles is the high-pass's
-    refused = "boxcar" in model and made[0].excitation != "sine"  # no network, as documented
     return Trial(
         calibration(made, model, given.quantity),
         model,
         truth(given.sensor),
         allowed=frozenset(allowed),
-        strange=refused,
         drawn=describe(given, made, noise, drawn),
     )
 

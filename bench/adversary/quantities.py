@@ -33,7 +33,7 @@ MODELS = (
 #: Samples of the long records, one a case.
 LENGTHS = (200_000, 250_000, 350_000, 500_000, 700_000, 1_000_000, 1_400_000, 2_000_000)
 LONG_MOTIONS = ("random", "sweep running", "random", "sweep")
-BOXCAR = "accelerometer+boxcar"  # an average over time suits steady tones alone
+BOXCAR = "accelerometer+boxcar"  # its free motion is no sum of exponentials: steady tones
 SOFT = {"reference": (1e-5, 1e-3), "strong": (1e-3, 3e-2)}
 
 

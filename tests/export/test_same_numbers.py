@@ -16,6 +16,7 @@ from vibrident.data.records import Calibration, ResponseTable, SystematicEffect
 from vibrident.export import export
 from vibrident.result import Result
 from vibrident.show import certificate_tables, document, report, setting_tables
+from vibrident.show.certified import certified
 from vibrident.show.media import html
 
 SPACE = {"dcc": "https://ptb.de/dcc", "si": "https://ptb.de/si"}
@@ -51,6 +52,7 @@ def lists(root, name):
 def test_dcc(result, tmp_path):
     (path,) = export(result, "dcc", tmp_path, country="DE")
     root = etree.parse(str(path)).getroot()
+    result = certified(result)
     m = result.measured
     found = lists(root, "measured")
     assert found["Frequency"][0] == m.frequency_hz.tolist()
@@ -96,12 +98,13 @@ def test_pdf_and_html(result):
         "pdf": " ".join(" ".join(page.extract_text() for page in pages).split()),
         "html": " ".join(re.sub(r"<[^>]+>", " ", html.printed(document.report(result))).split()),
     }
-    tables = [certificate_tables.measured(result), certificate_tables.parameters(result)]
-    tables += [setting_tables.budget(result), *certificate_tables.point_budgets(result)]
-    for table in tables:
-        numbers = [j for j, column in enumerate(table.columns) if column.kind == "number"]
-        for row in table.rows:
-            for medium, text in printed.items():
+    for medium, stated in (("pdf", certified(result)), ("html", result)):
+        text = printed[medium]
+        tables = [certificate_tables.measured(stated), certificate_tables.parameters(stated)]
+        tables += [setting_tables.budget(stated), *certificate_tables.point_budgets(stated)]
+        for table in tables:
+            numbers = [j for j, column in enumerate(table.columns) if column.kind == "number"]
+            for row in table.rows:
                 assert [row[j] for j in numbers if row[j] and row[j] not in text] == [], medium
     for row, source in zip(setting_tables.budget(result).rows, result.settings["uncertainty_budget"], strict=False):
         scaled = float(row[5]) / source["contributions"]["sensitivity"]

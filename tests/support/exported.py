@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from vibrident.data.records import REFERENCE_UNITS
 from vibrident.physics.models import parse
 from vibrident.result import Correlation, Curve, Fit, MeasuredCurve, Parameter, Result
 
@@ -40,7 +41,8 @@ def result(model, values, band=(10.0, 1000.0), quantity="acceleration", unit=Non
         parameters[derived.name] = Parameter(value, text, relative * abs(value), (None, None), derived=True)
     matrix = np.full((len(names), len(names)), 0.1) + 0.9 * np.eye(len(names))
     f = np.geomspace(*band, 25)
-    s = parsed.frequency_response(values, f, quantity)
+    stated = parsed.stated_quantity(quantity)
+    s = parsed.frequency_response(values, f, stated)
     curve = (
         tuple(f.tolist()),
         tuple(np.abs(s).tolist()),
@@ -63,6 +65,7 @@ def result(model, values, band=(10.0, 1000.0), quantity="acceleration", unit=Non
             "quantity": quantity,
             "unit": unit or {"acceleration": "m/s^2", "velocity": "m/s"}.get(quantity, "m"),
         },
+        "sensitivity_per": {"quantity": stated, "unit": unit or REFERENCE_UNITS[stated]},
     }
     return Result(**{**fields, **more})
 

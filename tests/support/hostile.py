@@ -66,6 +66,7 @@ def with_text(result: Result, text: str, unit: str | None = None) -> Result:
         certificate=dict.fromkeys(stated, text) | more,
         response_unit=unit,
         reference={**result.reference, "unit": unit},
+        sensitivity_per={**result.sensitivity_per, "unit": unit},
         parameters={name: replace(p, unit=p.unit.replace("V", unit)) for name, p in result.parameters.items()},
         measured=measured,
         signals=tuple(replace(signal, record=text, unit=unit) for signal in result.signals),

@@ -127,6 +127,7 @@ def table2(seed=1, codes=()):
         warnings=tuple(ResultWarning(code, f"{code} was seen in record 3 (value 4.2, limit 1.0).") for code in codes),
         sensor={"manufacturer": "Brüel", "type": "MSV 3000", "serial_number": "4711"},
         reference={"quantity": "acceleration", "unit": "m/s^2"},
+        sensitivity_per={"quantity": "acceleration", "unit": "m/s^2"},
         response_unit="V",
         signals=tuple(signals),
         training=Training(
@@ -218,6 +219,7 @@ def pickup():
         measured=_measured(f, velocity_pickup(f), 0.004 * np.ones_like(f), 5),
         sensor={"type": "GS-1", "serial_number": "$1 & $2 | 振动传感器 with a serial number of remarkable length"},
         reference={"quantity": "velocity", "unit": "m/s"},
+        sensitivity_per={"quantity": "velocity", "unit": "m/s"},
         signals=(),
         training=None,
         weights={},
@@ -255,6 +257,7 @@ def nothing_measured():
         measured=MeasuredCurve((), (), (), (), ()),
         sensor={},
         reference={},
+        sensitivity_per={},
         signals=(),
         training=Training("none", "no iterations", 0, ()),
         weights={},

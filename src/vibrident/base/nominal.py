@@ -69,11 +69,18 @@ def _literal(measured_hz: Iterable[float]) -> bool:
     """Whether more frequencies are nominal values than exact ones, of those where the two differ."""
     nominal = exact = 0
     for frequency in measured_hz:
-        n = round(10 * math.log10(frequency))
-        if not same(nominal_value(n), 10 ** (n / 10)):
-            nominal += same(frequency, nominal_value(n))
-            exact += same(frequency, 10 ** (n / 10))
+        pair = _apart(round(10 * math.log10(frequency)))
+        if pair is not None:
+            nominal += same(frequency, pair.nominal_hz)
+            exact += same(frequency, pair.frequency_hz)
     return nominal > exact
+
+
+@functools.cache
+def _apart(n: int) -> Nominal | None:
+    """Nominal and exact value of 10^(n/10) Hz; None where they are the same."""
+    pair = Nominal(nominal_value(n), 10 ** (n / 10))
+    return None if same(pair.nominal_hz, pair.frequency_hz) else pair
 
 
 def reference(

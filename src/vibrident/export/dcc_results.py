@@ -20,6 +20,7 @@ from vibrident.export.form import library
 from vibrident.result import Curve, Parameter, Result
 from vibrident.show.coverage import coverage
 from vibrident.show.curves import column
+from vibrident.show.numbers import unit_of_sensitivity
 from vibrident.show.views import K
 
 _NAMES = {
@@ -262,7 +263,7 @@ def _correlation(tree: Tree, result: Result) -> Any:
 
 def _curve(tree: Tree, result: Result, curve: Curve, whole: np.ndarray) -> Any:
     """Frequency, magnitude and phase as lists; the phase is left out if a point lacks it."""
-    unit = d_si(f"({result.response_unit})/({result.reference.get('unit') or 'm/s^2'})")
+    unit = d_si(unit_of_sensitivity(result))
     probability = coverage(result).probability
     sizes, phases = (column(curve, name)[whole] for name in ("magnitude", "phase_deg"))
     u_sizes, u_phases = (column(curve, f"{name}_uncertainty")[whole] for name in ("magnitude", "phase_deg"))

@@ -9,6 +9,7 @@ from vibrident.export.approximation import held
 from vibrident.export.form import Options
 from vibrident.export.poles_zeros import PolesZeros
 from vibrident.export.sensor import ExportedSensor
+from vibrident.show.numbers import reference_quantity
 
 #: Units in the spelling of SEED and StationXML, if different.
 _SPELLING = {"m/s^2": "M/S**2", "m/s": "M/S", "m": "M", "counts": "count"}
@@ -65,6 +66,6 @@ def caveats(sensor: ExportedSensor) -> list[str]:
         "poles and zeros hold neither the correlation of the parameters nor the uncertainty of the "
         "response over frequency: see result.json"
     ]
-    if sensor.result.quantity != "acceleration":
-        lines.append(f"calibrated against {sensor.result.reference['quantity']}; converted by powers of s, exactly")
+    if (reference := reference_quantity(sensor.result)) != "acceleration":
+        lines.append(f"calibrated against {reference}; converted by powers of s, exactly")
     return lines

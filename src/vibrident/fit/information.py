@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
+from typing import Any
 
-from vibrident.data.records import FloatArray
+import numpy as np
+from numpy.typing import NDArray
+
+from vibrident.data.records import BoolArray, FloatArray
 
 SMALLEST = 1e-12  # scaled eigenvalues below this are rounding: the direction is not determined at all
 NONE = 1e-70  # information that counts as none: small enough to say so, large enough not to overflow
@@ -54,6 +57,30 @@ def inverse_where_shown(matrices: FloatArray, least: float = SMALLEST) -> FloatA
     some = power > NONE * np.max(power, axis=-1, keepdims=True, initial=0.0)
     size = np.where(some, np.sqrt(np.where(some, power, 1.0)), np.inf)
     both = size[..., :, None] * size[..., None, :]
-    values, vectors = np.linalg.eigh(matrices / both)
-    kept = np.where(values > least, 1.0 / np.maximum(values, least), 0.0)
-    return (vectors * kept[..., None, :]) @ np.swapaxes(vectors, -1, -2) / both
+    scaled = matrices / both
+    inverse, regular = regular_inverse(scaled, least)
+    if not np.all(regular):
+        values, vectors = np.linalg.eigh(scaled[~regular])
+        kept = np.where(values > least, 1.0 / np.maximum(values, least), 0.0)
+        inverse[~regular] = (vectors * kept[..., None, :]) @ np.swapaxes(vectors, -1, -2)
+    return inverse / both
+
+
+def regular_inverse(matrices: NDArray[Any], least: float) -> tuple[NDArray[Any], BoolArray]:
+    """Return inverses of Hermitian matrices, and where all eigenvalues are surely above a limit.
+
+    No eigenvalue is below one over the norm of the inverse. Elimination takes a fifth of the time of eigenvalues.
+
+    Args:
+        matrices: shape (…, n, n).
+        least: the limit.
+
+    Returns:
+        Shapes (…, n, n) and (…); elsewhere inverses mean nothing.
+    """
+    try:
+        inverse = np.linalg.inv(matrices)
+    except np.linalg.LinAlgError:  # one of them is singular
+        return np.empty_like(matrices), np.zeros(matrices.shape[:-2], dtype=bool)
+    squares = np.sum(inverse.real**2 + inverse.imag**2, axis=(-2, -1))
+    return inverse, squares < least**-2.0

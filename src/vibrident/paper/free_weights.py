@@ -21,6 +21,7 @@ from vibrident.fit.estimators import Estimate, Ipnn
 from vibrident.fit.estimators.findings import Findings
 from vibrident.fit.optimise import Progress, Trace, levenberg_marquardt, silent
 from vibrident.fit.problem import Coordinates, Evidence
+from vibrident.fit.problem.network_problem import require_rational
 from vibrident.fit.problem.time_domain import TimeProblem
 from vibrident.physics.discretisation import Weights, method
 from vibrident.physics.network.readback import Reading, physics_from_weights
@@ -42,6 +43,7 @@ class FreeIpnn(Ipnn):
 
     def fit(self, evidence: Evidence, progress: Progress = silent) -> Estimate:
         """Train the tied network, then all its weights; raise as ``Ipnn`` and :func:`train_free`."""
+        require_rational(evidence.model)
         tied = super().fit(evidence, progress)
         coordinates = tied.coordinates
         network = tied.findings.network

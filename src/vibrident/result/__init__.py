@@ -16,11 +16,12 @@ from vibrident.result.parts import (
     Signal,
     Training,
 )
-from vibrident.result.result import Result
+from vibrident.result.result import TRACKED, Result
 
 __all__ = [
     "MOST_BYTES",
     "SCHEMA",
+    "TRACKED",
     "WARNING_CODES",
     "Correlation",
     "Curve",

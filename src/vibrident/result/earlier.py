@@ -1,4 +1,4 @@
-"""The excerpts of results that earlier versions wrote: a time for each sample, all digits."""
+"""Results of earlier versions: excerpts with a time for each sample, curves per the reference."""
 
 from __future__ import annotations
 
@@ -7,7 +7,71 @@ from typing import Any
 
 import numpy as np
 
+from vibrident.data.records import QUANTITIES, REFERENCE_UNITS
+from vibrident.physics.models import installed
+from vibrident.physics.models.base import conversion
+
 MAX_SAMPLES = 100_000  # of an excerpt laid out evenly; earlier versions wrote 600 at most
+
+
+_SIZES = ("magnitude", "magnitude_uncertainty", "magnitude_noise")  # in the unit of the sensitivity
+
+
+def document_of_today(document: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return the document as this version writes it."""
+    return excerpts_of_today(curves_of_today(document))
+
+
+def curves_of_today(document: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return a document whose curves are per the sensor's own quantity, and which says so.
+
+    Earlier versions wrote them per the reference's quantity. Those of a model that is not installed
+    stay so.
+    """
+    reference = document.get("reference")
+    if "sensitivity_per" in document or not isinstance(reference, Mapping):
+        return document
+    given = reference.get("quantity")
+    model = installed(str(document.get("model")))
+    if given not in QUANTITIES or model is None:
+        return {**document, "sensitivity_per": reference}
+    own = model.stated_quantity(given)
+    if own == given:
+        return {**document, "sensitivity_per": reference}
+    settings = document["settings"]
+    if isinstance(budget := settings.get("point_budget"), Mapping):
+        factor = _factor(budget["frequency_hz"], given, own)
+        sources = [_scaled(source, factor) for source in budget["sources"]]
+        settings = {**settings, "point_budget": {**budget, "sources": sources}}
+    return {
+        **document,
+        **{name: _converted(document[name], given, own) for name in ("response", "measured")},
+        "settings": settings,
+        "sensitivity_per": {"quantity": own, "unit": REFERENCE_UNITS[own]},
+    }
+
+
+def _factor(frequency_hz: Any, given: Any, own: Any) -> Any:
+    return conversion(np.array(frequency_hz, dtype=float), given, own)
+
+
+def _converted(curve: Mapping[str, Any], given: Any, own: Any) -> dict[str, Any]:
+    """Return a curve per its sensor's own quantity, its phase in (−180°, 180°]."""
+    factor = _factor(curve["frequency_hz"], given, own)
+    turned = np.array(curve["phase_deg"], dtype=float)
+    if turned.size:
+        turned = 180.0 - (180.0 - turned - np.rad2deg(np.angle(factor))) % 360.0
+    return {**_scaled(curve, factor), "phase_deg": turned.tolist()}
+
+
+def _scaled(part: Mapping[str, Any], factor: Any) -> dict[str, Any]:
+    """Return a part whose columns in the unit of the sensitivity are times the factor's size."""
+    sizes = {name: part[name] for name in _SIZES if part.get(name)}
+    size = np.abs(factor)
+    scaled = {
+        name: (np.array(values, dtype=float) * size).tolist() for name, values in sizes.items()
+    }
+    return {**part, **scaled}
 
 
 def excerpts_of_today(document: Mapping[str, Any]) -> Mapping[str, Any]:

@@ -163,7 +163,7 @@ class Fit(Part):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Curve(_OfNumbers):
-    """Complex sensitivity over frequency: response per unit reference quantity, lag negative.
+    """Complex sensitivity over frequency: response per the sensor's own quantity, lag negative.
 
     Each is an array of shape (points,), NaN where a number is not known; uncertainties are standard
     uncertainties

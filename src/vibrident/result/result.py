@@ -26,7 +26,7 @@ from vibrident.result.document import (
     separated,
     unknown_names,
 )
-from vibrident.result.earlier import excerpts_of_today
+from vibrident.result.earlier import document_of_today
 from vibrident.result.parts import (
     Correlation,
     Curve,
@@ -51,6 +51,9 @@ if TYPE_CHECKING:
     from vibrident.result.sensor import IdentifiedSensor
 
 
+TRACKED = "tracked"  # the estimator of a result that follows a sensor after its calibration
+
+
 @dataclass(frozen=True)
 class Result(Part):
     """The outcome of one identification. See DESIGN's contract for each field's meaning.
@@ -68,6 +71,8 @@ class Result(Part):
         warnings: empty for a clean calibration of an adequate model.
         sensor: free text of the calibration file.
         reference: quantity and unit of the reference.
+        sensitivity_per: quantity and unit that ``response`` and ``measured`` are per: the sensor's
+            own motion, whatever the reference measured, or the drive.
         response_unit: unit of the response channel.
         signals: how well each record is met, with excerpts for pictures.
         training: trace of the optimiser.
@@ -91,6 +96,7 @@ class Result(Part):
     warnings: tuple[ResultWarning, ...] = ()
     sensor: Mapping[str, str] = field(default_factory=dict)
     reference: Mapping[str, str] = field(default_factory=dict)
+    sensitivity_per: Mapping[str, str] = field(default_factory=dict)
     response_unit: str = "V"
     signals: tuple[Signal, ...] = ()
     training: Training | None = None
@@ -194,8 +200,13 @@ class Result(Part):
 
     @property
     def quantity(self) -> str:
-        """What the reference gives; acceleration where it is not stated."""
-        return self.reference.get("quantity", "acceleration")
+        """What the sensitivities are per; acceleration where it is not stated."""
+        return self.sensitivity_per.get("quantity", "acceleration")
+
+    @property
+    def is_tracked(self) -> bool:
+        """Whether the values follow a sensor after its calibration, and are none themselves."""
+        return self.estimator == TRACKED
 
     @property
     def has_gain(self) -> bool:
@@ -287,7 +298,7 @@ class Result(Part):
 
         try:
             known = {name: value for name, value in document.items() if name != "schema"}
-            parts = separated(cls, excerpts_of_today(known))
+            parts = separated(cls, document_of_today(known))
             result = adapter().validate_python(parts)
             result.require_consistent()
         except ValidationError as error:

@@ -78,7 +78,7 @@ class IdentifiedSensor:
 
         Args:
             frequency_hz: shape (points,).
-            quantity: reference quantity; None: the sensor's own.
+            quantity: what the response is per; None: :attr:`quantity`.
         """
         at = np.asarray(frequency_hz, dtype=float)
         return np.asarray(

@@ -17,13 +17,14 @@ from vibrident.base.amounts import pretty
 from vibrident.result import Result
 from vibrident.show import certificate_tables as parts
 from vibrident.show import tables
-from vibrident.show.coverage import coverage, parameter_factor, scatter_only, unstated
+from vibrident.show.certified import RAISED, REJECTED, certified
+from vibrident.show.coverage import coverage, document_kind, not_certified, parameter_factor
 from vibrident.show.findings import findings
 from vibrident.show.formulas import Mixed
 from vibrident.show.history import date_of
 from vibrident.show.issue import GROUPS, NOTHING_MORE, Issue, missing
 from vibrident.show.language import ENGLISH, Say
-from vibrident.show.numbers import plain, printed, reference_unit, sensor_name
+from vibrident.show.numbers import plain, printed, reference_quantity, reference_unit, sensor_name
 from vibrident.show.points import measured_band
 from vibrident.show.setting_tables import budget
 from vibrident.show.views import (
@@ -45,26 +46,31 @@ _SENSOR = ("manufacturer", "type", "serial_number")
 
 
 def certificate(result: Result, issue: Issue = NOTHING_MORE) -> Document:
-    """Everything that a certificate states of a result, to be signed."""
+    """Return everything that a certificate states of a result, to be signed."""
     say = Say.of(result)
-    nominal = parts.sensitivity(result, say) or Sentence(say("text", "no_nominal"))
+    kind = title(result, say)
+    unstated_sources = not_certified(result, say)
+    result = certified(result)
+    rejected = bool(result.settings.get(REJECTED))
+    no_model = Sentence(say("text", "rejected" if rejected else "no_nominal"))
+    nominal = parts.sensitivity(result, say) or no_model
     stated = result.certificate
 
     def part(name: str, *blocks: Block | None) -> Section:
         return section(name, say("section", name), *blocks)
 
     sections = [
+        part("reference", parts.reference(result, say)),
+        part("measured", parts.measured(result, say), parts.from_reference(result, say)),
         part("instruments", parts.instruments(result, say)),
         part("traceability", Sentence(_text(stated, "traceability") or "")),
-        part("reference", parts.reference(result, say)),
         part("conformity", *parts.conformity(result, say)),
         part("limits", *_doubts(result, say)),
         replace(findings(result), title=say("section", "findings")),
-        part("measured", parts.measured(result, say)),
         part("adjustment", parts.adjustment(result, issue.before, say)),
         part("sensitivity", nominal),
         part("curve", parts.curve(result, say)),
-        part("parameters", parts.parameters(result, say)),
+        part("parameters", None if rejected else parts.parameters(result, say)),
         part("temperature", parts.temperature(result, say)),
         part("budget", budget(result, say), *parts.point_budgets(result, say)),
         part("data", parts.files(result, say)),
@@ -73,9 +79,15 @@ def certificate(result: Result, issue: Issue = NOTHING_MORE) -> Document:
         part("remarks", *map(Sentence, remarks(result))),
         section("signatures", "", Signatures(signatures(result, say))),
     ]
-    head = (*_draft(result, say), *scatter_only(result, say), *_amendment(result, say), Beside(groups(result, say)))
+    head = (
+        *_draft(result, say),
+        *((Sentence(say("text", "tracked")),) if result.is_tracked else ()),
+        *unstated_sources,
+        *_amendment(result, say),
+        Beside(groups(result, say)),
+    )
     return replace(
-        document(title(result, say), head, sections),
+        document(kind, head, sections),
         letterhead=letterhead(result, say, issue.logo),
         draft=say("title", "draft") if missing(result) else "",
         language=say.codes[0],
@@ -84,8 +96,8 @@ def certificate(result: Result, issue: Issue = NOTHING_MORE) -> Document:
 
 
 def title(result: Result, say: Say = ENGLISH) -> str:
-    """What the document is: a certificate states an uncertainty of the sensor, not of the scatter alone."""
-    return say("title", "report" if unstated(result) else "certificate")
+    """Return what the document is."""
+    return say("title", document_kind(result))
 
 
 def letterhead(result: Result, say: Say = ENGLISH, logo: bytes | None = None) -> Letterhead:
@@ -143,7 +155,7 @@ def groups(result: Result, say: Say = ENGLISH) -> tuple[Facts, ...]:
         if name != "air_pressure" or stated.get("air_pressure_hpa") is not None:
             conditions.append((say("label", f"{name}_{suffix}"), _ambient(stated, name, suffix, unit)))
     unit = pretty(reference_unit(result))
-    quantity = say.each(lambda one: one("text", "in_unit", quantity=one.known(result.quantity), unit=unit))
+    quantity = say.each(lambda one: one("text", "in_unit", quantity=one.known(reference_quantity(result)), unit=unit))
     method = [
         *always("procedure"),
         *given("deviations", "external_results"),
@@ -181,7 +193,7 @@ def _ambient(stated: Mapping[str, Any], name: str, suffix: str, unit: str) -> st
 
 def _band(result: Result, say: Say) -> str:
     band, total = measured_band(result), len(result.measured.frequency_hz)
-    if band is None:
+    if band is None or not total:
         return say("text", "no_points")
     low, high = (f"{end:.5g}" for end in band)
     return say("text", "point" if total == 1 else "points", low=low, high=high, count=total)
@@ -203,7 +215,10 @@ def statements(result: Result, say: Say = ENGLISH) -> tuple[str, ...]:
         Mixed(say.each(lambda one: f"{one('text', 'covers')} {sources(one)}.")) if covers else "",
         say("text", "reference", percent=plain(100.0 * relative, 3)) if relative else "",
         say("text", "cmc") if result.settings.get("cmc") else "",
-        say.each(lambda one: f"{one('text', verdict)} {tables.worst(result.measured, one)}".strip()),
+        say("text", "raised") if result.settings.get(RAISED) else "",
+        ""
+        if result.is_tracked
+        else say.each(lambda one: f"{one('text', verdict)} {tables.worst(result.measured, one)}".strip()),
         tables.small_signals(result),
         say("text", "unstated") if unknown or np.isnan(result.response.magnitude_uncertainty).any() else "",
         say("text", "no_reproduction"),

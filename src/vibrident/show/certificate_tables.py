@@ -12,9 +12,11 @@ from vibrident.base.amounts import pretty
 from vibrident.base.nominal import same
 from vibrident.physics.naming import parameter_name
 from vibrident.result import Parameter, Result
-from vibrident.show import figures, tables
+from vibrident.show import deviation_points, figures, tables
+from vibrident.show.certified import stated_parameters
 from vibrident.show.coverage import parameter_factor, unstated
 from vibrident.show.curves import column
+from vibrident.show.deviation_points import columns_of_points, reference_hz
 from vibrident.show.formulas import Mixed, Words
 from vibrident.show.language import ENGLISH, Say
 from vibrident.show.numbers import (
@@ -26,14 +28,24 @@ from vibrident.show.numbers import (
     printed,
     sensitivity_scale,
     stated,
+    unit_of_sensitivity,
     with_u,
 )
-from vibrident.show.points import Point, nominal_points, reference_point
+from vibrident.show.points import (
+    Point,
+    measured_at,
+    measured_band,
+    nominal_points,
+    reference_frequency,
+    reference_value,
+    sensitivity_at,
+)
 from vibrident.show.setting_tables import point_budget
 from vibrident.show.views import Column, Fact, Facts, Figure, K, Sentence, Table, columns, listed
 from vibrident.use.conformity import DEVIATION, Judged, judged
 
 MOST_FILES = 30  # data files listed; the result lists them all
+_BESIDE = 5  # columns of the magnitude, before those of the phase
 MOST_POINTS = 100  # measured points listed; more are thinned evenly
 
 
@@ -51,31 +63,43 @@ def instruments(result: Result, say: Say = ENGLISH) -> Table:
 
 def reference(result: Result, say: Say = ENGLISH) -> Facts:
     """The sensitivity at the reference frequency, and how that was chosen."""
-    point, why = reference_point(result)
+    chosen, why = reference_frequency(result)
     label = say("label", "reference_frequency_hz")
+    model = None if chosen is None else sensitivity_at(result, chosen)
+    found = None if chosen is None else measured_at(result, chosen)
+    point = found or model
     if point is None:
         asked = result.certificate.get("reference_frequency_hz")
         reason = say.known(why)
         reason = Words(f"{reason[:1].upper()}{reason[1:]}.")
-        if asked is not None:
+        if asked is not None and measured_band(result) is not None:
             reason = say("text", "outside", frequency=f"{asked:.6g}")
         return Facts(((label, None), (say("label", "reason"), reason)))
-    scale = sensitivity_scale(result)
-    magnitude, expanded = with_u(point.magnitude, point.magnitude_uncertainty, scale.factor)
     exact = same(float(point.nominal), point.frequency_hz)
 
-    def chosen(one: Say) -> str:
+    def choice(one: Say) -> str:
         at_exact = "" if exact else one("text", "computed_at", frequency=exact_frequency(point))
         return f"{point.nominal} Hz{at_exact}; {one.known(why)}"
 
-    rows: list[Fact] = [
-        (label, say.each(chosen)),
-        (say("label", "magnitude"), f"{magnitude} {scale.unit}{_bar(expanded, scale.unit)}"),
-    ]
+    rows: list[Fact] = [(label, say.each(choice))]
+    for one, source in ((found, "measured_value"), (model, "model_value")):
+        rows += [] if one is None else _reference_rows(result, one, source, say)
+    return Facts(tuple(rows))
+
+
+def _reference_rows(result: Result, point: Point, source: str, say: Say) -> list[Fact]:
+    """Return magnitude and phase at the reference frequency, measured or of the model."""
+
+    def label(key: str) -> Words:
+        return say.each(lambda one: f"{one('label', key)}, {one('text', source)}")
+
+    scale = sensitivity_scale(result)
+    magnitude, expanded = with_u(point.magnitude, point.magnitude_uncertainty, scale.factor)
+    rows: list[Fact] = [(label("magnitude"), f"{magnitude} {scale.unit}{_bar(expanded, scale.unit)}")]
     if point.phase_deg is not None:
         phase, phase_u = with_u(point.phase_deg, point.phase_deg_uncertainty, 1.0)
-        rows.append((say("label", "phase"), f"{phase}°{_bar(phase_u, '°')}"))
-    return Facts(tuple(rows))
+        rows.append((label("phase"), f"{phase}°{_bar(phase_u, '°')}"))
+    return rows
 
 
 def _bar(expanded: str, unit: str) -> str:
@@ -124,19 +148,31 @@ def measured(result: Result, say: Say = ENGLISH) -> Table | None:
     phases, step = bool(np.isfinite(points.phase_deg).any()), max(1, -(-total // MOST_POINTS))
     names = ("magnitude", "phase_deg", "magnitude_uncertainty", "phase_deg_uncertainty")
     known, rows = [column(points, name) for name in names], []
+    beside = columns_of_points(result, say)
     for i in range(0, total, step):
         f = float(points.frequency_hz[i])
         place = Point(nominal_frequency(f) or NONE, f, *(float(values[i]) for values in known))
-        rows.append(_row(place, scale.factor, phases))
+        row = _row(place, scale.factor, phases)
+        rows.append((*row[:_BESIDE], *(one.cell(i) for one in beside), *row[_BESIDE:]))
     notes = [say("text", "measured_note"), *([say("text", "thinned", step=step, total=total)] if step > 1 else [])]
     notes += [say("text", "unstated")] if any(NONE in row[1:] for row in rows) else []
-    return Table(_heads(say, scale.unit, phases), tuple(rows), notes=tuple(notes))
+    notes += [say("text", "deviation_note", reference=plain(reference_hz(result), 5))] if beside else []
+    heads = _heads(say, scale.unit, phases)
+    heads = (*heads[:_BESIDE], *(one.head for one in beside), *heads[_BESIDE:])
+    return Table(heads, tuple(rows), notes=tuple(notes))
+
+
+def from_reference(result: Result, say: Say = ENGLISH) -> Figure | None:
+    """Return the picture of the deviation from the reference value, without words."""
+    figure = deviation_points.from_reference(result, say)
+    return None if figure is None else replace(figure, title="")
 
 
 def curve(result: Result, say: Say = ENGLISH) -> Figure | None:
     """The picture of the sensitivity with symbols for words; None for a single frequency."""
     figure = figures.sensitivity(result)
-    if figure is None or len(result.response.frequency_hz) < 2:
+    curves = (result.response, result.measured)
+    if figure is None or max(len(curve.frequency_hz) for curve in curves) < 2:
         return None
     stacks = []
     for stack in figure.stacks:
@@ -146,12 +182,13 @@ def curve(result: Result, say: Say = ENGLISH) -> Figure | None:
             axes = replace(panel.x, label="f / Hz"), replace(panel.y, label=name)
             panels.append(replace(panel, x=axes[0], y=axes[1], series=series, title=""))
         stacks.append(replace(stack, panels=tuple(panels), title=""))
-    return replace(figure, title="", subject="", note="", stacks=tuple(stacks), caption=say("text", "caption"))
+    caption = say("text", "caption" if result.response.magnitude.size else "caption_measured")
+    return replace(figure, title="", subject="", note="", stacks=tuple(stacks), caption=caption)
 
 
 def parameters(result: Result, say: Say = ENGLISH) -> Table:
     """The parameter table without the columns that a certificate does not need."""
-    whole = tables.parameters(result)
+    whole = tables.parameters(stated_parameters(result))
     few = parameter_factor(result) != K
     names = ("parameter", "symbol", "value", "u", *(("k",) if few else ()), "U", "unit", "remark")
     kept = whole.select(tuple(whole.header.index(name) for name in names))
@@ -187,10 +224,12 @@ def conformity(result: Result, say: Say = ENGLISH) -> tuple[Table | Sentence, ..
     """
     if not result.certificate.get("requirements"):
         return ()
-    if unstated(result):
-        return (Sentence(say("text", "no_conformity")),)
-    point, _ = reference_point(result)
+    if "gain" in unstated(result) or result.is_tracked:
+        why = "tracked_conformity" if result.is_tracked else "no_conformity"
+        return (Sentence(say("text", why)),)
+    point = reference_value(result)
     place = None if point is None else (point.magnitude, point.magnitude_uncertainty)
+    result = stated_parameters(result)
     rows = [_judged(result, one, say) for one in judged(result, None if point is None else point.frequency_hz, place)]
     heads = [Column(say("head", key)) for key in ("requirement", "source")]
     heads += [Column(say("head", key), "number") for key in ("limits", "value")]
@@ -202,10 +241,16 @@ def conformity(result: Result, say: Say = ENGLISH) -> tuple[Table | Sentence, ..
 
 def _judged(result: Result, row: Judged, say: Say) -> tuple[str, ...]:
     if row.quantity == DEVIATION:
-        point, _ = reference_point(result)
+        point = reference_value(result)
         place = "" if point is None else point.nominal
-        name = say("text", "deviation", reference=place, frequency=f"{row.frequency_hz or math.nan:.5g}")
+        if row.frequency_hz is None:
+            name = say("text", "deviation_nowhere", reference=place or NONE)
+        else:
+            frequency = f"{row.frequency_hz:.5g}"
+            name = say("text", "deviation", reference=place, frequency=frequency)
         factor, unit = 1.0, "%"
+    elif row.quantity not in result.parameters:
+        name, factor, unit = say.known(parameter_name(row.quantity).words), 1.0, NONE
     else:
         scale = parameter_scale(result, result.parameters[row.quantity])
         name, factor, unit = say.known(parameter_name(row.quantity).words), scale.factor, scale.printed or "1"
@@ -234,9 +279,9 @@ def adjustment(result: Result, before: Result | None, say: Say = ENGLISH) -> Tab
     if before is None:
         return None
     found: list[tuple[str, Parameter, Parameter]] = []
-    first, last = (reference_point(one)[0] for one in (before, result))
+    first, last = (reference_value(one) for one in (before, result))
     if first is not None and last is not None:
-        unit = f"{result.response_unit}/({result.reference.get('unit') or 'm/s^2'})"
+        unit = unit_of_sensitivity(result)
         one, other = (Parameter(p.magnitude, unit, p.magnitude_uncertainty, (None, None)) for p in (first, last))
         found.append((say.each(lambda each: f"{each('label', 'magnitude')}, {last.nominal} Hz"), one, other))
     for name, after in result.parameters.items():

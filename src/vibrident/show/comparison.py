@@ -18,9 +18,9 @@ from vibrident.show.formulas import Words
 from vibrident.show.language import ENGLISH
 from vibrident.show.numbers import (
     NONE,
+    per_unit,
     percent,
     plain,
-    reference_unit,
     rounded,
     sensitivity_scale,
     sensor_name,
@@ -99,7 +99,7 @@ def _scale(first: Result, unit: str, known: Sequence[float]) -> Scale:
 
 
 def _sensitivity_kind(result: Result) -> tuple[str, str]:
-    return result.response_unit, reference_unit(result)
+    return result.response_unit, per_unit(result)
 
 
 def _magnitudes(label: str, points: Sequence[Point | None], results: Sequence[Result]) -> ComparedQuantity:
@@ -147,7 +147,7 @@ def _subjects(results: Sequence[Result], names: Sequence[str]) -> Table:
         ("sensor", *(sensor_name(result.sensor) or NONE for result in results)),
         ("model", *(result.model for result in results)),
         ("estimator", *(result.estimator for result in results)),
-        ("sensitivity in", *(f"{pretty(r.response_unit)} per {pretty(reference_unit(r))}" for r in results)),
+        ("sensitivity in", *(f"{pretty(r.response_unit)} per {pretty(per_unit(r))}" for r in results)),
         ("date of calibration", *(str(r.certificate.get("date_of_calibration") or NONE) for r in results)),
         ("evaluated", *(str(r.provenance.get("time") or NONE) for r in results)),
         ("χ²/ν", *(plain(r.fit.chi2_reduced, 4) for r in results)),

@@ -67,6 +67,28 @@ def unstated(result: Result) -> tuple[str, ...]:
     return tuple(part for part in parts if part not in (result.uncertainty.get("covers") or ()))
 
 
+def document_kind(result: Result) -> str:
+    """Return what the signed document of a result is: ``certificate``, ``report``, ``tracking``.
+
+    A certificate is of a calibration, and states an uncertainty of the sensor, not of the scatter
+    alone.
+    """
+    if result.is_tracked:
+        return "tracking"
+    return "report" if "gain" in unstated(result) else "certificate"
+
+
+def not_certified(result: Result, say: Say = ENGLISH) -> tuple[Sentence, ...]:
+    """Return what the signed document says of quantities whose sources nobody stated."""
+    lacking = unstated(result)
+    if "gain" in lacking or not lacking:
+        return scatter_only(result, say)
+    if "phase" not in (result.certificate.get("quantities") or ("phase",)):
+        return ()
+    why = say.each(lambda one: f"{one('text', 'scatter_why')} {one('text', 'state_phase')}.")
+    return (Sentence(why, "doubt", say("text", "phase_not_certified")),)
+
+
 def scatter_only(result: Result, say: Say = ENGLISH) -> tuple[Sentence, ...]:
     """That U covers scatter only, and what to state; nothing where gain and phase are stated."""
     lacking = unstated(result)

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from vibrident.physics.naming import parameter_name
 from vibrident.result import Result
-from vibrident.show import certificate, certificate_tables, figures, tables
+from vibrident.show import certificate, certificate_tables, deviation_points, figures, tables
 from vibrident.show.comparison import beside, comparison_tables
 from vibrident.show.coverage import parameter_factor, scatter_only
 from vibrident.show.findings import findings
@@ -118,8 +118,18 @@ def _curves(result: Result) -> list[Section]:
     measured = _folded("Table of measured points", tables.measured(result))
     return [
         section("sensitivity", "Sensitivity", figures.sensitivity(result), nominal),
+        section("measured", deviation_points.TITLE, *_from_reference(result)),
         section("deviation", "Deviation", figures.deviation(result), measured),
     ]
+
+
+def _from_reference(result: Result) -> tuple[Block | None, ...]:
+    """Return the measured points beside the reference value and their limits."""
+    figure = deviation_points.from_reference(result)
+    if figure is None:
+        return ()
+    table = certificate_tables.measured(result)
+    return figure, _folded("Table of measured points with deviations and limits", table)
 
 
 def _folded(summary: str, table: Table | None) -> Folded | None:

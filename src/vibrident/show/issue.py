@@ -28,7 +28,10 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
         *("relative_humidity_percent", "relative_humidity_uncertainty_percent"),
         *("air_pressure_hpa", "air_pressure_uncertainty_hpa"),
     ),
-    "method": ("procedure", "deviations", "traceability", "instruments", "external_results", "reference_frequency_hz"),
+    "method": (
+        *("procedure", "deviations", "traceability", "instruments", "external_results"),
+        *("reference_frequency_hz", "quantities"),
+    ),
     "conformity": ("requirements", "decision_rule"),
     "further": ("opinions", "remarks"),
 }
@@ -52,8 +55,11 @@ def form(language: str = "en") -> tuple[FormField, ...]:
 
 
 def missing(result: Result) -> tuple[str, ...]:
-    """Keys that a certificate must state and this result does not, those of [sensor] too; empty: it can be issued."""
-    return lacking(result.certificate, result.sensor)
+    """Return the keys that a certificate must state and this result does not.
+
+    Those of [sensor] are among them; none: it can be issued. A tracking report is no certificate.
+    """
+    return () if result.is_tracked else lacking(result.certificate, result.sensor)
 
 
 def lacking(certificate: Mapping[str, Any], sensor: Mapping[str, Any]) -> tuple[str, ...]:

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from vibrident.data.records import REFERENCE_UNITS, Quantity
 from vibrident.fit.uncertainty.parameters import fields_of_units
 from vibrident.physics.naming import parameter_name
 from vibrident.result import Curve, MeasuredCurve, Parameter, Result
@@ -41,16 +42,19 @@ def sensor(shown: IdentifiedSensor) -> str:
     heads = (Column("parameter"), *columns("value", "u", f"U (k = {K:g})", kind="number"), Column("unit"))
     blocks: list[Block] = [Sentence(f"Identified sensor, model {shown.model.name}."), Table(heads, tuple(rows))]
     if shown.band_hz is not None and shown.band_hz[0] < shown.band_hz[1]:
-        unit = sensitivity_unit(shown.response_unit, shown.input_unit)
-        curve = _curve(shown, shown.band_hz)
+        quantity = shown.model.stated_quantity(shown.quantity)
+        per = shown.input_unit if quantity == "drive" else REFERENCE_UNITS[quantity]
+        unit = sensitivity_unit(shown.response_unit, per)
+        curve = _curve(shown, shown.band_hz, quantity)
         scale = magnitude_scale(unit, curve.magnitude)
-        panels = response_panels(curve, MeasuredCurve.none(), scale, shown.quantity, "")
+        panels = response_panels(curve, MeasuredCurve.none(), scale, quantity, "")
         blocks.append(Figure("sensor", "Sensitivity", (Stack(panels),)))
     return html.fragment(*blocks)
 
 
-def _curve(shown: IdentifiedSensor, band_hz: tuple[float, float]) -> Curve:
+def _curve(shown: IdentifiedSensor, band_hz: tuple[float, float], quantity: Quantity) -> Curve:
     frequency = np.geomspace(*band_hz, POINTS)
-    response, (relative, angle) = shown.frequency_response(frequency), shown.uncertainty(frequency)
+    response = shown.frequency_response(frequency, quantity)
+    relative, angle = shown.uncertainty(frequency, quantity)
     size = np.abs(response)
     return Curve(frequency, size, np.degrees(np.unwrap(np.angle(response))), relative * size, np.degrees(angle))

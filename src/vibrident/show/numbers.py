@@ -186,9 +186,20 @@ def with_u(value: float | None, u: float | None, factor: float) -> tuple[str, st
     return pair(value * factor, None if u is None else K * u * factor)
 
 
+def per_unit(result: Result) -> str:
+    """Return the unit that the result's sensitivities are per."""
+    return result.sensitivity_per.get("unit") or REFERENCE_UNITS.get(result.quantity, "drive unit")
+
+
+def reference_quantity(result: Result) -> str:
+    """Return what the reference gives; acceleration where it is not stated."""
+    return result.reference.get("quantity", "acceleration")
+
+
 def reference_unit(result: Result) -> str:
-    """Unit of the reference channel, by its quantity where the result does not state it."""
-    return result.reference.get("unit") or REFERENCE_UNITS.get(result.quantity, "reference unit")
+    """Return the unit of the reference channel, by its quantity where it is not stated."""
+    quantity = reference_quantity(result)
+    return result.reference.get("unit") or REFERENCE_UNITS.get(quantity, "reference unit")
 
 
 def sensitivity_unit(response_unit: str, per: str) -> str:
@@ -199,12 +210,13 @@ def sensitivity_unit(response_unit: str, per: str) -> str:
 
 def unit_of_sensitivity(result: Result) -> str:
     """Unit of the result's sensitivities."""
-    return sensitivity_unit(result.response_unit, reference_unit(result))
+    return sensitivity_unit(result.response_unit, per_unit(result))
 
 
 def fit_unit(result: Result) -> str:
-    """Unit of the residual: the response's for records, the sensitivity's for a table."""
-    return result.response_unit if result.signals else unit_of_sensitivity(result)
+    """Return the unit of the residual: the response's for records, the table's own for a table."""
+    table = sensitivity_unit(result.response_unit, reference_unit(result))
+    return result.response_unit if result.signals else table
 
 
 def sensor_name(sensor: Mapping[str, object]) -> str:

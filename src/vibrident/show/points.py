@@ -10,9 +10,10 @@ import numpy as np
 
 from vibrident.base.errors import InputError
 from vibrident.base.nominal import SAME, Nominal, reference, series
-from vibrident.data.records import FloatArray
+from vibrident.data.records import BoolArray, FloatArray
 from vibrident.physics.models.slopes import ComplexArray
-from vibrident.result import Curve, Result
+from vibrident.result import Curve, MeasuredCurve, Result
+from vibrident.show.curves import column, nearest_turn
 
 _OWN = 1e-9  # relative distance within which a frequency is the curve's own point
 
@@ -30,10 +31,15 @@ class Point:
 
 
 def measured_band(result: Result) -> tuple[float, float] | None:
-    """Lowest and highest frequency, Hz, common to the data and the model's curve; None if they do not overlap."""
+    """Return the lowest and highest frequency, Hz, common to the data and the model's curve.
+
+    None if they do not overlap. The band of a tracked result is that of its calibration's curve,
+    that of a rejected model the data's.
+    """
     measured, curve = result.measured.frequency_hz, result.response.frequency_hz
-    measured = measured[measured > 0.0]
-    if measured.size == 0 or curve.size == 0:
+    measured = curve if result.is_tracked else measured[measured > 0.0]
+    curve = curve if curve.size else measured
+    if measured.size == 0:
         return None
     low, high = float(max(measured.min(), curve.min())), float(min(measured.max(), curve.max()))
     return (low, high) if low <= high * (1 + SAME) else None
@@ -48,14 +54,59 @@ def nominal_points(result: Result) -> tuple[Point, ...]:
     return tuple(point for point in found if point is not None)
 
 
-def reference_point(result: Result) -> tuple[Point | None, str]:
-    """The sensitivity at the reference frequency; and how that was chosen, or why there is none."""
+def reference_frequency(result: Result) -> tuple[Nominal | None, str]:
+    """Return the reference frequency, and how it was chosen or why there is none."""
     band = measured_band(result)
     if band is None:
         return None, "the result holds no measured points"
     stated = result.certificate.get("reference_frequency_hz")
-    chosen, why = reference(*band, result.measured.frequency_hz, stated)
+    return reference(*band, result.measured.frequency_hz, stated)
+
+
+def reference_point(result: Result) -> tuple[Point | None, str]:
+    """Return the model's sensitivity at the reference frequency, and how that was chosen."""
+    chosen, why = reference_frequency(result)
     return (None if chosen is None else sensitivity_at(result, chosen)), why
+
+
+def reference_value(result: Result) -> Point | None:
+    """Return what is stated at the reference frequency: the measured value, else the model's."""
+    chosen, _ = reference_frequency(result)
+    if chosen is None:
+        return None
+    return measured_at(result, chosen) or sensitivity_at(result, chosen)
+
+
+def measured_at(result: Result, where: Nominal) -> Point | None:
+    """Return what the data say at a frequency; None where they were not taken there.
+
+    Repeated points are averaged by the inverse variance of their noise; what they have in common
+    stays as it is.
+    """
+    points = result.measured
+    there = np.abs(points.frequency_hz / where.frequency_hz - 1.0) <= SAME
+    if not there.any():
+        return None
+    magnitude, u = _averaged(points, "magnitude", there)
+    phase, u_phase = _averaged(points, "phase_deg", there)
+    place = where.name, float(np.mean(points.frequency_hz[there]))
+    return Point(*place, magnitude, _known(phase), _known(u), _known(u_phase))
+
+
+def _averaged(points: MeasuredCurve, quantity: str, there: BoolArray) -> tuple[float, float]:
+    """Return the mean of repeated points and its standard uncertainty, NaN where not known."""
+    values: FloatArray = getattr(points, quantity)[there]
+    if quantity == "phase_deg":
+        values = nearest_turn(values, values[:1])
+    u, noise = (column(points, f"{quantity}_{part}")[there] for part in ("uncertainty", "noise"))
+    if len(values) == 1:
+        return float(values[0]), float(u[0])
+    usable = np.all(np.isfinite(noise) & (noise > 0.0))
+    weights = noise**-2 if usable else np.ones(len(values))
+    mean = float(weights @ values / weights.sum())
+    common = np.max(np.sqrt(np.maximum(u**2 - noise**2, 0.0))) if usable else np.max(u)
+    own = weights.sum() ** -0.5 if usable else 0.0
+    return mean, float(np.hypot(common, own))
 
 
 def sensitivity_at(result: Result, where: Nominal) -> Point | None:

@@ -15,7 +15,7 @@ from vibrident.base.errors import unknown
 from vibrident.result import Result
 from vibrident.show import document, plots
 from vibrident.show.certificate import certificate
-from vibrident.show.coverage import unstated
+from vibrident.show.coverage import document_kind
 from vibrident.show.issue import NOTHING_MORE, Issue
 from vibrident.show.media import markdown
 from vibrident.show.views import Section
@@ -33,7 +33,9 @@ FILE_NAMES: dict[str, tuple[str, str]] = {
 
 def file_name(result: Result, form: Form) -> str:
     """Usual name of the file of one result."""
-    return "measurement-report.pdf" if form == "pdf" and unstated(result) else FILE_NAMES[form][0]
+    own = {"report": "measurement-report.pdf", "tracking": "tracking-report.pdf"}
+    usual = FILE_NAMES[form][0]
+    return own.get(document_kind(result), usual) if form == "pdf" else usual
 
 
 def content(

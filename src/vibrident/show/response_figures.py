@@ -72,7 +72,7 @@ def response_panels(model: Curve | None, measured: Curve, scale: Scale, quantity
     """Magnitude and, where there is any, phase.
 
     ``model``: drawn as a line with its band; ``measured``: drawn as points with bars, called ``label``; ``scale``: of
-    the magnitudes; ``quantity``: of the reference.
+    the magnitudes; ``quantity``: what they are per.
     """
     curves = [curve for curve in (model, measured) if curve is not None]
     x = axes.frequency(np.concatenate([curve.frequency_hz for curve in curves]))

@@ -27,6 +27,7 @@ from vibrident.show.numbers import (
     percent,
     plain,
     printed,
+    reference_quantity,
     reference_unit,
     rounded,
     sensitivity_scale,
@@ -43,7 +44,9 @@ MOST_ROWS = 200  # rows of the table of measured points; more are thinned evenly
 
 def facts(result: Result) -> tuple[tuple[str, str], ...]:
     """What was calibrated and how, as pairs of name and text."""
-    reference = f"{result.quantity}, in {pretty(reference_unit(result))}" if result.has_gain else "none: free decays"
+    reference = f"{reference_quantity(result)}, in {pretty(reference_unit(result))}"
+    if not result.has_gain:
+        reference = "none: free decays"
     return (
         *((key.replace("_", " "), str(value)) for key, value in result.sensor.items() if value),
         ("model", result.model),

@@ -166,9 +166,10 @@ def tracking(columns: Mapping[str, FloatArray], document: Mapping[str, Any], sen
         line = Series(time, values, look=Look(BLACK, width=1.0), half=half, band="± U (k = 2)")
         panels.append(Panel(x, y, (line,), 1.5, marks=_alarms(document, name)))
     innovation = columns["innovation"][thin]
-    drawn = Series(time, innovation, look=Look(VERMILION, width=1.0))
-    y, marks = axes.size("Innovation, rms", innovation), _alarms(document, "innovation")
-    panels.append(Panel(x, y, (drawn,), 1.0, marks=marks))
+    if np.isfinite(innovation).any():  # nothing moved: there is none
+        drawn = Series(time, innovation, look=Look(VERMILION, width=1.0))
+        y, marks = axes.size("Innovation, rms", innovation), _alarms(document, "innovation")
+        panels.append(Panel(x, y, (drawn,), 1.0, marks=marks))
     return Figure("track", "Tracked sensor", (Stack(tuple(panels)),), subject(document["model"], sensor))
 
 

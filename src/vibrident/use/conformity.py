@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from vibrident.base.errors import unknown
+from vibrident.physics.models import installed
 from vibrident.result import Result
 
 Rule = Literal["simple", "guarded"]
@@ -74,6 +75,9 @@ def judged(result: Result, reference_hz: float | None, reference: tuple[float, f
                 rows = [_row(entry, "%", limits, math.nan, None, None, rule)]
             found.append(min(rows, key=_order))
             continue
+        if _left_out(result, entry["quantity"]):
+            found.append(_row(entry, "", limits, math.nan, None, None, rule))
+            continue
         if entry["quantity"] not in result.parameters:
             raise unknown(
                 "A requirement is of a quantity that the result does not have.",
@@ -86,6 +90,42 @@ def judged(result: Result, reference_hz: float | None, reference: tuple[float, f
         u = parameter.standard_uncertainty
         found.append(_row(entry, parameter.unit, limits, parameter.value, u, None, rule))
     return found
+
+
+def judged_points(result: Result, reference: tuple[float, float | None], *, limited: bool) -> list[Judged]:
+    """Return the deviation of every measured point, with the narrowest limits that hold there.
+
+    Args:
+        result: with the requirements and the decision rule in its certificate.
+        reference: magnitude of the sensitivity at the reference frequency, and its u.
+        limited: whether limits are judged by.
+    """
+    rule: Rule = result.certificate.get("decision_rule") or "simple"
+    entries = [
+        entry for entry in result.certificate.get("requirements") or () if limited and entry["quantity"] == DEVIATION
+    ]
+    found = []
+    for value, u, frequency_hz in _deviations(result, {}, reference):
+        here = [entry for entry in entries if _holds(entry, frequency_hz)]
+        low = max((entry["low"] for entry in here if entry.get("low") is not None), default=-math.inf)
+        high = min((entry["high"] for entry in here if entry.get("high") is not None), default=math.inf)
+        whole = {"quantity": DEVIATION}
+        found.append(_row(whole, "%", (float(low), float(high)), value, u, frequency_hz, rule))
+    return found
+
+
+def _holds(entry: Any, frequency_hz: float) -> bool:
+    """Return whether a requirement is of this frequency."""
+    low, high = entry.get("from_hz") or 0.0, entry.get("to_hz") or math.inf
+    return low * (1 - 1e-9) <= frequency_hz <= high * (1 + 1e-9)
+
+
+def _left_out(result: Result, name: str) -> bool:
+    """Return whether a parameter of the result's model is not stated, as of a rejected one."""
+    model = installed(result.model)
+    if model is None or name in result.parameters:
+        return False
+    return name in (*model.parameter_names, *(derived.name for derived in model.core.derived))
 
 
 def _order(row: Judged) -> tuple[bool, float, float]:
@@ -119,8 +159,7 @@ def _deviations(
         return
     size, reference_u = reference
     points = result.measured
-    low, high = entry.get("from_hz") or 0.0, entry.get("to_hz") or math.inf
     for f, magnitude, u in zip(points.frequency_hz, points.magnitude, points.magnitude_uncertainty, strict=True):
-        if low * (1 - 1e-9) <= f <= high * (1 + 1e-9) and np.isfinite(magnitude):
+        if _holds(entry, f) and np.isfinite(magnitude):
             both = None if reference_u is None or not np.isfinite(u) else math.hypot(u / size, reference_u / size)
-            yield 100.0 * (magnitude / size - 1.0), None if both is None else 100.0 * both, float(f)
+            yield float(100.0 * (magnitude / size - 1.0)), None if both is None else 100.0 * both, float(f)

@@ -120,3 +120,11 @@ def test_bringing_to_one_clock_is_exact_in_the_band():
         record = Record("tone", np.sin(2 * np.pi * hz * time), late, RATE_HZ, "random")
         moved = at_reference_clock(record, 3e-3)
         np.testing.assert_allclose(moved.response, moved.reference, atol=3e-6)
+
+
+def test_a_response_of_which_nothing_is_left_at_another_clock_keeps_its_own() -> None:
+    """Samples are missing all over it, so that none can be interpolated."""
+    samples = np.arange(1000)
+    wave = np.sin(0.1 * samples)
+    record = Record("r", wave, wave, 1e3, "sine", valid=samples % 20 > 0)
+    assert at_reference_clock(record, 1e-4) is record

@@ -5,10 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from vibrident import identify
 from vibrident.base.backend import jax
 from vibrident.base.errors import InputError, ModelError
 from vibrident.data.records import Calibration, Record, ResponseTable
 from vibrident.fit.descent.settle import Objective
+from vibrident.fit.estimators import Ipnn
 from vibrident.fit.problem import BinProblem, Coordinates, Evidence, FrequencyProblem
 from vibrident.fit.problem.network_problem import DELAY_SETTLED
 from vibrident.fit.problem.time_domain import TimeProblem
@@ -86,14 +88,14 @@ def test_a_free_decay_has_no_input():
     assert np.max(np.abs(predicted - calibration.records[0].response)[used]) < 1e-10
 
 
-def test_models_and_records_without_a_network_are_refused():
-    record = simulated().records[0]
+def test_models_and_records_without_a_network_in_time_are_refused():
     short = Record("short", np.arange(8.0), np.arange(8.0), 1e3, "random")
     with pytest.raises(InputError, match="long enough"):
         TimeProblem.build([short], MODEL, method("bandlimited"), "acceleration", P)
-    boxcar = parse("accelerometer+boxcar")
-    with pytest.raises(ModelError, match="boxcar"):
-        TimeProblem.build([record], boxcar, method("bandlimited"), "acceleration", P | {"boxcar_length": 1e-3})
+    calibration = replace(simulated(), model="accelerometer+boxcar")
+    for settings in ({"optimiser": "adam"}, {"residual": True}):
+        with pytest.raises(ModelError, match="boxcar"):
+            identify(calibration, estimator=Ipnn().configured(**settings))
 
 
 def table(phase=True, uncertainty=True, n=12):

@@ -24,6 +24,7 @@ from vibrident.base.errors import InputError
 from vibrident.base.nominal import Nominal
 from vibrident.result import Curve
 from vibrident.show import certificate, certificate_tables, report, words
+from vibrident.show.certified import certified
 from vibrident.show.numbers import sensitivity_scale
 from vibrident.show.points import nominal_points, reference_point, sensitivity_at
 
@@ -154,10 +155,12 @@ def test_the_pdf_holds_the_contents_and_numbers_its_pages():
     result = with_grid(stated())
     found = pages(report.content(result, "pdf"))
     text = " ".join(" ".join(found).split())
-    for table in (certificate_tables.sensitivity(result), certificate_tables.parameters(result)):
+    to_sign = certified(result)
+    tables = (certificate_tables.sensitivity(to_sign), certificate_tables.parameters(to_sign))
+    for table in tables:
         for row in table.rows:
             assert " ".join(cell.replace("_", "") for cell in row if cell) in text
-    for _, said in certificate_tables.reference(result).rows:
+    for _, said in certificate_tables.reference(to_sign).rows:
         assert said in text
     for key in ("number", "laboratory", "customer", "mounting", "procedure", "traceability", "operator"):
         assert CERTIFICATE[key] in text

@@ -149,7 +149,7 @@ def test_the_measured_values_are_the_results():
     table, points = parts.measured(result), result.measured
     factor = factor_to(sensitivity_scale(result).unit, "V/(m/s^2)")
     assert len(table.rows) == len(points.frequency_hz)
-    for i, (_, f, magnitude, u, relative, phase, phase_u) in enumerate(table.rows):
+    for i, (_, f, magnitude, u, relative, *_, phase, phase_u) in enumerate(table.rows):
         assert_rounded(f, points.frequency_hz[i])
         assert_rounded(magnitude, points.magnitude[i], factor)
         assert_rounded(u, 2 * points.magnitude_uncertainty[i], factor)
@@ -273,4 +273,5 @@ def test_the_digital_certificate_states_the_same(tmp_path):
 
 
 def test_a_table_without_phase_has_a_certificate():
-    assert len(parts.measured(table_only()).columns) == 5
+    heads = parts.measured(table_only()).header
+    assert not [head for head in heads if "phase" in head or "°" in head]

@@ -30,6 +30,7 @@ from vibrident.result import Result
 from vibrident.show import certificate, document, figures, tables
 from vibrident.show.comparison import beside, comparison_tables
 from vibrident.show.coverage import scatter_only
+from vibrident.show.deviation_points import from_reference
 from vibrident.show.findings import told
 from vibrident.show.issue import Issue, issued
 from vibrident.show.media import charts, html
@@ -173,7 +174,8 @@ def facts(path: Path) -> tuple[str, str]:
 def outcome(path: Path) -> dict[str, Any]:
     """The view of a result: verdict, numbers, warnings and findings as HTML, charts as JSON."""
     result = Result.load(path)
-    shown, left = _fitting(_named(figures.sensitivity(result), figures.deviation(result)), MOST_BYTES)
+    drawn = figures.sensitivity(result), from_reference(result), figures.deviation(result)
+    shown, left = _fitting(_named(*drawn), MOST_BYTES)
     found, left = _fitting(_named(figures.training(result)), left)
     signals, left = _fitting(_charts(figures.signals(result)), left)
     return {

@@ -59,6 +59,12 @@ _Lines = Annotated[
     BeforeValidator(_lines),
     Field(min_length=1, description="text in quotes, or a list of such"),
 ]
+_Quantities = Annotated[
+    list[Literal["magnitude", "phase"]],
+    BeforeValidator(_lines),
+    Field(min_length=1, description='"magnitude", "phase" or a list of both'),
+    Shown("lines"),
+]
 _Country = Annotated[
     str, Field(pattern="^[A-Z]{2}$", description="two capitals (ISO 3166-1), such as DE")
 ]
@@ -132,6 +138,7 @@ class CertificateSection(FileSection):
         default=[], description="a list of names, or [[certificate.instruments]]"
     )
     reference_frequency_hz: Positive | None = key(unit="Hz")
+    quantities: _Quantities | None = None
     operator: _Text | None = None
     approved_by: _Text | None = None
     remarks: _Lines | None = None

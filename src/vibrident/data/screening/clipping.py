@@ -106,10 +106,10 @@ def _rail(values: FloatArray, valid: BoolArray, top: FloatArray) -> float | None
         width = step * np.ceil(width / step)  # whole steps
     limits = float(top[0]) - width + 0.5 * step
     ends = np.searchsorted(below, np.multiply.outer(width, np.arange(BINS + 1)) - limits[:, None])
-    for limit, wide, places in zip(limits.tolist(), width.tolist(), ends, strict=True):
-        counts = places.astype(float)
-        counts[1:] -= places[:-1]
-        if not _piled(counts, FEWEST_NEAR) or counts[0] <= FULLER * _fullest_below(top, limit, wide):
+    counts = np.diff(ends, axis=1, prepend=0).astype(float)
+    for index in np.flatnonzero(_piled(counts, FEWEST_NEAR)).tolist():
+        limit, wide = float(limits[index]), float(width[index])
+        if counts[index, 0] <= FULLER * _fullest_below(top, limit, wide):
             continue
         inside = valid & (values > limit)
         if _runs(inside).size < VISITS or _in_step(inside) or _at_rest(inside, valid):
@@ -144,7 +144,7 @@ def _of_equal_values(values: FloatArray, valid: BoolArray, top: FloatArray, same
     gaps = -np.diff(top[begins[: counts.size]])
     if gaps[0] > 1.5 * np.min(gaps) and counts[0] < 2.0 * FULLER * most:
         return None  # synchronous samples, which leave values out
-    if counts[0] <= FULLER * most or not _piled(counts, FEWEST_EQUAL):
+    if counts[0] <= FULLER * most or not bool(_piled(counts, FEWEST_EQUAL)):
         return None
     if (_runs(inside).size < VISITS and np.max(_runs(inside)) < LONG) or _at_rest(inside, valid):
         return None
@@ -163,11 +163,12 @@ def _ties_by_chance(top: FloatArray, count: float) -> float:
     return min(1.0, BELOW * grid_step(-top[: below + 32], MOST_PARTS) / distance) ** (count - 1.0)
 
 
-def _piled(counts: FloatArray, fewest: int) -> bool:
-    """Whether the first of some bins from the top is a rail's."""
-    below = float(counts[2:6].sum()) / counts[2:6].size
-    doubt = 3.0 * np.sqrt(max(float(counts[1]), 1.0)) if counts[0] < 30.0 * fewest else 0.0
-    return bool(counts[0] >= fewest and counts[0] > FULLER * counts[1] + doubt and counts[1] <= LEVEL * below + 2.0)
+def _piled(counts: FloatArray, fewest: int) -> BoolArray:
+    """Whether the first of some bins from the top, along the last axis, is a rail's."""
+    first, second = counts[..., 0], counts[..., 1]
+    below = np.mean(counts[..., 2:6], axis=-1)
+    doubt = np.where(first < 30.0 * fewest, 3.0 * np.sqrt(np.maximum(second, 1.0)), 0.0)
+    return (first >= fewest) & (first > FULLER * second + doubt) & (second <= LEVEL * below + 2.0)
 
 
 def _runs(flags: BoolArray) -> FloatArray:

@@ -88,7 +88,7 @@ def grid_step(values: FloatArray, most_apart: int) -> float:
     apart = gaps > SAME * (values[-1] - values[0])
     if not np.any(apart):
         return 0.0
-    least = float(np.min(gaps[apart]))
+    least = float(np.min(gaps, where=apart, initial=np.inf))
     above = values[:: max(1, values.size // MOST_ON_GRID)] - values[0]
     parts = kept = np.arange(1.0, most_apart + 1.0)[:, None]
     for some in (above[:: max(1, above.size // FIRST)] / least, above / least):

@@ -174,6 +174,8 @@ class Channel:
             return ()
         size = np.abs(self.errors)
         places = np.flatnonzero(size > NOISE)
+        if not places.size:
+            return ()
         level = self.level(places)
         places, level = places[size[places] > NOISE * level], level[size[places] > NOISE * level]
         groups = np.split(np.arange(places.size), np.flatnonzero(np.diff(places) > ORDER) + 1)

@@ -11,6 +11,7 @@ from vibrident.base.escaping import csv_cell
 from vibrident.export.form import Format, Options
 from vibrident.export.sensor import ExportedSensor
 from vibrident.result import Result
+from vibrident.show.numbers import per_unit
 
 #: Field of a curve → heading; ``per``: its unit.
 _COLUMNS = {
@@ -50,7 +51,7 @@ def sheets(result: Result) -> dict[str, Sheet]:
     head = ("parameter", "value", "unit", "standard_uncertainty", "low_95", "high_95", "identifiable", "derived")
     related = [(name, *row) for name, row in zip(correlation.names, correlation.matrix, strict=True)]
     found: dict[str, Sheet] = {"parameters": (head, rows), "correlation": (("parameter", *correlation.names), related)}
-    per = f"{result.response_unit} per {result.reference.get('unit', 'm/s^2')}"
+    per = f"{result.response_unit} per {per_unit(result)}"
     curves = (result.response, "response", _COLUMNS), (result.measured, "measured", _COLUMNS | _MEASURED)
     for curve, name, columns in curves:
         padded = (_padded(getattr(curve, field), len(curve.frequency_hz)) for field in columns)

@@ -27,10 +27,12 @@ from vibrident.export.dcc_tree import LANGUAGE, SI, Tree, cleaned, numeral
 from vibrident.export.form import Format, Options, library
 from vibrident.export.sensor import ExportedSensor
 from vibrident.result import Result
-from vibrident.show.coverage import coverage, interval_text, scatter_only, unstated
+from vibrident.show.certified import RAISED, certified, stated_parameters
+from vibrident.show.coverage import coverage, interval_text, not_certified, unstated
 from vibrident.show.language import Say
-from vibrident.show.points import reference_point
+from vibrident.show.points import reference_value
 from vibrident.show.tables import small_signals
+from vibrident.show.views import Sentence
 from vibrident.use.conformity import judged
 
 VERSION = "3.2.1"
@@ -46,11 +48,13 @@ def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
     """Write ``NAME.dcc.xml``."""
     result = Result.from_dict(sensor.result.to_dict())  # as in its file: no NaN, dates as text
     _check(result, options)
+    said = not_certified(result)
+    result = stated_parameters(certified(result))
     tree = Tree()
     names = {"dcc": NAMESPACE, "si": SI, "xsi": "http://www.w3.org/2001/XMLSchema-instance"}
     root = tree.etree.Element(f"{{{NAMESPACE}}}digitalCalibrationCertificate", nsmap=names, schemaVersion=VERSION)
     root.set("{http://www.w3.org/2001/XMLSchema-instance}schemaLocation", _LOCATION)
-    root.append(_administration(tree, result, options))
+    root.append(_administration(tree, result, options, said))
     root.append(tree.make("measurementResults", measurement(tree, result)))
     text = tree.etree.tostring(root, xml_declaration=True, encoding="UTF-8", pretty_print=True)
     if options.schema is not None:
@@ -61,6 +65,14 @@ def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
 
 
 def _check(result: Result, options: Options) -> None:
+    if result.is_tracked:
+        raise InputError(
+            "A tracked result is no calibration, so it has no calibration certificate.",
+            expected="the result of a calibration",
+            found="a result of ⟦command = track⟧",
+            where="result.json, estimator",
+            remedy="export the result that the tracking began with",
+        )
     stated = result.certificate
     missing = [f"[certificate] {key}" for key in _NEEDED if _blank(stated.get(key))]
     if all(_blank(stated.get(key)) for key in ("approved_by", "operator")):
@@ -111,7 +123,7 @@ def _is_date(text: str) -> bool:
         return False
 
 
-def _administration(tree: Tree, result: Result, options: Options) -> Any:
+def _administration(tree: Tree, result: Result, options: Options, unstated_sources: Iterable[Sentence]) -> Any:
     stated, named = result.certificate, result.sensor
     make, text = tree.make, tree.text
     date = str(stated["date_of_calibration"])
@@ -153,7 +165,8 @@ def _administration(tree: Tree, result: Result, options: Options) -> Any:
         for name, role in persons
         if not _blank(name)
     )
-    declared = (make("statement", text("name", title), *parts) for title, *parts in _statements(tree, result))
+    statements = _statements(tree, result, unstated_sources)
+    declared = (make("statement", text("name", title), *parts) for title, *parts in statements)
     country, place = _country(result, options), stated.get("laboratory_address")
     return make(
         "administrativeData",
@@ -177,7 +190,9 @@ def _contact(tree: Tree, tag: str, name: str, address: str | None, country: str 
     return tree.make(tag, tree.named(name), tree.make("location", code, further))
 
 
-def _statements(tree: Tree, result: Result) -> Iterable[tuple[str, *tuple[Any, ...]]]:
+def _statements(
+    tree: Tree, result: Result, unstated_sources: Iterable[Sentence]
+) -> Iterable[tuple[str, *tuple[Any, ...]]]:
     """Conventions of the numbers, and the laboratory's statements: title, declaration, and conformity where judged."""
     ours = functools.partial(tree.text, "declaration")
     yield (
@@ -190,7 +205,7 @@ def _statements(tree: Tree, result: Result) -> Iterable[tuple[str, *tuple[Any, .
     )
     covered = result.settings.get("uncertainty_covers")
     said = [coverage(result).text(), f"Uncertainties cover: {covered}." if covered else "", interval_text(result)]
-    said += [f"{sentence.lead} {sentence.text}" for sentence in scatter_only(result)]
+    said += [f"{sentence.lead} {sentence.text}" for sentence in unstated_sources]
     yield "uncertainty", ours(*(line for line in said if line))
     if remark := small_signals(result):
         yield "small signals", ours(remark)
@@ -201,6 +216,8 @@ def _statements(tree: Tree, result: Result) -> Iterable[tuple[str, *tuple[Any, .
     yield "reproduction", ours(Say(LANGUAGE)("text", "no_reproduction"))
     if result.settings.get("cmc"):
         yield "capability", ours(Say(LANGUAGE)("text", "cmc"))
+    if result.settings.get(RAISED):
+        yield "uncertainty of the model", ours(Say(LANGUAGE)("text", "raised"))
     yield from _conformity(tree, result)
     if result.certificate.get("replaces"):
         yield "replaces certificate", tree.stated("declaration", result.certificate["replaces"])
@@ -219,9 +236,9 @@ _STATED = (
 
 def _conformity(tree: Tree, result: Result) -> Iterable[tuple[str, *tuple[Any, ...]]]:
     """Each requirement with its limits, the value and its u, the decision rule, and whether it is met."""
-    if not result.certificate.get("requirements") or unstated(result):
+    if not result.certificate.get("requirements") or "gain" in unstated(result):
         return
-    point, _ = reference_point(result)
+    point = reference_value(result)
     place = None if point is None else (point.magnitude, point.magnitude_uncertainty)
     rule = Say(LANGUAGE)("text", result.certificate.get("decision_rule") or "simple")
     for row in judged(result, None if point is None else point.frequency_hz, place):

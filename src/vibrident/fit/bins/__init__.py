@@ -14,9 +14,9 @@ from __future__ import annotations
 
 from vibrident.fit.bins.record import RecordBins
 from vibrident.fit.bins.segments import (
+    Drive,
     Segment,
-    hum_of,
-    seen_by_network,
+    driven_by,
     segment_of,
     transformable,
     unbroken,
@@ -26,12 +26,12 @@ from vibrident.fit.bins.transfer import DiscreteTransfer, Trained, horner, trans
 
 __all__ = [
     "DiscreteTransfer",
+    "Drive",
     "RecordBins",
     "Segment",
     "Trained",
+    "driven_by",
     "horner",
-    "hum_of",
-    "seen_by_network",
     "segment_of",
     "transfer_of",
     "transformable",

@@ -10,7 +10,7 @@ end of the run put in,
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -24,7 +24,8 @@ from vibrident.data.records.basis import runs_of_true
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.rest import offset_of_reference
 from vibrident.fit.response.transform import MOST_KEPT
-from vibrident.physics.discretisation.inputs import StepFilters, StepInputs
+from vibrident.physics.discretisation.inputs import StepFilters, StepInputs, filtered
+from vibrident.physics.models import SensorModel
 
 _Step = TypeVar("_Step", StepInputs, StepFilters)
 
@@ -37,6 +38,51 @@ OFF_LINES = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
+class Drive:
+    """The reference of a record as the network takes it.
+
+    Attributes:
+        signals: the reference behind the factors of the model that are not rational, and its
+            derivatives with each of their parameters, each of shape (samples,).
+        valid: where all samples that these need are valid, shape (samples,).
+    """
+
+    signals: tuple[FloatArray, ...]
+    valid: BoolArray
+
+
+def driven_by(
+    record: Record,
+    model: SensorModel,
+    factor_values: Mapping[str, float],
+    *,
+    centred: bool = True,
+) -> Drive:
+    """Return what drives the network of a record.
+
+    Args:
+        record: the record.
+        model: the sensor model.
+        factor_values: parameters of its factors that are not rational, by name.
+        centred: whether the reference is taken about its mean.
+    """
+    reference, valid = seen_by_network(record, centred=centred)
+    if not factor_values or record.reference is None:
+        return Drive((reference,) * (1 + len(factor_values)), valid)
+    rate_hz = record.sampling_rate_hz
+
+    def behind(turns: FloatArray) -> ComplexArray:
+        return np.asarray(model.factors(factor_values, turns * rate_hz))
+
+    def along(name: str, turns: FloatArray) -> ComplexArray:
+        return np.asarray(model.factor_slopes(factor_values, turns * rate_hz)[name])
+
+    responses = [behind, *(functools.partial(along, name) for name in factor_values)]
+    signals, places = zip(*(filtered(reference, valid, response) for response in responses), strict=True)
+    return Drive(signals, np.logical_and.reduce(places))
+
+
+@dataclass(frozen=True, eq=False)
 class Transforms:
     """The transforms of a run, made when they are asked for.
 
@@ -44,19 +90,22 @@ class Transforms:
         record: the record.
         span: the run, in samples of the response.
         step: computes the inputs of its steps.
+        drive: the reference as the network takes it.
     """
 
     record: Record
     span: slice
     step: StepFilters
+    drive: Drive
 
     @functools.cached_property
     def inputs(self) -> ComplexArray:
-        """Of the inputs of the steps, shape (q, L); zero for a free decay."""
+        """Of the inputs of the steps, shape (q, L), of each signal in turn; zero for a free decay."""
         if self.record.reference is None:
             lines = (self.span.stop - self.span.start) // 2 + 1
-            return np.zeros((self.step.filters.shape[0], lines), dtype=complex)
-        return input_lines(seen_by_network(self.record, centred=True)[0], self.span, self.step)
+            return np.zeros((len(self.drive.signals) * self.step.filters.shape[0], lines), dtype=complex)
+        every = [input_lines(signal, self.span, self.step) for signal in self.drive.signals]
+        return np.concatenate(every) if len(every) > 1 else every[0]
 
     @functools.cached_property
     def response(self) -> ComplexArray:
@@ -102,6 +151,10 @@ class Segment:
         """Transform of the response, shape (L,)."""
         return self.transforms.response
 
+    def driven(self, drive: Drive) -> Segment:
+        """Return the same with another reference."""
+        return replace(self, transforms=replace(self.transforms, drive=drive))
+
     def idle(self) -> Segment:
         """The same without its transforms, which are made again when they are asked for."""
         return replace(self, transforms=replace(self.transforms))
@@ -140,7 +193,7 @@ def _shifted_kept(samples: int) -> ComplexArray:
     return found
 
 
-def segment_of(number: int, record: Record, span: slice, step: StepFilters) -> Segment:
+def segment_of(number: int, record: Record, span: slice, step: StepFilters, drive: Drive) -> Segment:
     """A run with its transforms at all lines from 0 to half the sampling rate.
 
     Args:
@@ -148,10 +201,11 @@ def segment_of(number: int, record: Record, span: slice, step: StepFilters) -> S
         record: the record; the reference is valid all over the run.
         span: the run, in samples of the response.
         step: computes the inputs of its steps.
+        drive: the reference as the network takes it.
     """
     used = record.mask[span]
     hum = hum_of(record, len(used))
-    return Segment(number, span, Transforms(record, span, step), None if used.all() else used, hum)
+    return Segment(number, span, Transforms(record, span, step, drive), None if used.all() else used, hum)
 
 
 def hum_of(record: Record, samples: int) -> tuple[float, ...]:

@@ -10,6 +10,7 @@ z − 1, not of z: where the sensor is slow against the sampling rate, all its p
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -69,12 +70,15 @@ class Trained:
         method: the discretisation.
         quantity: what the reference is.
         terms: inputs a step, q.
+        factor_values: parameters of the factors that are not rational, by name, at which the
+            reference was taken. The inputs' derivatives with each are inputs, too.
     """
 
     model: SensorModel
     method: Method
     quantity: Quantity
     terms: int
+    factor_values: Mapping[str, float]
 
     @property
     def order(self) -> int:
@@ -97,13 +101,21 @@ class Trained:
         return self.method.weights(system, interval_s, fraction, self.terms)
 
     def transfer(self, values: dict[str, Any], interval_s: float, fraction: float, delay_s: float) -> DiscreteTransfer:
-        """Transfer function of a step; arguments as of :meth:`weights`."""
-        return transfer_of(self.weights(values, interval_s, fraction, delay_s))
+        """Return the transfer function of a step; arguments as of :meth:`weights`.
 
-    def jacobian(
+        The response is linear in how far the factors' parameters are from those of the inputs.
+        """
+        rational = transfer_of(self.weights(values, interval_s, fraction, delay_s))
+        moves = [np.asarray(values[name] - at) for name, at in self.factor_values.items()]
+        if not moves:
+            return rational
+        slopes = [move[..., None, None] * rational.numerator for move in moves]
+        return rational._replace(numerator=np.concatenate([rational.numerator, *slopes], axis=-1))
+
+    def with_slopes(
         self, values: dict[str, float], interval_s: float, fraction: float, delay_s: float
-    ) -> DiscreteTransfer:
-        """Derivatives of :meth:`transfer` with each parameter, in a leading axis of P, by complex step."""
+    ) -> tuple[DiscreteTransfer, DiscreteTransfer]:
+        """Return :meth:`transfer`, and its derivatives with each parameter in a leading axis of P, by complex step."""
         places = np.array(list(values.values()), dtype=float)
         steps = STEP * np.maximum(np.abs(places), 1e-30)
         moved = np.repeat(places[:, None].astype(complex), len(places), axis=1)
@@ -116,7 +128,10 @@ class Trained:
         else:
             many = self.transfer(dict(zip(values, moved, strict=True)), interval_s, fraction, delay_s)
         per = 1.0 / steps
-        return DiscreteTransfer(np.imag(many.denominator) * per[:, None], np.imag(many.numerator) * per[:, None, None])
+        slopes = DiscreteTransfer(
+            np.imag(many.denominator) * per[:, None], np.imag(many.numerator) * per[:, None, None]
+        )
+        return DiscreteTransfer(many.denominator[0].real, many.numerator[0].real), slopes
 
 
 def horner(coefficients: FloatArray, w: ComplexArray) -> ComplexArray:

@@ -144,7 +144,7 @@ def _of_bins(
                     place.rows.predicted[row],
                     np.where(used, series, 0.0),
                     jacobian,
-                    place.rows.nuisances[row],
+                    place.rows.nuisances.columns[row],
                 )
                 tone = tones.get(segment.record)
                 yield _at_bins(given, evidence, estimate, segment.span, used, *signals, turns=tone)

@@ -19,7 +19,7 @@ import numpy as np
 
 from vibrident.data.records import FloatArray
 from vibrident.fit.group.group import Group
-from vibrident.fit.group.network import Rows, Step, amounts_of, combined, evaluate, products
+from vibrident.fit.group.network import Nuisances, Rows, Step, combined, evaluate, products
 from vibrident.fit.problem.band import Band
 from vibrident.fit.problem.coordinates import Coordinates
 from vibrident.fit.response.response import ComplexArray
@@ -108,11 +108,39 @@ class GroupAt:
         if weights.has_reference:
             toward = weights.reference * through.conj() * rows.residual / psd  # X̂ − X
             jacobian = jacobian + turns * toward[:, None]
-            jacobian -= combined(amounts_of(rows.nuisances, jacobian, weight), rows.nuisances)
+            jacobian -= rows.nuisances.imitated(jacobian)
             # |N|² of noise of the reference is its variance times the number of samples.
             alone = weight * group.grid.samples * weights.reference * weights.response / psd
             of_noise = products(turns * np.sum(alone, axis=0), turns)
         return cls(group, rows, jacobian, through, turns, psd, weight, of_noise)
+
+    @property
+    def numbers(self) -> FloatArray:
+        """Return the count of real numbers that V is a sum over, each by how much it counts, shape (R,)."""
+        return np.asarray(np.sum(self.weight * self.psd, axis=1)) * self.group.grid.samples
+
+    def told_by_all_bins(self) -> tuple[ComplexArray, ComplexArray]:
+        """Return residual and prediction with the nuisances that fit all bins best, shape (R, K).
+
+        Those of the fit are told by the bins that show motion. What these do not tell of the
+        initial states is no noise of the others.
+        """
+        rows = self.rows
+        weight = self.group.grid.counts / self.psd
+        columns = rows.nuisances.columns
+        more = Nuisances.in_weight(columns, weight).amounts(rows.residual[:, None])
+        residual = rows.residual - combined(more, columns)[:, 0]
+        states = combined(more[:, :, : rows.order], columns[:, : rows.order])[:, 0]
+        return residual, rows.predicted + states
+
+
+def fitted_numbers(places: Sequence[GroupAt]) -> list[FloatArray]:
+    """Return the count of numbers that were fitted to the segments of each group, shape (R,) each.
+
+    Those are the amounts of a segment's nuisances, and its share of the parameters.
+    """
+    total = max(sum(float(np.sum(at.numbers)) for at in places), 1.0)
+    return [at.rows.nuisances.columns.shape[1] + len(at.turns) / total * at.numbers for at in places]
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vibrident.data.records import FloatArray
-from vibrident.fit.descent.in_noise import GroupAt, GroupWeights, Iterate, iterate, places_in
+from vibrident.fit.descent.in_noise import GroupAt, GroupWeights, Iterate, fitted_numbers, iterate, places_in
 from vibrident.fit.descent.sandwich import width
 from vibrident.fit.descent.weighting import Weighting, read_weighting
 from vibrident.fit.group.network import products
@@ -71,12 +71,7 @@ class Settled:
     @property
     def numbers(self) -> float:
         """Count of real numbers that V is a sum over, each by how much it counts."""
-        total = 0.0
-        for at in self.places:
-            grid = at.group.grid
-            excited = [self.weighting.spectra[number].excited for number in at.group.segments]
-            total += float(np.sum(grid.counts * grid.samples * np.stack(excited)))
-        return total
+        return sum(float(np.sum(at.numbers)) for at in self.places)
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,13 +134,14 @@ class Objective:
 
     def __call__(self, z: FloatArray, _: None = None) -> _Quadratic:
         """Return V, its gradient and information at z."""
-        at = iterate(self.band, self.coordinates, self.weights, z)
+        band = self.band.at_factors_of(self.coordinates.values(z))
+        at = iterate(band, self.coordinates, self.weights, z)
         self.last = z, at
         return _Quadratic(at.cost, at.gradient, information(at))
 
     def at(self, z: FloatArray) -> Iterate:
         """Return the iterate at z."""
-        if self.last is None or self.last[0] is not z:
+        if self.last is None or not np.array_equal(self.last[0], z):
             self(z)
         assert self.last is not None
         return self.last[1]
@@ -187,6 +183,11 @@ class Descended:
         """Where it ended, shape (P,)."""
         return self.trace.last
 
+    @property
+    def values(self) -> dict[str, float]:
+        """The parameters there by name."""
+        return self.coordinates.values(self.z)
+
 
 def descend(
     band: Band,
@@ -201,13 +202,13 @@ def descend(
     Raises:
         NotConverged: V is not finite at z.
     """
-    for _ in range(MAX_MOVES):
+    for move in range(MAX_MOVES):
         objective = Objective(band, coordinates, weighting.of_groups(band))
         trace = levenberg_marquardt(objective, z, None, tolerance=tolerance, progress=progress)
         z = trace.last
         at = objective.at(z)
         moved = band.at_delay_of(coordinates.values(z))
-        if moved is band:
+        if moved is band or move == MAX_MOVES - 1:
             break
         band = moved
     return Descended(band, coordinates, trace, at)
@@ -281,7 +282,8 @@ def _minus_log_likelihood(at: Iterate) -> float:
     total = 0.0
     for place in at.groups:
         counts = place.group.grid.counts * place.group.grid.samples
-        power = power_of(place.rows.residual) / place.group.count[:, None]
+        residual, _ = place.told_by_all_bins()
+        power = power_of(residual) / place.group.count[:, None]
         total += float(np.sum(counts * (power / place.psd + np.log(place.psd))))
     return total
 
@@ -305,7 +307,7 @@ def _stated(
     deviation = np.sqrt(floors)  # of a record that no segment reaches
     reference = np.zeros(len(floors))
     tones: list[tuple[float, ...]] = [()] * len(floors)
-    for place in at.groups:
+    for place, fitted in zip(at.groups, fitted_numbers(at.groups), strict=True):
         grid = place.group.grid
         around = width(grid.samples, 1 / 128)
         excited = np.stack([weighting.spectra[n].excited for n in place.group.segments])
@@ -315,6 +317,9 @@ def _stated(
         least = floors[owners][:, None] / place.psd
         # What does not count says nothing of the noise where it counts.
         sums, of_weights = (mean_around(rows, around) for rows in (power * excited, excited))
+        # What was fitted is missing in the residual (MacKinnon & White 1985).
+        missing = place.numbers / np.maximum(place.numbers - fitted, 1.0)
+        sums *= missing[:, None]
         local = np.maximum(sums / np.maximum(of_weights, np.finfo(float).tiny), least)
         loud = place.weight * excited * local
         middle += np.sum(products(place.jacobian * loud[:, None], place.jacobian), axis=0)

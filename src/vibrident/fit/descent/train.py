@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterable, Iterator, Mapping
+import functools
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -58,8 +58,8 @@ def train(evidence: Evidence, method: Method, progress: Progress, *, level: bool
     """
     best: _Begun | None = None
     for band, look in _looks(evidence, method):
-        look = look.levelled() if level else look
-        begun = _Begun.at(evidence, band, look, progress)
+        seen = _Seen(band, look.levelled() if level else look)
+        begun = _Begun.at(evidence, seen, progress)
         if best is None or begun.left < best.left:
             best = begun
         if best.left < ENOUGH:
@@ -93,35 +93,57 @@ def _looks(evidence: Evidence, method: Method) -> Iterator[tuple[Band, Look]]:
 
 
 @dataclass(frozen=True, eq=False)
-class _Begun:
-    """Where start values lead in the noise that is known without a model.
+class _Seen:
+    """The segments, and what they say without a model.
 
     Attributes:
         band: the segments.
-        look: what they say without a model.
-        weighting: the noise.
-        ends: of the descents.
+        look: what they say.
     """
 
     band: Band
     look: Look
+
+    @functools.cached_property
+    def places(self) -> list[dict[str, float]]:
+        """Places of the grid; those of a model whose parameters may trade are more."""
+        model = self.band.model
+        more = model.has_delay or len(model.parameters) > len(model.core.parameters)
+        return [each.values for each in candidates(self.band, self.look, STARTS if more else FEW_STARTS)]
+
+    def starts(self, known: Sequence[dict[str, float]]) -> Iterator[dict[str, float]]:
+        """Yield values that are known, and then the places."""
+        yield from known
+        yield from self.places
+
+
+@dataclass(frozen=True, eq=False)
+class _Begun:
+    """Where start values lead in the noise that is known without a model.
+
+    Attributes:
+        seen: the segments, and what they say without a model.
+        weighting: the noise.
+        ends: of the descents.
+    """
+
+    seen: _Seen
     weighting: Weighting
     ends: list[Descended]
 
     @classmethod
-    def at(cls, evidence: Evidence, band: Band, look: Look, progress: Progress) -> _Begun:
+    def at(cls, evidence: Evidence, seen: _Seen, progress: Progress) -> _Begun:
         """Search and go down."""
-        weighting = _without_model(band, look)
+        weighting = _without_model(seen.band, seen.look)
         known = [] if evidence.start is None else [dict(evidence.start)]
-        starts = itertools.chain(known, _candidates(band, look))
-        ends = _descended(evidence, band, look, weighting, starts, progress)
-        begun = cls(band, look, weighting, ends)
+        ends = _descended(evidence, seen, weighting, seen.starts(known), progress)
+        begun = cls(seen, weighting, ends)
         return begun if known or begun.left < ENOUGH else begun._again(evidence, progress)
 
     @property
     def count(self) -> float:
         """Numbers that show motion."""
-        return 2.0 * self.look.count
+        return 2.0 * self.seen.look.count
 
     @property
     def best(self) -> Descended:
@@ -138,34 +160,29 @@ class _Begun:
 
         Bins of very little noise lead a model that does not suit them astray: they are told less.
         """
-        here = self.best.band
+        # A factor that is zero at a frequency tells nothing there of other values.
+        here = self.best.band.at_factors_of(self.seen.band.problem.frame.factor_values)
         there = look_at(here)
         wider = with_model_error(_without_model(here, there), self.best, self.count)
-        more = _candidates(here, replace(there, weights=_weights(here, wider)))
-        rough = _descended(evidence, here, there, wider, more, progress, every=True)
-        begins = [end.coordinates.values(end.z) for end in rough]
-        more_ends = _descended(evidence, self.band, self.look, self.weighting, begins, progress, every=True)
+        seen = _Seen(here, replace(there, weights=_weights(here, wider)))
+        rough = _descended(evidence, seen, wider, seen.places, progress, every=True)
+        begins = _different(rough)
+        more_ends = _descended(evidence, self.seen, self.weighting, begins, progress, every=True)
         return replace(self, ends=[*self.ends, *more_ends])
 
     def settled(self, evidence: Evidence, progress: Progress) -> Settled:
         """Go on to the estimate; with a model error where no descent explains the records."""
         explains = self.left < MISFIT
         begun = self
+        places = [] if explains else self.seen.places
         for _ in range(0 if explains else MODEL_ERROR_ROUNDS):
             best = begun.best
             wider = with_model_error(self.weighting, best, self.count)
-            begins = [best.coordinates.values(best.z), *_candidates(self.band, self.look)]
-            ends = _descended(evidence, self.band, self.look, wider, begins, progress, every=True)
+            begins = [best.values, *places]
+            ends = _descended(evidence, self.seen, wider, begins, progress, every=True)
             begun = replace(self, ends=ends)
-        return settle(begun.ends, self.look, self.weighting, progress, explains=explains)
-
-
-def _candidates(band: Band, look: Look) -> Iterator[dict[str, float]]:
-    """Yield places of the grid; those of a model whose parameters may trade are more."""
-    model = band.model
-    more = model.has_delay or len(model.parameters) > len(model.core.parameters)
-    for candidate in candidates(band, look, STARTS if more else FEW_STARTS):
-        yield candidate.values
+            places = _different(ends)[1:]
+        return settle(begun.ends, self.seen.look, self.weighting, progress, explains=explains)
 
 
 def _weights(band: Band, weighting: Weighting) -> dict[int, FloatArray]:
@@ -246,8 +263,7 @@ def _with_delay(model: SensorModel, values: Mapping[str, float], late_s: float) 
 
 def _descended(
     evidence: Evidence,
-    band: Band,
-    look: Look,
+    seen: _Seen,
     weighting: Weighting,
     starts: Iterable[dict[str, float]],
     progress: Progress,
@@ -257,11 +273,11 @@ def _descended(
     """Return where the starts lead in a noise; unless ``every``, up to one that explains all."""
     ends: list[Descended] = []
     reason: Exception = NotConverged(NOT_FINITE)
-    count = look.count
+    count = seen.look.count
     for values in starts:
-        coordinates = Coordinates.at(evidence.model, values, look.band_hz, evidence.response_size)
+        coordinates = Coordinates.at(evidence.model, values, seen.look.band_hz, evidence.response_size)
         try:
-            here = band.at_delay_of(values).beside_ringing(values)
+            here = seen.band.at_delay_of(values).beside_ringing(values)
             end = descend(here, coordinates, coordinates.first, weighting, ROUGH, progress)
         except (NotConverged, InputError, np.linalg.LinAlgError) as error:
             reason = error
@@ -272,6 +288,26 @@ def _descended(
     if not ends:
         raise reason
     return ends
+
+
+def _different(ends: Sequence[Descended]) -> list[dict[str, float]]:
+    """Return the values at the ends of descents, the best first, without those that are where a better one is.
+
+    A descent ends within a step of the bottom that would lower its cost by less than its tolerance, so two that end
+    at one bottom are apart by two such steps at most.
+    """
+    chosen: list[Descended] = []
+    for end in sorted(ends, key=lambda each: each.at.cost):
+        if not any(_apart(end, other) <= 4.0 * ROUGH for other in chosen):
+            chosen.append(end)
+    return [end.values for end in chosen]
+
+
+def _apart(end: Descended, other: Descended) -> float:
+    """Return the squared distance of two ends, in standard uncertainties of the other's coordinates."""
+    place = other.coordinates.place
+    step = place(end.values) - place(other.values)
+    return float(step @ other.at.matrix @ step)
 
 
 def _without_model(band: Band, look: Look) -> Weighting:

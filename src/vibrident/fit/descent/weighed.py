@@ -12,7 +12,7 @@ from vibrident.base.fft_lengths import fast_below
 from vibrident.data.records import BoolArray, FloatArray, Record
 from vibrident.data.records.basis import span_of
 from vibrident.fit.descent.settle import InNoise
-from vibrident.fit.group.network import amounts_of, combined
+from vibrident.fit.group.network import Nuisances
 from vibrident.fit.noise.spectrum import Motion, NoiseSpectrum, noise_spectrum
 from vibrident.fit.problem.coordinates import Coordinates
 from vibrident.fit.problem.network_problem import noise_floor_of
@@ -82,7 +82,7 @@ def weighed_segments(in_noise: InNoise, z: FloatArray, coordinates: Coordinates)
                 np.broadcast_to(True, grid.samples) if used is None else used[row],
                 place.rows.residual[row],
                 place.rows.predicted[row],
-                place.rows.nuisances[row],
+                place.rows.nuisances.columns[row],
                 grid.counts * grid.samples,
                 in_noise.weighting.spectra[number],
                 power_of(place.through),
@@ -118,5 +118,4 @@ def weighed_series(number: int, record: Record, predicted: FloatArray) -> Weighe
 
 def freed(row: ComplexArray, columns: ComplexArray, weight: FloatArray) -> ComplexArray:
     """Return a row less the columns that fit it best in a weight; (K,), (m, K) and (K,) to (K,)."""
-    rows = row[None, None]
-    return (rows - combined(amounts_of(columns[None], rows, weight[None]), columns[None]))[0, 0]
+    return row - Nuisances.in_weight(columns[None], weight[None]).imitated(row[None, None])[0, 0]

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vibrident.data.records import BoolArray, FloatArray
-from vibrident.fit.descent.in_noise import GroupAt, GroupWeights
+from vibrident.fit.descent.in_noise import GroupAt, GroupWeights, fitted_numbers
 from vibrident.fit.group.group import Grid, Group
 from vibrident.fit.noise.reading import read_noise
 from vibrident.fit.noise.spectrum import NoiseSpectrum
@@ -96,16 +96,16 @@ def read_weighting(
     spectra: dict[int, NoiseSpectrum] = {}
     passed: dict[int, FloatArray] = {}
     samples: dict[int, int] = {}
-    for at in places:
+    for at, fitted in zip(places, fitted_numbers(places), strict=True):
         group = at.group
         squares = power_of(at.through)
         colour = _colour(band, group)
-        residual = at.rows.residual.copy()
+        residual, predicted = at.told_by_all_bins()
         residual[:, 0] = np.abs(residual[:, 1])
         driven = group.grid.driven
         noise = read_noise(
             residual,
-            at.rows.predicted,
+            predicted,
             group.inputs[:, 0] if driven else None,
             squares * colour if driven else None,
             group.count,
@@ -114,6 +114,7 @@ def read_weighting(
             colour,
             _heard_in(group, heard) if driven and heard is not None else None,
             at.through * group.inputs[:, 0] if driven else None,
+            fitted=fitted,
         )
         for number, spectrum in zip(group.segments, NoiseSpectrum.each(noise), strict=True):
             passed[number] = squares

@@ -23,6 +23,7 @@ from vibrident.fit.estimators.base import Estimate, Estimator
 from vibrident.fit.estimators.findings import Findings, LearnedShare
 from vibrident.fit.optimise import Progress, Trace, levenberg_marquardt, silent
 from vibrident.fit.problem import BinProblem, Coordinates, Evidence, Local
+from vibrident.fit.problem.network_problem import require_rational
 from vibrident.fit.problem.time_domain import TimeProblem, evaluate
 from vibrident.fit.registry import ESTIMATORS
 from vibrident.physics.models import SensorModel
@@ -115,6 +116,7 @@ class _Candidate:
         values, network = plain.coordinates.values(plain.z), plain.findings.network
         assert network is not None
         step = plain.findings.method
+        require_rational(evidence.model)
         problem = TimeProblem.build(evidence.records, evidence.model, step, evidence.quantity, values)
         return cls(problem, plain.coordinates, np.asarray(plain.z), network.noise)
 

@@ -36,6 +36,36 @@ class Step(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
+class Nuisances:
+    """Columns that are fitted to rows beside the parameters.
+
+    Attributes:
+        columns: shape (R, m, K); the n initial states first.
+        weight: of the bins, shape (R, K).
+        inverse: of their products with each other, shape (R, m, m).
+    """
+
+    columns: ComplexArray
+    weight: FloatArray
+    inverse: FloatArray
+
+    @classmethod
+    def in_weight(cls, columns: ComplexArray, weight: FloatArray) -> Nuisances:
+        """Prepare the fit of columns in a weight of the bins, shape (R, K)."""
+        return cls(
+            columns, weight, inverse_where_shown(products(columns * weight[:, None], columns))
+        )
+
+    def amounts(self, rows: ComplexArray) -> FloatArray:
+        """Return the amounts that fit rows best; (R, i, K) to (R, i, m)."""
+        return products(rows * self.weight[:, None], self.columns) @ self.inverse
+
+    def imitated(self, rows: ComplexArray) -> ComplexArray:
+        """Return what of rows the columns can imitate, shape (R, i, K)."""
+        return combined(self.amounts(rows), self.columns)
+
+
+@dataclass(frozen=True, eq=False)
 class Rows:
     """The network over a group at given parameters.
 
@@ -45,16 +75,18 @@ class Rows:
         forced: the network's response to the reference alone, shape (R, K).
         jacobian: ∂ predicted, initial states held, less what nuisance columns could imitate,
             shape (R, P, K); P is zero where no slopes were asked for.
-        nuisances: nuisance columns, shape (R, m, K); the n initial states first.
+        nuisances: nuisance columns.
         amounts: of these, shape (R, m).
+        order: number of states n.
     """
 
     residual: ComplexArray
     predicted: ComplexArray
     forced: ComplexArray
     jacobian: ComplexArray
-    nuisances: ComplexArray
+    nuisances: Nuisances
     amounts: FloatArray
+    order: int
 
 
 def real_rows(rows: ComplexArray) -> FloatArray:
@@ -64,23 +96,9 @@ def real_rows(rows: ComplexArray) -> FloatArray:
 
 def products(rows: ComplexArray, others: ComplexArray) -> FloatArray:
     """Return Re Σ rows* others over bins; (…, i, K) and (…, j, K) to (…, i, j)."""
-    return real_rows(rows) @ np.swapaxes(real_rows(others), -1, -2)
-
-
-def amounts_of(columns: ComplexArray, rows: ComplexArray, weight: FloatArray) -> FloatArray:
-    """Return the amounts of columns that fit rows best in a weight.
-
-    Args:
-        columns: shape (R, m, K).
-        rows: shape (R, i, K).
-        weight: shape (R, K).
-
-    Returns:
-        Shape (R, i, m).
-    """
-    weighted = columns * weight[:, None]
-    inverse = inverse_where_shown(products(weighted, columns))
-    return products(rows, weighted) @ inverse
+    first = real_rows(rows)
+    second = first if others is rows else real_rows(others)
+    return first @ np.swapaxes(second, -1, -2)
 
 
 def combined(amounts: FloatArray, columns: ComplexArray) -> ComplexArray:
@@ -101,10 +119,10 @@ def evaluate(group: Bins, step: Step, weight: FloatArray) -> Rows:
     order = len(step.transfer.denominator) - 1
     forced = _driven(group, step.transfer.numerator[None], over)[:, 0]
     states = _states(shifted, over, order)
-    nuisances = _nuisances(group, states, over)
+    nuisances = Nuisances.in_weight(_nuisances(group, states, over), weight)
     residual = group.response - group.where_used(forced[:, None])[:, 0]
-    amounts = amounts_of(nuisances, residual[:, None], weight)
-    residual -= combined(amounts, nuisances)[:, 0]
+    amounts = nuisances.amounts(residual[:, None])
+    residual -= combined(amounts, nuisances.columns)[:, 0]
     predicted = forced + combined(amounts[:, :, :order], states)[:, 0]
     jacobian = np.empty((len(residual), 0, residual.shape[1]), complex)
     if step.slope is not None:
@@ -113,8 +131,8 @@ def evaluate(group: Bins, step: Step, weight: FloatArray) -> Rows:
             if np.any(denominator):
                 jacobian[:, number] -= predicted * (horner(denominator, shifted) * over)
         jacobian = group.where_used(jacobian)
-        jacobian -= combined(amounts_of(nuisances, jacobian, weight), nuisances)
-    return Rows(residual, predicted, forced, jacobian, nuisances, amounts[:, 0])
+        jacobian -= nuisances.imitated(jacobian)
+    return Rows(residual, predicted, forced, jacobian, nuisances, amounts[:, 0], order)
 
 
 def predict(group: Group, step: Step) -> FloatArray:
@@ -127,7 +145,7 @@ def predict(group: Group, step: Step) -> FloatArray:
     grid = group.grid
     rows = evaluate(group, step, np.broadcast_to(grid.counts, group.response.shape))
     predicted = rows.predicted
-    order = len(step.transfer.denominator) - 1
+    order = rows.order
     offset = np.zeros((len(predicted), 1))
     if grid.in_pieces:
         offset = rows.amounts[:, order : order + 1]
@@ -136,14 +154,6 @@ def predict(group: Group, step: Step) -> FloatArray:
         if min(grid.tones, default=0.0) >= 1.0:  # less than a turn tells nothing of its mean
             predicted[:, 0] -= rows.amounts[:, order:] @ grid.unmoved[:, 0]
     return np.asarray(fft.irfft(predicted, grid.samples)) + offset
-
-
-def forced_response(group: Bins, step: Step) -> tuple[ComplexArray, ComplexArray]:
-    """Return the forced response, shape (R, K), and the nuisance columns, shape (R, m, K)."""
-    over = 1.0 / horner(step.transfer.denominator, group.shifted)
-    states = _states(group.shifted, over, len(step.transfer.denominator) - 1)
-    forced = _driven(group, step.transfer.numerator[None], over)
-    return group.where_used(forced)[:, 0], _nuisances(group, states, over)
 
 
 def _nuisances(group: Bins, states: ComplexArray, over: ComplexArray) -> ComplexArray:

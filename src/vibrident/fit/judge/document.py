@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from vibrident.data.records import FloatArray, ResponseTable
+from vibrident.data.records import REFERENCE_UNITS, Calibration, FloatArray, ResponseTable
 from vibrident.data.records.basis import distinct
 from vibrident.fit.estimators import Estimate
 from vibrident.fit.judge.attempts import Fitted
@@ -22,6 +22,7 @@ from vibrident.fit.uncertainty.budget import (
     DATA,
     BudgetRow,
     as_settings,
+    covered_kinds,
     effective_degrees_of_freedom,
     point_budget,
     rows_of_effects,
@@ -30,6 +31,7 @@ from vibrident.fit.uncertainty.curve import frequencies, with_resonances
 from vibrident.fit.uncertainty.floor import with_floor
 from vibrident.fit.uncertainty.parameters import coverage_factor, unit_fields
 from vibrident.fit.uncertainty.profile import Profile, needs_profile, profile_of, with_profile
+from vibrident.physics.models import SensorModel
 from vibrident.physics.naming import in_words
 from vibrident.result import Curve, MeasuredCurve, Parameter, Result, ResultWarning, Training
 
@@ -87,7 +89,8 @@ def document(fitted: Fitted, rows: Sequence[BudgetRow], more: Sequence[ResultWar
         measured=measured,
         warnings=warnings,
         sensor=dict(calibration.sensor),
-        reference={"quantity": calibration.quantity, "unit": calibration.reference_unit} if model.has_gain else {},
+        reference=_reference(calibration) if model.has_gain else {},
+        sensitivity_per=_sensitivity_per(model, calibration) if model.has_gain else {},
         response_unit=calibration.response_unit,
         signals=judgement.signals,
         training=_training(estimate),
@@ -97,6 +100,18 @@ def document(fitted: Fitted, rows: Sequence[BudgetRow], more: Sequence[ResultWar
         uncertainty={"covers": _kinds_covered(rows, calibration.table)},
     )
     return with_floor(result, calibration.capabilities)
+
+
+def _reference(calibration: Calibration) -> dict[str, str]:
+    return {"quantity": calibration.quantity, "unit": calibration.reference_unit}
+
+
+def _sensitivity_per(model: SensorModel, calibration: Calibration) -> dict[str, str]:
+    """Return the quantity that curve and points are per, with its unit; a drive has its own."""
+    quantity = model.stated_quantity(calibration.quantity)
+    drive = quantity == "drive"
+    unit = calibration.reference_unit if drive else REFERENCE_UNITS[quantity]
+    return {"quantity": quantity, "unit": unit}
 
 
 def _profile(fitted: Fitted, by_data: FloatArray, coverage: float) -> Profile | None:
@@ -126,8 +141,7 @@ def _kinds_covered(rows: Sequence[BudgetRow], table: ResponseTable | None) -> li
     kinds = {row.kind for row in rows}
     if table is not None and table.magnitude_uncertainty is not None:
         kinds |= {"gain"} if table.phase_uncertainty_rad is None else {"gain", "phase"}
-    parts = {"noise": {DATA}, "gain": {"gain"}, "phase": {"phase", "timing"}}
-    return [name for name, of in parts.items() if kinds & of]
+    return covered_kinds(kinds)
 
 
 def _curves(fitted: Fitted, covariance: FloatArray) -> tuple[Curve, MeasuredCurve]:

@@ -8,12 +8,14 @@ from vibrident.data.records import FloatArray
 from vibrident.fit.judge.attempts import Fitted
 from vibrident.fit.uncertainty.budget import deviation_uncertainty, patterns
 from vibrident.fit.uncertainty.parameters import NOTHING
+from vibrident.physics.models.base import conversion
 from vibrident.result import Fit, MeasuredCurve
 
 
 def measured_curve(fitted: Fitted) -> MeasuredCurve:
-    """The data's points with their deviation from the model, in order of frequency.
+    """Return the data's points with their deviation from the model, in order of frequency.
 
+    They are per the sensor's own quantity, whatever the reference measured.
     Systematic effects, common to all points, are in the uncertainty of each point, but in that of its deviation only as
     far as the parameters cannot follow them.
     """
@@ -26,14 +28,19 @@ def measured_curve(fitted: Fitted) -> MeasuredCurve:
     gain, phase = (np.sqrt(np.sum(part**2, axis=1))[order] for part in (np.real(shape), np.imag(shape)))
     off = deviation_uncertainty(linear, shape, fitted.judgement.scatter or 1.0)
     off = [part[order] for part in np.split(off, 2 if linear.is_phase.any() else 1)]
-    ratio, size = _model_at(fitted, frequency) / measured, np.abs(measured)
+    ratio = _model_at(fitted, frequency) / measured
+    has_phase = bool(np.any(np.imag(measured) != 0.0))
+    quantity = fitted.evidence.quantity
+    stated_per = fitted.evidence.model.stated_quantity(quantity)
+    measured = measured * conversion(frequency, quantity, stated_per)
+    size = np.abs(measured)
 
     def stated(uncertainty: FloatArray, noise: FloatArray) -> FloatArray:
         """NaN where nothing tells it."""
         return np.where(np.isfinite(uncertainty) & (noise < NOTHING), uncertainty, np.nan)
 
-    def angle(radians: FloatArray, known: bool = bool(np.any(np.imag(measured) != 0.0))) -> FloatArray:
-        return np.rad2deg(radians) if known else np.full(len(order), np.nan)
+    def angle(radians: FloatArray) -> FloatArray:
+        return np.rad2deg(radians) if has_phase else np.full(len(order), np.nan)
 
     return MeasuredCurve(
         frequency_hz=frequency,

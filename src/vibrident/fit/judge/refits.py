@@ -9,9 +9,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from vibrident.fit.information import inverse_normal
 from vibrident.fit.judge.attempts import Fitted
 from vibrident.fit.judge.examined import departures_of, told_as_nuisances, with_nuisances
 from vibrident.fit.problem import Evidence
+from vibrident.fit.response.verdict import REJECTION, probability
 from vibrident.fit.uncertainty.adequacy import looks_random
 
 #: What a table's record and the result say of it.
@@ -19,7 +21,7 @@ PHASE_BY_SCATTER = "the phase's uncertainty, which the table does not state, by 
 
 
 def without_dead_records(first: Fitted) -> Fitted:
-    """The fit without records that seem dead, where the model explains the others four times better."""
+    """Return the fit without records that seem dead, where that explains the others or contradicts the first."""
     others = first.evidence.without_dead_records()
     if others is None:
         return first
@@ -27,7 +29,21 @@ def without_dead_records(first: Fitted) -> Fitted:
     chi2 = [attempt.judgement.adequacy.chi2_reduced or np.inf for attempt in (better, first)]
     # A dead record of little noise may draw the whole fit to itself, and leave the others as noise.
     left = [1.0 - attempt.judgement.explained for attempt in (better, first)]
-    return better if chi2[0] < chi2[1] / 4.0 or left[0] < left[1] / 4.0 else first
+    clearer = chi2[0] < chi2[1] / 4.0 or left[0] < left[1] / 4.0
+    return better if clearer or (better.adequate and _contradicted(first, better)) else first
+
+
+def _contradicted(first: Fitted, better: Fitted) -> bool:
+    """Return whether a fit is not where some of its records say (Hausman 1978).
+
+    Were all records right, the fit of all would deviate from that of some by less than the latter from the truth.
+    A sharp resonance is where its ringing is read: what hides it in a dead record moves it.
+    """
+    estimate = better.estimate
+    moved = np.array([first.values[name] - value for name, value in better.values.items()])
+    moved /= estimate.coordinates.slopes(estimate.z)
+    squares = float(moved @ inverse_normal(estimate.covariance) @ moved)
+    return probability(squares, len(moved)) < REJECTION
 
 
 def with_phase_scatter(first: Fitted) -> Fitted:

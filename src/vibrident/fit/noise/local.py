@@ -10,8 +10,11 @@ noise.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from numpy import fft
+from numpy.lib.stride_tricks import sliding_window_view
 
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.response.response import ComplexArray
@@ -25,76 +28,158 @@ DEGREES = 3
 FALSE_BLOCK = 1e-3
 #: Blocks on either side that a level is averaged over.
 NEIGHBOURS = 2
+#: Samples left out are found once what is still to explain is this part of what is not explained.
+FILLED = 1e-6
+#: Steps of conjugate gradients at most.
+MAX_STEPS = 100
 
 
-def incoherent_level(signal: ComplexArray, motions: Sequence[ComplexArray]) -> tuple[FloatArray, BoolArray]:
-    """Return the power of what has locally nothing in common with motions, and of the signal.
+@dataclass(frozen=True, eq=False)
+class SmoothColumns:
+    """Columns that are smooth in frequency in each of B blocks of w bins, from bin 1 on.
 
-    Args:
-        signal: shape (R, K); bin 0 is left out.
-        motions: each of shape (R, K).
-
-    Returns:
-        Level of each bin, shape (R, K), smooth over five blocks; and whether each of B blocks has
-        more in common with the motions than noise alone would, shape (R, B).
+    Attributes:
+        leaks: orthonormal polynomials, shape (m, w).
+        every: orthonormal columns beside motions, polynomials included, shape (R, B, m, w).
+        share: part of the samples of the rows that are used.
     """
-    records, bins = signal.shape
-    blocks = max((bins - 1) // BLOCK_BINS, 1)
-    width = (bins - 1) // blocks
-    if width < 2 * DEGREES * (len(motions) + 1) + 2:
-        mean = np.mean(power_of(signal[:, 1:]), axis=1, keepdims=True)
-        return np.broadcast_to(mean, signal.shape), np.zeros((records, 0), dtype=bool)
-    place = np.linspace(-1.0, 1.0, width)
-    powers = np.stack([np.ones(width), place, 1.5 * place**2 - 0.5])
-    inner = slice(1, 1 + blocks * width)
-    rows = signal[:, inner].reshape(records, blocks, 1, width)
-    leaks = np.broadcast_to(powers.astype(complex), (records, blocks, DEGREES, width))
-    rest, _ = _without(rows, leaks)
-    columns = [leaks]
-    for motion in motions:
-        shares = motion[:, inner].reshape(records, blocks, 1, width)
-        size = np.sqrt(np.mean(power_of(shares), axis=-1, keepdims=True))
-        columns.append(np.divide(shares, size, out=np.zeros_like(shares), where=size > 0) * powers)
-    left, taken = _without(rows, np.concatenate(columns, axis=2))
-    squares = np.sum(power_of(left), axis=-1)[..., 0]
-    freedom = np.maximum(width - taken, 1.0)
-    level = squares / freedom
-    shared = np.sum(power_of(rest), axis=-1)[..., 0] - squares
-    share = np.clip(squares / np.maximum(squares + shared, 1e-300), 0.0, 1.0)
-    # Of n − m complex numbers, m of them taken: 1 − γ² is Beta(n − m, m) by chance, m = 3.
-    less = 1.0 - share
-    chance = share**freedom * (1.0 + freedom * less * (1.0 + 0.5 * (freedom + 1.0) * less))
-    # Where there is no motion the response lacks the noise of the reference: a level of its own.
-    moving = chance * chance.size < FALSE_BLOCK
-    log = np.log(np.maximum(_among(level, moving), 1e-300))
-    middles = 1.0 + width * (np.arange(blocks) + 0.5)
-    every = np.arange(bins)
-    levels = np.stack([np.exp(np.interp(every, middles, own)) for own in log])
-    return levels, moving
+
+    leaks: ComplexArray
+    every: ComplexArray
+    share: float
+
+    @classmethod
+    def beside(cls, motions: Sequence[ComplexArray], shape: tuple[int, int], share: float) -> SmoothColumns | None:
+        """Make the columns; None where so few bins tell nothing.
+
+        Args:
+            motions: each of shape (R, K).
+            shape: R and K.
+            share: part of the samples that are used. The fewer, the wider a block: each has as
+                many numbers that are independent.
+        """
+        records, bins = shape
+        blocks = max(int((bins - 1) * share) // BLOCK_BINS, 1)
+        width = (bins - 1) // blocks
+        if width * share < 2 * DEGREES * (len(motions) + 1) + 2:
+            return None
+        place = np.linspace(-1.0, 1.0, width)
+        powers = np.stack([np.ones(width), place, 1.5 * place**2 - 0.5])
+        polynomials = powers.astype(complex)
+        columns = [np.broadcast_to(polynomials, (records, blocks, DEGREES, width))]
+        for motion in motions:
+            rows = motion[:, 1 : 1 + blocks * width].reshape(records, blocks, 1, width)
+            size = np.sqrt(np.mean(power_of(rows), axis=-1, keepdims=True))
+            columns.append(np.divide(rows, size, out=np.zeros_like(rows), where=size > 0) * powers)
+        return cls(_orthonormal(polynomials), _orthonormal(np.concatenate(columns, axis=2)), share)
+
+    def in_blocks(self, rows: ComplexArray) -> ComplexArray:
+        """Return rows (R, K) in blocks, shape (R, B, 1, w)."""
+        records, blocks, _, width = self.every.shape
+        return rows[:, 1 : 1 + blocks * width].reshape(records, blocks, 1, width)
+
+    def explained(self, rows: ComplexArray) -> ComplexArray:
+        """Return what all columns and an offset explain of rows, shape (R, K)."""
+        explained = np.zeros_like(rows)
+        explained[:, 0] = rows[:, 0]
+        parts = _explained(self.in_blocks(rows), self.every)
+        explained[:, 1 : 1 + parts[0].size] = parts.reshape(len(rows), -1)
+        return explained
+
+    def filled(self, rows: ComplexArray, used: BoolArray) -> ComplexArray:
+        """Return rows with the samples left out as the columns that fit the others best have them.
+
+        Least squares over the used samples, by conjugate gradients (Hestenes & Stiefel 1952): no
+        transform of a signal exists that is not known everywhere.
+
+        Args:
+            rows: bins below half the sampling rate of signals that are zero where not used, (R, K).
+            used: shape (R, N).
+        """
+        samples = used.shape[1]
+
+        def seen(signal: ComplexArray) -> ComplexArray:
+            values = fft.irfft(signal, samples, axis=-1) * used
+            return np.asarray(fft.rfft(values, axis=-1))[:, : rows.shape[1]]
+
+        rest = rows.copy()
+        estimate = np.zeros_like(rows)
+        gradient = self.explained(rest)
+        direction = gradient
+        square = _inner(gradient, gradient)
+        for _ in range(MAX_STEPS):
+            if square <= FILLED * _inner(rest, rest):
+                break
+            response = seen(direction)
+            step = square / _inner(direction, response)
+            estimate += step * direction
+            rest -= step * response
+            gradient = self.explained(rest)
+            before, square = square, _inner(gradient, gradient)
+            direction = gradient + (square / before) * direction
+        return estimate + rest
+
+    def incoherent_level(self, rows: ComplexArray) -> tuple[FloatArray, BoolArray]:
+        """Return the noise of rows, and where they move with the motions.
+
+        Args:
+            rows: shape (R, K), samples that are not used filled in.
+
+        Returns:
+            Power of what is not explained at each bin, smooth over five blocks, shape (R, K);
+            where samples are left out, of the others'. And whether each bin is in a block that
+            has more in common with the motions than noise alone would, shape (R, K).
+        """
+        _, blocks, _, width = self.every.shape
+        signal = self.in_blocks(rows)
+        rest = signal - _explained(signal, self.leaks)
+        left = signal - _explained(signal, self.every)
+        taken = np.sum(np.any(self.every, axis=-1), axis=-1)
+        squares = np.sum(power_of(left), axis=-1)[..., 0]
+        freedom = np.maximum(self.share * width - taken, 1.0)
+        level = self.share * squares / freedom
+        shared = self.share * (np.sum(power_of(rest), axis=-1)[..., 0] - squares)
+        share = np.clip(squares / np.maximum(squares + shared, 1e-300), 0.0, 1.0)
+        # Of n − m complex numbers, m of them taken: 1 − γ² is Beta(n − m, m) by chance, m = 3.
+        less = 1.0 - share
+        chance = share**freedom * (1.0 + freedom * less * (1.0 + 0.5 * (freedom + 1.0) * less))
+        # Where there is no motion the response lacks the noise of the reference: a level of its own.
+        moving = chance * chance.size < FALSE_BLOCK
+        log = np.log(np.maximum(_among(level, moving), 1e-300))
+        middles = 1.0 + width * (np.arange(blocks) + 0.5)
+        every = np.arange(rows.shape[1])
+        levels = np.stack([np.exp(np.interp(every, middles, own)) for own in log])
+        bins = np.zeros(rows.shape, dtype=bool)
+        bins[:, 1 : 1 + blocks * width] = np.repeat(moving, width, axis=1)
+        return levels, bins
+
+
+def _inner(rows: ComplexArray, others: ComplexArray) -> float:
+    """Return the sum of products of two signals over their samples, but for a factor."""
+    product = rows.real * others.real + rows.imag * others.imag
+    return float(np.sum(product) - 0.5 * np.sum(product[:, 0]))
 
 
 def _among(level: FloatArray, moving: BoolArray) -> FloatArray:
     """Return the mean of each block and those around that are alike in ``moving``, shape (R, B)."""
     smooth = np.zeros_like(level)
     for alike in (moving, ~moving):
-        sums = [
-            sum(
-                np.pad(part, ((0, 0), (NEIGHBOURS, NEIGHBOURS)))[:, i : i + level.shape[1]]
-                for i in range(2 * NEIGHBOURS + 1)
-            )
-            for part in (level * alike, alike.astype(float))
-        ]
-        smooth += np.where(alike, np.asarray(sums[0]) / np.maximum(np.asarray(sums[1]), 1.0), 0.0)
+        padded = np.zeros((2, len(level), level.shape[1] + 2 * NEIGHBOURS))
+        padded[:, :, NEIGHBOURS:-NEIGHBOURS] = level * alike, alike
+        total, number = np.sum(sliding_window_view(padded, level.shape[1], axis=2), axis=2)
+        smooth += np.where(alike, total / np.maximum(number, 1.0), 0.0)
     return smooth
 
 
-def _without(rows: ComplexArray, columns: ComplexArray) -> tuple[ComplexArray, FloatArray]:
-    """Return rows (R, B, 1, w) less what columns (R, B, m, w) explain, and the number of these."""
-    adjoint = np.conj(columns).swapaxes(-1, -2)
-    gram = columns @ adjoint
+def _orthonormal(columns: ComplexArray) -> ComplexArray:
+    """Return rows that span columns (…, m, w), zero where these depend on others."""
+    gram = columns @ np.conj(columns).swapaxes(-1, -2)
     values, vectors = np.linalg.eigh(gram)
     shown = values > 1e-10 * np.max(values, axis=-1, keepdims=True)
-    inverse = np.where(shown, 1.0 / np.where(shown, values, 1.0), 0.0)
-    share = (rows @ adjoint) @ vectors
-    share = (share * inverse[..., None, :]) @ vectors.conj().swapaxes(-1, -2)
-    return rows - share @ columns, np.sum(shown, axis=-1).astype(float)
+    scale = np.where(shown, 1.0 / np.sqrt(np.where(shown, values, 1.0)), 0.0)
+    return (vectors * scale[..., None, :]).conj().swapaxes(-1, -2) @ columns
+
+
+def _explained(rows: ComplexArray, columns: ComplexArray) -> ComplexArray:
+    """Return what orthonormal columns (…, m, w) explain of rows (…, 1, w)."""
+    return (rows @ np.conj(columns).swapaxes(-1, -2)) @ columns

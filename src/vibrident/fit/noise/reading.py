@@ -105,6 +105,7 @@ class _Rows(NamedTuple):
     heard: BoolArray | None
     passed: ComplexArray
     lines: BoolArray
+    fitted: FloatArray
 
 
 class _InputNoise(NamedTuple):
@@ -149,6 +150,7 @@ def read_noise(
     heard: BoolArray | None = None,
     passed: ComplexArray | None = None,
     lines: BoolArray | bool = False,
+    fitted: FloatArray | None = None,
 ) -> GroupNoise:
     """Read the noise of records of one length and rate.
 
@@ -166,6 +168,7 @@ def read_noise(
         passed: H times the reference, bin by bin, shape (R, K); None: that is the prediction. With
             initial states in it, what leaks into both would cancel, and leave the noise.
         lines: bins whose remainder is the motion's, too, and no hum, shape (R, K).
+        fitted: count of numbers that were fitted to each record, shape (R,); None: none.
     """
     records, bins = residual.shape
     last = max(min(last, bins - 1), 1)
@@ -183,6 +186,7 @@ def read_noise(
             None if heard is None else heard[part],
             (predicted if passed is None else passed)[part],
             lines[part] if isinstance(lines, np.ndarray) else np.array(False),
+            (np.zeros(records) if fitted is None else fitted)[part, None],
         )
         parts.append(read(rows, last, colour))
     if len(parts) == 1:
@@ -196,7 +200,9 @@ def read_noise(
 def _read_one_level(rows: _Rows, last: int, colour: FloatArray | float) -> GroupNoise:
     """Read one level of each record, as of few bins no more can be read."""
     shape = rows.residual.shape
-    level = np.mean(power_of(rows.residual[:, 1 : last + 1]), axis=1, keepdims=True) / rows.count
+    squares = np.sum(power_of(rows.residual[:, 1 : last + 1]), axis=1, keepdims=True)
+    unfitted = np.maximum(last - 0.5 * rows.fitted, 0.5)  # half a bin, a number, at least
+    level = squares / (unfitted * rows.count)
     psd = np.broadcast_to(np.maximum(level, rows.floor), shape)
     none = _no_input_noise(len(psd))
     if rows.through is not None:

@@ -100,6 +100,11 @@ class Band:
         moved = self.problem.at_delay_of(values)
         return self if moved is self.problem else replace(self, problem=moved)
 
+    def at_factors_of(self, values: Mapping[str, float]) -> Band:
+        """Return the same with inputs behind the factors of ``values``, over the same samples."""
+        moved = self.problem.at_factors_of(values)
+        return self if moved is self.problem else replace(self, problem=moved)
+
     def beside_ringing(self, values: Mapping[str, float]) -> Band:
         """Return the same where free motion is seen as ``values`` say; itself where that is so."""
         lowest_hz = self.problem.lowest_ringing_hz(dict(values))
@@ -118,10 +123,10 @@ class Band:
             if group.step in steps:
                 continue
             at = values, *group.step, self.problem.frame.delay_s
-            transfer = trained.transfer(*at)
-            if not self.is_stable(transfer.denominator, group.step):
+            step = Step(*trained.with_slopes(*at)) if slopes else Step(trained.transfer(*at))
+            if not self.is_stable(step.transfer.denominator, group.step):
                 return None
-            steps[group.step] = Step(transfer, trained.jacobian(*at) if slopes else None)
+            steps[group.step] = step
         return steps
 
     def is_stable(self, denominator: FloatArray, kind: tuple[float, float]) -> bool:

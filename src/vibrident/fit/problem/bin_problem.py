@@ -12,7 +12,7 @@ from vibrident.data.records import FloatArray, Record
 from vibrident.fit.bins import (
     Segment,
     Trained,
-    seen_by_network,
+    driven_by,
     segment_of,
     transformable,
     unbroken,
@@ -42,14 +42,15 @@ class BinProblem(NetworkProblem):
     @classmethod
     def of_frame(cls, records: tuple[Record, ...], frame: Frame) -> BinProblem:
         """The transforms of all unbroken runs; the model is linear."""
+        drives = [driven_by(record, frame.model, frame.factor_values) for record in records]
         steps = [
-            frame.method.filters(seen_by_network(r, centred=True)[1], frame.terms, frame.delay_s * r.sampling_rate_hz)
-            for r in records
+            frame.method.filters(drive.valid, frame.terms, frame.delay_s * record.sampling_rate_hz)
+            for record, drive in zip(records, drives, strict=True)
         ]
         steps = [usable_steps(step, record) for step, record in zip(steps, records, strict=True)]
         segments = tuple(
-            segment_of(number, record, span, step)
-            for number, (record, step) in enumerate(zip(records, steps, strict=True))
+            segment_of(number, record, span, step, drive)
+            for number, (record, step, drive) in enumerate(zip(records, steps, drives, strict=True))
             for span in map(transformable, unbroken(step.usable))
             if record.mask[span].sum() > frame.fewest
         )
@@ -60,13 +61,24 @@ class BinProblem(NetworkProblem):
     @functools.cached_property
     def trained(self) -> Trained:
         """The network of the sensor model."""
-        return Trained(self.frame.model, self.frame.method, self.frame.quantity, self.frame.terms)
+        frame = self.frame
+        return Trained(frame.model, frame.method, frame.quantity, frame.terms, frame.factor_values)
 
     def idle(self) -> BinProblem:
         """The same without the transforms of long runs, which are made again when they are asked for."""
         if all(segment.samples <= MOST_KEPT for segment in self.segments):
             return self
         return replace(self, segments=tuple(segment.idle() for segment in self.segments))
+
+    def at_factors_of(self, values: Mapping[str, float]) -> BinProblem:
+        """Return the same runs with inputs behind the factors of ``values``; itself of a rational model."""
+        factor_values = {name: values[name] for name in self.frame.factor_values}
+        if factor_values == self.frame.factor_values:
+            return self
+        frame = replace(self.frame, factor_values=factor_values)
+        drives = [driven_by(record, frame.model, factor_values) for record in self.records]
+        segments = tuple(segment.driven(drives[segment.record]) for segment in self.segments)
+        return replace(self, frame=frame, segments=segments)
 
     @property
     def highest(self) -> float:

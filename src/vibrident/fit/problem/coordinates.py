@@ -14,6 +14,7 @@ r"""Physical parameters ↔ the numbers an optimiser moves: all near one, bounds
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -72,6 +73,7 @@ class Coordinates:
         """Unit of the coordinates of kind ``time``: one radian at the highest frequency."""
         return 1.0 / (2.0 * np.pi * self.band_hz[1])
 
+    @functools.cached_property
     def _units(self) -> list[Any]:
         """Physical value of each linear coordinate at one; None for the other kinds."""
         size = self.response_size
@@ -84,7 +86,7 @@ class Coordinates:
         """Coordinates of the start values, shape (parameters,)."""
         return self.place(dict(zip(self.model.parameter_names, np.asarray(self.start).tolist(), strict=True)))
 
-    @property
+    @functools.cached_property
     def edges(self) -> tuple[FloatArray, FloatArray]:
         """Lowest and highest coordinate of the range searched, each of shape (parameters,); infinite where open."""
         ends = searched([float(f) for f in self.band_hz])
@@ -97,15 +99,16 @@ class Coordinates:
     def physical(self, z: Any) -> dict[str, Any]:
         """Name to physical value; ``z`` may be traced."""
         values, xp = {}, array_library(z)
-        ends, units = searched(self.band_hz), self._units()
+        ends, units = searched(self.band_hz), self._units
         for index, spec in enumerate(self.model.parameters):
             if (unit := units[index]) is not None:
                 values[spec.name] = z[index] * unit
             elif spec.kind == "positive":
-                values[spec.name] = xp.abs(xp.sinh(xp.clip(z[index], -FARTHEST, FARTHEST)))
+                values[spec.name] = xp.abs(xp.sinh(xp.minimum(xp.maximum(z[index], -FARTHEST), FARTHEST)))
             else:
                 factor = xp.exp(xp.minimum(z[index], FARTHEST))
-                values[spec.name] = xp.clip(self.start[index] * factor, *ends[spec.kind])
+                low, high = ends[spec.kind]
+                values[spec.name] = xp.minimum(xp.maximum(self.start[index] * factor, low), high)
         return values
 
     def values(self, z: Any) -> dict[str, float]:
@@ -115,7 +118,7 @@ class Coordinates:
     def place(self, values: Mapping[str, float]) -> FloatArray:
         """Coordinates of physical values, shape (parameters,)."""
         found = []
-        for spec, start, unit in zip(self.model.parameters, np.asarray(self.start), self._units(), strict=True):
+        for spec, start, unit in zip(self.model.parameters, np.asarray(self.start), self._units, strict=True):
             value = float(values[spec.name])
             if spec.kind == "positive":
                 found.append(np.arcsinh(value))
@@ -134,7 +137,7 @@ class Coordinates:
         """
         values, (low, high) = self.values(z), self.edges
         found = []
-        for spec, at, unit in zip(self.model.parameters, z, self._units(), strict=True):
+        for spec, at, unit in zip(self.model.parameters, z, self._units, strict=True):
             value = values[spec.name]
             if spec.kind == "positive":
                 value = float(np.copysign(np.hypot(1.0, value), at))  # cosh z

@@ -87,7 +87,12 @@ class FrequencyProblem:
 
     def residual(self, z: Any, coordinates: Coordinates) -> Any:
         """Weighted residual, shape (equations,); see the module's docstring. ``z`` may be traced."""
-        model = coordinates.model.frequency_response(coordinates.physical(z), self.data[0], self.quantity)
+        return self._residual_of(
+            coordinates.model.frequency_response(coordinates.physical(z), self.data[0], self.quantity)
+        )
+
+    def _residual_of(self, model: Any) -> Any:
+        """Weighted residual of a response, shape (n,)."""
         xp = array_library(model)
         if not self.polar:
             _, x, y, deviation = self.data
@@ -101,18 +106,25 @@ class FrequencyProblem:
 
     def jacobian(self, z: FloatArray, coordinates: Coordinates) -> FloatArray:
         """Derivative of :meth:`residual` by z, of NumPy arrays, shape (equations, p)."""
+        return self._residual_and_jacobian(z, coordinates)[1]
+
+    def _residual_and_jacobian(self, z: FloatArray, coordinates: Coordinates) -> tuple[FloatArray, FloatArray]:
+        """Return both of one evaluation of the response."""
         model, slopes = response_and_slopes(coordinates.model, coordinates.values(z), self.data[0], self.quantity)
+        residual = self._residual_of(model)
         slopes = slopes.T * coordinates.slopes(z)
         if not self.polar:
             scaled = -slopes * (self.data[1] / self.data[3])[:, None]
-            return np.concatenate([scaled.real, scaled.imag])
+            return residual, np.concatenate([scaled.real, scaled.imag])
         relative = slopes / model[:, None]
         radial = relative.real * (np.abs(model) / self.data[3])[:, None]
-        return np.concatenate([radial, relative.imag / self.data[4][:, None]]) if self.has_phase else radial
+        if not self.has_phase:
+            return residual, radial
+        return residual, np.concatenate([radial, relative.imag / self.data[4][:, None]])
 
     def normal(self, z: FloatArray, coordinates: Coordinates) -> Local:
         """Cost, gradient and normal matrix of the weighted residual at ``z``, shape (p,)."""
-        return Local.of(self.residual(z, coordinates), self.jacobian(z, coordinates))
+        return Local.of(*self._residual_and_jacobian(z, coordinates))
 
     @property
     def points(self) -> int:

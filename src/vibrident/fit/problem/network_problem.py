@@ -20,6 +20,8 @@ from vibrident.physics.models import SensorModel
 
 #: Part of a sample by which a delay may leave that of the interpolated inputs.
 DELAY_SETTLED = 1e-5
+#: Part by which a factor's parameter may leave that of the inputs: they are exact to its square.
+FACTOR_SETTLED = 1e-5
 
 
 @dataclass(frozen=True)
@@ -34,6 +36,8 @@ class Frame:
         order: number of states n.
         terms: inputs a step q.
         fastest: largest |pole| at the start values, rad/s.
+        factor_values: parameters of the factors that are not rational, by name, at which the
+            reference is taken.
     """
 
     model: SensorModel
@@ -43,6 +47,7 @@ class Frame:
     order: int
     terms: int
     fastest: float
+    factor_values: Mapping[str, float]
 
     @classmethod
     def of(
@@ -62,19 +67,7 @@ class Frame:
             quantity: what the reference is.
             start: start values of the parameters; the natural frequency and damping set how many inputs a step
                 are needed, the delay where they are interpolated.
-
-        Raises:
-            ModelError: the model is not rational.
         """
-        if not model.has_network:
-            raise ModelError(
-                "The network cannot be trained: the model is not a rational function.",
-                expected="a model without "
-                + " or ".join(repr(addon.name) for addon in model.add_ons if addon.factor is not None),
-                found=repr(model.name),
-                where="estimator",
-                remedy="use the estimator 'auto', with sine records or a table",
-            )
         delay = float(np.asarray(model.delay_s(start))) if model.has_delay else 0.0
         system = model.rational(start, quantity)
         order = len(system.denominator) - 1
@@ -82,7 +75,8 @@ class Frame:
         fastest = model.fastest(start)
         intervals = {record.sampling_interval_s for record in records}
         terms = max(method.terms(fastest * interval, direct=direct) for interval in intervals)
-        return cls(model, method, quantity, delay, order, terms, fastest)
+        factor_values = {name: float(start[name]) for name in model.factor_names}
+        return cls(model, method, quantity, delay, order, terms, fastest, factor_values)
 
     @property
     def fewest(self) -> int:
@@ -124,7 +118,6 @@ class NetworkProblem(ABC):
         """Prepare the records, with inputs interpolated at the expected delay; args: as of :meth:`Frame.of`.
 
         Raises:
-            ModelError: the model is not rational.
             InputError: no record is long enough.
         """
         return cls.of_frame(tuple(records), Frame.of(records, model, method, quantity, start))
@@ -152,9 +145,11 @@ class NetworkProblem(ABC):
         return np.array([noise_floor_of(record) for record in self.records])
 
     def at_delay_of(self, values: Mapping[str, float]) -> Self:
-        """The same with inputs interpolated at the delay of ``values``; itself where they nearly are."""
+        """Return the same with inputs at the delay and factors of ``values``; itself where they nearly are."""
         frame, shortest = self.frame, min(record.sampling_interval_s for record in self.records)
-        if abs(float(frame.model.delay_s(values)) - frame.delay_s) <= DELAY_SETTLED * shortest:
+        late = abs(float(frame.model.delay_s(values)) - frame.delay_s) > DELAY_SETTLED * shortest
+        moved = any(abs(values[name] - at) > FACTOR_SETTLED * abs(at) for name, at in frame.factor_values.items())
+        if not late and not moved:
             return self
         return self.build(self.records, frame.model, frame.method, frame.quantity, values)
 
@@ -168,6 +163,24 @@ def noise_floor_of(record: Record) -> float:
     least = LEAST_DEVIATION * float(np.std(record.response[record.mask])) if record.mask.any() else 0.0
     step = converter_step(record.response, record.mask) / np.sqrt(12.0)
     return max(least, step, float(np.finfo(float).tiny))
+
+
+def require_rational(model: SensorModel) -> None:
+    """Refuse a model whose network in time cannot be trained.
+
+    Raises:
+        ModelError: the model is not rational.
+    """
+    if model.has_network:
+        return
+    factors = " or ".join(repr(addon.name) for addon in model.add_ons if addon.factor is not None)
+    raise ModelError(
+        "The network cannot be trained in time: the model is not a rational function.",
+        expected=f"a model without {factors}",
+        found=repr(model.name),
+        where="estimator",
+        remedy="use the estimator 'auto' with a linear model",
+    )
 
 
 def network_objective(z: FloatArray, args: tuple[Coordinates, Any, FloatArray]) -> Any:

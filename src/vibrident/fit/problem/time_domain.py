@@ -20,7 +20,7 @@ import numpy as np
 from vibrident.base.backend import jax, jnp, release_kernels
 from vibrident.base.participants import takes_part
 from vibrident.data.records import FloatArray, Quantity, Record
-from vibrident.fit.bins import RecordBins, seen_by_network, usable_steps
+from vibrident.fit.bins import RecordBins, driven_by, usable_steps
 from vibrident.fit.problem.coordinates import Coordinates
 from vibrident.fit.problem.cutting import Piece, bucket, cut
 from vibrident.fit.problem.network_problem import Frame, NetworkProblem
@@ -82,11 +82,11 @@ class TimeProblem(NetworkProblem):
         intervals, rate = np.unique([r.sampling_interval_s for r in records], return_inverse=True)
         # A nonlinear spring depends on its rest position: its reference loses the offset, not the mean of a motion that
         # ends within a period.
-        seen = [seen_by_network(record, centred=model.is_linear) for record in records]
+        drives = [driven_by(record, model, frame.factor_values, centred=model.is_linear) for record in records]
         late = [frame.delay_s * record.sampling_rate_hz for record in records]
         steps = [
-            usable_steps(method.inputs(*signal, frame.terms, delay), record)
-            for signal, delay, record in zip(seen, late, records, strict=True)
+            usable_steps(method.inputs(drive.signals[0], drive.valid, frame.terms, delay), record)
+            for drive, delay, record in zip(drives, late, records, strict=True)
         ]
         fractions = np.zeros(len(intervals))
         fractions[rate] = [step.fraction for step in steps]

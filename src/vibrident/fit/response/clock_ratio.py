@@ -32,6 +32,7 @@ MIN_POWER = 1e-4  # of a bin over the strongest of its record, to count as motio
 LOBE_BINS = 5  # of a tone under the window
 ITERATIONS = 3  # of the linearised fit
 MAX_PERIODS = 8  # by which a transfer function may stand in for two clocks
+GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)  # of an interval, the longer part
 PRECISION = 1e-3  # of the valley's width; the departure from the fit tells the last digits
 #: Unexplained part of the response below which a departure is told to first order: 0.14 rad.
 FIRST_ORDER = 0.02
@@ -40,6 +41,7 @@ FIRST_SAMPLES = 1 << 11  # in which the search begins
 LAST_SAMPLES = 1 << 17  # beyond which the valley is so narrow that the fit goes on by itself
 MAX_CANDIDATES = 256  # of valleys that look alike, as in the first of several shocks
 FINER = 8  # points of the interpolation between two samples; the search needs no better one
+MIN_SAMPLES = 8  # of a response at another clock; else the record keeps its own
 
 
 def clock_offset(records: Sequence[Record]) -> float:
@@ -83,18 +85,21 @@ def at_reference_clock(record: Record, offset: float) -> Record:
     Args:
         record: its response is read at intervals 1 + ``offset`` times those of the reference.
         offset: ε.
+
+    Returns:
+        the record; itself where less than ``MIN_SAMPLES`` samples would be left of it.
     """
     if record.reference is None or offset == 0.0:
         return record
     reach, n = lost(1.0), record.samples
     first = int(np.ceil(reach * (1.0 + offset)))
     last = min(n, int(np.floor((n - 1 - reach) * (1.0 + offset))) + 1)
-    if last - first < 8:
-        return record
     positions = np.arange(first, last) / (1.0 + offset)
     spoilt = np.concatenate([[0], np.cumsum(~record.mask)])
     near = np.floor(positions).astype(int)
     valid = spoilt[np.minimum(near + reach + 1, n)] == spoilt[np.maximum(near - reach, 0)]
+    if np.count_nonzero(valid) < MIN_SAMPLES:
+        return record
     of_reference = None
     if record.reference_valid is not None or not record.mask.all():
         of_reference = record.reference_mask[first:last]
@@ -147,42 +152,95 @@ class _Channels:
         if offset == 0.0:
             return self.response[:samples]
         places = np.arange(samples) * (FINER / (1.0 + offset))
-        return np.interp(places, np.arange(len(self.finer)), self.finer)
+        np.minimum(places, len(self.finer) - 1, out=places)
+        before = np.minimum(places.astype(int), len(self.finer) - 2)
+        value = self.finer[before]
+        return value + (places - before) * (self.finer[before + 1] - value)
 
-    def bins(self, offset: float, samples: int) -> _Bins:
-        """Both channels in a band that holds all of the motion."""
-        n = min(samples, self.samples)
-        window = hann(n)
-        x, y = (np.asarray(fft.rfft(v * window)) for v in (self.reference[:n], self.at(offset, n)))
-        power = power_of(x[: int(USABLE_BAND * n) + 1])
-        power[:2] = 0.0  # means under the window
-        motion = np.flatnonzero(power > MIN_POWER * np.max(power))
-        first = max(int(motion[0] * (1.0 - MAX_OFFSET)) - 2, 1)
-        last = min(int(motion[-1] * (1.0 + MAX_OFFSET)) + 3, n // 2 + 1)
-        total = float(np.sum(power_of(y[first:last]))) or 1.0
-        late = _lateness(x, y, motion, n) if len(motion) > MAX_ORDER * LOBE_BINS else 0
-        hz = np.asarray(motion * (self.rate_hz / n), dtype=float)
-        return _Bins(hz, x[motion], y[motion], total, late / self.rate_hz)
+    def motion(self, samples: int) -> _Motion:
+        """The reference in a band that holds all of the motion; made once for a number of samples."""
+        if samples not in self._motions:
+            n = min(samples, self.samples)
+            x = np.asarray(fft.rfft(self.reference[:n] * hann(n)))
+            power = power_of(x[: int(USABLE_BAND * n) + 1])
+            power[:2] = 0.0  # means under the window
+            bins = np.flatnonzero(power > MIN_POWER * np.max(power))
+            first = max(int(bins[0] * (1.0 - MAX_OFFSET)) - 2, 1)
+            last = min(int(bins[-1] * (1.0 + MAX_OFFSET)) + 3, n // 2 + 1)
+            hz = np.asarray(bins * (self.rate_hz / n), dtype=float)
+            self._motions[samples] = _Motion(n, slice(first, last), bins, hz, x[bins])
+        return self._motions[samples]
+
+    @functools.cached_property
+    def _motions(self) -> dict[int, _Motion]:
+        return {}
+
+    def answer(self, offset: float, samples: int) -> _Answer:
+        """The response at the bins of the motion."""
+        motion = self.motion(samples)
+        y = np.asarray(fft.rfft(self.at(offset, motion.samples) * hann(motion.samples)))
+        total = float(np.sum(power_of(y[motion.band]))) or 1.0
+        late = _lateness(motion, y) if len(motion.bins) > MAX_ORDER * LOBE_BINS else 0
+        return _Answer(y[motion.bins], total, late / self.rate_hz)
 
 
-class _Bins(NamedTuple):
-    """Bins of a record where there is motion."""
+class _Motion(NamedTuple):
+    """The reference of a record at the bins where there is motion.
 
+    Attributes:
+        samples: number of samples n.
+        band: bins that hold all of the motion at any ratio of the clocks.
+        bins: those with motion, shape (K,).
+        hz: their frequencies, shape (K,).
+        reference: the reference there, shape (K,).
+    """
+
+    samples: int
+    band: slice
+    bins: NDArray[np.int_]
     hz: FloatArray
     reference: ComplexArray
+
+
+class _Answer(NamedTuple):
+    """The response of a record at the bins where there is motion.
+
+    Attributes:
+        response: shape (K,).
+        total: power of the response in the whole band.
+        late_s: by which most of the response comes after the reference.
+    """
+
     response: ComplexArray
-    total: float  # power of the response in the whole band
-    late_s: float  # by which most of the response comes after the reference
+    total: float
+    late_s: float
 
 
-def _lateness(x: ComplexArray, y: ComplexArray, motion: NDArray[np.int_], n: int) -> int:
+def _lateness(motion: _Motion, response: ComplexArray) -> int:
     """Return by how many samples the impulse response has its peak late; 0 where poles make that."""
+    n, x = motion.samples, motion.reference
     ratio = np.zeros(n // 2 + 1, dtype=complex)
-    power = power_of(x[motion])
-    ratio[motion] = y[motion] * np.conj(x[motion]) / (power + WHITENED * np.max(power))
+    power = power_of(x)
+    ratio[motion.bins] = response[motion.bins] * np.conj(x) / (power + WHITENED * np.max(power))
     peak = int(np.argmax(np.abs(fft.irfft(ratio, n))))
     peak = peak if peak < n // 2 else peak - n
     return peak if abs(peak) >= LATE else 0
+
+
+class _Basis(NamedTuple):
+    """Powers of the frequencies of all bins with motion.
+
+    Attributes:
+        hz: the frequencies, shape (K,).
+        powers: of jω over the highest, shape (orders, K).
+        poles: order of the denominator.
+        zeros: order of the numerator.
+    """
+
+    hz: FloatArray
+    powers: ComplexArray
+    poles: int
+    zeros: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,49 +270,70 @@ class _Search:
 
     def valley(self, samples: int) -> float:
         """Return the width of the valley: the inverse of the periods of the fastest motion in the samples."""
-        fastest = [(each.bins(0.0, samples).hz[-1], each) for each in self.driven]
+        fastest = [(each.motion(samples).hz[-1], each) for each in self.driven]
         return 1.0 / max(hz * min(samples, each.samples) / each.rate_hz for hz, each in fastest)
 
     def unexplained(self, offset: float, samples: int) -> float:
         """Return the part of the response's power that no rational function of the reference explains."""
-        parts = [each.bins(offset, samples) for each in self.driven]
-        late_s = max(parts, key=lambda part: len(part.hz)).late_s if self.delayed else 0.0
-        hz = np.concatenate([part.hz for part in parts])
-        motion, response = (np.concatenate([part[k] / np.sqrt(part.total) for part in parts]) for k in (1, 2))
-        response = response * np.exp(2j * np.pi * late_s * hz)
-        tones = len(hz) // LOBE_BINS
-        residual = response - self._rational(hz, motion, response, tones) * motion
+        answers = [each.answer(offset, samples) for each in self.driven]
+        late_s = max(answers, key=lambda each: len(each.response)).late_s if self.delayed else 0.0
+        basis = self._basis(samples)
+        sizes = [np.sqrt(each.total) for each in answers]
+        every = [each.motion(samples).reference for each in self.driven]
+        motion = np.concatenate([each / size for each, size in zip(every, sizes, strict=True)])
+        response = np.concatenate([each.response / size for each, size in zip(answers, sizes, strict=True)])
+        response = response * np.exp(2j * np.pi * late_s * basis.hz)
+        residual = response - _rational(basis, motion, response) * motion
         explained = float(np.sum(power_of(response)) - np.sum(power_of(residual)))
-        return max(1.0 - explained / len(parts), np.finfo(float).tiny)
+        return max(1.0 - explained / len(answers), np.finfo(float).tiny)
 
-    def _rational(self, hz: FloatArray, motion: ComplexArray, response: ComplexArray, tones: int) -> ComplexArray:
-        """Return the transfer function of least squares; tones tell of one as many numbers as they have."""
-        poles, zeros = int(np.clip(tones - 1, 0, self.poles)), min(tones, self.zeros)
-        powers = (1j * hz / hz.max()) ** np.arange(max(poles, zeros) + 1)[:, None]
-        denominator = np.ones(len(motion), dtype=complex)
-        numerator = denominator
-        for _ in range(ITERATIONS):
-            rows = [powers[1 : poles + 1] * response, -powers[: zeros + 1] * motion]
-            columns = (np.concatenate(rows) / denominator).view(float)
-            target = np.ascontiguousarray(response / denominator).view(float)
-            size = np.maximum(np.linalg.norm(columns, axis=1), np.finfo(float).tiny)
-            columns /= size[:, None]
-            solution, *_ = np.linalg.lstsq(columns @ columns.T, columns @ target, rcond=1e-11)
-            factors = -solution / size
-            denominator = 1.0 + factors[:poles] @ powers[1 : poles + 1]
-            numerator = factors[poles:] @ powers[: zeros + 1]
-        return np.asarray(numerator / denominator, dtype=complex)
+    def _basis(self, samples: int) -> _Basis:
+        """Return the powers of the bins with motion, made once; tones tell of as many numbers as they have."""
+        if samples not in self._bases:
+            hz = np.concatenate([each.motion(samples).hz for each in self.driven])
+            tones = len(hz) // LOBE_BINS
+            poles, zeros = int(np.clip(tones - 1, 0, self.poles)), min(tones, self.zeros)
+            powers = (1j * hz / hz.max()) ** np.arange(max(poles, zeros) + 1)[:, None]
+            self._bases[samples] = _Basis(hz, powers, poles, zeros)
+        return self._bases[samples]
+
+    @functools.cached_property
+    def _bases(self) -> dict[int, _Basis]:
+        return {}
 
     def bottom(self, offset: float, width: float, samples: int) -> float:
-        """Return the bottom of a valley (Brent 1973); 0 where it is not much deeper than there."""
-        from scipy.optimize import minimize_scalar  # slow to load
+        """Return the bottom of a valley, by golden sections (Kiefer 1953); 0 where it is not much deeper than there."""
+        low, high = offset - width, offset + width
+        inner = [high - GOLDEN * (high - low), low + GOLDEN * (high - low)]
+        left = [self.unexplained(place, samples) for place in inner]
+        while high - low > PRECISION * width:
+            if left[0] < left[1]:
+                high, inner[1], left[1] = inner[1], inner[0], left[0]
+                inner[0] = high - GOLDEN * (high - low)
+                left[0] = self.unexplained(inner[0], samples)
+            else:
+                low, inner[0], left[0] = inner[0], inner[1], left[1]
+                inner[1] = low + GOLDEN * (high - low)
+                left[1] = self.unexplained(inner[1], samples)
+        lowest = int(np.argmin(left))
+        gain = self.unexplained(0.0, samples) / left[lowest]
+        return inner[lowest] if gain > MIN_GAIN else 0.0
 
-        ends = (offset - width, offset + width)
-        lowest = minimize_scalar(
-            lambda place: self.unexplained(place, samples),
-            bounds=ends,
-            method="bounded",
-            options={"xatol": PRECISION * width},
-        )
-        gain = self.unexplained(0.0, samples) / float(lowest.fun)
-        return float(lowest.x) if gain > MIN_GAIN else 0.0
+
+def _rational(basis: _Basis, motion: ComplexArray, response: ComplexArray) -> ComplexArray:
+    """Return the transfer function of least squares."""
+    below, above = basis.powers[1 : basis.poles + 1], basis.powers[: basis.zeros + 1]
+    denominator = np.ones(len(motion), dtype=complex)
+    numerator = denominator
+    rows = np.concatenate([below * response, -above * motion])
+    for _ in range(ITERATIONS):
+        weight = 1.0 / denominator
+        columns = (rows * weight).view(float)
+        gram = columns @ columns.T
+        size = np.maximum(np.sqrt(np.diag(gram)), np.finfo(float).tiny)
+        right = columns @ (response * weight).view(float) / size
+        solution, *_ = np.linalg.lstsq(gram / size[:, None] / size, right, rcond=1e-11)
+        factors = -solution / size
+        denominator = 1.0 + factors[: basis.poles] @ below
+        numerator = factors[basis.poles :] @ above
+    return np.asarray(numerator / denominator, dtype=complex)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy import fft
@@ -19,6 +19,7 @@ from vibrident.base.errors import NotConverged
 from vibrident.base.fft_lengths import fast_length
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.bins.transfer import DiscreteTransfer
+from vibrident.fit.group.group import in_parts
 from vibrident.fit.group.network import Step, evaluate, products
 from vibrident.fit.noise.averages import windowed
 from vibrident.fit.optimise import levenberg_marquardt
@@ -45,8 +46,8 @@ MAX_PLACES = 500
 REFINED = 12
 ROUGH = 0.5
 MAX_EVALUATIONS = 15
-#: Places whose networks are made at once.
-AT_ONCE = 256
+#: Directions of which shares hold less than this part of the best add nothing.
+SHOWN = 1e-10
 #: A delay is looked for at so many places a period of the highest frequency.
 PER_PERIOD = 8
 #: Of delays that differ by a factor of two, the longer must fit better by this part: a record that
@@ -131,6 +132,20 @@ def _neutral(model: SensorModel, band_hz: tuple[float, float]) -> dict[str, floa
     return values
 
 
+class _Scores(NamedTuple):
+    """How well places of a grid suit.
+
+    Attributes:
+        cost: weighted sum of squares that each leaves, infinite where it has none, shape (G,).
+        amounts: the best gain, and what each share adds, shape (G, T).
+        late_s: the best delay, s, shape (G,).
+    """
+
+    cost: FloatArray
+    amounts: FloatArray
+    late_s: FloatArray
+
+
 @dataclass(frozen=True, eq=False)
 class _Search:
     """Compares places of a grid.
@@ -148,22 +163,30 @@ class _Search:
     def best(self, places: Sequence[Mapping[str, float]], most: int) -> list[Candidate]:
         """Return the best and most different of places, the best first."""
         neutral = _neutral(self.band.model, self.band_hz)
-        scored: list[Candidate] = []
-        for begin in range(0, len(places), AT_ONCE):
-            some = [neutral | dict(place) for place in places[begin : begin + AT_ONCE]]
-            networks = [self._networks(some, rows.bins.step) for rows in self.rows]
-            for number, values in enumerate(some):
-                candidate = self._scored(values, [each[number] for each in networks])
-                if candidate is not None:
-                    scored.append(candidate)
-        scored.sort(key=lambda each: each.cost)
+        tried = [neutral | dict(place) for place in places]
+        networks = [self._networks(tried, rows.bins.step) for rows in self.rows]
+        bins = sum(rows.weight.size for rows in self.rows)
+        parts: list[_Scores] = []
+        for some in in_parts(len(tried), bins):
+            here = [DiscreteTransfer(*(part[some] for part in network)) for network in networks]
+            parts.append(self._scored(here, tried[some]))
+        scores = _Scores(*(np.concatenate(each) for each in zip(*parts, strict=True)))
         chosen: list[Candidate] = []
-        for each in scored:
-            if len(chosen) == most:
+        for number in np.argsort(scores.cost, kind="stable").tolist():
+            if len(chosen) == most or not np.isfinite(scores.cost[number]):
                 break
-            if all(self._differ(each.values, other.values, places[0]) for other in chosen):
-                chosen.append(each)
+            values = self._values(tried[number], scores.amounts[number], float(scores.late_s[number]))
+            if all(self._differ(values, other.values, places[0]) for other in chosen):
+                chosen.append(Candidate(float(scores.cost[number]), values))
         return chosen
+
+    def _values(self, place: Mapping[str, float], amounts: FloatArray, late_s: float) -> dict[str, float]:
+        """Return the parameters of a place by name, with its gain, shares and delay."""
+        model = self.band.model
+        gain, *others = amounts.tolist()
+        times = [spec.name for spec in model.parameters if spec.kind == "time"]
+        shares = {name: amount / gain for name, amount in zip(model.shares, others, strict=True)}
+        return {**place, model.gain_name: gain, **shares, **dict.fromkeys(times, late_s)}
 
     def refined(self, front: Sequence[Candidate]) -> list[Candidate]:
         """Return where places lead at the coarse bins, the best first."""
@@ -204,14 +227,17 @@ class _Search:
         values = coordinates.values(z)
         slopes = coordinates.slopes(z)[:, None]
         delay_s = self.band.problem.frame.delay_s
+        model = self.band.model
         trained = self.band.problem.trained
+        trained = replace(trained, factor_values={name: values[name] for name in model.factor_names})
         matrix = np.zeros((len(z), len(z)))
         gradient = np.zeros(len(z))
         cost = 0.0
         with np.errstate(all="ignore"):
-            for rows in every:
+            for told in every:
+                rows = self._behind(told, values)
                 at = values, *rows.bins.step, delay_s
-                step = Step(trained.transfer(*at), trained.jacobian(*at))
+                step = Step(*trained.with_slopes(*at))
                 if not np.all(np.isfinite(step.transfer.denominator)):
                     return Local(matrix, gradient, np.inf)
                 found = evaluate(rows.bins, step, rows.weight)
@@ -223,22 +249,52 @@ class _Search:
                 cost += float(products(residual, residual)[0, 0])
         return Local(matrix, gradient, cost)
 
-    def _networks(self, places: Sequence[dict[str, float]], step: tuple[float, float]) -> list[list[Step]]:
-        """Return the networks of places: without what shares multiply, and with each of it."""
+    def _networks(self, places: Sequence[dict[str, float]], step: tuple[float, float]) -> DiscreteTransfer:
+        """Return the networks of G places: without what T − 1 shares multiply, and with each of it.
+
+        Returns:
+            In leading axes (G, T).
+        """
         model = self.band.model
         problem = self.band.problem
         trials = [trial for values in places for trial in (values, *({**values, name: 1.0} for name in model.shares))]
         names = list(trials[0])
         late = {spec.name: problem.frame.delay_s for spec in model.parameters if spec.kind == "time"}
+        late |= problem.frame.factor_values
         trained = problem.trained
         if trained.method.takes_many:
             many: dict[str, Any] = {name: np.array([trial[name] for trial in trials]) for name in names}
             both = trained.transfer(many | late, *step, problem.frame.delay_s)
-            steps = [Step(DiscreteTransfer(*pair)) for pair in zip(*both, strict=True)]
         else:
-            steps = [Step(trained.transfer(trial | late, *step, problem.frame.delay_s)) for trial in trials]
-        width = 1 + len(model.shares)
-        return [steps[begin : begin + width] for begin in range(0, len(steps), width)]
+            steps = [trained.transfer(trial | late, *step, problem.frame.delay_s) for trial in trials]
+            both = DiscreteTransfer(*(np.stack(parts) for parts in zip(*steps, strict=True)))
+        shape = len(places), 1 + len(model.shares)
+        return DiscreteTransfer(*(part.reshape(*shape, *part.shape[1:]) for part in both))
+
+    def _factors(
+        self,
+        rows: CoarseRows,
+        tried: Sequence[Mapping[str, float]],
+    ) -> ComplexArray | None:
+        """Return the factors of each place over those of the inputs, shape (R, G, K); None of a rational model."""
+        frame = self.band.problem.frame
+        if not frame.factor_values:
+            return None
+        over = 1.0 / frame.model.factors(frame.factor_values, rows.frequency_hz)
+        return np.stack([over * frame.model.factors(values, rows.frequency_hz) for values in tried], axis=1)
+
+    def _behind(self, rows: CoarseRows, values: Mapping[str, float]) -> CoarseRows:
+        """Return rows whose inputs are behind the factors of ``values``, as if the motion recurred."""
+        frame = self.band.problem.frame
+        if not frame.factor_values:
+            return rows
+        model = frame.model
+        over = 1.0 / model.factors(frame.factor_values, rows.frequency_hz)
+        slopes = model.factor_slopes(values, rows.frequency_hz)
+        factors = [model.factors(values, rows.frequency_hz), *(slopes[name] for name in frame.factor_values)]
+        plain = rows.bins.inputs[:, : frame.terms]
+        inputs = np.concatenate([plain * (factor * over)[:, None] for factor in factors], axis=1)
+        return replace(rows, bins=replace(rows.bins, inputs=inputs))
 
     def _differ(self, values: Mapping[str, float], others: Mapping[str, float], names: Mapping[str, float]) -> bool:
         specs = {spec.name: spec for spec in self.band.model.parameters}
@@ -249,73 +305,78 @@ class _Search:
                 return True
         return False
 
-    def _scored(self, values: dict[str, float], steps: Sequence[list[Step]]) -> Candidate | None:
-        """Return a place with the best gain, shares and delay; None where it is not finite.
+    def _scored(
+        self,
+        networks: Sequence[DiscreteTransfer],
+        tried: Sequence[Mapping[str, float]],
+    ) -> _Scores:
+        """Return how well some places suit, with the best gain, shares and delay.
 
-        ``steps``: the networks of each sampling rate, as of :meth:`_networks`.
+        Args:
+            networks: of these places at each sampling rate, as of :meth:`_networks`.
+            tried: the values of each place.
         """
-        model = self.band.model
-        trials = range(1 + len(model.shares))
-        forced: list[list[ComplexArray]] = []
-        measured: list[ComplexArray] = []
-        for rows, networks in zip(self.rows, steps, strict=True):
-            if not all(np.all(np.isfinite(each.transfer.denominator)) for each in networks):
-                return None
-            if not self.band.problem.frame.method.is_exact and not all(
-                self.band.is_stable(each.transfer.denominator, rows.bins.step) for each in networks
-            ):
-                return None
-            own: list[ComplexArray] = []
-            for network in networks:
-                response, nuisances = rows.forced(network)
-                own.append(response)
-            own[1:] = [each - own[0] for each in own[1:]]
-            freed = rows.freed(np.stack([rows.bins.response, *own], axis=1), nuisances)
-            measured.append(freed[:, 0])
-            forced.append([freed[:, 1 + place] for place in trials])
-        late = 0.0
-        if model.has_delay:
-            late = self._late([each[0] for each in forced], measured)
-        gram = np.zeros((len(trials), len(trials)))
-        right = np.zeros(len(trials))
-        power = 0.0
-        for rows, columns, response in zip(self.rows, forced, measured, strict=True):
-            turned = response * np.exp(2j * np.pi * late * rows.frequency_hz)
-            stack = np.stack([each.reshape(-1) for each in columns])
-            gram += (stack.conj() @ stack.T).real
-            right += (stack.conj() @ turned.reshape(-1)).real
-            power += float(np.sum(power_of(response)))
-        scale = np.sqrt(np.diag(gram))
-        if not np.all(np.isfinite(gram)) or not np.all(scale > 0.0):
-            return None
-        amounts = np.linalg.lstsq(gram / np.outer(scale, scale), right / scale, rcond=1e-10)[0]
-        cost = power - float(amounts @ (right / scale))
-        amounts = amounts / scale
-        if amounts[0] == 0.0:
-            return None
-        found = {**values, model.gain_name: float(amounts[0])}
-        for name, amount in zip(model.shares, amounts[1:].tolist(), strict=True):
-            found[name] = amount / float(amounts[0])
-        for spec in model.parameters:
-            if spec.kind == "time":
-                found[spec.name] = late + float(self.band.problem.frame.delay_s)
-        return Candidate(cost, found)
+        stay = [self._stay_finite(*pair) for pair in zip(self.rows, networks, strict=True)]
+        usable = np.flatnonzero(np.all(stay, axis=0))
+        places, trials = networks[0].denominator.shape[:2]
+        scores = _Scores(np.full(places, np.inf), np.zeros((places, trials)), np.zeros(places))
+        if not usable.size:
+            return scores
+        freed = [
+            rows.freed(
+                DiscreteTransfer(*(part[usable] for part in network)),
+                self._factors(rows, [tried[place] for place in usable.tolist()]),
+            )
+            for rows, network in zip(self.rows, networks, strict=True)
+        ]
+        if self.band.model.has_delay:
+            scores.late_s[usable] = late = self._late(freed)
+            for rows, each in zip(self.rows, freed, strict=True):
+                each[:, :, -1] *= np.exp(2j * np.pi * late[:, None] * rows.frequency_hz[:, None])
+        normal = np.zeros((len(usable), trials + 1, trials + 1))
+        for each in freed:
+            each[:, :, 1:-1] -= each[:, :, :1]
+            normal += np.sum(products(each, each), axis=0)
+        scale = np.sqrt(np.diagonal(normal, axis1=1, axis2=2)[:, :-1])
+        finite = np.all(np.isfinite(normal), axis=(1, 2)) & np.all(scale > 0.0, axis=1)
+        usable, normal, scale = usable[finite], normal[finite], scale[finite]
+        right = normal[:, :-1, -1] / scale
+        gram = normal[:, :-1, :-1] / scale[:, :, None] / scale[:, None]
+        amounts = (np.linalg.pinv(gram, rcond=SHOWN, hermitian=True) @ right[:, :, None])[:, :, 0]
+        cost = normal[:, -1, -1] - np.sum(amounts * right, axis=1)
+        scores.cost[usable] = np.where(amounts[:, 0] != 0.0, cost, np.inf)
+        scores.amounts[usable] = amounts / scale
+        scores.late_s[:] += float(self.band.problem.frame.delay_s)
+        return scores
 
-    def _late(self, forced: Sequence[ComplexArray], measured: Sequence[ComplexArray]) -> float:
-        """Return the delay at which the response agrees best with the forced one, s."""
+    def _stay_finite(self, rows: CoarseRows, networks: DiscreteTransfer) -> BoolArray:
+        """Return which places have networks whose states stay finite, shape (G,)."""
+        usable = np.all(np.isfinite(networks.denominator), axis=(1, 2))
+        if not self.band.problem.frame.method.is_exact:
+            for place in np.flatnonzero(usable).tolist():
+                each = networks.denominator[place]
+                usable[place] = all(self.band.is_stable(denominator, rows.bins.step) for denominator in each)
+        return usable
+
+    def _late(self, freed: Sequence[ComplexArray]) -> FloatArray:
+        """Return the delay of each place at which the response agrees best with the first forced one, s, (G,)."""
         low, high = self.band_hz
         reach = max(2.0 / max(high - low, 1e-3 * high), 4.0 * self.rows[0].bins.step[0])
         count = int(np.ceil(reach * high * PER_PERIOD))
         late = np.arange(-count, count + 1) / (PER_PERIOD * high)
-        sums = np.zeros(late.size)
-        for rows, response, predicted in zip(self.rows, measured, forced, strict=True):
-            common = (predicted.conj() * response).reshape(-1)
-            told = np.flatnonzero(power_of(common) > 0.0)
-            turns = np.exp(2j * np.pi * np.outer(late, rows.frequency_hz.reshape(-1)[told]))
-            sums += (turns @ common[told]).real
+        sums = np.zeros((freed[0].shape[1], late.size))
+        for rows, each in zip(self.rows, freed, strict=True):
+            common = np.swapaxes(each[:, :, 0].conj() * each[:, :, -1], 0, 1).reshape(len(sums), -1)
+            told = np.flatnonzero(np.any(power_of(common) > 0.0, axis=0))
+            hz = rows.frequency_hz.reshape(-1)[told]
+            for some in in_parts(late.size, hz.size):
+                turns = np.exp(2j * np.pi * np.outer(late[some], hz))
+                sums[:, some] += (common[:, told] @ turns.T).real
+        agreement = np.abs(sums)
         whole = late + self.band.problem.frame.delay_s
-        best = int(np.argmax(preferred(np.abs(sums), whole * high)))
-        return float(late[best] + _beside(np.abs(sums), best) * (late[1] - late[0]))
+        best = np.argmax(preferred(agreement, whole * high), axis=1)
+        beside = [_beside(row, place) for row, place in zip(agreement, best.tolist(), strict=True)]
+        return np.asarray(late[best] + np.array(beside) * (late[1] - late[0]))
 
 
 def _beside(values: FloatArray, place: int) -> float:

@@ -13,8 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibrident.data.records import FloatArray
+from vibrident.fit.bins.transfer import DiscreteTransfer
 from vibrident.fit.group.group import Bins, Group
-from vibrident.fit.group.network import Step, amounts_of, combined, forced_response
+from vibrident.fit.group.network import combined, products
+from vibrident.fit.information import inverse_where_shown
 from vibrident.fit.problem.band import Band
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import power_of
@@ -42,14 +44,38 @@ class CoarseRows:
     weight: FloatArray
     frequency_hz: FloatArray
 
-    def freed(self, rows: ComplexArray, nuisances: ComplexArray) -> ComplexArray:
-        """Return rows (R, i, K) less what nuisance columns could imitate, times the root weight."""
-        rest = rows - combined(amounts_of(nuisances, rows, self.weight), nuisances)
-        return rest * np.sqrt(self.weight)[:, None]
+    def freed(self, networks: DiscreteTransfer, factors: ComplexArray | None = None) -> ComplexArray:
+        """Return forced responses and response, less what nuisance columns could imitate, times the root weight.
 
-    def forced(self, step: Step) -> tuple[ComplexArray, ComplexArray]:
-        """Return the forced response, shape (R, K), and nuisance columns, shape (R, m, K)."""
-        return forced_response(self.bins, step)
+        Args:
+            networks: of G places with T trials each, in leading axes (G, T); trials of a place have one denominator.
+            factors: of the inputs at each place, shape (R, G, K); None: one.
+
+        Returns:
+            The forced responses, and the response last, shape (R, G, T + 1, K).
+        """
+        places, trials = networks.denominator.shape[:2]
+        powers = networks.denominator.shape[2]
+        segments, bins = self.weight.shape
+        w = self.bins.shifted[:, None] ** np.arange(powers)[:, None]
+        over = 1.0 / combined(networks.denominator[:, 0], w)[:, :, None]
+        inputs = (w[:, :, None] * self.bins.inputs[:, None]).reshape(segments, -1, bins)
+        forced = combined(networks.numerator.reshape(places * trials, inputs.shape[1]), inputs)
+        states = ((1.0 + self.bins.shifted[:, None]) * w[:, :-1])[:, None] * over
+        nuisances = [states, self.bins.unmoved[:, None]]
+        if self.bins.edges:
+            nuisances.append(states * over)
+        behind = over if factors is None else over * factors[:, :, None]
+        own = [forced.reshape(segments, places, trials, bins) * behind, self.bins.response[:, None, None]]
+        every = [np.broadcast_to(each, (segments, places, *each.shape[2:])) for each in (*nuisances, *own)]
+        rows = np.concatenate(every, axis=2)
+        flat = rows.reshape(segments, places * rows.shape[2], bins)
+        rows = self.bins.where_used(flat).reshape(rows.shape)
+        rows *= np.sqrt(self.weight)[:, None, None]
+        normal = products(rows, rows)
+        count = sum(each.shape[2] for each in nuisances)
+        amounts = normal[:, :, count:, :count] @ inverse_where_shown(normal[:, :, :count, :count])
+        return rows[:, :, count:] - (amounts @ rows.view(float)[:, :, :count]).view(complex)
 
 
 def coarse_rows(band: Band, look: Look) -> list[CoarseRows]:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.group.group import Group
 from vibrident.fit.noise.averages import windowed
-from vibrident.fit.noise.local import BLOCK_BINS, incoherent_level
+from vibrident.fit.noise.local import BLOCK_BINS, SmoothColumns
 from vibrident.fit.problem.band import Band
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import power_of
@@ -79,25 +80,20 @@ def look_at(band: Band) -> Look:
     shown: list[FloatArray] = []
     everywhere: list[FloatArray] = []
     for group in band.groups:
-        level, sure = _level_of(group)
-        heard = power_of(group.response) > HEARD * level
-        blocks = sure.shape[1]
-        if blocks and group.grid.driven:  # what leaks over from elsewhere is no motion
-            place = (np.arange(group.grid.bins) - 1) // ((group.grid.bins - 1) // blocks)
-            heard &= sure[:, np.clip(place, 0, blocks - 1)]
+        seen = _seen_in(group)
+        heard = power_of(seen.response) > HEARD * seen.level
+        if group.grid.driven:  # what leaks over from elsewhere is no motion
+            heard &= seen.moving
+            heard |= ~seen.told[:, None]  # all that is known of the noise is that it is no more than everything
         samples = group.grid.samples
         audible |= {n: (samples, row) for n, row in zip(group.segments, heard, strict=True)}
-        levels |= zip(group.segments, level, strict=True)
+        levels |= zip(group.segments, seen.level, strict=True)
         frequency = group.grid.frequency_hz
         everywhere.append(frequency[[1, group.grid.last - 1]])
-        if not group.grid.driven:  # free motion is where it is heard
-            loud = np.flatnonzero(np.any(heard[:, 1:], axis=0))
-            shown.append(frequency[1 + loud[[0, -1]]] if loud.size else frequency[:0])
-        elif blocks:
-            width = (group.grid.bins - 1) // blocks
-            first = 1 + width * np.flatnonzero(np.any(sure, axis=0))
-            shown.append(frequency[first])
-            shown.append(frequency[np.minimum(first + width - 1, group.grid.last - 1)])
+        moving = seen.moving[seen.told] if group.grid.driven else heard  # free motion is where it is heard
+        places = 1 + np.flatnonzero(np.any(moving[:, 1:], axis=0))
+        if places.size:
+            shown.append(frequency[np.minimum(places[[0, -1]], group.grid.last - 1)])
     span = np.concatenate(shown) if shown else np.zeros(0)
     span = span if span.size else np.concatenate(everywhere)
     return Look(levels, audible, (float(np.min(span)), float(np.max(span))))
@@ -124,15 +120,68 @@ def loud_bins(band: Band) -> dict[int, BoolArray]:
     return loud
 
 
-def _level_of(group: Group) -> tuple[FloatArray, BoolArray]:
-    """Return the power of each bin's noise, shape (R, K), and where blocks show motion."""
-    if not group.grid.driven:
-        return incoherent_level(group.response, [])
-    motion = group.inputs[:, 0]
-    level, sure = incoherent_level(group.response, [motion])
-    # Noise of the reference is not in the response; at a lone tone it shows in nothing else.
-    felt, _ = incoherent_level(motion, [group.response])
-    return level + felt * _gain_squared(group.response, motion), sure
+class _Seen(NamedTuple):
+    """What a group says without a model.
+
+    Attributes:
+        response: at the bins, samples that are left out filled in, of power as of those used, (R, K).
+        level: power of the noise of each bin, shape (R, K).
+        moving: bins that move with the reference, shape (R, K).
+        told: whether there are enough bins to tell so, shape (R,).
+    """
+
+    response: ComplexArray
+    level: FloatArray
+    moving: BoolArray
+    told: BoolArray
+
+
+def _seen_in(group: Group) -> _Seen:
+    """Return what a group says, each segment with samples left out by itself."""
+    motions = [group.inputs[:, 0]] if group.grid.driven else []
+    if group.used is None:
+        return _seen(group.response, motions, None)
+    inner = slice(0, (group.grid.samples + 1) // 2)  # at half the sampling rate nothing tells a phase
+    every = [
+        _seen(group.response[row : row + 1, inner], [motion[row : row + 1, inner] for motion in motions], used[None])
+        for row, used in enumerate(group.used)
+    ]
+    response, level, moving, told = (np.concatenate(rows) for rows in zip(*every, strict=True))
+    beyond = ((0, 0), (0, group.grid.bins - response.shape[1]))
+    response, level, moving = (np.pad(rows, beyond, mode="edge") for rows in (response, level, moving))
+    return _Seen(response, level, moving, told)
+
+
+def _seen(response: ComplexArray, motions: Sequence[ComplexArray], used: BoolArray | None) -> _Seen:
+    """Return what segments say.
+
+    Args:
+        response: shape (R, K).
+        motions: that of the reference, shape (R, K); none in a free decay.
+        used: samples of the response that are used, shape (R, N); None: all.
+    """
+    share = 1.0 if used is None else float(np.mean(used))
+    columns = SmoothColumns.beside(motions, _shape(response), share)
+    told = np.full(len(response), columns is not None)
+    if columns is None:
+        mean = np.mean(power_of(response[:, 1:]), axis=1, keepdims=True)
+        level = np.broadcast_to(mean, response.shape)
+        return _Seen(response, level, np.zeros(response.shape, dtype=bool), told)
+    whole = response if used is None else columns.filled(response, used)
+    level, moving = columns.incoherent_level(whole)
+    response = whole * np.sqrt(share)
+    for motion in motions:
+        # Noise of the reference is not in the response; at a lone tone it shows in nothing else.
+        beside = SmoothColumns.beside([whole], _shape(whole), share)
+        assert beside is not None
+        felt, _ = beside.incoherent_level(motion)
+        level = level + felt * _gain_squared(response, motion)
+    return _Seen(response, level, moving, told)
+
+
+def _shape(rows: ComplexArray) -> tuple[int, int]:
+    records, bins = rows.shape
+    return records, bins
 
 
 def _gain_squared(response: ComplexArray, motion: ComplexArray) -> FloatArray:

@@ -128,6 +128,12 @@ def effects_of(calibration: Calibration) -> list[SystematicEffect]:
     return [*reference, *calibration.effects]
 
 
+def covered_kinds(kinds: set[str]) -> list[str]:
+    """Return which of ``noise``, ``gain`` and ``phase`` rows of these kinds cover."""
+    parts = {"noise": {DATA}, "gain": {"gain"}, "phase": {"phase", "timing"}}
+    return [name for name, covering in parts.items() if kinds & covering]
+
+
 def as_settings(rows: Sequence[BudgetRow], names: Sequence[str], slopes: FloatArray) -> list[dict[str, Any]]:
     """The budget as plain values: the contribution of each row to each parameter's standard uncertainty, in its unit.
 

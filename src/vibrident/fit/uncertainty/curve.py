@@ -72,8 +72,11 @@ def with_resonances(grid_hz: FloatArray, system: Rational) -> FloatArray:
 def curve(
     coordinates: Coordinates, z: FloatArray, covariance: FloatArray, quantity: Quantity, frequency_hz: FloatArray
 ) -> Curve:
-    """Curve of the model at ``frequency_hz``, shape (points,), with standard uncertainties."""
-    sensor = fitted_sensor(coordinates, z, covariance, quantity)
+    """Return the model's curve at ``frequency_hz``, shape (points,), with standard uncertainties.
+
+    It is per the sensor's own quantity; ``quantity``: of the reference.
+    """
+    sensor = fitted_sensor(coordinates, z, covariance, coordinates.model.stated_quantity(quantity))
     response, (relative, u_p) = sensor.frequency_response(frequency_hz), sensor.uncertainty(frequency_hz)
     magnitude = np.abs(response)
     u_m = magnitude * relative

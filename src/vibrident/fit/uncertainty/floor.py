@@ -5,7 +5,7 @@ The standard uncertainty of the sensitivity, at each frequency, is raised to hal
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TypeVar
 
@@ -17,32 +17,54 @@ from vibrident.result import Curve, Parameter, Result
 
 SOURCE = "capability of the laboratory (CMC)"
 _Curve = TypeVar("_Curve", bound=Curve)
+Floor = Callable[[FloatArray], FloatArray]  # frequencies → least standard uncertainty at each
 
 
 def with_floor(result: Result, capabilities: Sequence[Capability]) -> Result:
-    """The result with no u of the sensitivity below half the capability.
+    """Return the result with no u of the sensitivity below half the capability.
 
-    Curve and measured points are raised where the capability holds; the gain, which is that of all frequencies, to the
-    least capability of the magnitude over the measured points. The budget gets a row of what was added to it.
+    Curve and measured points are raised where the capability holds; the gain, which is that of all
+    frequencies, to the least capability of the magnitude over the measured points. The budget gets
+    a row of what was added to it.
     """
     if not capabilities or not result.has_gain:
         return result
-    least = floor(capabilities, "magnitude", result.measured.frequency_hz)
-    relative = float(np.min(least)) if least.size else 0.0
     stated = [
         {"quantity": one.quantity, "U": one.expanded_uncertainty, "from_hz": one.from_hz, "to_hz": one.to_hz}
         for one in capabilities
     ]
-    parameters, settings = dict(result.parameters), {**result.settings, "cmc": stated}
+
+    def of(quantity: str) -> Floor:
+        return lambda frequency_hz: floor(capabilities, quantity, frequency_hz)
+
+    found = raised(result, of("magnitude"), of("phase"), SOURCE)
+    measured = _raised(result.measured, of("magnitude"), of("phase"))
+    return replace(found, measured=measured, settings={**found.settings, "cmc": stated})
+
+
+def raised(result: Result, magnitude: Floor, phase: Floor, source: str) -> Result:
+    """Return the result with no u of its gain and of its model's curve below a floor.
+
+    Args:
+        result: of an identification.
+        magnitude: least relative standard uncertainty at frequencies.
+        phase: least standard uncertainty at frequencies, rad.
+        source: of the floor, for the row of the budget.
+    """
+    least = magnitude(result.measured.frequency_hz)
+    relative = float(np.min(least)) if least.size else 0.0
+    parameters, settings = dict(result.parameters), dict(result.settings)
+    none = {name: 0.0 for name, each in result.parameters.items() if not each.derived}
     for name, one in result.parameters.items():
         own, u = one.standard_uncertainty, relative * abs(one.value)
         if is_gain(name) and own is not None and own < u:
             parameters[name] = _widened(one, own, u)
-            row = {"source": SOURCE, "type": "B", "kind": "cmc", "standard_uncertainty": None, "unit": ""}
-            row |= {"degrees_of_freedom": None, "contributions": {name: float(np.sqrt(u**2 - own**2))}}
+            row = {"source": source, "type": "B", "kind": "cmc", "standard_uncertainty": None, "unit": ""}
+            added = {name: float(np.sqrt(u**2 - own**2))}
+            row |= {"degrees_of_freedom": None, "contributions": none | added}
             settings["uncertainty_budget"] = [*(settings.get("uncertainty_budget") or ()), row]
-    raised = {"response": _raised(result.response, capabilities), "measured": _raised(result.measured, capabilities)}
-    return replace(result, **raised, parameters=parameters, settings=settings)
+    response = _raised(result.response, magnitude, phase)
+    return replace(result, response=response, parameters=parameters, settings=settings)
 
 
 def floor(capabilities: Sequence[Capability], quantity: str, frequency_hz: FloatArray) -> FloatArray:
@@ -55,15 +77,14 @@ def floor(capabilities: Sequence[Capability], quantity: str, frequency_hz: Float
     return least
 
 
-def _raised(curve: _Curve, capabilities: Sequence[Capability]) -> _Curve:
-    f = curve.frequency_hz
-    size = floor(capabilities, "magnitude", f) * np.abs(curve.magnitude)
-    turn = np.rad2deg(floor(capabilities, "phase", f))
-    magnitude, phase = curve.magnitude_uncertainty, curve.phase_deg_uncertainty  # NaN, not known, stays so
+def _raised(curve: _Curve, magnitude: Floor, phase: Floor) -> _Curve:
+    size = magnitude(curve.frequency_hz) * np.abs(curve.magnitude)
+    turn = np.rad2deg(phase(curve.frequency_hz))
+    u, u_phase = curve.magnitude_uncertainty, curve.phase_deg_uncertainty  # NaN, not known, stays so
     return replace(
         curve,
-        magnitude_uncertainty=np.where(magnitude < size, size, magnitude),
-        phase_deg_uncertainty=np.where(phase < turn, turn, phase),
+        magnitude_uncertainty=np.where(u < size, size, u),
+        phase_deg_uncertainty=np.where(u_phase < turn, turn, u_phase),
     )
 
 

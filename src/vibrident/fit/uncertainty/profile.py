@@ -198,16 +198,21 @@ class _Search:
     def _down(self, z: FloatArray, free: BoolArray) -> tuple[FloatArray, float]:
         """Descend by Levenberg and Marquardt in the free coordinates."""
         damping, (low, high) = 1e-3, self.coordinates.edges
+        little = 1e-3 * CLOSE * self.rise
         here = self.problem.normal(z, self.coordinates)
         for _ in range(MAX_STEPS):
-            matrix, gradient = here.matrix[np.ix_(free, free)], here.gradient[free]
-            size = np.maximum(np.diag(matrix), 1e-12 * max(float(np.max(np.diag(matrix))), 1e-300))
+            matrix, gradient = here.matrix[free][:, free], here.gradient[free]
+            power = np.diag(matrix)
+            size = np.maximum(power, 1e-12 * max(float(np.max(power)), 1e-300))
+            own = np.clip(np.linalg.solve(matrix + damping * np.diag(size), gradient), -1.0, 1.0)
+            if own @ (2.0 * gradient - matrix @ own) < little:
+                break
             step = np.zeros(len(z))
-            step[free] = np.clip(np.linalg.solve(matrix + damping * np.diag(size), gradient), -1.0, 1.0)
+            step[free] = own
             trial = np.clip(z + step, low, high)
             there = self.problem.normal(trial, self.coordinates)
             if np.isfinite(there.cost) and there.cost <= here.cost:
-                settled = here.cost - there.cost < 1e-3 * CLOSE * self.rise
+                settled = here.cost - there.cost < little
                 z, here, damping = trial, there, 0.1 * damping
                 if settled:
                     break

@@ -20,7 +20,7 @@ from vibrident.lab.history import query, schema
 from vibrident.lab.history.query import StoredSensor
 from vibrident.lab.history.schema import calibration, event
 from vibrident.lab.history.store import Store
-from vibrident.result import Result
+from vibrident.result import TRACKED, Result
 from vibrident.result.document import plain
 from vibrident.show.history import date_of
 from vibrident.show.numbers import unit_of_sensitivity
@@ -132,7 +132,7 @@ def _parameters(result: Result) -> list[DatabaseRow]:
         return {"name": name, **numbers, "unit": unit, "frequency_hz": None, "shared": json.dumps(shared), **more}
 
     rows = []
-    at, _ = reference_point(result)
+    at = None if result.is_tracked else reference_point(result)[0]
     if at is not None and math.isfinite(at.magnitude):
         shared = shared_sources(result, sensitivity=(at.frequency_hz, at.magnitude))
         unit, more = unit_of_sensitivity(result), {"identifiable": True, "derived": True}
@@ -148,6 +148,8 @@ def _parameters(result: Result) -> list[DatabaseRow]:
 
 
 def _points(result: Result) -> list[DatabaseRow]:
+    """Return the nominal points of a calibration; a tracked result is none."""
+    points = () if result.is_tracked else nominal_points(result)
     return [
         {
             "nominal_hz": float(point.nominal),
@@ -157,7 +159,7 @@ def _points(result: Result) -> list[DatabaseRow]:
             "phase_deg": plain(point.phase_deg),
             "phase_deg_uncertainty": plain(point.phase_deg_uncertainty),
         }
-        for point in nominal_points(result)
+        for point in points
         if math.isfinite(point.magnitude)
     ]
 
@@ -315,17 +317,26 @@ def add_event(
 
 
 def approve(store: Store, calibration_id: int, *, by: str | None = None, note: str = "") -> list[int]:
-    """Approve a calibration; other evaluations of the same data are superseded, and their numbers returned.
+    """Approve a calibration; return the numbers of others of the same data, now superseded.
 
     Raises:
-        InputError: there is no such calibration, or it was recalled.
+        InputError: there is no such calibration, it is a tracked result, or it was recalled.
     """
     with store.writing() as connection:
         columns = calibration.c
-        asked = sa.select(columns.sensor_id, columns.data_files).where(columns.id == calibration_id)
+        told = columns.sensor_id, columns.data_files, columns.estimator
+        asked = sa.select(*told).where(columns.id == calibration_id)
         row = connection.execute(asked).one_or_none()
         if row is None:
             raise query.no_calibration(store, calibration_id)
+        if row.estimator == TRACKED:
+            raise InputError(
+                "A tracked result is no calibration, and cannot be approved as one.",
+                expected="the number of a calibration",
+                found=f"{calibration_id}, which a sensor's tracking wrote",
+                where=store.shown,
+                remedy="approve the calibration that it began with",
+            )
         newest = sa.select(event.c.kind).where(event.c.calibration_id == calibration_id).order_by(event.c.id.desc())
         if connection.execute(newest.limit(1)).scalar_one_or_none() == "recalled":
             raise InputError(

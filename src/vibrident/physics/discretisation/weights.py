@@ -89,10 +89,10 @@ def _expm(matrix: Any) -> Any:
     for terms in range(TERMS, 0, -1):
         power = unit + scaled @ power / terms
     for squared in range(int(np.max(squarings, initial=0.0))):
-        if power.ndim == 2:
+        more = squarings > squared
+        if np.all(more):
             power = power @ power
         else:
-            more = squarings > squared
             power[more] = power[more] @ power[more]
     return power
 

@@ -23,6 +23,17 @@ from vibrident.data.records import Quantity
 
 #: Powers of s that turn the reference quantity into acceleration. A drive acts as acceleration up to a constant.
 DERIVATIVES: Mapping[str, int] = {"acceleration": 0, "drive": 0, "velocity": 1, "displacement": 2}
+_TURNS = (1.0, 1j, -1.0, -1j)  # whole powers of j, without rounding
+
+
+def conversion(frequency_hz: Any, given: Quantity, wanted: Quantity) -> Any:
+    """Return the factor from a response per ``given`` quantity to that per ``wanted``, (points,).
+
+    Each power of s = jω is exact in phase. A drive is per itself alone.
+    """
+    power = DERIVATIVES[wanted] - DERIVATIVES[given]
+    return _TURNS[power % 4] * (2.0 * np.pi * frequency_hz) ** power
+
 
 Parameters = Mapping[str, Any]  # name → number, array or tracer, SI units except frequencies in Hz
 
@@ -197,6 +208,11 @@ class SensorModel:
         return tuple(addon.share for addon in self.add_ons if addon.share)
 
     @property
+    def factor_names(self) -> tuple[str, ...]:
+        """Names of the parameters of the factors that are not rational."""
+        return tuple(spec.name for addon in self.add_ons if addon.factor is not None for spec in addon.parameters)
+
+    @property
     def windows(self) -> tuple[str, ...]:
         """Names of the lengths of windows over which the sensor averages."""
         return tuple(addon.window for addon in self.add_ons if addon.window)
@@ -215,6 +231,16 @@ class SensorModel:
         if self.core.oscillator is not None:
             return float(parameters[self.core.oscillator[0]])
         return self.fastest(parameters) / (2.0 * np.pi)
+
+    def stated_quantity(self, reference: Quantity) -> Quantity:
+        """Return what a sensitivity is stated per: the sensor's own motion, or the drive.
+
+        A pickup of velocity is stated per m/s, every other sensor per m/s², whatever the
+        reference measured.
+        """
+        if reference == "drive":
+            return "drive"
+        return "velocity" if self.core.output == "velocity" else "acceleration"
 
     @property
     def has_gain(self) -> bool:
@@ -283,11 +309,6 @@ class SensorModel:
         """The model without its nonlinear parts: its linearisation for small signals."""
         return self if self.is_linear else self._without(lambda addon: addon.force is not None)
 
-    @property
-    def rational_part(self) -> SensorModel:
-        """The model without the factors that are not rational, but for the delay."""
-        return self if self.has_network else self._without(lambda addon: addon.factor is not None)
-
     def _without(self, left_out: Callable[[AddOn], bool]) -> SensorModel:
         kept = tuple(addon for addon in self.add_ons if not left_out(addon))
         return SensorModel("+".join([self.core.name, *(addon.name for addon in kept)]), self.core, kept)
@@ -296,6 +317,18 @@ class SensorModel:
         """Complex response of the parts that are not rational, the delay left out, shape (points,)."""
         s = 2j * np.pi * frequency_hz
         return math.prod((addon.factor(parameters, s) for addon in self.add_ons if addon.factor is not None), start=1.0)
+
+    def factor_slopes(self, parameters: Parameters, frequency_hz: Any) -> dict[str, Any]:
+        """Derivatives of :meth:`factors` with the parameters of these parts, by name, each of shape (points,)."""
+        s = 2j * np.pi * frequency_hz
+        parts = [addon for addon in self.add_ons if addon.factor is not None]
+        factors = [addon.factor(parameters, s) for addon in parts if addon.factor is not None]
+        slopes: dict[str, Any] = {}
+        for index, addon in enumerate(parts):
+            others = math.prod(factors[:index] + factors[index + 1 :], start=1.0)
+            own = addon.factor_slopes(parameters, s) if addon.factor_slopes else {}
+            slopes |= {name: others * slope for name, slope in own.items()}
+        return slopes
 
     def blocks(self, parameters: Parameters, quantity: Quantity) -> tuple[Rational, ...]:
         """The core and the parts parallel to it, from the reference quantity to their shares of the response."""

@@ -6,7 +6,6 @@ no difference is formed (Squire & Trapp 1998); those of the factors F are stated
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -37,27 +36,24 @@ def response_and_slopes(
     top, bottom = _at(_and_slopes(system.numerator, per), s), _at(_and_slopes(system.denominator, per), s)
     delay = _and_slopes((model.delay_s(moved),), per) if model.has_delay else None
     late = 1.0 if delay is None else np.exp(-s * delay[0])
-    with_factor = [add_on for add_on in model.add_ons if add_on.factor is not None]
-    factors = [add_on.factor(values, s) for add_on in with_factor if add_on.factor is not None]
-
-    behind = math.prod(factors, start=late) / bottom[0]
+    factor = 1.0 if model.has_network else model.factors(values, frequency_hz)
+    behind = factor * late / bottom[0]
     response = gain[0] * (top[0] * behind)
     slopes = top[1:] * (gain[0] * behind)
     slopes -= bottom[1:] * (response / bottom[0])
     slopes += gain[1:].astype(complex) * (top[0] * behind)
     if delay is not None:
         slopes -= delay[1:] * (s * response)
-    for index, add_on in enumerate(with_factor):
-        others = math.prod(factors[:index] + factors[index + 1 :], start=gain[0] * (top[0] / bottom[0]) * late)
-        for name, slope in (add_on.factor_slopes(values, s) if add_on.factor_slopes else {}).items():
-            slopes[model.parameter_names.index(name)] += others * slope
+    for name, slope in ({} if model.has_network else model.factor_slopes(values, frequency_hz)).items():
+        slopes[model.parameter_names.index(name)] += gain[0] * (top[0] / bottom[0]) * late * slope
     return response, slopes
 
 
 def _moved(model: SensorModel, values: Mapping[str, Any]) -> tuple[dict[str, Any], FloatArray]:
     """Each parameter moved by its own imaginary step: values of shape (parameters, …, 1), and one over the steps."""
     names = model.parameter_names
-    places = np.array([np.atleast_1d(values[name]) for name in names], dtype=float)
+    places = np.array([values[name] for name in names], dtype=float)
+    places = places.reshape(len(names), *(places.shape[1:] or (1,)))
     steps = STEP * (np.abs(places) + (places == 0.0))
     moved = np.repeat(places[:, None].astype(complex), len(names), axis=1)
     each = np.arange(len(names))

@@ -9,21 +9,22 @@ import numpy as np
 
 from vibrident.base.version import __version__
 from vibrident.fit.problem import Coordinates
+from vibrident.fit.uncertainty.budget import DATA, covered_kinds
 from vibrident.fit.uncertainty.curve import curve
 from vibrident.fit.uncertainty.parameters import correlation, coverage_factor, fields_of_units, parameter_table
 from vibrident.physics.naming import in_words
-from vibrident.result import Fit, MeasuredCurve, Result, ResultWarning
+from vibrident.result import TRACKED, Fit, MeasuredCurve, Result, ResultWarning
+from vibrident.use.tracking.effects import SCATTER
 from vibrident.use.tracking.session import Session
 
-#: The name of the estimator, by which a history knows such an entry.
-TRACKED = "tracked"
 UNLIMITED = 1e9  # degrees of freedom where their number is not known
 
 
 def tracked_result(result: Result, session: Session) -> Result:
     """The result that the session began with, with the values, uncertainties and curve of its end."""
     tracker, frequency_hz = session.tracker, result.response.frequency_hz
-    read, model = session.read(), tracker.network.model
+    learned, model = session.learned(), tracker.network.model
+    read = session.effects.added(learned)
     coordinates = Coordinates.at(model, read.values, (float(frequency_hz[0]), float(frequency_hz[-1])))
     z = coordinates.first
     slopes = coordinates.slopes(z)
@@ -32,11 +33,21 @@ def tracked_result(result: Result, session: Session) -> Result:
     drive = tracker.network.quantity == "drive"
     units = fields_of_units(result.response_unit, str(result.reference.get("unit")) if drive else "m/s^2", drive=drive)
     noise, nothing = tracker.noise or float("nan"), float("nan")
-    settings = {"start": result.estimator, "alarms": len(session.alarms), "samples": session.samples}
+    rows = session.effects.budget(learned, freedom)
+    effects = [f"{row['source']} ({row['kind']})" for row in rows if row["kind"] != DATA]
+    settings = {
+        "start": result.estimator,
+        "alarms": len(session.alarms),
+        "samples": session.samples,
+        "coverage_factor": coverage_factor(freedom),
+        "effective_degrees_of_freedom": freedom,
+        "uncertainty_budget": rows,
+        "uncertainty_covers": "; ".join([SCATTER, *effects]),
+    }
     return replace(
         result,
         estimator=TRACKED,
-        settings={**settings, "coverage_factor": coverage_factor(freedom), "effective_degrees_of_freedom": freedom},
+        settings=settings,
         provenance={
             "vibrident": __version__,
             "time": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
@@ -53,6 +64,7 @@ def tracked_result(result: Result, session: Session) -> Result:
         weights={},
         certificate={},
         findings=(),
+        uncertainty={"covers": covered_kinds({row["kind"] for row in rows})},
     )
 
 

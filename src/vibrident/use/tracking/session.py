@@ -13,6 +13,7 @@ from vibrident.data.sources.source import Chunk
 from vibrident.fit.response.tones import tone_frequency
 from vibrident.result import Result
 from vibrident.use.tracking.causes import LENGTH, Cause, cause
+from vibrident.use.tracking.effects import CarriedEffects
 from vibrident.use.tracking.reference_noise import ReferenceNoise, reference_noise
 from vibrident.use.tracking.state import CERTAIN, Alarm, Estimate, Settings
 from vibrident.use.tracking.tracker import Tracker
@@ -38,6 +39,7 @@ class Session:
     every: int  # samples a row
     units: Mapping[str, str]  # unit of each parameter
     cause: Cause  # what departs from the model, since an alarm that it explained
+    effects: CarriedEffects  # stated of the calibration that it began with
     samples: int = 0  # taken so far
     left: int = 0  # samples until the next row
     started: bool = False
@@ -68,7 +70,10 @@ class Session:
         tracker = Tracker(sensor.model, sensor.values, sensor.covariance, rate_hz, quantity, settings)
         units = {name: result.parameters[name].unit for name in sensor.model.parameter_names}
         every = max(1, round(every_s * rate_hz))
-        return cls(tracker, every, units, Cause(None, "", tracker.values), left=every)
+        reference = np.zeros(tracker.network.parameters)
+        reference[tracker.network.gain] = settings.reference_uncertainty
+        effects = CarriedEffects.of(result, sensor.covariance, reference)
+        return cls(tracker, every, units, Cause(None, "", tracker.values), effects, left=every)
 
     @property
     def changing(self) -> tuple[float, float] | None:
@@ -189,7 +194,14 @@ class Session:
         }
 
     def read(self) -> Estimate:
-        """What is known now, corrected for white noise of the reference where that can be."""
+        """Return what is known now, with the stated effects of the calibration."""
+        return self.effects.added(self.learned())
+
+    def learned(self) -> Estimate:
+        """Return what is known now, corrected for white noise of the reference where possible.
+
+        The stated effects of the calibration are not in it.
+        """
         read, noise = self.tracker.read(), self.reference_noise
         return noise.corrected(read) if noise and noise.corrects else read
 

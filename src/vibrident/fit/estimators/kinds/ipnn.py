@@ -175,10 +175,12 @@ def _optimiser(name: str, settings: dict[str, Any]) -> Optimiser:
 
 def trained_in_time(network: Ipnn, evidence: Evidence, progress: Progress) -> Estimate:
     """Return the estimate of equal weights for all samples of a record, run in time."""
+    from vibrident.fit.problem.network_problem import require_rational
     from vibrident.fit.problem.time_domain import TimeProblem
     from vibrident.fit.start.harmonic_start import with_harmonic_start
 
     assert evidence.first_look is not None
+    require_rational(evidence.model)
     begin = find_start(evidence.first_look, evidence.model)
     size = evidence.response_size
     coordinates = Coordinates.at(evidence.model, begin.values, evidence.band_hz, size)

@@ -1,7 +1,7 @@
 """Average over a window of length L, as the digital filter of a MEMS sensor takes it: (1 − e^{−sL})/(sL).
 
-Its delay of L/2 is part of it; a ``delay`` add-on comes on top. It is not a rational function, so a model with it is
-fitted in frequency (``ml``); its network runs on the averaged reference.
+Its delay of L/2 is part of it; a ``delay`` add-on comes on top. It is not a rational function: the network of a
+model with it runs on the averaged reference.
 """
 
 from __future__ import annotations

@@ -1,0 +1,96 @@
+"""What may be certified of a result: the one door from a result to a document that is signed.
+
+- No U of the model lies below that of the measured values, as a model averages them.
+- A model that the data reject states nothing: the measured values stand alone.
+- A phase is stated where it was measured, where the certificate asks for it, and where the source of
+  its uncertainty is stated; a report, which certifies nothing, states a measured phase all the same.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from vibrident.data.records import FloatArray
+from vibrident.fit.uncertainty.floor import raised
+from vibrident.physics.naming import described
+from vibrident.result import Correlation, Curve, Result
+from vibrident.show.coverage import unstated
+from vibrident.show.curves import column
+
+SOURCE = "U of the measured values"
+RAISED, REJECTED = "raised_to_measured", "rejected_model"  # in the settings of what is certified
+
+
+def certified(result: Result) -> Result:
+    """Return what may be certified of a result."""
+    found = result if result.is_tracked else _of_the_model(result)
+    return found if states_phase(result) else _without_phase(found)
+
+
+def states_phase(result: Result) -> bool:
+    """Return whether the document of a result states phases."""
+    asked = "phase" in (result.certificate.get("quantities") or ("phase",))
+    measured = result.response if result.is_tracked else result.measured
+    if not asked or not np.isfinite(measured.phase_deg).any():
+        return False
+    lacking = unstated(result)
+    return "phase" not in lacking or "gain" in lacking
+
+
+def stated_parameters(result: Result) -> Result:
+    """Return a result without the parameters that its phase alone tells, if it has no phase."""
+    if any(np.isfinite(curve.phase_deg).any() for curve in (result.response, result.measured)):
+        return result
+    kept = {name: each for name, each in result.parameters.items() if getattr(described(name), "kind", "") != "time"}
+    places = [i for i, name in enumerate(result.correlation.names) if name in kept]
+    names = tuple(result.correlation.names[i] for i in places)
+    matrix = tuple(tuple(result.correlation.matrix[i][j] for j in places) for i in places)
+    return replace(result, parameters=kept, correlation=Correlation(names, matrix))
+
+
+def _of_the_model(result: Result) -> Result:
+    if not result.fit.adequate:
+        left_out = ("uncertainty_budget", "temperature")
+        settings = {key: each for key, each in result.settings.items() if key not in left_out}
+        return replace(
+            result,
+            parameters={},
+            correlation=Correlation((), ()),
+            response=Curve.none(),
+            settings={**settings, REJECTED: True},
+        )
+    found = raised(
+        result,
+        lambda f: _measured_u(result, "magnitude", f),
+        lambda f: _measured_u(result, "phase_deg", f),
+        SOURCE,
+    )
+    if found == result:
+        return result
+    return replace(found, settings={**found.settings, RAISED: True})
+
+
+def _measured_u(result: Result, quantity: str, frequency_hz: FloatArray) -> FloatArray:
+    """Return the measured u at these frequencies, relative or in rad, between neighbours by ln f."""
+    points = result.measured
+    u = column(points, f"{quantity}_uncertainty")
+    u = np.deg2rad(u) if quantity == "phase_deg" else u / np.abs(points.magnitude)
+    known = np.flatnonzero(np.isfinite(u) & (points.frequency_hz > 0.0))
+    if not known.size or not len(frequency_hz):
+        return np.zeros(len(frequency_hz))
+    order = known[np.argsort(points.frequency_hz[known], kind="stable")]
+    return np.interp(np.log(frequency_hz), np.log(points.frequency_hz[order]), u[order])
+
+
+def _without_phase(result: Result) -> Result:
+    def blank(curve: Curve) -> dict[str, FloatArray]:
+        nothing = np.full(curve.frequency_hz.size, np.nan)
+        return {"phase_deg": nothing, "phase_deg_uncertainty": nothing}
+
+    return replace(
+        result,
+        response=replace(result.response, **blank(result.response)),
+        measured=replace(result.measured, **blank(result.measured)),
+    )

@@ -1,0 +1,88 @@
+"""The stated effects of a calibration, in what a session tells anew.
+
+Samples that are tracked average their noise out, yet the measuring chain's systematic effects stay. Of
+each parameter the calibration's part w = min(u²/u₀², 1) carries them within its u₀; the part that the
+samples tell, √(1 − w²) of each effect, gets them added.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from vibrident.data.records import FloatArray
+from vibrident.fit.uncertainty.budget import DATA
+from vibrident.result import Result
+from vibrident.use.comparison import REFERENCE_SOURCE
+from vibrident.use.tracking.state import Estimate
+
+SCATTER = "noise, and the calibration that the session began with"
+
+
+@dataclass(frozen=True, eq=False)
+class CarriedEffects:
+    """The effects of type B that a calibration stated."""
+
+    rows: tuple[Mapping[str, Any], ...]  # of its budget
+    contributions: FloatArray  # standard uncertainty of each in each parameter, (rows, parameters)
+    start: FloatArray  # covariance of the calibration, (parameters, parameters)
+    reference: FloatArray  # relative u of the session's own reference, at the gain, (parameters,)
+
+    @classmethod
+    def of(cls, result: Result, start: FloatArray, reference: FloatArray) -> CarriedEffects:
+        """Collect the effects of a result.
+
+        Args:
+            result: of the calibration.
+            start: covariance of its parameters, in the model's order.
+            reference: relative standard uncertainty of the session's own reference, at the gain;
+                where it is stated it takes the place of that of the calibration's.
+        """
+        names = [name for name, each in result.parameters.items() if not each.derived]
+        own_reference = bool(reference.any())
+        rows = tuple(
+            row
+            for row in result.settings.get("uncertainty_budget") or ()
+            if row.get("type") == "B" and not (own_reference and row.get("source") == REFERENCE_SOURCE)
+        )
+        parts = [[(row.get("contributions") or {}).get(name) or 0.0 for name in names] for row in rows]
+        return cls(rows, np.array(parts).reshape(len(rows), len(names)), start, reference)
+
+    def _own(self, read: Estimate) -> FloatArray:
+        """Return the variances of an estimate but for its reference's, (parameters,)."""
+        values = np.array(list(read.values.values()))
+        return np.diag(read.covariance) - (self.reference * values) ** 2
+
+    def fresh(self, read: Estimate) -> FloatArray:
+        """Return which part of each effect the samples bring anew, (parameters,)."""
+        own = np.clip(self._own(read) / np.diag(self.start), 0.0, 1.0)
+        return np.sqrt(1.0 - own**2)
+
+    def added(self, read: Estimate) -> Estimate:
+        """Return an estimate with the effects in its covariance, correlated as in the calibration."""
+        variance = np.sum(self.contributions**2, axis=0)
+        share = np.sqrt(np.minimum(variance / np.diag(self.start), 1.0)) * self.fresh(read)
+        covariance = read.covariance + self.start * np.outer(share, share)
+        u = np.sqrt(np.diag(covariance)).tolist()
+        named = dict(zip(read.values, u, strict=True))
+        return replace(read, uncertainty=named, covariance=covariance)
+
+    def budget(self, read: Estimate, freedom: float) -> list[dict[str, Any]]:
+        """Return the budget of an estimate that has no effects in it yet.
+
+        Its rows: the estimate's own, the session's reference, and each effect carried.
+        """
+        fresh = self.fresh(read)
+        own = {"source": SCATTER, "type": "A", "kind": DATA, "standard_uncertainty": None}
+        own |= {"unit": "", "degrees_of_freedom": freedom}
+        rows = [(own, np.sqrt(np.maximum(self._own(read), 0.0)))]
+        if relative := float(self.reference.max()):
+            known = {"source": REFERENCE_SOURCE, "type": "B", "kind": "gain"}
+            known |= {"standard_uncertainty": relative, "unit": "", "degrees_of_freedom": None}
+            rows.append((known, self.reference * np.abs(list(read.values.values()))))
+        carried = zip(self.rows, fresh * self.contributions, strict=True)
+        rows += [(dict(row), part) for row, part in carried]
+        return [{**row, "contributions": dict(zip(read.values, part.tolist(), strict=True))} for row, part in rows]
