@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from vibrident.base.amounts import pretty
+from vibrident.data.io.certificate import check_dates
 from vibrident.result import Result
 from vibrident.show import certificate_tables as parts
 from vibrident.show import tables
@@ -45,7 +46,12 @@ _SENSOR = ("manufacturer", "type", "serial_number")
 
 
 def certificate(result: Result, issue: Issue = NOTHING_MORE) -> Document:
-    """Everything that a certificate states of a result, to be signed."""
+    """Return everything that a certificate states of a result, to be signed.
+
+    Raises:
+        InputError: its dates contradict each other, or an instrument was not valid.
+    """
+    check_dates(result.certificate, "result.json and certificate files")
     say = Say.of(result)
     nominal = parts.sensitivity(result, say) or Sentence(say("text", "no_nominal"))
     stated = result.certificate

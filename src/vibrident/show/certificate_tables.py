@@ -13,6 +13,7 @@ from vibrident.base.nominal import same
 from vibrident.physics.naming import parameter_name
 from vibrident.result import Parameter, Result
 from vibrident.show import figures, tables
+from vibrident.show.comparison import Value, at_point, of_parameter
 from vibrident.show.coverage import parameter_factor, unstated
 from vibrident.show.curves import column
 from vibrident.show.formulas import Mixed, Words
@@ -26,12 +27,13 @@ from vibrident.show.numbers import (
     printed,
     sensitivity_scale,
     stated,
+    uncertainty,
     with_u,
 )
 from vibrident.show.points import Point, nominal_points, reference_point
 from vibrident.show.setting_tables import point_budget
 from vibrident.show.views import Column, Fact, Facts, Figure, K, Sentence, Table, columns, listed
-from vibrident.use.conformity import DEVIATION, Judged, judged
+from vibrident.use.conformity import DEVIATION, Judged, judged, ratio_uncertainty
 
 MOST_FILES = 30  # data files listed; the result lists them all
 MOST_POINTS = 100  # measured points listed; more are thinned evenly
@@ -220,10 +222,10 @@ def _judged(result: Result, row: Judged, say: Say) -> tuple[str, ...]:
 
 
 def _chance(probability: float) -> str:
-    """A probability in percent: rounded, none is certain and none impossible."""
-    if probability < 5e-5:
-        return "< 0.01 %"
-    return "> 99.99 %" if probability >= 1.0 - 5e-5 else f"{100.0 * probability:.2f} %"
+    """Return a probability in whole percent: its u is no better known, and nothing is certain."""
+    if probability < 0.005:
+        return "< 1 %"
+    return "> 99 %" if probability >= 0.995 else f"{100.0 * probability:.0f} %"
 
 
 def adjustment(result: Result, before: Result | None, say: Say = ENGLISH) -> Table | None:
@@ -233,26 +235,43 @@ def adjustment(result: Result, before: Result | None, say: Say = ENGLISH) -> Tab
     """
     if before is None:
         return None
-    found: list[tuple[str, Parameter, Parameter]] = []
+    found: list[tuple[str, Value, Value, str]] = []
     first, last = (reference_point(one)[0] for one in (before, result))
     if first is not None and last is not None:
         unit = f"{result.response_unit}/({result.reference.get('unit') or 'm/s^2'})"
-        one, other = (Parameter(p.magnitude, unit, p.magnitude_uncertainty, (None, None)) for p in (first, last))
-        found.append((say.each(lambda each: f"{each('label', 'magnitude')}, {last.nominal} Hz"), one, other))
+        name = say.each(lambda each: f"{each('label', 'magnitude')}, {last.nominal} Hz")
+        found.append((name, at_point(before, first), at_point(result, last), unit))
     for name, after in result.parameters.items():
-        if name in before.parameters and not after.derived and before.parameters[name].unit == after.unit:
-            found.append((say.known(parameter_name(name).words), before.parameters[name], after))
+        former = before.parameters.get(name)
+        if former is not None and not after.derived and former.unit == after.unit:
+            label = say.known(parameter_name(name).words)
+            found.append((label, of_parameter(before, name), of_parameter(result, name), after.unit))
     rows = []
-    for name, one, other in found:
-        scale = parameter_scale(result, other)
-        texts = [stated(each, K, scale) for each in (one, other)]
-        change = percent(100.0 * (other.value / one.value - 1.0)) if one.value else NONE
+    for name, one, other, unit in found:
+        both = [Parameter(value.value, unit, value.u, (None, None)) for value in (one, other)]
+        scale = parameter_scale(result, both[1])
+        texts = [stated(each, K, scale) for each in both]
         numbers = [text for number in texts for text in (number.value, number.expanded)]
-        rows.append((name, *numbers, pretty(texts[0].unit), change))
+        rows.append((name, *numbers, pretty(texts[0].unit), *_change(one, other)))
     heads = (Column(say("head", "quantity")), Column(say("head", "before"), "number"), Column("U", "number"))
     heads += (Column(say("head", "after"), "number"), Column("U", "number"), Column(say("head", "unit")))
-    heads += (Column(say("head", "change"), "number"),)
+    heads += (Column(say("head", "change"), "number"), Column("U", "number"))
     return Table(heads, tuple(rows), notes=(say("text", "before_note"),))
+
+
+def _change(before: Value, after: Value) -> tuple[str, str]:
+    """Return the relative change and its U, without the sources that both share."""
+    if not before.value:
+        return NONE, NONE
+    ratio = after.value / before.value
+    if before.u is None or after.u is None or not after.value:
+        return percent(100.0 * (ratio - 1.0)), NONE
+    names = sorted(before.shared.keys() & after.shared.keys())
+    gains = (np.array([one.shared[name] / abs(one.value) for name in names]) for one in (after, before))
+    common, base_common = gains
+    relative = ratio_uncertainty(after.u / abs(after.value), common, before.u / abs(before.value), base_common)
+    expanded = 100.0 * K * abs(ratio) * relative
+    return percent(100.0 * (ratio - 1.0), expanded), f"{uncertainty(expanded)} %"
 
 
 def temperature(result: Result, say: Say = ENGLISH) -> Table | None:

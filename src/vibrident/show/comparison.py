@@ -66,6 +66,19 @@ class ComparedQuantity:
     relative: bool = True  # its differences are relative ones (not those of a phase or of a delay near zero)
 
 
+def of_parameter(result: Result, name: str) -> Value:
+    """Return the value of a parameter, with what of its u another result may share."""
+    parameter = result.parameters[name]
+    shared = shared_sources(result, parameter=name)
+    return Value(parameter.value, parameter.standard_uncertainty, shared)
+
+
+def at_point(result: Result, point: Point) -> Value:
+    """Return the magnitude of the sensitivity at a point, with what another result may share."""
+    shared = shared_sources(result, sensitivity=(point.frequency_hz, point.magnitude))
+    return Value(point.magnitude, point.magnitude_uncertainty, shared)
+
+
 def quantities(results: Sequence[Result]) -> list[ComparedQuantity]:
     """The sensitivity at the reference frequency, then every parameter that at least two results have."""
     found = []
@@ -80,9 +93,7 @@ def quantities(results: Sequence[Result]) -> list[ComparedQuantity]:
         having = [result.parameters.get(key) for result in results]
         unit = next(parameter.unit for parameter in having if parameter is not None)
         values = [
-            Value(p.value, p.standard_uncertainty, shared_sources(result, parameter=key))
-            if p is not None and p.unit == unit
-            else None
+            of_parameter(result, key) if p is not None and p.unit == unit else None
             for result, p in zip(results, having, strict=True)
         ]
         known = [abs(value.value) for value in values if value is not None and value.value]
@@ -108,8 +119,7 @@ def _magnitudes(label: str, points: Sequence[Point | None], results: Sequence[Re
         if point is None:
             values.append(None)
             continue
-        shared = shared_sources(result, sensitivity=(point.frequency_hz, point.magnitude))
-        values.append(Value(point.magnitude, point.magnitude_uncertainty, shared))
+        values.append(at_point(result, point))
     return ComparedQuantity(label, sensitivity_scale(results[0]), tuple(values))
 
 

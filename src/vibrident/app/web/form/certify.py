@@ -24,6 +24,7 @@ from vibrident.data.io.certificate import (
     CertificateSection,
     certificate_section,
     certificate_text,
+    check_dates,
 )
 from vibrident.data.io.keys import keys_of
 from vibrident.show.issue import FormField, form, lacking
@@ -214,6 +215,7 @@ class CertificateForm:
         }
         paths = (one.path for one in self.user.results)
         chosen = next((path for path in paths if str(path) == self.before.value), None)
+        check_dates(section, "what the certificate states")
         certificate = {**dict.fromkeys(self.known["certificate"]), **section}
         return CertificateData(certificate, sensor, before=chosen)
 
