@@ -99,6 +99,8 @@ def reference(
             if item.nominal_hz == wanted:
                 outside = f"{REFERENCES_HZ[0]:g} Hz lies outside the measured band; chosen as usual for seismometers"
                 return item, outside if number else "the default"
+    if not available and same(low_hz, high_hz):
+        return Nominal(low_hz, low_hz), "the only frequency that was measured"
     if not available:
         return None, "the measured band holds no nominal frequency"
     centre = math.sqrt(low_hz * high_hz)

@@ -97,8 +97,17 @@ def parameters(result: Result) -> Table:
         *columns("value", "u", "k", "U", kind="number"),
         *columns("unit", "95 % interval", "remark"),
     )
-    notes = (per_g(result), small_signals(result), words.COVERAGE, coverage(result).text(), interval_text(result))
+    notes = (one_frequency(result), per_g(result), small_signals(result))
+    notes += (words.COVERAGE, coverage(result).text(), interval_text(result))
     return Table(heads, tuple(rows), notes=tuple(note for note in notes if note))
+
+
+def one_frequency(result: Result) -> str:
+    """Return at which frequency the sensitivity of a gain alone holds; empty for other models."""
+    model, at = installed(result.model), result.measured.frequency_hz
+    if model is None or not model.is_gain_alone or len(set(at.tolist())) != 1:
+        return ""
+    return f"The sensitivity is that at {at[0]:.6g} Hz, the only frequency that was measured."
 
 
 def small_signals(result: Result) -> str:

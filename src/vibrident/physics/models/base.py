@@ -217,6 +217,11 @@ class SensorModel:
         return self.fastest(parameters) / (2.0 * np.pi)
 
     @property
+    def is_gain_alone(self) -> bool:
+        """True where the core is a gain alone: at one frequency it is what was measured there."""
+        return len(self.core.parameters) == 1
+
+    @property
     def has_gain(self) -> bool:
         """False for what free motion alone tells of a model."""
         return any(spec.kind == "gain" for spec in self.parameters)
