@@ -225,7 +225,7 @@ def _stored(connection: sa.Connection, sensor_id: int, row: DatabaseRow) -> int 
         columns.chi2_reduced.is_not_distinct_from(row["chi2_reduced"]),
     )
     for number, packed in connection.execute(sa.select(columns.id, columns.document).where(alike)):
-        if identity(Result.from_dict(json.loads(zlib.decompress(packed)))) == row["sha256"]:
+        if identity(query.unpacked(packed)) == row["sha256"]:
             return number
     return None
 
@@ -348,12 +348,15 @@ def add_event(
 def approve(store: Store, calibration_id: int, *, by: str | None = None, note: str = "") -> list[int]:
     """Approve a calibration; other evaluations of the same data are superseded, and their numbers returned.
 
+    ``by``: who approves; None for whom the certificate states, else the account.
+
     Raises:
         InputError: there is no such calibration, or it was recalled.
     """
     with store.writing() as connection:
         columns = calibration.c
-        asked = sa.select(columns.sensor_id, columns.data_files).where(columns.id == calibration_id)
+        wanted = columns.sensor_id, columns.data_files, columns.document
+        asked = sa.select(*wanted).where(columns.id == calibration_id)
         row = connection.execute(asked).one_or_none()
         if row is None:
             raise query.no_calibration(store, calibration_id)
@@ -366,6 +369,8 @@ def approve(store: Store, calibration_id: int, *, by: str | None = None, note: s
                 where=store.shown,
                 remedy="calibrate again, and add the new result",
             )
+        if by is None:
+            by = query.unpacked(row.document).certificate.get("approved_by")
         files = set(json.loads(row.data_files))
         others = connection.execute(
             sa.select(columns.id, columns.data_files).where(
