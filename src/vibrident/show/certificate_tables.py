@@ -32,11 +32,23 @@ from vibrident.show.numbers import (
 )
 from vibrident.show.points import Point, nominal_points, reference_point
 from vibrident.show.setting_tables import point_budget
-from vibrident.show.views import Column, Fact, Facts, Figure, K, Sentence, Table, columns, listed
+from vibrident.show.views import Block, Column, Fact, Facts, Figure, K, Sentence, Table, columns, listed
 from vibrident.use.conformity import DEVIATION, Judged, judged, ratio_uncertainty
 
 MOST_FILES = 30  # data files listed; the result lists them all
 MOST_POINTS = 100  # measured points listed; more are thinned evenly
+
+
+def localised(block: Block | None, say: Say) -> Block | None:
+    """Return a block with the document's decimal sign in the numbers of its tables."""
+    if not isinstance(block, Table):
+        return block
+    own = [column.kind == "number" for column in block.columns]
+    rows = tuple(
+        tuple(type(cell)(say.number(cell)) if ours else cell for cell, ours in zip(row, own, strict=True))
+        for row in block.rows
+    )
+    return replace(block, rows=rows)
 
 
 def instruments(result: Result, say: Say = ENGLISH) -> Table:
@@ -68,15 +80,15 @@ def reference(result: Result, say: Say = ENGLISH) -> Facts:
 
     def chosen(one: Say) -> str:
         at_exact = "" if exact else one("text", "computed_at", frequency=exact_frequency(point))
-        return f"{point.nominal} Hz{at_exact}; {one.known(why)}"
+        return f"{one.number(point.nominal)} Hz{at_exact}; {one.known(why)}"
 
     rows: list[Fact] = [
         (label, say.each(chosen)),
-        (say("label", "magnitude"), f"{magnitude} {scale.unit}{_bar(expanded, scale.unit)}"),
+        (say("label", "magnitude"), say.number(f"{magnitude} {scale.unit}{_bar(expanded, scale.unit)}")),
     ]
     if point.phase_deg is not None:
         phase, phase_u = with_u(point.phase_deg, point.phase_deg_uncertainty, 1.0)
-        rows.append((say("label", "phase"), f"{phase}°{_bar(phase_u, '°')}"))
+        rows.append((say("label", "phase"), say.number(f"{phase}°{_bar(phase_u, '°')}")))
     return Facts(tuple(rows))
 
 
@@ -146,6 +158,7 @@ def curve(result: Result, say: Say = ENGLISH) -> Figure | None:
         for panel, name in zip(stack.panels, (f"|S| / ({sensitivity_scale(result).unit})", "φ / °"), strict=False):
             series = tuple(replace(one, label="", band="") for one in panel.series)
             axes = replace(panel.x, label="f / Hz"), replace(panel.y, label=name)
+            axes = tuple(replace(axis, ticks=tuple((at, say.number(text)) for at, text in axis.ticks)) for axis in axes)
             panels.append(replace(panel, x=axes[0], y=axes[1], series=series, title=""))
         stacks.append(replace(stack, panels=tuple(panels), title=""))
     return replace(figure, title="", subject="", note="", stacks=tuple(stacks), caption=say("text", "caption"))
@@ -239,7 +252,7 @@ def adjustment(result: Result, before: Result | None, say: Say = ENGLISH) -> Tab
     first, last = (reference_point(one)[0] for one in (before, result))
     if first is not None and last is not None:
         unit = f"{result.response_unit}/({result.reference.get('unit') or 'm/s^2'})"
-        name = say.each(lambda each: f"{each('label', 'magnitude')}, {last.nominal} Hz")
+        name = say.each(lambda one: f"{one('label', 'magnitude')}, {one.number(last.nominal)} Hz")
         found.append((name, at_point(before, first), at_point(result, last), unit))
     for name, after in result.parameters.items():
         former = before.parameters.get(name)

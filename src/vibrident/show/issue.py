@@ -31,7 +31,7 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
     ),
     "method": ("procedure", "deviations", "traceability", "instruments", "external_results", "reference_frequency_hz"),
     "conformity": ("requirements", "decision_rule"),
-    "further": ("opinions", "remarks"),
+    "further": ("opinions", "remarks", "budget", "data_files"),
 }
 
 

@@ -210,11 +210,11 @@ def fit_unit(result: Result) -> str:
     return result.response_unit if result.signals else unit_of_sensitivity(result)
 
 
-def sensor_name(sensor: Mapping[str, object]) -> str:
+def sensor_name(sensor: Mapping[str, object], number: str = "no.") -> str:
     """Manufacturer, type and serial number of a sensor in one line; empty if nothing is stated."""
     parts = [str(sensor[key]) for key in ("manufacturer", "type") if sensor.get(key)]
     if sensor.get("serial_number"):
-        parts.append(f"no. {sensor['serial_number']}")
+        parts.append(f"{number} {sensor['serial_number']}")
     return " ".join(parts)
 
 

@@ -27,7 +27,7 @@ def budget(result: Result, say: Say = ENGLISH) -> Table | None:
         (
             _translated(str(row["source"]), say),
             str(row.get("type") or NONE),
-            str(row.get("kind") or NONE),
+            say.word("kind", str(row["kind"])) if row.get("kind") else NONE,
             _stated(row),
             plain(row.get("degrees_of_freedom"), 4),
             *(_size(row["contributions"].get(name), units[name]) for name in names),

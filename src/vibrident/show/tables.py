@@ -127,7 +127,7 @@ def per_g(result: Result, say: Say = ENGLISH) -> str:
     value, u = sensitivity.value * STANDARD_GRAVITY, None if u is None else u * STANDARD_GRAVITY
     number = stated(Parameter(value, unit, u, (None, None)), k)
     bar = f", U = {number.expanded} {number.unit} (k = {plain(k, 3)})" if u else ""
-    return Mixed(say("text", "per_g", g=STANDARD_GRAVITY, value=f"{number.value} {number.unit}{bar}"))
+    return Mixed(say("text", "per_g", g=f"{STANDARD_GRAVITY}", value=f"{number.value} {number.unit}{bar}"))
 
 
 def correlation(result: Result) -> Table | None:

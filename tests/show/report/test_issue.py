@@ -16,7 +16,7 @@ from tests.support.certified import certified, written
 from tests.support.exported import paper
 from tests.support.lives import calibrated
 from tests.support.printed import assert_rounded, factor_to
-from tests.support.sample_results import table2, table_only
+from tests.support.sample_results import table2, table_only, troubled
 
 import vibrident.show
 from vibrident.base.errors import InputError
@@ -317,8 +317,75 @@ def test_a_certificate_in_other_languages(tmp_path, codes, title, last):
     found = pages(report.content(result, "pdf"))
     assert title in found[0]
     assert last in found[-1]
-    numbers = {row[2] for row in parts.measured(result).rows}
+    numbers = {row[2].replace(".", ",") for row in parts.measured(result).rows}
     assert [number for number in numbers if number not in " ".join(found)] == []
+
+
+#: What no customer knows: words of the program, and English where another language is asked for.
+PROGRAM = r"\[\[|kind (?:gain|phase)|calibration file|result\.json|\bml\b|ipnn|lsm|accelerometer\+|standard_uncertainty"
+ENGLISH = r"\bno\.|\b(?:gain|clock|mounting|noise|data|timing|the|of|estimator|reference|derived)\b"
+#: What the laboratory states itself; versions, standards and file names, whose numbers have points.
+POINTS = r"to the SI|data sheet|vibrident [\d.]+|17025:2017, [\d.]+|106, [\d.]+|\d+Hz\.csv|\d\.\d+Hz|[A-Za-z]\. "
+
+
+def budgeted(result):
+    """A result with stated effects, findings and warnings."""
+    made, budget = with_gain(result, 0.002), []
+    for source, kind, size in (("noise", "data", None), ("calibration of the reference", "gain", 0.002)):
+        row = {"source": source, "type": "A" if size is None else "B", "kind": kind, "standard_uncertainty": size}
+        budget.append({**row, "unit": "1", "degrees_of_freedom": None, "contributions": {"sensitivity": 1.5e-4}})
+    sources = made.settings["point_budget"]["sources"]
+    points = [{**one, "phase_deg": [0.01] * len(one["magnitude"])} for one in sources]
+    points[1]["source"] = "calibration of the reference"
+    settings = {
+        **made.settings,
+        "uncertainty_budget": budget,
+        "point_budget": {**made.settings["point_budget"], "sources": points},
+        "uncertainty_covers": "noise; calibration of the reference (gain)",
+        "reference_standard_uncertainty": 0.002,
+    }
+    return replace(made, settings=settings, warnings=troubled().warnings, findings=troubled().findings)
+
+
+@pytest.mark.parametrize("code", ["en", "de", "fr"])
+def test_a_customer_reads_one_language_and_no_word_of_the_program(tmp_path, code):
+    more = f'language = "{code}"\ntemperature_uncertainty_c = 0.5\n' + JUDGED
+    result, _ = issued(budgeted(table2()), [file(tmp_path, WHOLE + more)])
+    for made in (result, replace(result, uncertainty={"covers": ["noise"]})):
+        text = " ".join(pages(report.content(replace(made, warnings=()) if code == "en" else made, "pdf")))
+        assert re.findall(PROGRAM, text) == []
+        if code != "en":
+            assert [word for word in re.findall(ENGLISH, re.sub(POINTS, "", text)) if (word, code) != ("gain", "fr")] == []
+            assert re.findall(r"\d+\.\d+", re.sub(POINTS, "", text)) == []
+            assert re.search(r"\d,\d", text)
+
+
+def test_two_languages_have_one_decimal_sign(tmp_path):
+    for first, second, sign in (("de", "en", ","), ("en", "de", ".")):
+        more = f'language = "{first}"\nsecond_language = "{second}"\n'
+        result, _ = issued(budgeted(table2()), [file(tmp_path, WHOLE + more)])
+        text = re.sub(POINTS, "", " ".join(pages(report.content(replace(result, warnings=(), findings=()), "pdf"))))
+        assert re.findall(rf"\d[{'.,'.replace(sign, '')}]\d", text) == []
+
+
+def test_budget_and_hashes_can_be_left_out(tmp_path):
+    more = 'budget = "leave out"\ndata_files = "leave out"\n'
+    result, _ = issued(budgeted(table2()), [file(tmp_path, WHOLE)])
+    fewer, _ = issued(result, [file(tmp_path, WHOLE + more)])
+    long, short = (" ".join(pages(report.content(one, "pdf"))) for one in (result, fewer))
+    for said in ("Uncertainty budget", "SHA-256"):
+        assert said in long
+        assert said not in short
+    assert "Statements" in short
+
+
+def test_the_pdf_is_pdf_a_with_its_metadata(tmp_path):
+    result, _ = issued(full(table2()), [file(tmp_path)])
+    read = pypdf.PdfReader(io.BytesIO(report.content(result, "pdf")))
+    assert b"pdfaid:part" in read.xmp_metadata.stream.get_data()
+    assert read.metadata.title == "Calibration certificate 2026-7"
+    assert read.metadata.author == "L"
+    assert read.metadata.subject == read.metadata.title or "4712" in str(read.metadata.keywords)
 
 
 def test_chinese_needs_a_font_and_says_so(tmp_path, monkeypatch):

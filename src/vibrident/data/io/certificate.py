@@ -19,6 +19,9 @@ from vibrident.data.io.sections import FileSection, NotNegative, Number, Positiv
 from vibrident.data.io.toml_text import read_toml, toml_document
 
 Language = Literal["en", "de", "fr", "zh"]
+#: Whether a part of a certificate is printed; it is where nothing is said.
+Printed = Literal["print", "leave out"]
+_PRINTED = ("print", "leave out")
 #: Keys of the dates of a certificate, in the order in which they can be.
 DATES = ("date_of_receipt", "date_of_calibration", "date_of_issue")
 _LANGUAGES = ("English", "German", "French", "Chinese")
@@ -146,6 +149,8 @@ class CertificateSection(FileSection):
         description="[[certificate.requirements]], each with a quantity and low or high or both",
     )
     decision_rule: Literal["simple", "guarded"] | None = None
+    budget: Printed | None = key("Uncertainty budget", words=_PRINTED)
+    data_files: Printed | None = key("Data files with SHA-256", words=_PRINTED)
     replaces: _Text | None = None
     changes: _Lines | None = None
     language: Language | None = key(words=_LANGUAGES)

@@ -47,6 +47,7 @@ def render(document: Document, template: Path | None = None, fonts: Iterable[Pat
         "sections": [{"title": part.title, "blocks": [_block(b) for b in part.blocks]} for part in document.sections],
         "letterhead": None if issued is None else {**asdict(issued), "logo": bool(logo)},
         "day": None if day is None else (day.year, day.month, day.day),
+        "author": "vibrident" if issued is None or not issued.lines else issued.lines[0],
         "foot": f"Made with vibrident {__version__}." if issued is None else issued.foot,
     }
     keys = ("text", "base", "small", "kind")
@@ -75,6 +76,7 @@ def render(document: Document, template: Path | None = None, fonts: Iterable[Pat
             sys_inputs={"document": json.dumps(data, ensure_ascii=False, default=str)},
             ignore_system_fonts=not foreign,
             timestamp=int(noon.timestamp()),
+            pdf_standards=[] if day is None else ["a-2b"],  # which asks for a date
         )
     except RuntimeError as error:
         if template is None and not logo:
