@@ -27,7 +27,7 @@ from vibrident.export.dcc_tree import LANGUAGE, SI, Tree, cleaned, numeral
 from vibrident.export.form import Format, Options, library
 from vibrident.export.sensor import ExportedSensor
 from vibrident.result import Result
-from vibrident.show.coverage import coverage, interval_text, scatter_only, unstated
+from vibrident.show.coverage import chain_unstated, coverage, interval_text, unstated
 from vibrident.show.language import Say
 from vibrident.show.points import reference_point
 from vibrident.show.tables import small_signals
@@ -173,7 +173,7 @@ def _statements(tree: Tree, result: Result) -> Iterable[tuple[str, *tuple[Any, .
     )
     covered = result.settings.get("uncertainty_covers")
     said = [coverage(result).text(), f"Uncertainties cover: {covered}." if covered else "", interval_text(result)]
-    said += [f"{sentence.lead} {sentence.text}" for sentence in scatter_only(result)]
+    said += [f"{sentence.lead} {sentence.text}" for sentence in chain_unstated(result)]
     yield "uncertainty", ours(*(line for line in said if line))
     if remark := small_signals(result):
         yield "small signals", ours(remark)
