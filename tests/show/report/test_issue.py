@@ -389,6 +389,21 @@ def test_the_pdf_is_pdf_a_with_its_metadata(tmp_path):
     assert read.metadata.subject == read.metadata.title or "4712" in str(read.metadata.keywords)
 
 
+@pytest.mark.parametrize(
+    ("serial", "date", "name"),
+    [
+        ("4711", "2026-03-01", "certificate-4711-2026-03-01.pdf"),
+        ("A/7: ../x", "2026-03-01", "certificate-A-7-..-x-2026-03-01.pdf"),
+        ("", None, "certificate.pdf"),
+        ("..", None, "certificate.pdf"),
+        ("序 1", None, "certificate-序-1.pdf"),
+    ],
+)
+def test_a_file_is_named_after_sensor_and_date(serial, date, name):
+    sensor, stated = {"serial_number": serial}, {"date_of_calibration": date}
+    assert report.name_of_sensor("certificate.pdf", sensor, stated) == name
+
+
 def test_chinese_needs_a_font_and_says_so(tmp_path, monkeypatch):
     """As the second language too: without, each of its letters was an empty box."""
     second, _ = issued(full(table2()), [file(tmp_path, WHOLE + 'language = "de"\nsecond_language = "zh"\n')])

@@ -132,6 +132,7 @@ class OutcomeStep:
 
     async def _report(self, named: Named, form: str, name: str) -> None:
         self.errors.clear()
+        name = self.certificate.name_of_file(name)
         await self.user.note("issued", named.path, document=name)
         await give(self.user, self.errors, name, looks.report, [named.path], form, [], self.certificate.given())
 

@@ -29,6 +29,7 @@ from vibrident.data.io.certificate import (
 from vibrident.data.io.keys import keys_of
 from vibrident.show.issue import FormField, form, lacking
 from vibrident.show.language import ENGLISH
+from vibrident.show.report import name_of_sensor
 
 _MOST_OWN = 200_000  # most bytes of a logo or a template
 _MOST_TEXT = 100_000  # most characters of all entries
@@ -76,6 +77,11 @@ class CertificateForm:
         own = self.named.stated or CertificateData()
         before = own.before if own.before and own.before.exists() else None
         return replace(own, before=before, **{kind: self.user.session.own(kind) for kind in _OWN})
+
+    def name_of_file(self, name: str) -> str:
+        """Return the name under which the browser saves a document, with sensor and date."""
+        certificate, sensor = self._stated()
+        return name_of_sensor(name, sensor, certificate)
 
     def _stated(self) -> tuple[dict[str, Any], dict[str, Any]]:
         own = self.named.stated or CertificateData()
