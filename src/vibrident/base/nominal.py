@@ -97,15 +97,17 @@ def reference(
     if stated_hz is not None:
         at_nominal = next((item for item in available if same(item.nominal_hz, stated_hz)), None)
         if at_nominal is not None:
-            return at_nominal, "as stated in the calibration file"
+            return at_nominal, "as stated"
         if low_hz * (1 - SAME) <= stated_hz <= high_hz * (1 + SAME):
-            return Nominal(stated_hz, stated_hz), "as stated in the calibration file"
+            return Nominal(stated_hz, stated_hz), "as stated"
         return None, f"the stated reference frequency {stated_hz:.6g} Hz lies outside the measured band"
     for number, wanted in enumerate(REFERENCES_HZ):
         for item in available:
             if item.nominal_hz == wanted:
                 outside = f"{REFERENCES_HZ[0]:g} Hz lies outside the measured band; chosen as usual for seismometers"
                 return item, outside if number else "the default"
+    if not available and same(low_hz, high_hz):
+        return Nominal(low_hz, low_hz), "the only frequency that was measured"
     if not available:
         return None, "the measured band holds no nominal frequency"
     centre = math.sqrt(low_hz * high_hz)

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from vibrident.base.amounts import pretty
+from vibrident.data.io.certificate import check_dates
 from vibrident.result import Result
 from vibrident.show import certificate_tables as parts
 from vibrident.show import tables
@@ -46,7 +47,12 @@ _SENSOR = ("manufacturer", "type", "serial_number")
 
 
 def certificate(result: Result, issue: Issue = NOTHING_MORE) -> Document:
-    """Return everything that a certificate states of a result, to be signed."""
+    """Return everything that a certificate states of a result, to be signed.
+
+    Raises:
+        InputError: its dates contradict each other, or an instrument was not valid.
+    """
+    check_dates(result.certificate, "result.json and certificate files")
     say = Say.of(result)
     kind = title(result, say)
     unstated_sources = not_certified(result, say)
@@ -57,7 +63,7 @@ def certificate(result: Result, issue: Issue = NOTHING_MORE) -> Document:
     stated = result.certificate
 
     def part(name: str, *blocks: Block | None) -> Section:
-        return section(name, say("section", name), *blocks)
+        return section(name, say("section", name), *(parts.localised(block, say) for block in blocks))
 
     sections = [
         part("reference", parts.reference(result, say)),
@@ -66,14 +72,14 @@ def certificate(result: Result, issue: Issue = NOTHING_MORE) -> Document:
         part("traceability", Sentence(_text(stated, "traceability") or "")),
         part("conformity", *parts.conformity(result, say)),
         part("limits", *_doubts(result, say)),
-        replace(findings(result), title=say("section", "findings")),
+        replace(findings(result), title=say("section", "findings")) if say.codes == ("en",) else part("findings"),
         part("adjustment", parts.adjustment(result, issue.before, say)),
         part("sensitivity", nominal),
         part("curve", parts.curve(result, say)),
         part("parameters", None if rejected else parts.parameters(result, say)),
         part("temperature", parts.temperature(result, say)),
-        part("budget", budget(result, say), *parts.point_budgets(result, say)),
-        part("data", parts.files(result, say)),
+        part("budget", *_unless_left_out(result, "budget", budget(result, say), *parts.point_budgets(result, say))),
+        part("data", *_unless_left_out(result, "data_files", parts.files(result, say))),
         part("statements", *map(Sentence, statements(result, say))),
         part("opinions", *map(Sentence, _listed(stated, "opinions"))),
         part("remarks", *map(Sentence, remarks(result))),
@@ -95,6 +101,11 @@ def certificate(result: Result, issue: Issue = NOTHING_MORE) -> Document:
     )
 
 
+def _unless_left_out(result: Result, key: str, *blocks: Block | None) -> tuple[Block | None, ...]:
+    """Return the blocks of a part that a certificate may be issued without."""
+    return () if result.certificate.get(key) == "leave out" else blocks
+
+
 def title(result: Result, say: Say = ENGLISH) -> str:
     """Return what the document is."""
     return say("title", document_kind(result))
@@ -109,8 +120,8 @@ def letterhead(result: Result, say: Say = ENGLISH, logo: bytes | None = None) ->
     return Letterhead(
         lines=tuple(str(line) for line in lines if line),
         number=_text(stated, "number"),
-        subject=sensor_name(result.sensor),
-        foot=str(say("text", "foot", program=made_by)),
+        subject=sensor_name(result.sensor, Say(say.codes[0])("label", "no")),
+        foot=str(say.each(lambda one: one("text", "foot", program="{0}").format(made_by))),
         date=date_of(result),
         words={
             "page": say("text", "page", page="{page}", pages="{pages}"),
@@ -153,7 +164,7 @@ def groups(result: Result, say: Say = ENGLISH) -> tuple[Facts, ...]:
     ambient = (("temperature", "c", "°C"), ("relative_humidity", "percent", "%"), ("air_pressure", "hpa", "hPa"))
     for name, suffix, unit in ambient:
         if name != "air_pressure" or stated.get("air_pressure_hpa") is not None:
-            conditions.append((say("label", f"{name}_{suffix}"), _ambient(stated, name, suffix, unit)))
+            conditions.append((say("label", f"{name}_{suffix}"), _ambient(stated, name, suffix, unit, say)))
     unit = pretty(reference_unit(result))
     quantity = say.each(lambda one: one("text", "in_unit", quantity=one.known(reference_quantity(result)), unit=unit))
     method = [
@@ -161,12 +172,18 @@ def groups(result: Result, say: Say = ENGLISH) -> tuple[Facts, ...]:
         *given("deviations", "external_results"),
         (say("label", "reference_quantity"), Mixed(quantity)),
         (say("label", "measured_band"), _band(result, say)),
-        (say("label", "evaluation"), say("text", "evaluation", model=result.model, estimator=result.estimator)),
+        (say("label", "evaluation"), say.each(lambda one: _evaluation(result, one))),
     ]
     placed = {key for keys in GROUPS.values() for key in keys}
     further = [(_words(key), _plain(value)) for key, value in stated.items() if key not in placed]
     titled = {"object": device, "order": order, "conditions": conditions, "method": method, "further": further}
     return tuple(Facts(tuple(rows), say("group", name)) for name, rows in titled.items() if rows)
+
+
+def _evaluation(result: Result, say: Say) -> str:
+    """Return what the model and the estimator are called, without the program's names."""
+    model = " + ".join(say.word("model", part) for part in result.model.split("+"))
+    return say("text", "evaluation", model=model, estimator=say.word("estimator", result.estimator))
 
 
 def _words(key: str) -> str:
@@ -182,13 +199,13 @@ def _plain(value: Any) -> str:
     return tables.leaf(value)
 
 
-def _ambient(stated: Mapping[str, Any], name: str, suffix: str, unit: str) -> str | None:
+def _ambient(stated: Mapping[str, Any], name: str, suffix: str, unit: str, say: Say) -> str | None:
     """A condition with its expanded uncertainty, both as they were stated."""
     value, expanded = stated.get(f"{name}_{suffix}"), stated.get(f"{name}_uncertainty_{suffix}")
     if value is None:
         return None
     bar = "" if expanded is None else f" (U = {expanded:.12g} {unit}, k = 2)"
-    return f"{printed(f'{value:.12g}')} {unit}{bar}"
+    return say.number(f"{printed(f'{value:.12g}')} {unit}{bar}")
 
 
 def _band(result: Result, say: Say) -> str:
@@ -208,7 +225,7 @@ def statements(result: Result, say: Say = ENGLISH) -> tuple[str, ...]:
 
     def sources(one: Say) -> str:
         """Of the uncertainty; our own words for them in the language."""
-        return "; ".join(one.known(source) for source in str(covers).split("; "))
+        return "; ".join(_source(source, one) for source in str(covers).split("; "))
 
     found = [
         say.each(lambda one: _uncertainty(result, one)),
@@ -219,11 +236,19 @@ def statements(result: Result, say: Say = ENGLISH) -> tuple[str, ...]:
         ""
         if result.is_tracked
         else say.each(lambda one: f"{one('text', verdict)} {tables.worst(result.measured, one)}".strip()),
-        tables.small_signals(result),
+        tables.small_signals(result) if say.codes == ("en",) else "",
         say("text", "unstated") if unknown or np.isnan(result.response.magnitude_uncertainty).any() else "",
         say("text", "no_reproduction"),
     ]
     return tuple(part for part in found if part)
+
+
+def _source(covered: str, say: Say) -> str:
+    """Return a source and, in brackets, its kind; own words of a laboratory as they are."""
+    source, bracket, kind = covered.rpartition(" (")
+    if not bracket:
+        return say.known(covered)
+    return f"{say.known(source)} ({say.word('kind', kind.removesuffix(')'))})"
 
 
 def _uncertainty(result: Result, say: Say) -> str:
@@ -255,9 +280,15 @@ def _amendment(result: Result, say: Say) -> tuple[Block, ...]:
 
 def _doubts(result: Result, say: Say) -> Iterator[Sentence]:
     for doubt in tables.doubts(result):
-        yield Sentence(" ".join(doubt.messages), "doubt", f"{doubt.title[:1].upper()}{doubt.title[1:]}.")
+        title = say.each(lambda one, doubt=doubt: _sentence(one.known(doubt.title)))
+        # what a warning says in detail is in English, and speaks to the laboratory
+        yield Sentence(" ".join(doubt.messages) if say.codes == ("en",) else "", "doubt", title)
     if not (result.warnings or result.fit.adequate):
         yield Sentence(say("text", "inadequate"), "doubt")
+
+
+def _sentence(words: str) -> str:
+    return f"{words[:1].upper()}{words[1:]}."
 
 
 def remarks(result: Result) -> tuple[str, ...]:

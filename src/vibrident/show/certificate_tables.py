@@ -14,6 +14,7 @@ from vibrident.physics.naming import parameter_name
 from vibrident.result import Parameter, Result
 from vibrident.show import deviation_points, figures, tables
 from vibrident.show.certified import stated_parameters
+from vibrident.show.comparison import Value, at_point, of_parameter
 from vibrident.show.coverage import parameter_factor, unstated
 from vibrident.show.curves import column
 from vibrident.show.deviation_points import columns_of_points, reference_hz
@@ -28,6 +29,7 @@ from vibrident.show.numbers import (
     printed,
     sensitivity_scale,
     stated,
+    uncertainty,
     unit_of_sensitivity,
     with_u,
 )
@@ -41,12 +43,51 @@ from vibrident.show.points import (
     sensitivity_at,
 )
 from vibrident.show.setting_tables import point_budget
-from vibrident.show.views import Column, Fact, Facts, Figure, K, Sentence, Table, columns, listed
-from vibrident.use.conformity import DEVIATION, Judged, judged
+from vibrident.show.views import (
+    Axis,
+    Block,
+    Column,
+    Fact,
+    Facts,
+    Figure,
+    K,
+    Sentence,
+    Stack,
+    Table,
+    columns,
+    listed,
+)
+from vibrident.use.conformity import DEVIATION, Judged, judged, ratio_uncertainty
 
 MOST_FILES = 30  # data files listed; the result lists them all
 _BESIDE = 5  # columns of the magnitude, before those of the phase
 MOST_POINTS = 100  # measured points listed; more are thinned evenly
+
+
+def localised(block: Block | None, say: Say) -> Block | None:
+    """Return a block with the document's decimal sign in the numbers of its tables and axes."""
+    if isinstance(block, Figure):
+        return replace(block, stacks=tuple(_localised_stack(stack, say) for stack in block.stacks))
+    if not isinstance(block, Table):
+        return block
+    own = [column.kind == "number" for column in block.columns]
+    rows = tuple(
+        tuple(type(cell)(say.number(cell)) if ours else cell for cell, ours in zip(row, own, strict=True))
+        for row in block.rows
+    )
+    return replace(block, rows=rows)
+
+
+def _localised_stack(stack: Stack, say: Say) -> Stack:
+    panels = (
+        replace(panel, x=_localised_axis(panel.x, say), y=_localised_axis(panel.y, say)) for panel in stack.panels
+    )
+    return replace(stack, panels=tuple(panels))
+
+
+def _localised_axis(axis: Axis, say: Say) -> Axis:
+    ticks = tuple((at, say.number(text)) for at, text in axis.ticks)
+    return replace(axis, label=say.number(axis.label), ticks=ticks)
 
 
 def instruments(result: Result, say: Say = ENGLISH) -> Table:
@@ -79,7 +120,7 @@ def reference(result: Result, say: Say = ENGLISH) -> Facts:
 
     def choice(one: Say) -> str:
         at_exact = "" if exact else one("text", "computed_at", frequency=exact_frequency(point))
-        return f"{point.nominal} Hz{at_exact}; {one.known(why)}"
+        return f"{one.number(point.nominal)} Hz{at_exact}; {one.known(why)}"
 
     rows: list[Fact] = [(label, say.each(choice))]
     for one, source in ((found, "measured_value"), (model, "model_value")):
@@ -95,10 +136,10 @@ def _reference_rows(result: Result, point: Point, source: str, say: Say) -> list
 
     scale = sensitivity_scale(result)
     magnitude, expanded = with_u(point.magnitude, point.magnitude_uncertainty, scale.factor)
-    rows: list[Fact] = [(label("magnitude"), f"{magnitude} {scale.unit}{_bar(expanded, scale.unit)}")]
+    rows: list[Fact] = [(label("magnitude"), say.number(f"{magnitude} {scale.unit}{_bar(expanded, scale.unit)}"))]
     if point.phase_deg is not None:
         phase, phase_u = with_u(point.phase_deg, point.phase_deg_uncertainty, 1.0)
-        rows.append((label("phase"), f"{phase}°{_bar(phase_u, '°')}"))
+        rows.append((label("phase"), say.number(f"{phase}°{_bar(phase_u, '°')}")))
     return rows
 
 
@@ -265,10 +306,10 @@ def _judged(result: Result, row: Judged, say: Say) -> tuple[str, ...]:
 
 
 def _chance(probability: float) -> str:
-    """A probability in percent: rounded, none is certain and none impossible."""
-    if probability < 5e-5:
-        return "< 0.01 %"
-    return "> 99.99 %" if probability >= 1.0 - 5e-5 else f"{100.0 * probability:.2f} %"
+    """Return a probability in whole percent: its u is no better known, and nothing is certain."""
+    if probability < 0.005:
+        return "< 1 %"
+    return "> 99 %" if probability >= 0.995 else f"{100.0 * probability:.0f} %"
 
 
 def adjustment(result: Result, before: Result | None, say: Say = ENGLISH) -> Table | None:
@@ -278,26 +319,43 @@ def adjustment(result: Result, before: Result | None, say: Say = ENGLISH) -> Tab
     """
     if before is None:
         return None
-    found: list[tuple[str, Parameter, Parameter]] = []
+    found: list[tuple[str, Value, Value, str]] = []
     first, last = (reference_value(one) for one in (before, result))
     if first is not None and last is not None:
-        unit = unit_of_sensitivity(result)
-        one, other = (Parameter(p.magnitude, unit, p.magnitude_uncertainty, (None, None)) for p in (first, last))
-        found.append((say.each(lambda each: f"{each('label', 'magnitude')}, {last.nominal} Hz"), one, other))
+        name = say.each(lambda one: f"{one('label', 'magnitude')}, {one.number(last.nominal)} Hz")
+        values = at_point(before, first), at_point(result, last)
+        found.append((name, *values, unit_of_sensitivity(result)))
     for name, after in result.parameters.items():
-        if name in before.parameters and not after.derived and before.parameters[name].unit == after.unit:
-            found.append((say.known(parameter_name(name).words), before.parameters[name], after))
+        former = before.parameters.get(name)
+        if former is not None and not after.derived and former.unit == after.unit:
+            label = say.known(parameter_name(name).words)
+            found.append((label, of_parameter(before, name), of_parameter(result, name), after.unit))
     rows = []
-    for name, one, other in found:
-        scale = parameter_scale(result, other)
-        texts = [stated(each, K, scale) for each in (one, other)]
-        change = percent(100.0 * (other.value / one.value - 1.0)) if one.value else NONE
+    for name, one, other, unit in found:
+        both = [Parameter(value.value, unit, value.u, (None, None)) for value in (one, other)]
+        scale = parameter_scale(result, both[1])
+        texts = [stated(each, K, scale) for each in both]
         numbers = [text for number in texts for text in (number.value, number.expanded)]
-        rows.append((name, *numbers, pretty(texts[0].unit), change))
+        rows.append((name, *numbers, pretty(texts[0].unit), *_change(one, other)))
     heads = (Column(say("head", "quantity")), Column(say("head", "before"), "number"), Column("U", "number"))
     heads += (Column(say("head", "after"), "number"), Column("U", "number"), Column(say("head", "unit")))
-    heads += (Column(say("head", "change"), "number"),)
+    heads += (Column(say("head", "change"), "number"), Column("U", "number"))
     return Table(heads, tuple(rows), notes=(say("text", "before_note"),))
+
+
+def _change(before: Value, after: Value) -> tuple[str, str]:
+    """Return the relative change and its U, without the sources that both share."""
+    if not before.value:
+        return NONE, NONE
+    ratio = after.value / before.value
+    if before.u is None or after.u is None or not after.value:
+        return percent(100.0 * (ratio - 1.0)), NONE
+    names = sorted(before.shared.keys() & after.shared.keys())
+    gains = (np.array([one.shared[name] / abs(one.value) for name in names]) for one in (after, before))
+    common, base_common = gains
+    relative = ratio_uncertainty(after.u / abs(after.value), common, before.u / abs(before.value), base_common)
+    expanded = 100.0 * K * abs(ratio) * relative
+    return percent(100.0 * (ratio - 1.0), expanded), f"{uncertainty(expanded)} %"
 
 
 def temperature(result: Result, say: Say = ENGLISH) -> Table | None:

@@ -52,8 +52,7 @@ def stated_parameters(result: Result) -> Result:
 
 def _of_the_model(result: Result) -> Result:
     if not result.fit.adequate:
-        left_out = ("uncertainty_budget", "temperature")
-        settings = {key: each for key, each in result.settings.items() if key not in left_out}
+        settings = {key: each for key, each in result.settings.items() if key != "temperature"}
         return replace(
             result,
             parameters={},

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
@@ -31,7 +32,14 @@ from vibrident.show.numbers import (
 )
 from vibrident.show.points import Point, nominal_points, reference_point, sensitivity_at
 from vibrident.show.views import LINES, Column, Figure, K, Panel, Series, Stack, Table, columns
-from vibrident.use.comparison import normalized_error, not_comparable, shared_covariance, shared_sources
+from vibrident.use.comparison import (
+    assumed_sources,
+    normalized_error,
+    not_comparable,
+    shared_covariance,
+    shared_sources,
+    stated_sources,
+)
 
 MOST_COLUMNS = 5  # results in one table, including the first; more results need further tables
 _LEAST_FIXED = 1e-7  # differences smaller than this carry a power of ten
@@ -66,6 +74,19 @@ class ComparedQuantity:
     relative: bool = True  # its differences are relative ones (not those of a phase or of a delay near zero)
 
 
+def of_parameter(result: Result, name: str) -> Value:
+    """Return the value of a parameter, with what of its u another result may share."""
+    parameter = result.parameters[name]
+    shared = shared_sources(result, parameter=name)
+    return Value(parameter.value, parameter.standard_uncertainty, shared)
+
+
+def at_point(result: Result, point: Point) -> Value:
+    """Return the magnitude of the sensitivity at a point, with what another result may share."""
+    shared = shared_sources(result, sensitivity=(point.frequency_hz, point.magnitude))
+    return Value(point.magnitude, point.magnitude_uncertainty, shared)
+
+
 def quantities(results: Sequence[Result]) -> list[ComparedQuantity]:
     """The sensitivity at the reference frequency, then every parameter that at least two results have."""
     found = []
@@ -80,9 +101,7 @@ def quantities(results: Sequence[Result]) -> list[ComparedQuantity]:
         having = [result.parameters.get(key) for result in results]
         unit = next(parameter.unit for parameter in having if parameter is not None)
         values = [
-            Value(p.value, p.standard_uncertainty, shared_sources(result, parameter=key))
-            if p is not None and p.unit == unit
-            else None
+            of_parameter(result, key) if p is not None and p.unit == unit else None
             for result, p in zip(results, having, strict=True)
         ]
         known = [abs(value.value) for value in values if value is not None and value.value]
@@ -108,8 +127,7 @@ def _magnitudes(label: str, points: Sequence[Point | None], results: Sequence[Re
         if point is None:
             values.append(None)
             continue
-        shared = shared_sources(result, sensitivity=(point.frequency_hz, point.magnitude))
-        values.append(Value(point.magnitude, point.magnitude_uncertainty, shared))
+        values.append(at_point(result, point))
     return ComparedQuantity(label, sensitivity_scale(results[0]), tuple(values))
 
 
@@ -128,12 +146,21 @@ def comparison_tables(results: Sequence[Result], names: Sequence[str]) -> tuple[
     for (chunk, called), part in zip(chunks if rows else [], parts, strict=False):
         body = tuple(line for row in rows for line in _lines(row, chunk, reasons))
         heads = (*columns("quantity", "unit", ""), *columns(*called, kind="number"))
-        found.append((f"Parameters{part}", Table(heads, body, notes=(EN,))))
+        notes = tuple(filter(None, (EN, assumption(assumed(rows)))))
+        found.append((f"Parameters{part}", Table(heads, body, notes=notes)))
     for result, name, reason in list(zip(results, names, reasons, strict=True))[1:]:
         table = _at_nominal(results[0], result, (names[0], name), reason)
         if table is not None:
             found.append((f"Sensitivity of {name} beside {names[0]}", table))
     return tuple(found)
+
+
+def assumed(rows: Sequence[ComparedQuantity]) -> list[str]:
+    """Return the sources that values of one quantity share by assumption."""
+    values = [[value for value in row.values if value is not None] for row in rows]
+    pairs = itertools.chain.from_iterable(itertools.combinations(some, 2) for some in values)
+    words = (assumed_sources(one.shared, other.shared) for one, other in pairs)
+    return list(dict.fromkeys(itertools.chain.from_iterable(words)))
 
 
 def _chunks(count: int) -> list[list[int]]:
@@ -251,12 +278,37 @@ def _joint(value: Value, base: Value, factor: float) -> float | None:
 
 
 def error(value: Value | None, base: Value) -> str:
-    """E_n as text."""
+    """Return E_n as text; both ways where an assumed common source decides."""
     if value is None or value.expanded is None or base.expanded is None:
         return NONE
-    both = shared_covariance(value.shared, base.shared)
-    en = normalized_error(value.value, value.expanded, base.value, base.expanded, both)
-    return NONE if en is None else signed(en, 2)
+    arguments = value.value, value.expanded, base.value, base.expanded
+    shared = value.shared, stated_sources(value.shared)
+    both = (normalized_error(*arguments, shared_covariance(one, base.shared)) for one in shared)
+    return both_ways(*both)
+
+
+def both_ways(shared: float | None, identified: float | None) -> str:
+    """Return E_n, and that without assumed common sources where the two judge otherwise.
+
+    ``shared``: with all sources that both share; ``identified``: with those that an instrument
+    identifies.
+    """
+    if shared is None:
+        return NONE
+    if identified is None or (abs(shared) > 1.0) == (abs(identified) > 1.0):
+        return signed(shared, 2)
+    return f"{signed(shared, 2)} or {signed(identified, 2)}"
+
+
+def assumption(sources: Sequence[str]) -> Words | None:
+    """Return what E_n assumes of these sources as a sentence; None without any."""
+    if not sources:
+        return None
+    return Words(
+        f"Assumed to be the same each time, as no instrument with serial number or certificate says "
+        f"so: {', '.join(dict.fromkeys(sources))}. Where E_n judges otherwise if they are not, it "
+        "is given both ways."
+    )
 
 
 def beside(results: Sequence[Result], names: Sequence[str]) -> Figure | None:

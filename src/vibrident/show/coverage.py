@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -29,7 +29,7 @@ class Coverage:
         """All of it in a sentence."""
         freedom = self.degrees_of_freedom
         kind = "normal" if freedom is None else "student" if math.isfinite(freedom) else "normal_infinite"
-        return say("text", kind, percent=f"{100 * self.probability:.1f}", freedom=plain(freedom, 3))
+        return say("text", kind, percent=f"{100 * self.probability:.0f}", freedom=plain(freedom, 3))
 
 
 def coverage(result: Result) -> Coverage:
@@ -67,6 +67,13 @@ def unstated(result: Result) -> tuple[str, ...]:
     return tuple(part for part in parts if part not in (result.uncertainty.get("covers") or ()))
 
 
+#: What a calibration file states of each part of the measuring chain.
+_TO_STATE = {
+    "gain": "of the gain: standard_uncertainty of [reference], or an [[uncertainty]] of kind gain",
+    "phase": "of the phase: an [[uncertainty]] of kind phase or timing",
+}
+
+
 def document_kind(result: Result) -> str:
     """Return what the signed document of a result is: ``certificate``, ``report``, ``tracking``.
 
@@ -82,20 +89,23 @@ def not_certified(result: Result, say: Say = ENGLISH) -> tuple[Sentence, ...]:
     """Return what the signed document says of quantities whose sources nobody stated."""
     lacking = unstated(result)
     if "gain" in lacking or not lacking:
-        return scatter_only(result, say)
+        return chain_unstated(result, say)
     if "phase" not in (result.certificate.get("quantities") or ("phase",)):
         return ()
-    why = say.each(lambda one: f"{one('text', 'scatter_why')} {one('text', 'state_phase')}.")
-    return (Sentence(why, "doubt", say("text", "phase_not_certified")),)
+    return (Sentence(say("text", "scatter_why"), "doubt", say("text", "phase_not_certified")),)
 
 
-def scatter_only(result: Result, say: Say = ENGLISH) -> tuple[Sentence, ...]:
-    """That U covers scatter only, and what to state; nothing where gain and phase are stated."""
+def chain_unstated(result: Result, say: Say = ENGLISH) -> tuple[Sentence, ...]:
+    """Return that U covers scatter only, for a customer; nothing where gain and phase are stated."""
     lacking = unstated(result)
     if not lacking:
         return ()
     lead = say("text", "scatter_of_phase" if lacking == ("phase",) else "scatter")
-    why = say.each(
-        lambda one: f"{one('text', 'scatter_why')} {'; '.join(one('text', f'state_{part}') for part in lacking)}."
-    )
-    return (Sentence(why, "doubt", lead),)
+    return (Sentence(say("text", "scatter_why"), "doubt", lead),)
+
+
+def scatter_only(result: Result) -> tuple[Sentence, ...]:
+    """Return the same for who makes the calibration file, with what to state in it."""
+    remedy = "; ".join(_TO_STATE[part] for part in unstated(result))
+    more = f"To include it, state in the calibration file: {remedy}."
+    return tuple(replace(one, text=f"{one.text} {more}") for one in chain_unstated(result))

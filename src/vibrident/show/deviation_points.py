@@ -81,7 +81,7 @@ def by_point(result: Result) -> dict[int, Judged]:
     place = value.magnitude, value.magnitude_uncertainty
     judging = "gain" not in unstated(result)
     known = np.flatnonzero(np.isfinite(result.measured.magnitude)).tolist()
-    rows = judged_points(result, place, limited=judging)
+    rows = judged_points(result, value.frequency_hz, place, limited=judging)
     return dict(zip(known, rows, strict=True))
 
 

@@ -10,7 +10,15 @@ import numpy as np
 
 from vibrident.result import Result
 from vibrident.show import axes
-from vibrident.show.comparison import ComparedQuantity, difference, error, printed_value, quantities
+from vibrident.show.comparison import (
+    ComparedQuantity,
+    assumed,
+    assumption,
+    difference,
+    error,
+    printed_value,
+    quantities,
+)
 from vibrident.show.formulas import Words
 from vibrident.show.numbers import NONE, sensor_name, with_sign
 from vibrident.show.views import GREY, MEASURED, Figure, FloatArray, Look, Panel, Series, Stack, Table, columns
@@ -118,6 +126,8 @@ def drift_table(history: History) -> Table:
             "reference, are no part of U of the difference."
         )
     ]
+    if said := assumption(assumed(history.quantities)):
+        notes.append(said)
     if history.evaluated:
         notes.append(Words("Where no date of calibration is stated, the date is that of the evaluation."))
     heads = columns("value", "U", "change", Words("E_n to first"), Words("E_n to previous"), kind="number")

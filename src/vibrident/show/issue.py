@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from vibrident.base.errors import InputError
 from vibrident.data.io.certificate import CertificateData, certificate_data
 from vibrident.result import Result
 from vibrident.show.language import Say
@@ -33,7 +34,7 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
         *("reference_frequency_hz", "quantities"),
     ),
     "conformity": ("requirements", "decision_rule"),
-    "further": ("opinions", "remarks"),
+    "further": ("opinions", "remarks", "budget", "data_files"),
 }
 
 
@@ -67,6 +68,31 @@ def lacking(certificate: Mapping[str, Any], sensor: Mapping[str, Any]) -> tuple[
     wanted = [*REQUIRED, *(["changes"] if certificate.get("replaces") else [])]
     found = [key for key in wanted if certificate.get(key) in (None, "", [])]
     return (*found, *(["serial_number"] if not sensor.get("serial_number") else []))
+
+
+def check_numbers(results: Sequence[Result], names: Sequence[str]) -> None:
+    """Refuse one certificate number for several results, each of which is to have a certificate.
+
+    Args:
+        results: with what their certificates state.
+        names: what to call each.
+
+    Raises:
+        InputError: two results of one laboratory have the same number.
+    """
+    first: dict[tuple[str, str], str] = {}
+    for result, name in zip(results, names, strict=True):
+        stated = result.certificate
+        number = str(stated.get("number") or "")
+        other = first.setdefault((str(stated.get("laboratory") or ""), number), name)
+        if number and other != name:
+            raise InputError(
+                "Two certificates would have the same number.",
+                expected="a number of its own for each certificate",
+                found=f"{number} for {other} and for {name}",
+                where="[certificate] number",
+                remedy="write the certificates one after another, each with its own number",
+            )
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from collections.abc import Callable
 from functools import cache
@@ -17,11 +18,24 @@ def _texts(code: str) -> dict[str, dict[str, str]]:
     return tomllib.loads((Path(__file__).parent / "languages" / f"{code}.toml").read_text(encoding="utf-8"))
 
 
-class Say:
-    """Texts in one language, or in a first and, in a line of its own, a second one."""
+#: Languages with a comma before the decimals; a document has the sign of its first language.
+COMMA = ("de", "fr")
+_POINT = re.compile(r"(?<![\d.])(\d+)\.(\d+)(?![\d.]*\d)")
 
-    def __init__(self, *codes: str) -> None:
+
+class Say:
+    """Texts in one language, or in a first and, in a line of its own, a second one.
+
+    ``comma``: whether numbers have a decimal comma; None for the first language's own sign.
+    """
+
+    def __init__(self, *codes: str, comma: bool | None = None) -> None:
         self.codes = codes or ("en",)
+        self.comma = self.codes[0] in COMMA if comma is None else comma
+
+    def number(self, text: str) -> str:
+        """Return our own numbers, and what stands beside them, with the document's decimal sign."""
+        return _POINT.sub(r"\1,\2", text) if self.comma else text
 
     @classmethod
     def of(cls, result: Result) -> Say:
@@ -30,15 +44,21 @@ class Say:
         return cls(*dict.fromkeys([first, str(result.certificate.get("second_language") or first)]))
 
     def each(self, make: Callable[[Say], str]) -> Words:
-        """A text made in each language by itself."""
-        return Words("\n".join(dict.fromkeys(make(Say(code)) for code in self.codes)))
+        """Return a text made in each language by itself."""
+        made = (make(Say(code, comma=self.comma)) for code in self.codes)
+        return Words("\n".join(dict.fromkeys(made)))
 
     def __call__(self, section: str, key: str, **values: Any) -> Words:
-        """A text of a language's file, its ``{name}`` filled in with our own words or numbers."""
-        return self.each(lambda one: _texts(one.codes[0])[section][key].format(**values))
+        """Return a text of a language's file, its ``{name}`` filled in with our own words or numbers."""
+        filled = {name: self.number(value) if isinstance(value, str) else value for name, value in values.items()}
+        return self.each(lambda one: _texts(one.codes[0])[section][key].format(**filled))
+
+    def word(self, section: str, key: str) -> Words:
+        """Return what a name of the program is called in the languages; the name where that is new."""
+        return self.each(lambda one: _texts(one.codes[0])[section].get(key, key))
 
     def known(self, text: str) -> Words:
-        """Our own English words from elsewhere, in the languages as far as these have them."""
+        """Return our own English words from elsewhere, in the languages as far as these have them."""
         return self.each(lambda one: _texts(one.codes[0])["known"].get(text, text))
 
     def has(self, text: str) -> bool:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import re
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from decimal import Decimal
@@ -19,6 +20,8 @@ from vibrident.data.records import REFERENCE_UNITS, FloatArray
 from vibrident.result import Parameter, Result
 from vibrident.show.views import K
 
+#: The rounding of a relative difference of two floats, in percent.
+_DUST_PERCENT = 100.0 * 4.0 * sys.float_info.epsilon
 _MOST_DIGITS = 15  # digits of a value beyond which a float has nothing more to say
 
 
@@ -166,7 +169,7 @@ def percent(value: float | None, expanded: float | None = None) -> str:
         return NONE
     if _known(expanded) and expanded > 0:
         return f"{with_sign(rounded(value, expanded)[0])} %"
-    if value == 0:
+    if abs(value) <= _DUST_PERCENT:
         return "0 %"
     if abs(value) < 5e-6:
         return f"{printed(f'{value:+.1e}'.replace('e-0', 'e-'))} %"
@@ -219,11 +222,11 @@ def fit_unit(result: Result) -> str:
     return result.response_unit if result.signals else table
 
 
-def sensor_name(sensor: Mapping[str, object]) -> str:
+def sensor_name(sensor: Mapping[str, object], number: str = "no.") -> str:
     """Manufacturer, type and serial number of a sensor in one line; empty if nothing is stated."""
     parts = [str(sensor[key]) for key in ("manufacturer", "type") if sensor.get(key)]
     if sensor.get("serial_number"):
-        parts.append(f"no. {sensor['serial_number']}")
+        parts.append(f"{number} {sensor['serial_number']}")
     return " ".join(parts)
 
 

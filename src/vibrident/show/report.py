@@ -7,9 +7,10 @@ PDF (typst); and of several results a comparison, with the drift of a sensor tha
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 from vibrident.base.errors import unknown
 from vibrident.result import Result
@@ -20,7 +21,7 @@ from vibrident.show.issue import NOTHING_MORE, Issue
 from vibrident.show.media import markdown
 from vibrident.show.views import Section
 
-__all__ = ["FILE_NAMES", "Form", "content", "file_name", "render", "write"]
+__all__ = ["FILE_NAMES", "Form", "content", "file_name", "name_of_sensor", "render", "write"]
 
 Form = Literal["html", "pdf", "md"]
 #: File name of each form: of one result, and of several side by side.
@@ -36,6 +37,17 @@ def file_name(result: Result, form: Form) -> str:
     own = {"report": "measurement-report.pdf", "tracking": "tracking-report.pdf"}
     usual = FILE_NAMES[form][0]
     return own.get(document_kind(result), usual) if form == "pdf" else usual
+
+
+def name_of_sensor(name: str, sensor: Mapping[str, Any], certificate: Mapping[str, Any]) -> str:
+    """Return the name of a file with serial number and date of calibration, as far as they are stated.
+
+    ``certificate.pdf`` becomes ``certificate-4711-2026-03-01.pdf``; what file systems forbid is a dash.
+    """
+    stem, dot, ending = name.rpartition(".")
+    parts = (sensor.get("serial_number"), certificate.get("date_of_calibration"))
+    told = [re.sub(r"[^\w.]+", "-", str(part)).strip("-.") for part in parts if part]
+    return "-".join([stem, *filter(None, told)]) + dot + ending
 
 
 def content(

@@ -16,18 +16,20 @@ from vibrident.show.views import Column, K, Table, columns
 
 
 def budget(result: Result, say: Say = ENGLISH) -> Table | None:
-    """A row a source and a column a parameter; None where the settings hold no such budget."""
+    """Return a row a source and a column a parameter; None where the settings hold no budget of any."""
     rows = result.settings.get("uncertainty_budget")
     if not isinstance(rows, list | tuple) or not rows or not all(_is_row(row) for row in rows):
         return None
     contributed = dict.fromkeys(name for row in rows for name in row["contributions"])
     names = [name for name in contributed if name in result.parameters]
+    if not names:
+        return None
     units = {name: parameter_scale(result, result.parameters[name]) for name in names}
     body: list[tuple[str, ...]] = [
         (
             _translated(str(row["source"]), say),
             str(row.get("type") or NONE),
-            str(row.get("kind") or NONE),
+            say.word("kind", str(row["kind"])) if row.get("kind") else NONE,
             _stated(row),
             plain(row.get("degrees_of_freedom"), 4),
             *(_size(row["contributions"].get(name), units[name]) for name in names),

@@ -100,8 +100,17 @@ def parameters(result: Result) -> Table:
         *columns("value", "u", "k", "U", kind="number"),
         *columns("unit", "95 % interval", "remark"),
     )
-    notes = (per_g(result), small_signals(result), words.COVERAGE, coverage(result).text(), interval_text(result))
+    notes = (one_frequency(result), per_g(result), small_signals(result))
+    notes += (words.COVERAGE, coverage(result).text(), interval_text(result))
     return Table(heads, tuple(rows), notes=tuple(note for note in notes if note))
+
+
+def one_frequency(result: Result) -> str:
+    """Return at which frequency the sensitivity of a gain alone holds; empty for other models."""
+    model, at = installed(result.model), result.measured.frequency_hz
+    if model is None or not model.is_gain_alone or len(set(at.tolist())) != 1:
+        return ""
+    return f"The sensitivity is that at {at[0]:.6g} Hz, the only frequency that was measured."
 
 
 def small_signals(result: Result) -> str:
@@ -121,7 +130,7 @@ def per_g(result: Result, say: Say = ENGLISH) -> str:
     value, u = sensitivity.value * STANDARD_GRAVITY, None if u is None else u * STANDARD_GRAVITY
     number = stated(Parameter(value, unit, u, (None, None)), k)
     bar = f", U = {number.expanded} {number.unit} (k = {plain(k, 3)})" if u else ""
-    return Mixed(say("text", "per_g", g=STANDARD_GRAVITY, value=f"{number.value} {number.unit}{bar}"))
+    return Mixed(say("text", "per_g", g=f"{STANDARD_GRAVITY}", value=f"{number.value} {number.unit}{bar}"))
 
 
 def correlation(result: Result) -> Table | None:

@@ -114,6 +114,25 @@ def shared_covariance(one: Mapping[str, float], other: Mapping[str, float]) -> f
     return sum(u * other[key] for key, u in one.items() if key in other)
 
 
+def stated_sources(shared: Mapping[str, float]) -> dict[str, float]:
+    """Return the sources that an instrument with serial number or certificate identifies.
+
+    That another source stays the same from one calibration to the next is an assumption.
+    """
+    return {key: u for key, u in shared.items() if _names_an_instrument(key)}
+
+
+def assumed_sources(one: Mapping[str, float], other: Mapping[str, float]) -> tuple[str, ...]:
+    """Return the words of the sources that two values share by assumption, each once."""
+    common = (key for key in one if key in other and not _names_an_instrument(key))
+    return tuple(dict.fromkeys(key.split("|")[1] for key in common))
+
+
+def _names_an_instrument(key: str) -> bool:
+    """Return whether a key from :func:`_identity` holds a serial number or a certificate."""
+    return any("".join(listed.split("/")[-2:]) for listed in key.split("|")[4:])
+
+
 def _share(row: Mapping[str, Any], parameter: str | None) -> float:
     return abs(float((row.get("contributions") or {}).get(parameter) or 0.0))
 
@@ -142,7 +161,7 @@ def _relative_gain(result: Result, row: Mapping[str, Any], frequency_hz: float) 
 
 
 def _identity(result: Result, row: Mapping[str, Any]) -> str:
-    words = " ".join(str(row.get("source", "")).casefold().split())
+    words = " ".join(str(row.get("source", "")).casefold().replace("|", " ").split())
     size = f"{float(row.get('standard_uncertainty') or 0.0):.2g}"
     instruments = [
         {key: str(value).casefold() for key, value in entry.items()}

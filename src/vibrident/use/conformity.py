@@ -10,11 +10,14 @@ from typing import Any, Literal
 import numpy as np
 
 from vibrident.base.errors import unknown
+from vibrident.data.records import FloatArray
 from vibrident.physics.models import installed
 from vibrident.result import Result
 
 Rule = Literal["simple", "guarded"]
 DEVIATION = "sensitivity_deviation"  # quantity: percent from the sensitivity at the reference frequency
+#: A ratio this near to one is one: the rounding of its two values and of the quotient.
+_DUST = 4.0 * np.finfo(float).eps
 GUARD = 2.0  # guard band in u: w = U with k = 2 (ILAC-G8:09/2019, 5.1)
 
 
@@ -37,6 +40,8 @@ class Judged:
 
 def probability_of_conformance(value: float, u: float, low: float, high: float) -> float:
     """Probability that a normally distributed quantity lies within its limits (JCGM 106, 7.2)."""
+    if u == 0.0:
+        return float(low <= value <= high)
     ends = [math.erf((end - value) / (u * math.sqrt(2.0))) for end in (low, high)]
     return 0.5 * (ends[1] - ends[0])
 
@@ -69,7 +74,7 @@ def judged(result: Result, reference_hz: float | None, reference: tuple[float, f
         low, high = (entry.get(key) for key in ("low", "high"))
         limits = -math.inf if low is None else float(low), math.inf if high is None else float(high)
         if entry["quantity"] == DEVIATION:
-            points = list(_deviations(result, entry, reference)) if reference_hz is not None else []
+            points = [] if reference_hz is None else [*_deviations(result, entry, reference_hz, reference)]
             rows = [_row(entry, "%", limits, *point, rule) for point in points]
             if not rows:
                 rows = [_row(entry, "%", limits, math.nan, None, None, rule)]
@@ -92,12 +97,15 @@ def judged(result: Result, reference_hz: float | None, reference: tuple[float, f
     return found
 
 
-def judged_points(result: Result, reference: tuple[float, float | None], *, limited: bool) -> list[Judged]:
+def judged_points(
+    result: Result, reference_hz: float, reference: tuple[float, float | None], *, limited: bool
+) -> list[Judged]:
     """Return the deviation of every measured point, with the narrowest limits that hold there.
 
     Args:
         result: with the requirements and the decision rule in its certificate.
-        reference: magnitude of the sensitivity at the reference frequency, and its u.
+        reference_hz: the reference frequency.
+        reference: magnitude of the sensitivity there, and its u.
         limited: whether limits are judged by.
     """
     rule: Rule = result.certificate.get("decision_rule") or "simple"
@@ -105,7 +113,7 @@ def judged_points(result: Result, reference: tuple[float, float | None], *, limi
         entry for entry in result.certificate.get("requirements") or () if limited and entry["quantity"] == DEVIATION
     ]
     found = []
-    for value, u, frequency_hz in _deviations(result, {}, reference):
+    for value, u, frequency_hz in _deviations(result, {}, reference_hz, reference):
         here = [entry for entry in entries if _holds(entry, frequency_hz)]
         low = max((entry["low"] for entry in here if entry.get("low") is not None), default=-math.inf)
         high = min((entry["high"] for entry in here if entry.get("high") is not None), default=math.inf)
@@ -143,23 +151,78 @@ def _row(
     rule: Rule,
 ) -> Judged:
     known = math.isfinite(value)
-    chance = probability_of_conformance(value, u, *limits) if known and u else None
+    chance = probability_of_conformance(value, u, *limits) if known and u is not None else None
     met = accepted(value, u, *limits, rule) if known else None
     return Judged(entry["quantity"], unit, *limits, str(entry.get("source") or ""), value, u, frequency, chance, met)
 
 
 def _deviations(
-    result: Result, entry: Any, reference: tuple[float, float | None] | None
+    result: Result, entry: Any, reference_hz: float, reference: tuple[float, float | None] | None
 ) -> Iterator[tuple[float, float | None, float]]:
-    """Deviation in percent, its u and its frequency, of the measured points in the band of the requirement.
-
-    u holds all of both values' uncertainties: what they have in common is not subtracted, so it is an upper limit.
-    """
+    """Yield deviation in percent, its u and its frequency, for the measured points of a band."""
     if reference is None or not reference[0]:
         return
-    size, reference_u = reference
+    base, base_u = reference
     points = result.measured
-    for f, magnitude, u in zip(points.frequency_hz, points.magnitude, points.magnitude_uncertainty, strict=True):
-        if _holds(entry, f) and np.isfinite(magnitude):
-            both = None if reference_u is None or not np.isfinite(u) else math.hypot(u / size, reference_u / size)
-            yield float(100.0 * (magnitude / size - 1.0)), None if both is None else 100.0 * both, float(f)
+    common = _common_gains(result, np.append(points.frequency_hz, reference_hz))
+    columns = points.frequency_hz, points.magnitude, points.magnitude_uncertainty, common[:-1]
+    for f, magnitude, u, gains in zip(*columns, strict=True):
+        if not (_holds(entry, f) and np.isfinite(magnitude)):
+            continue
+        ratio = magnitude / base
+        if abs(ratio - 1.0) <= _DUST:
+            ratio = 1.0
+        if ratio == 1.0 and f == reference_hz:
+            yield 0.0, 0.0, float(f)
+            continue
+        relative = None
+        if base_u is not None and np.isfinite(u):
+            relative = ratio_uncertainty(u / magnitude, gains, base_u / base, common[-1])
+        u_percent = None if relative is None else 100.0 * abs(ratio) * relative
+        yield 100.0 * (ratio - 1.0), u_percent, float(f)
+
+
+def ratio_uncertainty(u: float, common: FloatArray, base_u: float, base_common: FloatArray) -> float:
+    """Return the relative standard uncertainty of a ratio of two values that share sources.
+
+    A shared source multiplies both values by nearly the same factor, so only the difference of
+    its contributions is left (GUM 5.2.2); of the rest the values are taken as independent.
+
+    Args:
+        u: relative standard uncertainty of the one value.
+        common: relative contributions of the shared sources to it, shape (sources,).
+        base_u: relative standard uncertainty of the other value.
+        base_common: contributions to that, shape (sources,).
+    """
+    own = [max(total**2 - float(np.sum(part**2)), 0.0) for total, part in ((u, common), (base_u, base_common))]
+    dust = 8.0 * np.finfo(float).eps
+    own = [rest if rest > dust * total**2 else 0.0 for rest, total in zip(own, (u, base_u), strict=True)]
+    return math.sqrt(sum(own) + float(np.sum((common - base_common) ** 2)))
+
+
+def _common_gains(result: Result, frequency_hz: FloatArray) -> FloatArray:
+    """Return relative contributions of gains and mountings to the magnitude, shape (m, sources).
+
+    These act on all frequencies with one sign. A source that also acts in another way is left out:
+    it then counts as if it were new at each frequency.
+    """
+    kinds: dict[str, set[str]] = {}
+    for row in result.settings.get("uncertainty_budget") or ():
+        kinds.setdefault(str(row.get("source")), set()).add(str(row.get("kind")))
+    budget = result.settings.get("point_budget") or {}
+    sources = [
+        source
+        for source in budget.get("sources") or ()
+        if kinds.get(str(source.get("source")), {""}) <= {"gain", "mounting"}
+    ]
+    if not sources:
+        return np.zeros((len(frequency_hz), 0))
+    known_hz = np.asarray(budget["frequency_hz"], dtype=float)
+    points = result.measured
+    nearest = np.argmin(np.abs(points.frequency_hz[:, None] - known_hz), axis=0)
+    size = np.abs(points.magnitude[nearest])
+    order = np.argsort(known_hz)
+    columns = [
+        np.interp(frequency_hz, known_hz[order], (np.asarray(one["magnitude"], float) / size)[order]) for one in sources
+    ]
+    return np.stack(columns, axis=1)

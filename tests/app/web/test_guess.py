@@ -7,7 +7,9 @@ import wave
 import numpy as np
 import pytest
 
+from vibrident.app.web.form.description import described
 from vibrident.app.web.looks import likely_excitation
+from vibrident.app.web.preview import preview
 from vibrident.base.errors import InputError
 from vibrident.data.io.guess import guess_columns
 from vibrident.physics.simulation import simulate
@@ -71,6 +73,18 @@ def test_units_in_a_line_of_their_own(tmp_path):
     reference, response = guess.document["reference"], guess.document["response"]
     assert (guess.time, reference["column"], response["column"]) == ("Zeit", "Laser", "Prüfling")
     assert (reference["quantity"], reference["unit"], response["unit"]) == ("acceleration", "m/s²", "mV")
+
+
+def test_the_preview_names_the_units_of_the_file(tmp_path):
+    """Values are drawn as in the file, so each name has the file's unit, once."""
+    rows = "".join(f"{i};{i},5;{i},2\n" for i in range(9))
+    (tmp_path / "a.csv").write_text("Zeit;Laser;Prüfling\ns;m/s²;mV\n" + rows)
+    (tmp_path / "b.csv").write_text("Zeit [s];Laser [m/s²];Prüfling [mV]\n" + rows)
+    expected = {"a.csv": {"Laser / m/s²", "Prüfling / mV"}, "b.csv": {"Laser [m/s²]", "Prüfling [mV]"}}
+    for name, names in expected.items():
+        given = described(guess_columns(tmp_path / name))
+        drawn = preview(given, tmp_path, [name])
+        assert {trace["name"] for trace in drawn["data"]} == names
 
 
 def test_the_unit_of_the_response(tmp_path):

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import signal
 
 import pytest
 from tests.support.sample_results import table2
-from tests.support.serving import VIBRIDENT, WAIT_MS, field, serving, simulated, upload
+from tests.support.serving import VIBRIDENT, WAIT_MS, choose, download, field, serving, simulated, upload
+
+from vibrident.fit.registry import ESTIMATORS
 
 ROWS = "time,reference,response\n" + "".join(f"{i / 100},{i % 7},{i % 5}\n" for i in range(50))
 
@@ -97,6 +100,8 @@ def test_a_server_that_ended_in_the_middle_of_a_fit_is_followed_by_one_that_has_
         page.locator("#result .js-plotly-plot").first.wait_for(timeout=WAIT_MS)
         field(page, "Serial number").fill("4711")
         page.locator("#confirm").click()
+        choose(page, "Estimator", f"ml: {ESTIMATORS['ml'].title}")
+        choose(page, "Uncertainties cover", "noise")
         page.locator("#start").click()
         page.get_by_role("button", name="Cancel").wait_for()
         page.wait_for_timeout(700)
@@ -106,8 +111,13 @@ def test_a_server_that_ended_in_the_middle_of_a_fit_is_followed_by_one_that_has_
         picture(page, "restarted")
         assert field(page, "Serial number").input_value() == "4711"
         assert len(page.locator("#data").get_by_role("listitem").all()) == len(list((tmp_path / "made").glob("*.csv")))
+        asked = "--estimator ml --uncertainty noise"
+        assert page.locator("#broken-off").inner_text() == f"Broken off: vibrident identify calibration.toml {asked}"
         page.locator("#repeat").click()
         page.locator("#status").get_by_text("Identified.", exact=True).wait_for(timeout=WAIT_MS)
+        page.get_by_text(asked).last.wait_for(timeout=WAIT_MS)  # the command of the result
+        found = json.loads(download(page, "json"))
+        assert found["estimator"] == "ml"
     context.close()
 
 

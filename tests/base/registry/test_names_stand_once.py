@@ -28,7 +28,7 @@ OTHERS = {
     "app/cli/commands/plan.py": {"natural_frequency", "damping_ratio", "sensitivity", "generator_constant"},  # options
 }
 #: Names so short or so common that they are words of programs; readers' names are for messages only.
-COMMON = {"c", "change", "csv", "control", "delay", "dcc", "drift", "fmu", "scipy", "sensitivity"} | set(
+COMMON = {"c", "change", "csv", "control", "delay", "dcc", "drift", "fmu", "gain", "scipy", "sensitivity"} | set(
     READERS.names()
 )
 

@@ -266,10 +266,15 @@ def test_of_delays_within_half_a_turn_the_best_fit_comes_first():
     assert _first_of(delays_rad=(-0.985, -0.669), costs=(61.9, 68.3)) == 0
 
 
-def _first_of(delays_rad, costs):
+def test_at_one_frequency_the_shorter_of_two_delays_comes_first():
+    """Half a turn more with the other sign fits exactly as well there."""
+    assert _first_of(delays_rad=(2.5, 2.5 - np.pi), costs=(1e-20, 1e-18), longer=0.0) == 1
+
+
+def _first_of(delays_rad, costs, longer=np.pi):
     u = np.array([[0.0, 0.0, 0.0, delay] for delay in delays_rad])
     front = Population(u, np.ones(2), np.array(costs), (u[None], np.array(costs)[None]))
-    return _shortest_delay_first(np.array([0, 1]), front, parse("accelerometer+delay"))[0]
+    return _shortest_delay_first(np.array([0, 1]), front, parse("accelerometer+delay"), longer)[0]
 
 
 @pytest.mark.parametrize(("samples", "seed"), [(600, 7), (1000, 0), (4000, 0), (8000, 0)])

@@ -91,6 +91,66 @@ def test_a_report_holds_the_history_of_its_sensor(lived, store, tmp_path):
     assert refused.exit_code == 2
 
 
+def instruments(certificate):
+    return {
+        "laboratory": "L",
+        "instruments": [{"name": "vibrometer", "serial_number": "7", "certificate": certificate}],
+    }
+
+
+@pytest.mark.parametrize(
+    ("told", "printed_en", "assumed"),
+    [
+        (lambda year: {}, "+2.47 or +0.", True),
+        (lambda year: instruments("PTB 1"), "+2.47 ", False),
+        (lambda year: instruments(f"PTB {year}"), "+0.", False),
+        (lambda year: {"instruments": ["vibrometer"]}, "+2.47 or +0.", True),
+    ],
+)
+def test_what_no_instrument_says_is_assumed_and_said(tmp_path, told, printed_en, assumed):
+    """A change of 0.7 % under a reference of 0.5 %: it is one only if the reference is the same."""
+    values = {2020: 0.1, 2021: 0.1, 2022: 0.1007}
+    url, files = str(tmp_path / "h.db"), []
+    for year, value in values.items():
+        made = calibrated(value, f"{year}-01-01", data=str(year), certificate=told(year))
+        files.append(made.save(tmp_path / f"{year}.json"))
+    printed("history", "add", *files, "--store", url)
+    text = printed("history", "show", "4711", "--store", url)
+    report = tmp_path / "c.md"
+    printed("report", *files, "--out", report)
+    for said in (text, report.read_text()):
+        words = " ".join(said.split())
+        assert ("Assumed to be the same each time" in words) is assumed
+        assert printed_en in words
+    assert ("if not the same: calibration of the reference" in text) is assumed  # an alarm of the EWMA only if it is
+
+
+def test_the_soonest_comes_first_by_risk_or_interval(tmp_path):
+    url = str(tmp_path / "h.db")
+    lives = {"short": ("2020-01-01", "2020-07-01"), "long": ("2018-01-01", "2020-01-01"), "gone": ("2010-01-01",)}
+    for serial, dates in lives.items():
+        for date in dates:
+            file = calibrated(date=date, serial=serial, data=serial + date).save(tmp_path / "r.json")
+            printed("history", "add", file, "--store", url)
+    printed("history", "event", "gone", "--kind", "recalled", "--date", "2011-01-01", "--store", url)
+    rows = json.loads(printed("history", "due", "--tolerance", "50%", "--store", url, "--format", "json"))
+    assert [row["serial_number"] for row in rows] == ["short", "long", "gone"]
+    first = [min(filter(None, (row["date"], row["by_interval"]))) for row in rows[:2]]
+    assert first == sorted(first)
+
+
+def test_the_history_takes_date_number_and_approver_from_the_certificate(tmp_path):
+    url, stated = str(tmp_path / "h.db"), tmp_path / "certificate.toml"
+    stated.write_text('[certificate]\nnumber = "2026-7"\ndate_of_calibration = 2026-03-01\napproved_by = "B. Head"\n')
+    file = calibrated(date=None, data="a").save(tmp_path / "r.json")
+    printed("history", "add", file, "--certificate", stated, "--store", url)
+    printed("history", "approve", "1", "--store", url)
+    document = json.loads(printed("history", "show", "4711", "--store", url, "--format", "json"))
+    (row,) = document["calibrations"]
+    assert (row["date"], row["date_stated"], row["certificate_number"]) == ("2026-03-01", True, "2026-7")
+    assert [event["by"] for event in document["events"] if event["kind"] == "approved"] == ["B. Head"]
+
+
 def test_a_parameter_has_a_history_too(store):
     document = json.loads(
         printed("history", "show", "4711", "--store", store, "--format", "json", "--quantity", "natural_frequency")

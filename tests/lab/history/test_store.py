@@ -61,6 +61,28 @@ def test_a_result_without_name_or_date_is_refused_unless_both_are_given(tmp_path
         history.add(url, [calibrated()], serial_number="12")
 
 
+def numbered(data, number="2020-7", **more):
+    stated = {"number": number, "laboratory": more.pop("laboratory", "L")}
+    return calibrated(data=data, certificate=stated, **more)
+
+
+def test_a_certificate_number_belongs_to_one_measurement(tmp_path):
+    url = str(tmp_path / "h.db")
+    assert history.add(url, [numbered("one"), numbered("one", noise=0.002), numbered("one")]) == 2
+    for other in (numbered("two"), numbered("", date="2021-01-01"), numbered("three", serial="4712")):
+        with pytest.raises(InputError, match=r"(?s)2020-7, as calibration 1 of sensor\s+4711"):
+            history.add(url, [other])
+    assert count(url, schema.calibration) == 2
+    allowed = [
+        numbered("two", "2020-8"),
+        numbered("two", "2020-7", laboratory="another"),
+        numbered("x", sensor={"axis": "x"}),
+        calibrated(date="2022-01-01"),
+        calibrated(date="2023-01-01"),
+    ]
+    assert history.add(url, allowed) == 5
+
+
 def dated(url, day):
     """What the store says of its only sensor, asked in its three ways."""
     with Store(url) as store:

@@ -145,10 +145,10 @@ def test_what_is_stated_stands_as_it_is():
 
 def test_the_coverage_is_that_of_the_effective_degrees_of_freedom():
     few = replace(table2(), settings={"effective_degrees_of_freedom": 5.0})
-    assert "89.8 % (Student's t with ν_eff = 5)" in certificate.statements(few)[0]
+    assert "90 % (Student's t with ν_eff = 5)" in certificate.statements(few)[0]
     none = replace(table2(), settings={"effective_degrees_of_freedom": None})  # infinity, as JSON has it
-    assert "95.4 % (normal distribution, ν_eff = ∞)" in certificate.statements(none)[0]
-    assert "95.4 % for a normal distribution" in certificate.statements(table2())[0]
+    assert "95 % (normal distribution, ν_eff = ∞)" in certificate.statements(none)[0]
+    assert "95 % for a normal distribution" in certificate.statements(table2())[0]
 
 
 def test_the_pdf_holds_the_contents_and_numbers_its_pages():

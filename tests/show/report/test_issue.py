@@ -14,8 +14,9 @@ import typst
 from tests.support import shell
 from tests.support.certified import certified, written
 from tests.support.exported import paper
+from tests.support.lives import calibrated
 from tests.support.printed import assert_rounded, factor_to
-from tests.support.sample_results import table2, table_only
+from tests.support.sample_results import table2, table_only, troubled
 
 import vibrident.show
 from vibrident.base.errors import InputError
@@ -25,8 +26,8 @@ from vibrident.show import certificate_tables as parts
 from vibrident.show.issue import REQUIRED, form, issued, missing
 from vibrident.show.language import Say
 from vibrident.show.media import pdf
-from vibrident.show.numbers import sensitivity_scale
-from vibrident.use.conformity import accepted, judged, probability_of_conformance
+from vibrident.show.numbers import percent, sensitivity_scale
+from vibrident.use.conformity import accepted, judged, probability_of_conformance, ratio_uncertainty
 
 FOLDER = Path(vibrident.show.__file__).parent / "languages"
 LANGUAGES = ("en", "de", "fr", "zh")
@@ -182,7 +183,7 @@ def test_conformity_is_judged_where_u_covers_the_chain(tmp_path):
     certain = {"quantity": "natural_frequency", "low": 1.0}
     one_sided = replace(result, certificate={**result.certificate, "requirements": [certain]})
     assert parts.conformity(one_sided)[1].rows[0][1] == "≥ 1"
-    assert parts.conformity(one_sided)[1].rows[0][5] == "> 99.99 %"
+    assert parts.conformity(one_sided)[1].rows[0][5] == "> 99 %"
     scatter = replace(result, uncertainty={"covers": ["noise"]})
     (sentence,) = parts.conformity(scatter)
     assert "No statement of conformity" in sentence.text
@@ -198,8 +199,109 @@ def test_before_and_after_adjustment(tmp_path):
     ).save(tmp_path / "before.json")
     result, issue = issued(full(table2()), [file(tmp_path, WHOLE + f'before = "{before.name}"\n')])
     rows = {row[0]: row for row in parts.adjustment(result, issue.before).rows}
-    assert rows["natural frequency"][-1] == "−0.99 %"
+    assert rows["natural frequency"][-2] == "−0.990 %"
     assert "Before and after adjustment" in " ".join(pages(report.content(result, "pdf", issue=issue)))
+
+
+def test_what_two_calibrations_share_is_no_part_of_the_change():
+    """The change of a gain by 1 % under one reference of 0.5 % is as well known as the noise of 0.1 % lets it be."""
+    before, after = calibrated(), calibrated(0.101, "2020-01-02")
+    magnitude, sensitivity, frequency = parts.adjustment(after, before).rows
+    for row in (magnitude, sensitivity):
+        assert row[-2:] == ("+1.00 %", "0.29 %")  # 2 √2 · 0.1 % · 1.01
+    assert frequency[-2:] == ("0.0 %", "1.1 %")  # 2 √2 · 20/5000
+    anew = calibrated(0.101, "2020-01-02", shared={"another reference": 0.005})
+    assert parts.adjustment(anew, before).rows[1][-1] == "1.5 %"  # 2 · 1.01 √2 √(0.5² + 0.1²) %
+
+
+def with_gain(result, gain, noise=0.001):
+    """A result whose only stated source is a gain of one relative size, with its budget by frequency."""
+    curves = {}
+    for name in ("response", "measured"):
+        curve = getattr(result, name)
+        u = np.hypot(gain, noise) * np.abs(curve.magnitude)
+        curves[name] = replace(curve, magnitude_uncertainty=u)
+    f, size = result.measured.frequency_hz, np.abs(result.measured.magnitude)
+    rows = [{"source": "vibrometer", "kind": "gain", "contributions": {}}]
+    own = [
+        {"source": "noise", "magnitude": (noise * size).tolist()},
+        {"source": "vibrometer", "magnitude": (gain * size).tolist()},
+    ]
+    settings = {"uncertainty_budget": rows, "point_budget": {"frequency_hz": f.tolist(), "sources": own}}
+    return replace(full(result), settings=settings, **curves)
+
+
+@pytest.mark.parametrize("gain", [0.0, 0.002, 0.5])
+def test_a_gain_that_both_values_share_cancels_in_their_deviation(gain):
+    result = with_gain(table2(), gain)
+    f = result.measured.frequency_hz
+    base = 1.02 * float(result.measured.magnitude[12])
+    asked = {"quantity": "sensitivity_deviation", "low": -5.0, "high": 5.0, "from_hz": f[3], "to_hz": f[3]}
+    result = replace(result, certificate={"requirements": [asked]})
+    (row,) = judged(result, float(f[12]), (base, np.hypot(gain, 0.001) * base))
+    ratio = result.measured.magnitude[3] / base
+    assert row.value == pytest.approx(100 * (ratio - 1))
+    assert row.u == pytest.approx(100 * ratio * np.hypot(0.001, 0.001), rel=1e-6)
+    bare = replace(result, settings={})  # what nobody stated as common does not cancel
+    (upper,) = judged(bare, float(f[12]), (base, np.hypot(gain, 0.001) * base))
+    assert upper.u == pytest.approx(100 * ratio * np.sqrt(2) * np.hypot(gain, 0.001))
+
+
+def test_the_ratio_of_two_values_with_a_common_source_is_that_of_drawn_ones():
+    rng = np.random.default_rng(5)
+    noise, error = rng.normal(size=(2, 200_000)) * 0.003, rng.normal(size=200_000)
+    ratio = (1 + 0.004 * error + noise[0]) / (1 + 0.010 * error + noise[1])
+    u = ratio_uncertainty(np.hypot(0.004, 0.003), np.array([0.004]), np.hypot(0.010, 0.003), np.array([0.010]))
+    assert u == pytest.approx(ratio.std(), rel=0.01)
+
+
+def test_the_dust_of_rounding_is_zero():
+    result = with_gain(table2(), 0.01)
+    f, size = result.measured.frequency_hz, result.measured.magnitude
+    asked = {"quantity": "sensitivity_deviation", "low": -1.0, "from_hz": f[5], "to_hz": f[5]}
+    result = replace(result, certificate={"requirements": [asked]})
+    (row,) = judged(result, float(f[5]), (float(np.nextafter(size[5], 1.0)), 1e-4))
+    assert (row.value, row.u, row.probability, row.met) == (0.0, 0.0, 1.0, True)
+    assert percent(100 * (0.1 / np.nextafter(0.1, 1.0) - 1)) == "0 %"
+    assert percent(1e-9) == "+1.0e-9 %".replace("e-9", "·10⁻⁹")
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        ({"date_of_receipt": "2026-03-02"}, "date_of_receipt 2026-03-02, date_of_calibration 2026-03-01"),
+        ({"date_of_issue": "2026-02-28"}, "date_of_calibration 2026-03-01, date_of_issue 2026-02-28"),
+        (
+            {"date_of_calibration": None, "date_of_receipt": "2026-03-03"},
+            "date_of_receipt 2026-03-03, date_of_issue 2026-03-02",
+        ),
+        ({"instruments": [{"name": "Laser", "calibrated_until": "2026-02-28"}]}, "Laser, calibrated_until 2026-02-28"),
+        ({"date_of_issue": "31.3.2026"}, "31.3.2026"),
+    ],
+)
+def test_dates_that_cannot_be_true_together_are_refused(tmp_path, more, said):
+    result, _ = issued(full(paper()), [file(tmp_path)])
+    wrong = replace(result, certificate={**result.certificate, "country": "DE", **more}).save(tmp_path / "r.json")
+    for command in (("report", "pdf"), ("export", "dcc")):
+        done = shell.run(command[0], wrong, "--format", command[1])
+        if command[1] == "pdf" or more.get("date_of_calibration", "stated"):
+            assert done.exit_code == 2
+            assert said in " ".join(done.output.split())
+    days = {"date_of_receipt": "2026-03-01", "date_of_issue": "2026-03-01"}
+    valid = {**days, "instruments": [{"name": "Laser", "calibrated_until": "2026-03-01"}, "Amplifier"]}
+    right = replace(result, certificate={**result.certificate, **valid}).save(tmp_path / "right.json")
+    assert shell.run("report", right, "--format", "pdf").exit_code == 0
+
+
+def test_one_number_is_not_given_to_two_certificates(tmp_path):
+    given = file(tmp_path)
+    names = [full(table2(seed)).save(tmp_path / f"{seed}.json") for seed in (1, 2)]
+    asked = ("report", *names, "--format", "pdf", "--certificate", given)
+    done = shell.run(*asked, "--out", tmp_path / "out")
+    assert done.exit_code == 2
+    assert "2026-7 for" in " ".join(done.output.split())
+    assert not (tmp_path / "out").exists()
+    assert shell.run(*asked, "--out", tmp_path / "comparison.pdf").exit_code == 0  # no certificate
 
 
 @pytest.mark.parametrize(
@@ -215,8 +317,91 @@ def test_a_certificate_in_other_languages(tmp_path, codes, title, last):
     found = pages(report.content(result, "pdf"))
     assert title in found[0]
     assert last in found[-1]
-    numbers = {row[2] for row in parts.measured(result).rows}
+    numbers = {row[2].replace(".", ",") for row in parts.measured(result).rows}
     assert [number for number in numbers if number not in " ".join(found)] == []
+
+
+#: What no customer knows: words of the program, and English where another language is asked for.
+PROGRAM = r"\[\[|kind (?:gain|phase)|calibration file|result\.json|\bml\b|ipnn|lsm|accelerometer\+|standard_uncertainty"
+ENGLISH = r"\bno\.|\b(?:gain|clock|mounting|noise|data|timing|the|of|estimator|reference|derived)\b"
+#: What the laboratory states itself; versions, standards and file names, whose numbers have points.
+POINTS = r"to the SI|data sheet|vibrident [\d.]+|17025:2017, [\d.]+|106, [\d.]+|\d+Hz\.csv|\d\.\d+Hz|[A-Za-z]\. "
+
+
+def budgeted(result):
+    """A result with stated effects, findings and warnings."""
+    made, budget = with_gain(result, 0.002), []
+    for source, kind, size in (("noise", "data", None), ("calibration of the reference", "gain", 0.002)):
+        row = {"source": source, "type": "A" if size is None else "B", "kind": kind, "standard_uncertainty": size}
+        budget.append({**row, "unit": "1", "degrees_of_freedom": None, "contributions": {"sensitivity": 1.5e-4}})
+    sources = made.settings["point_budget"]["sources"]
+    points = [{**one, "phase_deg": [0.01] * len(one["magnitude"])} for one in sources]
+    points[1]["source"] = "calibration of the reference"
+    settings = {
+        **made.settings,
+        "uncertainty_budget": budget,
+        "point_budget": {**made.settings["point_budget"], "sources": points},
+        "uncertainty_covers": "noise; calibration of the reference (gain)",
+        "reference_standard_uncertainty": 0.002,
+    }
+    return replace(made, settings=settings, warnings=troubled().warnings, findings=troubled().findings)
+
+
+@pytest.mark.parametrize("code", ["en", "de", "fr"])
+def test_a_customer_reads_one_language_and_no_word_of_the_program(tmp_path, code):
+    more = f'language = "{code}"\ntemperature_uncertainty_c = 0.5\n' + JUDGED
+    result, _ = issued(budgeted(table2()), [file(tmp_path, WHOLE + more)])
+    for made in (result, replace(result, uncertainty={"covers": ["noise"]})):
+        text = " ".join(pages(report.content(replace(made, warnings=()) if code == "en" else made, "pdf")))
+        assert re.findall(PROGRAM, text) == []
+        if code != "en":
+            left = re.findall(ENGLISH, re.sub(POINTS, "", text))
+            assert [word for word in left if (word, code) != ("gain", "fr")] == []
+            assert re.findall(r"\d+\.\d+", re.sub(POINTS, "", text)) == []
+            assert re.search(r"\d,\d", text)
+
+
+def test_two_languages_have_one_decimal_sign(tmp_path):
+    for first, second, sign in (("de", "en", ","), ("en", "de", ".")):
+        more = f'language = "{first}"\nsecond_language = "{second}"\n'
+        result, _ = issued(budgeted(table2()), [file(tmp_path, WHOLE + more)])
+        text = re.sub(POINTS, "", " ".join(pages(report.content(replace(result, warnings=(), findings=()), "pdf"))))
+        assert re.findall(rf"\d[{'.,'.replace(sign, '')}]\d", text) == []
+
+
+def test_budget_and_hashes_can_be_left_out(tmp_path):
+    more = 'budget = "leave out"\ndata_files = "leave out"\n'
+    result, _ = issued(budgeted(table2()), [file(tmp_path, WHOLE)])
+    fewer, _ = issued(result, [file(tmp_path, WHOLE + more)])
+    long, short = (" ".join(pages(report.content(one, "pdf"))) for one in (result, fewer))
+    for said in ("Uncertainty budget", "SHA-256"):
+        assert said in long
+        assert said not in short
+    assert "Statements" in short
+
+
+def test_the_pdf_is_pdf_a_with_its_metadata(tmp_path):
+    result, _ = issued(full(table2()), [file(tmp_path)])
+    read = pypdf.PdfReader(io.BytesIO(report.content(result, "pdf")))
+    assert b"pdfaid:part" in read.xmp_metadata.stream.get_data()
+    assert read.metadata.title == "Calibration certificate 2026-7"
+    assert read.metadata.author == "L"
+    assert read.metadata.subject == read.metadata.title or "4712" in str(read.metadata.keywords)
+
+
+@pytest.mark.parametrize(
+    ("serial", "date", "name"),
+    [
+        ("4711", "2026-03-01", "certificate-4711-2026-03-01.pdf"),
+        ("A/7: ../x", "2026-03-01", "certificate-A-7-..-x-2026-03-01.pdf"),
+        ("", None, "certificate.pdf"),
+        ("..", None, "certificate.pdf"),
+        ("序 1", None, "certificate-序-1.pdf"),
+    ],
+)
+def test_a_file_is_named_after_sensor_and_date(serial, date, name):
+    sensor, stated = {"serial_number": serial}, {"date_of_calibration": date}
+    assert report.name_of_sensor("certificate.pdf", sensor, stated) == name
 
 
 def test_chinese_needs_a_font_and_says_so(tmp_path, monkeypatch):

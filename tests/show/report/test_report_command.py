@@ -80,7 +80,7 @@ def test_from_the_calibration_file_to_the_certificate(tmp_path):
 
     assert json.loads(json.dumps(dict(again.certificate))) == stated
     assert certificate.letterhead(again).number == CERTIFICATE["number"]
-    assert certificate_tables.reference(again).rows[0][1] == "159.155 Hz; as stated in the calibration file"
+    assert certificate_tables.reference(again).rows[0][1] == "159.155 Hz; as stated"
     grid = np.array(again.response.frequency_hz)
     assert 159.155 in grid
     assert (

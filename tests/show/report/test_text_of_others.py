@@ -85,7 +85,7 @@ def test_pdf():
 @pytest.mark.quick("2026-CALS_0042", "f_n")
 def test_pdf_has_the_number_and_the_sensor_on_every_page(name):
     pages = in_pdf(named(table2(), name))
-    assert all(f"No.{name}" in page and f"{name}{name}no.{name}" in page for page in pages)
+    assert all(f"No.{name}" in page and f"{name}{name}No.{name}" in page for page in pages)
     assert all(f"{label}{name}" in pages[0] for label in ("Manufacturer", "Serialnumber", "Customer", "Ordernumber"))
 
 

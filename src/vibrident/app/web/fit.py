@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Awaitable, Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -128,6 +129,13 @@ class FitStep:
         self.start.set_enabled(confirmed and not busy)
         self.stop.visible = self.spinner.visible = busy
 
+    async def _repeat(self, choices: Choices) -> None:
+        """Identify again as it was asked for, whatever the form has been set to since."""
+        self.estimator.value = choices.estimator
+        self.discretisation.value = choices.discretisation
+        self.uncertainty.value = choices.uncertainty
+        await self._identify()
+
     async def _identify(self) -> None:
         user = self.user
         if user.busy or user.confirmed is None:
@@ -172,9 +180,11 @@ class FitStep:
         if job.error is None:
             return
         frame.show_error(self.errors, job.error, self.user.session)
-        if isinstance(job.error, Stopped) and not self.errors.is_deleted:
+        if isinstance(job.error, Stopped) and job.choices and not self.errors.is_deleted:
             with self.errors:
-                ui.button("Repeat", on_click=self._identify).props("outline id=repeat")
+                ui.label(f"Broken off: {job.choices.command}").classes("hint").props("id=broken-off")
+                ask = partial(self._repeat, job.choices)
+                ui.button("Repeat", on_click=ask).props("outline id=repeat")
 
     def _draw(self, starts: list[list[float]]) -> None:
         drawn = json.dumps(_curve(starts)).encode()

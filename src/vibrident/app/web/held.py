@@ -98,6 +98,7 @@ class Job:
     began: float = field(default_factory=time.monotonic)
     share: float | None = None
     most_left_s: float | None = None
+    choices: Choices | None = None  # what was asked for
 
     @property
     def status(self) -> str:

@@ -33,6 +33,7 @@ from vibrident.show.coverage import scatter_only
 from vibrident.show.deviation_points import from_reference
 from vibrident.show.findings import told
 from vibrident.show.issue import Issue, issued
+from vibrident.show.issue import stated as with_statements
 from vibrident.show.media import charts, html
 from vibrident.show.report import content, file_name
 from vibrident.show.views import Figure, count
@@ -278,40 +279,44 @@ def comparison(paths: Sequence[Path], names: Sequence[str]) -> dict[str, Any]:
     return {"charts": shown, "tables": tables_beside}
 
 
-def history(path: Path, store: str) -> dict[str, Any]:
-    """What a store holds of the sensor of a result: words, charts as JSON, and tables as HTML."""
-    return _history(path, store, lambda opened, result: "")
+def history(path: Path, store: str, stated: CertificateData) -> dict[str, Any]:
+    """Return what a store holds of the sensor of a result: words, charts as JSON, and tables as HTML.
+
+    ``stated``: what the form of the certificate states beside the result.
+    """
+    return _history(path, store, stated, lambda opened, result: "")
 
 
-def added_to_history(path: Path, store: str) -> dict[str, Any]:
-    """The same, once the result was added."""
+def added_to_history(path: Path, store: str, stated: CertificateData) -> dict[str, Any]:
+    """Return the same, once the result was added."""
     from vibrident.lab.history.entry import add_all
 
     def add(opened: Store, result: Result) -> str:
         (added,) = add_all(opened, [result])
         return f"Calibration {added.number}{'' if added.new else ' was there already'}. "
 
-    return _history(path, store, add)
+    return _history(path, store, stated, add)
 
 
-def approved(path: Path, store: str, by: str) -> dict[str, Any]:
-    """The same, once the result's calibration was added and approved."""
+def approved(path: Path, store: str, stated: CertificateData, by: str) -> dict[str, Any]:
+    """Return the same, once the result's calibration was added and approved."""
     from vibrident.lab.history.entry import add_all, approve
 
     def add(opened: Store, result: Result) -> str:
         (added,) = add_all(opened, [result])
-        approve(opened, added.number, by=by)
+        name = result.certificate.get("approved_by") or by
+        approve(opened, added.number, by=name, note="" if name == by else f"entered by {by}")
         return f"Calibration {added.number} is approved. "
 
-    return _history(path, store, add)
+    return _history(path, store, stated, add)
 
 
-def _history(path: Path, store: str, change: Callable[[Store, Result], str]) -> dict[str, Any]:
+def _history(path: Path, store: str, stated: CertificateData, change: Callable[[Store, Result], str]) -> dict[str, Any]:
     from vibrident.lab.history import page
     from vibrident.lab.history.document import of_result
     from vibrident.lab.history.store import Store
 
-    result = Result.load(path)
+    result = with_statements(Result.load(path), stated)
     with Store(store) as opened:
         before = change(opened, result)
         life = of_result(opened, result)

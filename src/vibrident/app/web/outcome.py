@@ -82,7 +82,7 @@ class OutcomeStep:
             if go:  # before the history, which is read in a process of its own
                 frame.go(self.section)
             if self.user.users.store:
-                await History(self.user, named, self.user.users.store).build()
+                await History(self.user, named, self.user.users.store, self.certificate).build()
 
     def _downloads(self, named: Named, title: str, pdf: str) -> None:
         ui.html(f"<h3>{LABELS['report.form']}</h3>", sanitize=False)
@@ -132,6 +132,7 @@ class OutcomeStep:
 
     async def _report(self, named: Named, form: str, name: str) -> None:
         self.errors.clear()
+        name = self.certificate.name_of_file(name)
         await self.user.note("issued", named.path, document=name)
         await give(self.user, self.errors, name, looks.report, [named.path], form, [], self.certificate.given())
 
@@ -154,8 +155,9 @@ class OutcomeStep:
 class History:
     """What the history at ``store``, a URL, holds of a result's sensor, and a button that adds the result to it."""
 
-    def __init__(self, user: User, named: Named, store: str) -> None:
+    def __init__(self, user: User, named: Named, store: str, certificate: CertificateForm) -> None:
         self.user, self.named, self.store = user, named, store
+        self.certificate = certificate  # states date, number and approver
 
     async def build(self) -> None:
         """Build it, and show what is there."""
@@ -191,9 +193,8 @@ class History:
         self.errors.clear()
         if function is not looks.history and not self.user.may("identify"):
             return
-        shown = await frame.looked(
-            self.user, self.errors, function, self.named.path, self.store, *more, file_bytes=_ANY_SIZE
-        )
+        asked = (self.named.path, self.store, self.certificate.given(), *more)
+        shown = await frame.looked(self.user, self.errors, function, *asked, file_bytes=_ANY_SIZE)
         if shown is None or self.body.is_deleted:
             return
         self.words.text = shown["words"]

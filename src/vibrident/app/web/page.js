@@ -16,7 +16,10 @@ window.vibrident = {
     const { Plotly } = await import('nicegui-plotly');
     // One after another: plotly stumbles over a second drawing of a chart before the first is done.
     this.drawing = (this.drawing ?? Promise.resolve()).then(
-      () => place?.isConnected && Plotly.react(place, data, layout, { responsive: false, displaylogo: false }),
+      () => place?.isConnected && Plotly.react(place, data, layout, {
+        responsive: false, displaylogo: false,
+        displayModeBar: place.clientWidth < 520 ? false : 'hover',  // it would lie on the legend
+      }),
     ).catch(error => place?.isConnected && console.warn(error));
   },
   async fit() {

@@ -9,9 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from vibrident.app.web.form.description import Description
+from vibrident.base.amounts import pretty
 from vibrident.base.errors import InputError
 from vibrident.data.io.columns import ColumnFile, require_room
 from vibrident.data.io.reader import open_columns
+from vibrident.data.io.units import split_brackets
 from vibrident.data.records import FloatArray
 from vibrident.show import axes
 from vibrident.show.data_figures import lissajous
@@ -65,9 +67,16 @@ def _over(source: ColumnFile, wanted: Sequence[int | str], across: int | str | N
     panels = []
     for colour, column in zip((BLUE, VERMILION, GREEN), wanted, strict=False):
         look = Look(colour, width=1.0, marker=mark)  # type: ignore[arg-type]
-        line = Series(places, values[column][:size], shortened(str(column), 50), look)
+        line = Series(places, values[column][:size], _named(source, column), look)
         panels.append(Panel(below, axes.linear("", values[column]), (line,), 1.0))
     return Stack(tuple(panels))
+
+
+def _named(source: ColumnFile, column: int | str) -> str:
+    """Return the name of a column with the unit that the file states, if it stands not in the name."""
+    unit = source.stated_unit(source.position_of(column, "columns and units"))
+    known = "" if split_brackets(str(column))[1] else pretty(unit)
+    return " / ".join(filter(None, (shortened(str(column), 50), known)))
 
 
 def _beginnings(source: ColumnFile, columns: Sequence[int | str]) -> list[FloatArray]:

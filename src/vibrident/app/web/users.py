@@ -74,7 +74,7 @@ class User:
                     found="a server that was started again",
                     remedy="repeat it; the data and the form are here",
                 )
-                user.job = Job("", over=True, error=stopped)
+                user.job = Job("", over=True, error=stopped, choices=user.running)
         except (KeyError, TypeError, ValueError, AttributeError, OSError):
             return None
         return user
@@ -142,7 +142,7 @@ class User:
     def start(self, choices: Choices) -> None:
         """Begin to identify with a copy of the data, if the account may; the outcome is in ``job`` and ``results``."""
         self.require("identify", "identify")
-        self.job, self.running = Job(), choices
+        self.job, self.running = Job(choices=choices), choices
         self.changed()
         self._task = asyncio.get_running_loop().create_task(self._identify(self.job, choices))
 

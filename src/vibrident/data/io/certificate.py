@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import itertools
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -18,6 +19,11 @@ from vibrident.data.io.sections import FileSection, NotNegative, Number, Positiv
 from vibrident.data.io.toml_text import read_toml, toml_document
 
 Language = Literal["en", "de", "fr", "zh"]
+#: Whether a part of a certificate is printed; it is where nothing is said.
+Printed = Literal["print", "leave out"]
+_PRINTED = ("print", "leave out")
+#: Keys of the dates of a certificate, in the order in which they can be.
+DATES = ("date_of_receipt", "date_of_calibration", "date_of_issue")
 _LANGUAGES = ("English", "German", "French", "Chinese")
 
 
@@ -150,6 +156,8 @@ class CertificateSection(FileSection):
         description="[[certificate.requirements]], each with a quantity and low or high or both",
     )
     decision_rule: Literal["simple", "guarded"] | None = None
+    budget: Printed | None = key("Uncertainty budget", words=_PRINTED)
+    data_files: Printed | None = key("Data files with SHA-256", words=_PRINTED)
     replaces: _Text | None = None
     changes: _Lines | None = None
     language: Language | None = key(words=_LANGUAGES)
@@ -233,6 +241,58 @@ def certificate_section(values: Mapping[str, Any], where: str) -> Mapping[str, A
     return validated(
         _Form, {"certificate": dict(values)}, where, "certificate"
     ).certificate.stated()
+
+
+def check_dates(certificate: Mapping[str, Any], where: str) -> None:
+    """Refuse dates of a certificate that cannot be true together.
+
+    A sensor is received, calibrated, and then its certificate is issued; each instrument with a
+    ``calibrated_until`` is valid on the day of the calibration (ISO/IEC 17025:2017, 6.4).
+
+    Raises:
+        InputError: a date cannot be read, comes before an earlier step, or an instrument was
+            overdue.
+    """
+    stated = [(key, _day(certificate[key], key, where)) for key in DATES if certificate.get(key)]
+    for (former, before), (latter, after) in itertools.pairwise(stated):
+        if before > after:
+            raise InputError(
+                "The dates of the certificate contradict each other.",
+                expected=" ≤ ".join(DATES),
+                found=f"{former} {before}, {latter} {after}",
+                where=f"{where}, [certificate]",
+                remedy="correct the wrong one",
+            )
+    calibrated = dict(stated).get("date_of_calibration")
+    for instrument in certificate.get("instruments") or ():
+        until = instrument.get("calibrated_until") if isinstance(instrument, Mapping) else None
+        if calibrated is None or not until:
+            continue
+        if _day(until, "calibrated_until", where) < calibrated:
+            raise InputError(
+                "An instrument was not valid on the day of the calibration.",
+                expected=f"calibrated_until {calibrated} or later",
+                found=f"{instrument.get('name')}, calibrated_until {until}",
+                where=f"{where}, [[certificate.instruments]]",
+                remedy="state its newer calibration, or calibrate with a valid instrument",
+            )
+
+
+def _day(value: object, key: str, where: str) -> datetime.date:
+    """Return a date that is written as XML schema does; Python reads other forms too."""
+    try:
+        day = datetime.date.fromisoformat(str(value))
+        if day.isoformat() == str(value):
+            return day
+    except ValueError:
+        pass
+    raise InputError(
+        "A date of the certificate cannot be read.",
+        expected="year, month and day, such as 2025-03-31",
+        found=repr(value),
+        where=f"{where}, certificate {key}",
+        remedy="correct it in the calibration file and identify again, or in the certificate file",
+    )
 
 
 def _existing(path: Path, key: str, where: str) -> Path:

@@ -8,7 +8,6 @@ schema of XML signatures is xmlschema's.
 
 from __future__ import annotations
 
-import datetime
 import functools
 import io
 import math
@@ -21,6 +20,7 @@ from urllib.parse import urlsplit
 
 from vibrident.base.errors import InputError
 from vibrident.base.version import __version__
+from vibrident.data.io.certificate import check_dates
 from vibrident.export.dcc_results import measurement
 from vibrident.export.dcc_tree import DCC as NAMESPACE
 from vibrident.export.dcc_tree import LANGUAGE, SI, Tree, cleaned, numeral
@@ -39,7 +39,6 @@ VERSION = "3.2.1"
 _LOCATION = f"https://ptb.de/dcc https://ptb.de/dcc/v{VERSION}/dcc.xsd"
 _SIGNER = "approved by"  # roles of the persons; an operator is responsible, but signs only if stated
 _NEEDED = ("number", "laboratory", "customer", "date_of_calibration")  # required keys of [certificate]
-_DATES = ("date_of_receipt", "date_of_calibration", "date_of_issue")
 #: DCC's terms for the place of calibration; any other place is "other" with a statement.
 _PLACES = {word.lower(): word for word in ("laboratory", "customer", "laboratoryBranch", "customerBranch", "other")}
 
@@ -87,15 +86,7 @@ def _check(result: Result, options: Options) -> None:
             remedy="write it into a file and give that with ⟦export.certificate⟧, or into the calibration "
             "file and identify again",
         )
-    for key in _DATES:
-        if stated.get(key) and not _is_date(str(stated[key])):
-            raise InputError(
-                "A date of the certificate cannot be read.",
-                expected="year, month and day, such as 2025-03-31",
-                found=repr(stated[key]),
-                where=f"result.json, certificate {key}",
-                remedy="correct it in the calibration file and identify again",
-            )
+    check_dates(stated, "result.json")
     country = _country(result, options)
     if not re.fullmatch("[A-Z]{2}", country or ""):
         raise InputError(
@@ -113,14 +104,6 @@ def _country(result: Result, options: Options) -> str | None:
 
 def _blank(value: object) -> bool:
     return value is None or not str(value).strip()
-
-
-def _is_date(text: str) -> bool:
-    """In XSD's form; Python reads other forms too."""
-    try:
-        return datetime.date.fromisoformat(text).isoformat() == text
-    except ValueError:
-        return False
 
 
 def _administration(tree: Tree, result: Result, options: Options, unstated_sources: Iterable[Sentence]) -> Any:
@@ -243,7 +226,8 @@ def _conformity(tree: Tree, result: Result) -> Iterable[tuple[str, *tuple[Any, .
     rule = Say(LANGUAGE)("text", result.certificate.get("decision_rule") or "simple")
     for row in judged(result, None if point is None else point.frequency_hz, place):
         numbers = {"low": row.low, "high": row.high, "value": row.value, "standard uncertainty": row.u}
-        numbers |= {"frequency in Hz": row.frequency_hz, "probability of conformance": row.probability}
+        chance = None if row.probability is None else round(row.probability, 2)
+        numbers |= {"frequency in Hz": row.frequency_hz, "probability of conformance": chance}
         said = [f"{row.quantity}, unit {row.unit}"]
         said += [f"{name} {numeral(n)}" for name, n in numbers.items() if n is not None and math.isfinite(n)]
         said += [f"stated in {row.source}"] if row.source else []

@@ -108,6 +108,8 @@ def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
         shares.append(_powers(evidence, record, bins, model.delay_s(values)))
     decays = decay_deviations(evidence.records, model, values)
     adequacy = assess(points, len(estimate.z), decays)
+    if _is_the_measurement(evidence, adequacy.degrees_of_freedom, adequacy.frequency_hz):
+        adequacy = replace(adequacy, adequate=True)
     birge = _birge(estimate, points, adequacy, decays)
     text, share = _misfit(adequacy, points, response, decays), shares_of(shares)
     if share.lacking:
@@ -213,6 +215,11 @@ def _misfit(adequacy: Adequacy, points: list[Points], response: Any, decays: Seq
     )
 
 
+def _is_the_measurement(evidence: Evidence, degrees: int, frequency_hz: FloatArray) -> bool:
+    """Return whether the model says what was measured at one frequency and claims nothing else."""
+    return evidence.model.is_gain_alone and degrees == 0 and np.ptp(frequency_hz) == 0.0
+
+
 def _nothing_left(equations: int, parameters: int, what: str) -> str:
     """A model with no fewer parameters than there are equations meets any data."""
     return (
@@ -272,13 +279,15 @@ def judge_table(evidence: Evidence, estimate: Estimate) -> Judgement:
     squares, degrees = float(np.sum(residual**2)), len(residual) - len(estimate.z)
     chi2 = squares / degrees if degrees > 0 else None
     chance, scatter = probability(squares, degrees), None
-    adequate = degrees > 0 and chance >= REJECTION
+    measured = _is_the_measurement(evidence, degrees, table.frequency_hz)
+    adequate = measured or (degrees > 0 and chance >= REJECTION)
     if table.magnitude_uncertainty is None:
         scatter = 1e8 if chi2 is None else float(np.sqrt(chi2))  # where nothing tells it: the points say nothing
         order = np.argsort(table.frequency_hz, kind="stable")
         n = table.points
         parts = [residual[:n][order]] + ([residual[n:][order]] if problem.has_phase else [])
-        chi2, chance, adequate = None, 1.0, degrees > 0 and all(looks_random(part) for part in parts)
+        chi2, chance = None, 1.0
+        adequate = measured or (degrees > 0 and all(looks_random(part) for part in parts))
         text = "The deviations from the model follow a pattern along frequency: the model does not explain the table."
     else:
         text = (

@@ -9,7 +9,7 @@ from typing import get_args
 import numpy as np
 
 from vibrident.base.errors import VibridentError
-from vibrident.base.nominal import nominal_value
+from vibrident.base.nominal import SAME, nominal_value
 from vibrident.base.tails import f_tail
 from vibrident.data.records import FloatArray, Quantity, ResponseTable
 from vibrident.data.records.basis import distinct
@@ -20,7 +20,7 @@ from vibrident.fit.start.search import TargetFRF
 from vibrident.fit.start.start import Start, find_start, sought_response
 from vibrident.fit.uncertainty.alternatives import Solution, other_solutions
 from vibrident.fit.uncertainty.parameters import deviations, parameter_units
-from vibrident.physics.models import SensorModel
+from vibrident.physics.models import ADD_ONS, CORES, SensorModel, parse
 from vibrident.physics.naming import in_words
 from vibrident.result import ResultWarning
 
@@ -39,7 +39,8 @@ def second_thoughts(fitted: Fitted, covariance: FloatArray) -> list[ResultWarnin
 
     ``covariance``: of the coordinates, by the data alone, shape (p, p).
     """
-    warnings = [*_reference_noise(fitted.estimate), *_others(fitted, covariance)]
+    warnings = [*_reference_noise(fitted.estimate), *_one_frequency(fitted)]
+    warnings += _others(fitted, covariance)
     if _in_angular_frequencies(fitted.evidence.calibration.table):
         return [*warnings, ResultWarning("units_suspect", ANGULAR)]
     # Without stated uncertainties a table that is misread is one that scatters.
@@ -47,6 +48,22 @@ def second_thoughts(fitted: Fitted, covariance: FloatArray) -> list[ResultWarnin
     if doubted and fitted.judgement.adequacy.degrees_of_freedom > 0:
         warnings += _misread(fitted.evidence, fitted.estimate, fitted.judgement.remedied)
     return warnings
+
+
+def _one_frequency(fitted: Fitted) -> list[ResultWarning]:
+    """Propose the gain alone for the data of a single frequency."""
+    model, points = fitted.evidence.model, fitted.judgement.adequacy
+    at = points.frequency_hz
+    if model.is_gain_alone or not at.size or np.max(at) > np.min(at) * (1.0 + SAME):
+        return []
+    alone = next(name for name in CORES if parse(name).is_gain_alone)
+    delay = next(name for name, addon in ADD_ONS.items() if addon.is_delay)
+    text = (
+        f"All data are at {at[0]:.6g} Hz, so they tell the sensitivity there and nothing else: "
+        f"the measured value. The model {alone}+{delay} states it, or {alone} where no phase is "
+        "measured."
+    )
+    return [ResultWarning("weakly_determined", text)]
 
 
 def _others(fitted: Fitted, covariance: FloatArray) -> list[ResultWarning]:

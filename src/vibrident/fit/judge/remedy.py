@@ -121,7 +121,9 @@ def _others(evidence: Evidence) -> Iterator[list[list[SensorModel]]]:
         possible = [addon for addon in possible if addon.factor is None]
     more = [addon.name for addon in possible if addon.name not in own]
     delays = [addon.name for addon in possible if addon.is_delay and addon.name in more]
-    one = [[core, *own[1:]] for core in CORES if core != own[0]] + [[*own, name] for name in more]
+    # a gain alone is a limit of the other cores
+    cores = [name for name, core in CORES.items() if name != own[0] and len(core.parameters) > 1]
+    one = [[core, *own[1:]] for core in cores] + [[*own, name] for name in more]
     two = [[*own, name, delay] for delay in delays for name in more if not ADD_ONS[name].is_delay]
     for names in (one, two):
         models = (installed("+".join(parts)) for parts in names)

@@ -65,7 +65,7 @@ def _cores(sought: TargetFRF, chart: LogCoordinates, band_hz: tuple[float, float
     # Natural frequencies that differ by a fifth, and others by a factor of e, are apart.
     apart = [0.2 if spec.grid == "band" else 1.0 for spec in specs]
     own = [chart.coordinate(spec, axis) / far for spec, axis, far in zip(specs, axes, apart, strict=True)]
-    places = np.stack(np.meshgrid(*own, indexing="ij")).reshape(len(own), -1)
+    places = np.reshape(np.meshgrid(*own, indexing="ij"), (len(own), score.size))
     likeliest, chosen = np.argsort(score, axis=None), []
     while likeliest.size and len(chosen) < CORES:
         first = int(likeliest[0])

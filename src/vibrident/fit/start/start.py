@@ -88,7 +88,8 @@ def find_start(problem: FrequencyProblem, model: SensorModel, most: float = np.i
     rows = _finite(front, LAST, SAME)
     if chart.model.shares:
         rows = _likeliest_first(rows, front, chart, final)
-    first, *others = _shortest_delay_first(rows, front, chart.model)
+    alone = np.ptp(final.frequency_hz) == 0.0
+    first, *others = _shortest_delay_first(rows, front, chart.model, 0.0 if alone else np.pi)
 
     def named(u: FloatArray, row: int) -> dict[str, float]:
         return dict.fromkeys(model.parameter_names, 0.0) | chart.named(u[None], front.sign[row : row + 1], 0)
@@ -114,14 +115,18 @@ def _finite(front: Population, count: int, apart: float = 0.0) -> np.ndarray:
     return rows
 
 
-def _shortest_delay_first(rows: np.ndarray, front: Population, model: SensorModel) -> list[int]:
-    """The rows in order of cost; of those that fit as well as the best, one of the shortest delay."""
+def _shortest_delay_first(rows: np.ndarray, front: Population, model: SensorModel, longer: float) -> list[int]:
+    """Return the rows in order of cost; of those that fit as well as the best, one of a short delay.
+
+    ``longer``: than the shortest, in rad at the highest frequency. At one frequency half a period more
+    with the other sign fits exactly as well, so that only the shortest will do.
+    """
     if not model.has_delay:
         return rows.tolist()
     index = [spec.kind for spec in model.parameters].index("time")
     alike = [row for row in rows.tolist() if front.cost[row] <= front.cost[rows[0]] + ALIKE]
     delays = np.abs(front.u[alike, index])  # rad at the highest frequency
-    first = alike[int(np.argmax(delays <= np.min(delays) + np.pi))]
+    first = alike[int(np.argmax(delays <= np.min(delays) + longer))]
     return [first, *(row for row in rows.tolist() if row != first)]
 
 

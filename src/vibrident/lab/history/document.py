@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from vibrident.base.errors import InputError
+from vibrident.data.records import FloatArray
 from vibrident.lab.history import control, query, schema
 from vibrident.lab.history.drift import Mixture
 from vibrident.lab.history.due import RISK, Tolerance, due, interval_in_force, later
@@ -120,8 +121,19 @@ def all_due(
         found = life(entries, events.get(key, []))
         told = _due(found, _of(sensors[key], question)) or _without_risk(found, question)
         last = found.entries[-1].date if found.entries else None
-        rows.append(plain(sensors[key].as_dict() | {"last": last, "calibrations": len(found.entries)} | told))
-    return sorted(rows, key=lambda row: (row["date"] or row["by_interval"] or "9", row["serial_number"]))
+        recalled = found.recalled if found.entries else ""
+        facts = {"last": last, "calibrations": len(found.entries), "recalled": recalled}
+        rows.append(plain(sensors[key].as_dict() | facts | told))
+    return sorted(rows, key=lambda row: (_first_due(row), row["serial_number"]))
+
+
+def _first_due(row: dict[str, Any]) -> str:
+    """Return the earlier of the dates by the risk and by the interval in force; a late one for none.
+
+    A sensor that was recalled is not due.
+    """
+    dates = [row["date"], None if row["recalled"] else row["by_interval"]]
+    return min((date for date in dates if date), default="9999-12-32")
 
 
 def _without_risk(found: Life, question: Question) -> dict[str, Any]:
@@ -228,26 +240,46 @@ def _mixture(mixture: Mixture) -> dict[str, Any]:
 
 
 def _control(found: Life) -> dict[str, Any] | None:
-    """Both charts over all series; each series restarts them."""
-    residuals, restart, places = [], [], []
-    for number in np.unique(found.group):
-        places_of = np.flatnonzero(found.group == number)
-        if places_of.size > 1:
-            part = np.ix_(places_of, places_of)
-            residuals += control.recursive_residuals(found.value[places_of], found.covariance[part]).tolist()
-            restart += [True] + [False] * (places_of.size - 2)
-            places += places_of[1:].tolist()
+    """Return both charts over all series; each series restarts them.
+
+    ``if_new``: dates of alarms where a source that no instrument identifies is new each time; None
+    where there is none.
+    """
+    residuals, restart, places = _residuals(found, found.covariance)
     if not residuals:
         return None
     dates = [found.entries[i].date for i in places]
     charts = control.charts(np.array(residuals), np.array(restart))
+    others: Sequence[control.Chart | None] = [None] * len(charts)
+    if found.assumed:
+        anew, *_ = _residuals(found, found.identified_covariance)
+        others = control.charts(np.array(anew), np.array(restart))
     return {
         "false_alarm_probability": control.FALSE_ALARM,
         "false_alarm_over": control.LIFE,
         "dates": dates,
         "residuals": residuals,
-        "charts": [vars(chart) | {"alarm_dates": [dates[i] for i in chart.alarm]} for chart in charts],
+        "assumed": found.assumed,
+        "charts": [
+            vars(chart)
+            | {"alarm_dates": [dates[i] for i in chart.alarm]}
+            | {"if_new": None if other is None else [dates[i] for i in other.alarm]}
+            for chart, other in zip(charts, others, strict=True)
+        ],
     }
+
+
+def _residuals(found: Life, covariance: FloatArray) -> tuple[list[float], list[bool], list[int]]:
+    """Return recursive residuals, where a series restarts, and the places of the calibrations."""
+    residuals, restart, places = [], [], []
+    for number in np.unique(found.group):
+        places_of = np.flatnonzero(found.group == number)
+        if places_of.size > 1:
+            part = np.ix_(places_of, places_of)
+            residuals += control.recursive_residuals(found.value[places_of], covariance[part]).tolist()
+            restart += [True] + [False] * (places_of.size - 2)
+            places += places_of[1:].tolist()
+    return residuals, restart, places
 
 
 def _due(found: Life, question: Question) -> dict[str, Any] | None:

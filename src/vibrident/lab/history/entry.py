@@ -197,6 +197,7 @@ def _insert(store: Store, connection: sa.Connection, rows: ResultRows, date: dat
     same = _stored(connection, sensor_id, rows.calibration)
     if same is not None:
         return Added(False, same, None if date is None else _redate(connection, sensor_id, same, date))
+    _check_number(store, connection, rows)
     key = connection.execute(
         store.insert(schema.calibration)
         .values(rows.calibration | {"sensor_id": sensor_id})
@@ -226,9 +227,39 @@ def _stored(connection: sa.Connection, sensor_id: int, row: DatabaseRow) -> int 
         columns.chi2_reduced.is_not_distinct_from(row["chi2_reduced"]),
     )
     for number, packed in connection.execute(sa.select(columns.id, columns.document).where(alike)):
-        if identity(Result.from_dict(json.loads(zlib.decompress(packed)))) == row["sha256"]:
+        if identity(query.unpacked(packed)) == row["sha256"]:
             return number
     return None
+
+
+def _check_number(store: Store, connection: sa.Connection, rows: ResultRows) -> None:
+    """Refuse a certificate number that a laboratory gave to another measurement.
+
+    Evaluations of the same data state one number, and so do the axes of one sensor; one of them
+    is certified.
+    """
+    known, columns = rows.calibration, calibration.c
+    if not known["certificate_number"]:
+        return
+    asked = (
+        sa.select(columns.id, columns.data_files, *schema.sensor.c)
+        .join(schema.sensor, columns.sensor_id == schema.sensor.c.id)
+        .where(columns.certificate_number == known["certificate_number"])
+        .where(columns.laboratory == known["laboratory"])
+    )
+    files = set(json.loads(known["data_files"]))
+    for row in connection.execute(asked).mappings():
+        same_device = all(row[key] == rows.sensor[key] for key in _SENSOR_KEYS if key != "axis")
+        other_axis = same_device and row["axis"] != rows.sensor["axis"]
+        if other_axis or files & set(json.loads(row["data_files"])):
+            continue
+        raise InputError(
+            "Another calibration has this certificate number.",
+            expected="a number of its own for each certificate",
+            found=f"{known['certificate_number']}, as calibration {row[columns.id]} of sensor {row['serial_number']}",
+            where=store.shown,
+            remedy="correct [certificate] number in the calibration file and identify again",
+        )
 
 
 def _redate(connection: sa.Connection, sensor_id: int, number: int, date: datetime.date) -> datetime.date | None:
@@ -319,12 +350,14 @@ def add_event(
 def approve(store: Store, calibration_id: int, *, by: str | None = None, note: str = "") -> list[int]:
     """Approve a calibration; return the numbers of others of the same data, now superseded.
 
+    ``by``: who approves; None for whom the certificate states, else the account.
+
     Raises:
         InputError: there is no such calibration, it is a tracked result, or it was recalled.
     """
     with store.writing() as connection:
         columns = calibration.c
-        told = columns.sensor_id, columns.data_files, columns.estimator
+        told = columns.sensor_id, columns.data_files, columns.estimator, columns.document
         asked = sa.select(*told).where(columns.id == calibration_id)
         row = connection.execute(asked).one_or_none()
         if row is None:
@@ -346,6 +379,8 @@ def approve(store: Store, calibration_id: int, *, by: str | None = None, note: s
                 where=store.shown,
                 remedy="calibrate again, and add the new result",
             )
+        if by is None:
+            by = query.unpacked(row.document).certificate.get("approved_by")
         files = set(json.loads(row.data_files))
         others = connection.execute(
             sa.select(columns.id, columns.data_files).where(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import itertools
 import json
 import math
 from collections.abc import Mapping, Sequence
@@ -16,7 +17,13 @@ from numpy.typing import NDArray
 
 from vibrident.data.records import FloatArray
 from vibrident.lab.history.drift import Drift
-from vibrident.use.comparison import COVERAGE_FACTOR, normalized_error, shared_covariance
+from vibrident.use.comparison import (
+    COVERAGE_FACTOR,
+    assumed_sources,
+    normalized_error,
+    shared_covariance,
+    stated_sources,
+)
 
 DAYS_A_YEAR = 365.25
 STEP_AT_REPAIR = 0.05  # probability below which a step at a repair begins a new series
@@ -66,6 +73,9 @@ class Agreement:
 
     ordinary: float | None  # as if both were independent; None if there is no uncertainty
     correlated: float | None  # without the shared sources in the uncertainty of their difference
+    # the same, but for sources that no instrument identifies: these are taken as new each time
+    identified: float | None
+    assumed: tuple[str, ...]  # the words of those sources
     correlation: float  # of the two values
 
 
@@ -99,6 +109,19 @@ class Life:
     def covariance(self) -> FloatArray:
         """Of the errors of the calibrations, shape (n, n)."""
         return np.array([[covariance(a, b) for b in self.entries] for a in self.entries])
+
+    @cached_property
+    def identified_covariance(self) -> FloatArray:
+        """Of the errors where only sources that an instrument identifies are shared, shape (n, n)."""
+        few = [entry._replace(shared=stated_sources(entry.shared)) for entry in self.entries]
+        return np.array([[covariance(a, b) for b in few] for a in few])
+
+    @cached_property
+    def assumed(self) -> tuple[str, ...]:
+        """The words of the sources that neighbours in time share by assumption."""
+        pairs = itertools.pairwise(self.entries)
+        words = (assumed_sources(one.shared, other.shared) for one, other in pairs)
+        return tuple(dict.fromkeys(itertools.chain.from_iterable(words)))
 
     @cached_property
     def breaks(self) -> tuple[Break, ...]:
@@ -240,9 +263,15 @@ def agreement(one: Entry, other: Entry) -> Agreement:
     """E_n of two calibrations, with and without the shared part of their errors (U, k = 2)."""
     u_one, u_other = float(one.u or 0.0), float(other.u or 0.0)
     both = covariance(one, other)
+    identified = shared_covariance(stated_sources(one.shared), other.shared)
     arguments = (float(one.value or 0.0), COVERAGE_FACTOR * u_one, float(other.value or 0.0), COVERAGE_FACTOR * u_other)
-    correlation = both / (u_one * u_other) if u_one * u_other > 0 else 0.0
-    return Agreement(normalized_error(*arguments), normalized_error(*arguments, both), correlation)
+    return Agreement(
+        normalized_error(*arguments),
+        normalized_error(*arguments, both),
+        normalized_error(*arguments, identified),
+        assumed_sources(one.shared, other.shared),
+        both / (u_one * u_other) if u_one * u_other > 0 else 0.0,
+    )
 
 
 def years_between(first: datetime.date, last: datetime.date) -> float:

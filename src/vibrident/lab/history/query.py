@@ -244,7 +244,12 @@ def result(store: Store, calibration_id: int) -> Result:
         packed = connection.execute(asked).scalar_one_or_none()
     if packed is None:
         raise no_calibration(store, calibration_id)
-    return Result.from_dict(json.loads(zlib.decompress(packed)))
+    return unpacked(packed)
+
+
+def unpacked(document: bytes) -> Result:
+    """Return the result that a row of the store holds."""
+    return Result.from_dict(json.loads(zlib.decompress(document)))
 
 
 def no_calibration(store: Store, calibration_id: int) -> InputError:

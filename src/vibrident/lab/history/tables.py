@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from vibrident.base.amounts import Scale, scaled
 from vibrident.physics.naming import in_words
+from vibrident.show.comparison import assumption, both_ways
 from vibrident.show.formulas import Words
 from vibrident.show.numbers import NONE, frequency_text, pair, plain, signed
 from vibrident.show.views import Column, Facts, Sentence, Table, columns
@@ -44,7 +46,7 @@ def calibrations(document: Document) -> Table:
                 row["date"] + ("" if row["date_stated"] else " (evaluated)"),
                 *pair(*sizes),
                 "" if row["series"] is None else str(row["series"]),
-                signed(en["correlated"], 2) if en else "",
+                both_ways(en["correlated"], en["identified"]) if en else "",
                 signed(en["ordinary"], 2) if en else "",
                 row["left_out"] if row["left_out"] not in ("", row["standing"]) else "",
                 row["standing"],
@@ -58,14 +60,16 @@ def calibrations(document: Document) -> Table:
         *columns("U", "series", Words("E_n"), Words("ordinary E_n"), kind="number"),
         *columns("left out", "standing", "warnings"),
     )
-    notes = (
+    notes = [
         Words(
             "U has k = 2. E_n is to the calibration before, with U of the difference: what both share (the same "
             "reference, the same stated source) is no part of it. Ordinary E_n takes them as independent, and is too "
             "small where they are not. |E_n| > 1 is a change that the uncertainties do not explain."
         ),
-    )
-    return Table(heads, tuple(rows), notes=notes).telling()
+    ]
+    agreements = [row["en"] for row in document["calibrations"] if row["en"]]
+    notes += [assumption(list(itertools.chain.from_iterable(en["assumed"] for en in agreements)))]
+    return Table(heads, tuple(rows), notes=tuple(filter(None, notes))).telling()
 
 
 def chart(document: Document, width: int = 54) -> Facts | None:
@@ -131,9 +135,16 @@ def control(document: Document) -> Facts | None:
     rows = []
     for chart in found["charts"]:
         length = f"mean {chart['average_run_length']:.0f} to a false alarm"
-        said = f"alarm on {', '.join(chart['alarm_dates'])}" if chart["alarm"] else "no alarm"
+        said = _alarms(chart["alarm_dates"])
         rows.append((chart["name"], f"{said} (false alarms: {over}; {length})"))
+        if chart["if_new"] not in (None, chart["alarm_dates"]):
+            sources = ", ".join(found["assumed"])
+            rows.append((f"{chart['name']}, if not the same: {sources}", _alarms(chart["if_new"])))
     return Facts(tuple(rows), "Control charts")
+
+
+def _alarms(dates: Sequence[str]) -> str:
+    return f"alarm on {', '.join(dates)}" if dates else "no alarm"
 
 
 def due(document: Document) -> Facts | None:

@@ -243,6 +243,11 @@ class SensorModel:
         return "velocity" if self.core.output == "velocity" else "acceleration"
 
     @property
+    def is_gain_alone(self) -> bool:
+        """True where the core is a gain alone: at one frequency it is what was measured there."""
+        return len(self.core.parameters) == 1
+
+    @property
     def has_gain(self) -> bool:
         """False for what free motion alone tells of a model."""
         return any(spec.kind == "gain" for spec in self.parameters)

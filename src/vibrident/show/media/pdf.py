@@ -5,8 +5,9 @@ from __future__ import annotations
 import base64
 import datetime
 import json
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -47,6 +48,7 @@ def render(document: Document, template: Path | None = None, fonts: Iterable[Pat
         "sections": [{"title": part.title, "blocks": [_block(b) for b in part.blocks]} for part in document.sections],
         "letterhead": None if issued is None else {**asdict(issued), "logo": bool(logo)},
         "day": None if day is None else (day.year, day.month, day.day),
+        "author": "vibrident" if issued is None or not issued.lines else issued.lines[0],
         "foot": f"Made with vibrident {__version__}." if issued is None else issued.foot,
     }
     keys = ("text", "base", "small", "kind")
@@ -66,16 +68,18 @@ def render(document: Document, template: Path | None = None, fonts: Iterable[Pat
         )
     # No clock, and no fonts of this machine where typst's own has all the letters.
     noon = datetime.datetime.combine(day or datetime.date(2000, 1, 1), datetime.time(12), datetime.UTC)
+    compiled = partial(
+        typst.compile,
+        {"main": (template or _TEMPLATE).read_bytes(), "logo": logo},
+        root=str(_TEMPLATE.parent),  # typst reads nothing outside it
+        format="pdf",
+        font_paths=places,
+        sys_inputs={"document": json.dumps(data, ensure_ascii=False, default=str)},
+        ignore_system_fonts=not foreign,
+        timestamp=int(noon.timestamp()),
+    )
     try:
-        return typst.compile(
-            {"main": (template or _TEMPLATE).read_bytes(), "logo": logo},
-            root=str(_TEMPLATE.parent),  # typst reads nothing outside it
-            format="pdf",
-            font_paths=places,
-            sys_inputs={"document": json.dumps(data, ensure_ascii=False, default=str)},
-            ignore_system_fonts=not foreign,
-            timestamp=int(noon.timestamp()),
-        )
+        return _archivable(compiled) if day is not None else compiled()
     except RuntimeError as error:
         if template is None and not logo:
             raise
@@ -86,6 +90,16 @@ def render(document: Document, template: Path | None = None, fonts: Iterable[Pat
             where="[certificate] template, logo" if template is None else str(template),
             remedy="correct it, or leave it out",
         ) from error
+
+
+def _archivable(compiled: Callable[..., bytes]) -> bytes:
+    """Return a PDF/A-2b; a plain PDF where a letter has no font, which that standard forbids."""
+    try:
+        return compiled(pdf_standards=["a-2b"])
+    except RuntimeError as error:
+        if "PDF/A" not in str(error):
+            raise
+        return compiled()
 
 
 def _block(block: Block) -> dict[str, Any]:

@@ -12,7 +12,16 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from vibrident.app.cli.console import note, say, show, wrote
-from vibrident.app.cli.options import RESULT_FILES, argument, between, choice, not_read, one_of, option
+from vibrident.app.cli.options import (
+    CERTIFICATE_FILES,
+    RESULT_FILES,
+    argument,
+    between,
+    choice,
+    not_read,
+    one_of,
+    option,
+)
 from vibrident.app.workflow.folder import load_result, write_json, written_whole
 from vibrident.base.errors import InputError
 
@@ -21,6 +30,7 @@ if TYPE_CHECKING:
     from vibrident.lab.history.due import Tolerance
     from vibrident.lab.history.query import StoredSensor
     from vibrident.lab.history.store import Store
+    from vibrident.result import Result
     from vibrident.show.views import Block
 
 history = typer.Typer(no_args_is_help=True, help="Keep every calibration of every sensor; drift, agreement, due dates.")
@@ -40,6 +50,7 @@ _MAKER = option("--manufacturer", "NAME", "Of sensors with one serial number.")
 _AXIS = option("--axis", "AXIS", "Of sensors with several.")
 _FORM = choice("--format", ("text", "json"), "Tables, or one JSON document.", "text")
 _BY = option("--by", "NAME", "Author of the entry.", default="the account")
+_APPROVER = option("--by", "NAME", "Who approves.", default="approved_by of the certificate, else the account")
 _NOTE = option("--note", "TEXT", "Why.", "")
 _QUANTITY = option(
     "--quantity",
@@ -60,20 +71,25 @@ def add(
     store: str | None = _STORE,
     serial: str | None = option("--serial", "SERIAL", "For results without one."),
     date: str | None = option("--date", "DATE", "Of the calibration; corrects that of a stored one."),
+    certificate: list[Path] | None = CERTIFICATE_FILES,
 ) -> None:
     """Add results. An existing result stays unchanged; another --date corrects its date by an event."""
     day = _date(date, "--date")
     from vibrident.lab.history.entry import add_all, rows_of
+    from vibrident.show.issue import issued
     from vibrident.show.views import count
 
+    def read(path: Path) -> Result:
+        return issued(load_result(path), certificate or [])[0]
+
     for path in results:  # check all before adding any
-        loaded = load_result(path)
+        loaded = read(path)
         try:
             rows_of(loaded, serial, day)
         except InputError as error:
             raise error.within(str(path)) from error
     with _opened(store) as opened:
-        added = list(add_all(opened, map(load_result, results), serial_number=serial, date=day))
+        added = list(add_all(opened, map(read, results), serial_number=serial, date=day))
         for path, one in zip(results, added, strict=True):
             stored = "" if one.new else ", already stored"
             if one.former_date is not None:
@@ -171,7 +187,7 @@ def due(
 
 @history.command("approve")
 def approve(
-    number: int = _CALIBRATION, store: str | None = _STORE, by: str | None = _BY, note_text: str = _NOTE
+    number: int = _CALIBRATION, store: str | None = _STORE, by: str | None = _APPROVER, note_text: str = _NOTE
 ) -> None:
     """Approve a calibration. Other evaluations of the same data are superseded."""
     from vibrident.lab.history import entry

@@ -37,7 +37,7 @@ def report(
     """Write a report; of several results also a comparison, with the drift of a sensor. It needs results alone."""
     ending = "" if target is None else target.suffix.lower().removeprefix(".")
     chosen = form or (ending if ending in options.FORMATS else "md")
-    from vibrident.show.issue import issued
+    from vibrident.show.issue import check_numbers, issued
 
     given = [issued(load_result(path), certificate or []) for path in results]
     everything, alone = [result for result, _ in given], len(given) == 1
@@ -56,6 +56,8 @@ def report(
             )
         jobs[target.parent] = [(everything, target.name, more[0] if alone else ())]
     else:
+        if chosen == "pdf":
+            check_numbers(everything, [str(path) for path in results])
         for path, result, name, sections in zip(results, everything, names, more, strict=True):
             place = "" if target is None or alone else name
             jobs.setdefault(target or path.parent, []).append(([result], place, sections))

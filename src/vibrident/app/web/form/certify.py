@@ -24,10 +24,12 @@ from vibrident.data.io.certificate import (
     CertificateSection,
     certificate_section,
     certificate_text,
+    check_dates,
 )
 from vibrident.data.io.keys import keys_of
 from vibrident.show.issue import FormField, form, lacking
 from vibrident.show.language import ENGLISH
+from vibrident.show.report import name_of_sensor
 
 _MOST_OWN = 200_000  # most bytes of a logo or a template
 _MOST_TEXT = 100_000  # most characters of all entries
@@ -75,6 +77,11 @@ class CertificateForm:
         own = self.named.stated or CertificateData()
         before = own.before if own.before and own.before.exists() else None
         return replace(own, before=before, **{kind: self.user.session.own(kind) for kind in _OWN})
+
+    def name_of_file(self, name: str) -> str:
+        """Return the name under which the browser saves a document, with sensor and date."""
+        certificate, sensor = self._stated()
+        return name_of_sensor(name, sensor, certificate)
 
     def _stated(self) -> tuple[dict[str, Any], dict[str, Any]]:
         own = self.named.stated or CertificateData()
@@ -214,6 +221,7 @@ class CertificateForm:
         }
         paths = (one.path for one in self.user.results)
         chosen = next((path for path in paths if str(path) == self.before.value), None)
+        check_dates(section, "what the certificate states")
         certificate = {**dict.fromkeys(self.known["certificate"]), **section}
         return CertificateData(certificate, sensor, before=chosen)
 

@@ -4,7 +4,6 @@
   const touch = window.matchMedia("(pointer: coarse)").matches;
   const config = {
     responsive: true,
-    displayModeBar: touch ? false : "hover",
     displaylogo: false,
     modeBarButtonsToRemove: ["select2d", "lasso2d"],
     toImageButtonOptions: { format: "svg" },
@@ -23,7 +22,9 @@
     }
     return layout;
   };
-  const draw = (place, figure) => Plotly.react(place, figure.data, fitted(figure, place), config);
+  // On a narrow screen the toolbar would lie on the legend.
+  const bar = place => ({ ...config, displayModeBar: touch || place.clientWidth < 520 ? false : "hover" });
+  const draw = (place, figure) => Plotly.react(place, figure.data, fitted(figure, place), bar(place));
 
   for (const place of document.querySelectorAll(".plot")) {
     const figure = figures[place.dataset.figure];
