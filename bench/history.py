@@ -84,7 +84,7 @@ def simulated(kind: Kind, rng: np.random.Generator) -> Simulated:
     for i in range(count):
         second = i >= anew
         read = values[i] * (1 + errors[int(second)]) + NOISE * rng.normal()
-        shared = {f"reference {1 + second}": REFERENCE * read}
+        shared = {f"gain|reference {1 + second}|{REFERENCE:.2g}|": REFERENCE * read}
         entries.append(
             Entry(i, dates[i], read, float(np.hypot(NOISE, REFERENCE * read)), "V", None, shared, f'["{i}"]')
         )

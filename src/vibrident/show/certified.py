@@ -68,7 +68,9 @@ def _of_the_model(result: Result) -> Result:
     )
     if found == result:
         return result
-    return replace(found, settings={**found.settings, RAISED: True})
+    rows = found.settings.get("uncertainty_budget") or ()
+    named = [{**row, "kind": "data"} if row.get("source") == SOURCE else row for row in rows]
+    return replace(found, settings={**found.settings, "uncertainty_budget": named, RAISED: True})
 
 
 def _measured_u(result: Result, quantity: str, frequency_hz: FloatArray) -> FloatArray:

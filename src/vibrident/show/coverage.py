@@ -92,7 +92,7 @@ def not_certified(result: Result, say: Say = ENGLISH) -> tuple[Sentence, ...]:
         return chain_unstated(result, say)
     if "phase" not in (result.certificate.get("quantities") or ("phase",)):
         return ()
-    return (Sentence(say("text", "scatter_why"), "doubt", say("text", "phase_not_certified")),)
+    return (Sentence("", "doubt", say("text", "phase_not_certified")),)
 
 
 def chain_unstated(result: Result, say: Say = ENGLISH) -> tuple[Sentence, ...]:

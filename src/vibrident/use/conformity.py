@@ -169,7 +169,7 @@ def _deviations(
     for f, magnitude, u, gains in zip(*columns, strict=True):
         if not (_holds(entry, f) and np.isfinite(magnitude)):
             continue
-        ratio = magnitude / base
+        ratio = float(magnitude / base)
         if abs(ratio - 1.0) <= _DUST:
             ratio = 1.0
         if ratio == 1.0 and f == reference_hz:

@@ -36,7 +36,7 @@ def entries(values, u=0.001, shared=0.0, first=2010, step=1):
             value,
             float(np.hypot(u, shared)),
             "V",
-            shared={"reference": shared} if shared else {},
+            shared={"gain|reference|0.005|": shared} if shared else {},
             data_files=json.dumps([str(i)]),
         )
         for i, value in enumerate(values)

@@ -75,7 +75,9 @@ def file(folder, text=WHOLE, name="certificate.toml"):
 
 
 def pages(content):
-    return [" ".join(page.extract_text().split()) for page in pypdf.PdfReader(io.BytesIO(content)).pages]
+    """Return the text of each page; a font has one glyph for a hyphen and for that of a broken word."""
+    read = (page.extract_text() for page in pypdf.PdfReader(io.BytesIO(content)).pages)
+    return [" ".join(text.split()).replace("\N{SOFT HYPHEN}", "-") for text in read]
 
 
 def texts(code):

@@ -188,7 +188,7 @@ def _statements(
     )
     covered = result.settings.get("uncertainty_covers")
     said = [coverage(result).text(), f"Uncertainties cover: {covered}." if covered else "", interval_text(result)]
-    said += [f"{sentence.lead} {sentence.text}" for sentence in unstated_sources]
+    said += [f"{sentence.lead} {sentence.text}".strip() for sentence in unstated_sources]
     yield "uncertainty", ours(*(line for line in said if line))
     if remark := small_signals(result):
         yield "small signals", ours(remark)
