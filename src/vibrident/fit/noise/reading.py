@@ -30,6 +30,7 @@ from vibrident.fit.noise.averages import (
 )
 from vibrident.fit.noise.common import SIGNIFICANT_DEVIATIONS, CommonNoise, common_noise
 from vibrident.fit.noise.likelihood import MIN_LEVEL, amounts_of, variances_of_last
+from vibrident.fit.noise.lines import OUTSTANDING_RATIO, lines_of_motion
 from vibrident.fit.noise.projection import BLOCK_BINS, RIDGE, without_common
 from vibrident.fit.noise.surroundings import MIN_FREEDOM, level_of_noise
 from vibrident.fit.noise.tones import tones_of
@@ -46,12 +47,8 @@ FAINT_RATIO = 2.0
 DOUBT_DEVIATIONS = 2.0
 #: Fewest bins for a level.
 MIN_LEVEL_BINS = 16
-#: A bin this many times above its surroundings is no chance: one of 10⁹ white ones is.
-OUTSTANDING_RATIO = 20.0
 #: Powers behind a level at least: of fewer, rounding is left.
 MIN_COUNT = 0.05
-#: Bins on either side that are the nearest.
-CLOSE_BINS = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,7 +215,7 @@ def _read(rows: _Rows, last: int, colour: FloatArray | float) -> GroupNoise:
     log_expected = log_power(expected)
     log_through = None if rows.through is None else log_power(rows.through)
     width = averaged_bins(expected.shape[1])
-    moved = _lines_of_motion(expected, log_expected, log_through, width)
+    moved = lines_of_motion(expected, log_expected, log_through, width)
     moved |= rows.lines
     read = _incoherent(rows, log_through)
     np.divide(read.power, rows.count, out=read.power)
@@ -243,25 +240,6 @@ def _read(rows: _Rows, last: int, colour: FloatArray | float) -> GroupNoise:
     smooth *= white + pink * _flicker(psd.shape[1])
     smooth *= colour
     return GroupNoise(psd, of_input.variance, smooth, of_input.doubts, colour, excited, tones, of_input.free)
-
-
-def _lines_of_motion(
-    expected: FloatArray, log_expected: FloatArray, log_through: FloatArray | None, width: int
-) -> BoolArray:
-    """Return where the motion has a line of its own: a remainder there is the model's, no hum.
-
-    Lines stand out of all around, or of the nearest, as a multisine's do; a resonance is no line.
-    """
-    stands = expected > OUTSTANDING_RATIO * mean_around(expected, width)
-    logarithm = log_expected if log_through is None else log_expected - log_through
-    close = logarithm - mean_around(logarithm, CLOSE_BINS)
-    lines = close > np.log(OUTSTANDING_RATIO) + np.euler_gamma
-    lines[:, 1:] &= logarithm[:, 1:] >= logarithm[:, :-1]
-    lines[:, :-1] &= logarithm[:, :-1] >= logarithm[:, 1:]
-    stands |= lines
-    stands[:, 1:] |= lines[:, :-1]
-    stands[:, :-1] |= lines[:, 1:]
-    return stands
 
 
 def _incoherent(rows: _Rows, log_through: FloatArray | None) -> _Read:
