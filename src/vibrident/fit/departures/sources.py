@@ -9,12 +9,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from itertools import chain
+from typing import NamedTuple
 
 import numpy as np
 from numpy import fft
 
 from vibrident.base.fft_lengths import fast_below
 from vibrident.data.records import BoolArray, FloatArray, Record
+from vibrident.fit.departures.curves import DEGREE, smooth_curves
 from vibrident.fit.departures.departure import Scale
 from vibrident.fit.departures.examination import Groups
 from vibrident.fit.departures.group import WhitenedGroup
@@ -24,7 +26,7 @@ from vibrident.fit.descent.weighed import MAX_LOST, freed
 from vibrident.fit.descent.weighting import is_steep
 from vibrident.fit.estimators import Estimate
 from vibrident.fit.information import inverse_normal
-from vibrident.fit.noise.spectrum import Motion, noise_spectrum
+from vibrident.fit.noise.spectrum import Motion, NoiseSpectrum, noise_spectrum
 from vibrident.fit.noise.tones import with_tones
 from vibrident.fit.problem import Evidence
 from vibrident.fit.response.response import ComplexArray
@@ -37,6 +39,7 @@ from vibrident.fit.response.transform import (
     reference_colour,
     waves,
 )
+from vibrident.fit.response.verdict import REJECTION, probability
 from vibrident.fit.uncertainty.adequacy import Points
 from vibrident.fit.uncertainty.budget import Place, effects_of, patterns
 from vibrident.fit.uncertainty.linearised import Linearised
@@ -295,17 +298,12 @@ def _at_bins(
     seen = Motion(bins, float(used.sum()), last, power_of(transfer) * colour, colour, _harmonics(n, turns, count))
     beside = nuisance if pull is None else np.concatenate([nuisance, columns])  # a misfit of the tone is no noise
     floor = (np.finfo(float).eps * float(np.max(np.abs(record.response[span])))) ** 2
-    tones: tuple[float, ...] = ()
-    weight = one_sided
-    hum = np.zeros((0, count), dtype=complex)
-    for _ in range(2):  # what hum and steep noise leak is no noise
-        left = freed(rest, np.concatenate([beside, hum]), weight)
-        spectrum = noise_spectrum(left, seen, floor)
-        if not (spectrum.tones or is_steep(spectrum)):
-            break
-        tones = with_tones(tones, spectrum.tones)
-        weight = one_sided / spectrum.psd
-        hum = np.asarray(fft.rfft(waves(tones, n) * used, axis=1))[:, :count]
+    read = _read(rest, beside, used, one_sided, seen, floor)
+    curves = np.asarray(fft.rfft(smooth_curves(n) * used, axis=1))[:, :count]
+    beside_drift = _read(rest, np.concatenate([beside, curves]), used, one_sided, seen, floor)
+    if probability(read.misfit - beside_drift.misfit, len(curves)) < REJECTION:  # a drift is no noise of 1/f²
+        read = beside_drift
+    left, hum, spectrum, _ = read
     if pull is None and evidence.model.is_linear:
         share = spectrum.input_noise_at * power_of(transfer) / spectrum.psd
         likelier = np.asarray(share * left, dtype=complex)
@@ -322,6 +320,42 @@ def _at_bins(
         nuisance = np.concatenate([nuisance, _slopes(evidence, estimate, other, transfer, hz)])
     signals = rest, bins, motion, columns, transfer, nuisance, spectrum, one_sided
     return Signals(record, span, used, *signals, seen, floor, pull, turns)
+
+
+class _Read(NamedTuple):
+    """A residual and its noise.
+
+    Attributes:
+        left: the residual beside what is no noise, shape (K,).
+        hum: columns of tones, shape (m, K).
+        spectrum: of the noise.
+        misfit: −2 ln of the likelihood but for a constant, of the bins that a curve only leaks into.
+    """
+
+    left: ComplexArray
+    hum: ComplexArray
+    spectrum: NoiseSpectrum
+    misfit: float
+
+
+def _read(
+    rest: ComplexArray, beside: ComplexArray, used: BoolArray, one_sided: FloatArray, seen: Motion, floor: float
+) -> _Read:
+    """Read the noise of a residual, shape (K,), beside columns, shape (m, K)."""
+    tones: tuple[float, ...] = ()
+    weight = one_sided
+    hum = np.zeros((0, rest.size), dtype=complex)
+    for _ in range(2):  # what hum and steep noise leak is no noise
+        left = freed(rest, np.concatenate([beside, hum]), weight)
+        spectrum = noise_spectrum(left, seen, floor)
+        if not (spectrum.tones or is_steep(spectrum)):
+            break
+        tones = with_tones(tones, spectrum.tones)
+        weight = one_sided / spectrum.psd
+        hum = np.asarray(fft.rfft(waves(tones, used.size) * used, axis=1))[:, : rest.size]
+    power = power_of(left) / (seen.count * spectrum.psd)
+    misfit = one_sided * (power + np.log(spectrum.psd))
+    return _Read(left, hum, spectrum, float(np.sum(misfit[DEGREE + 1 :])))
 
 
 def _free_motion(model: SensorModel, values: dict[str, float], rate_hz: float, used: BoolArray) -> FloatArray:
