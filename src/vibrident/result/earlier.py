@@ -9,7 +9,7 @@ import numpy as np
 
 from vibrident.data.records import QUANTITIES, REFERENCE_UNITS
 from vibrident.physics.models import installed
-from vibrident.physics.models.base import conversion
+from vibrident.physics.models.quantities import conversion
 
 MAX_SAMPLES = 100_000  # of an excerpt laid out evenly; earlier versions wrote 600 at most
 

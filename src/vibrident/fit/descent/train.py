@@ -26,7 +26,8 @@ from vibrident.fit.optimise import NOT_FINITE, Progress
 from vibrident.fit.problem import Coordinates, Evidence
 from vibrident.fit.problem.bin_problem import BinProblem
 from vibrident.fit.response.transform import mean_around, power_of
-from vibrident.fit.start.at_bins import candidates, rough_delay
+from vibrident.fit.start.at_bins import candidates
+from vibrident.fit.start.delay import rough_delay
 from vibrident.fit.start.look import Look, look_at, loud_bins
 from vibrident.physics.discretisation import Method
 from vibrident.physics.models import SensorModel

@@ -8,7 +8,7 @@ from vibrident.data.records import FloatArray
 from vibrident.fit.judge.attempts import Fitted
 from vibrident.fit.uncertainty.budget import deviation_uncertainty, patterns
 from vibrident.fit.uncertainty.parameters import NOTHING
-from vibrident.physics.models.base import conversion
+from vibrident.physics.models.quantities import conversion
 from vibrident.result import Fit, MeasuredCurve
 
 

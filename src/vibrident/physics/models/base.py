@@ -23,18 +23,6 @@ from vibrident.data.records import Quantity
 
 #: Powers of s that turn the reference quantity into acceleration. A drive acts as acceleration up to a constant.
 DERIVATIVES: Mapping[str, int] = {"acceleration": 0, "drive": 0, "velocity": 1, "displacement": 2}
-_TURNS = (1.0, 1j, -1.0, -1j)  # whole powers of j, without rounding
-
-
-def conversion(frequency_hz: Any, given: Quantity, wanted: Quantity) -> Any:
-    """Return the factor from a response per ``given`` quantity to that per ``wanted``, (points,).
-
-    Each power of s = jω is exact in phase. A drive is per itself alone.
-    """
-    power = DERIVATIVES[wanted] - DERIVATIVES[given]
-    return _TURNS[power % 4] * (2.0 * np.pi * frequency_hz) ** power
-
-
 Parameters = Mapping[str, Any]  # name → number, array or tracer, SI units except frequencies in Hz
 
 
@@ -312,10 +300,9 @@ class SensorModel:
     @property
     def linear(self) -> SensorModel:
         """The model without its nonlinear parts: its linearisation for small signals."""
-        return self if self.is_linear else self._without(lambda addon: addon.force is not None)
-
-    def _without(self, left_out: Callable[[AddOn], bool]) -> SensorModel:
-        kept = tuple(addon for addon in self.add_ons if not left_out(addon))
+        if self.is_linear:
+            return self
+        kept = tuple(addon for addon in self.add_ons if addon.force is None)
         return SensorModel("+".join([self.core.name, *(addon.name for addon in kept)]), self.core, kept)
 
     def factors(self, parameters: Parameters, frequency_hz: Any) -> Any:

@@ -1,0 +1,21 @@
+"""Responses per one quantity of motion from those per another."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from vibrident.data.records import Quantity
+from vibrident.physics.models.base import DERIVATIVES
+
+_TURNS = (1.0, 1j, -1.0, -1j)  # whole powers of j, without rounding
+
+
+def conversion(frequency_hz: Any, given: Quantity, wanted: Quantity) -> Any:
+    """Return the factor from a response per ``given`` quantity to that per ``wanted``, (points,).
+
+    Each power of s = jω is exact in phase. A drive is per itself alone.
+    """
+    power = DERIVATIVES[wanted] - DERIVATIVES[given]
+    return _TURNS[power % 4] * (2.0 * np.pi * frequency_hz) ** power
