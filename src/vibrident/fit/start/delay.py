@@ -9,8 +9,8 @@ from numpy import fft
 
 from vibrident.base.fft_lengths import fast_length
 from vibrident.data.records import BoolArray, FloatArray
-from vibrident.fit.noise.averages import windowed
 from vibrident.fit.group.band import Band
+from vibrident.fit.noise.averages import windowed
 
 #: A delay is looked for at so many places a period of the highest frequency.
 PER_PERIOD = 8
