@@ -34,7 +34,7 @@ REFERENCES = ("acceleration", "velocity", "displacement")
 UNITS = {"paper": "V/(m/s^2)", "geophone": "V/(m/s)"}
 NOISE = 1e-3  # of both channels, relative to their rms
 FAR = 5.0  # standard uncertainties of a difference; beyond with a probability of 6e-7
-DATES = {name: f"2025-03-0{number}" for number, name in enumerate(REFERENCES, 1)}
+DATES = {name: f"2025-11-0{number}" for number, name in enumerate(REFERENCES, 1)}
 #: Met by both sensors over their whole bands in their own quantity, and in no other.
 LIMITS = {"quantity": "sensitivity_deviation", "low": -95.0, "high": 190.0}
 SPACE = {"dcc": "https://ptb.de/dcc", "si": "https://ptb.de/si"}
@@ -53,6 +53,7 @@ def calibrated(sensor: str, reference: str) -> Result:
         seed=seed,
     )
     stated = CERTIFICATE | {"date_of_calibration": DATES[reference], "requirements": [LIMITS]}
+    stated |= {"number": f"2025-0815-{reference}"}
     more = {"reference_standard_uncertainty": 2e-3, "certificate": stated}
     named = replace(calibration, sensor={"serial_number": "4711"}, **more)
     result = identify(named)

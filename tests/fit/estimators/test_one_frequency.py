@@ -42,7 +42,7 @@ def test_one_sine_gives_the_sensitivity_at_its_frequency_with_its_u():
     assert result.response.phase_deg[0] == pytest.approx(np.rad2deg(np.angle(TRUE)), abs=5 * np.rad2deg(noise))
     point, why = reference_point(result)
     assert (point.frequency_hz, why) == (pytest.approx(HZ, rel=1e-6), "the only frequency that was measured")
-    (_, frequency), (_, magnitude), _ = parts.reference(result).rows
+    (_, frequency), (_, magnitude), *_ = parts.reference(result).rows
     assert frequency.startswith("159.155 Hz;")
     assert magnitude == "110.1 mV/(m/s²), U = 1.1 mV/(m/s²) (k = 2)"  # 2 · 0.5 %
     assert "The sensitivity is that at 159.155 Hz" in " ".join(terminal.text(result).split())

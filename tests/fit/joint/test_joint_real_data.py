@@ -66,7 +66,10 @@ def test_table_and_shock_of_an_accelerometer(tmp_path: Path, part_s: tuple[float
         assert by_table.parameters[name].value == pytest.approx(by_shock.parameters[name].value, rel=1e-9)
     assert lobe_rms(by_shock, shock) < 0.01
     assert lobe_rms(vibrident.identify(sine, model="accelerometer+delay"), shock) > 0.02
-    assert by_shock.parameters["sensitivity"].value == pytest.approx(0.2267, abs=0.0010)
+    # They disagree: the joint uncertainty is enlarged by the Birge ratio, and covers the shock's own value.
+    sensitivity = by_shock.parameters["sensitivity"]
+    assert abs(sensitivity.value - 0.2267) < 3.0 * sensitivity.standard_uncertainty
+    assert sensitivity.standard_uncertainty < 0.001
     # Alone the table says 50.2(1.0) kHz and the shock 53.7(0.5) kHz, with dampings that disagree.
     assert 48e3 < by_shock.parameters["natural_frequency"].value < 55e3
     # Damping and delay trade off: the value moves along the valley with the machine's arithmetic, by

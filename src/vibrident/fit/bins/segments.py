@@ -100,7 +100,7 @@ class Transforms:
 
     @functools.cached_property
     def inputs(self) -> ComplexArray:
-        """Of the inputs of the steps, shape (q, L), of each signal in turn; zero for a free decay."""
+        """Inputs of the steps, q rows of each signal in turn, shape (…, L); zero for a decay."""
         if self.record.reference is None:
             lines = (self.span.stop - self.span.start) // 2 + 1
             return np.zeros((len(self.drive.signals) * self.step.filters.shape[0], lines), dtype=complex)

@@ -115,7 +115,10 @@ class Trained:
     def with_slopes(
         self, values: dict[str, float], interval_s: float, fraction: float, delay_s: float
     ) -> tuple[DiscreteTransfer, DiscreteTransfer]:
-        """Return :meth:`transfer`, and its derivatives with each parameter in a leading axis of P, by complex step."""
+        """Return :meth:`transfer` and its derivatives with P parameters, by complex step.
+
+        The derivatives have a leading axis of P.
+        """
         places = np.array(list(values.values()), dtype=float)
         steps = STEP * np.maximum(np.abs(places), 1e-30)
         moved = np.repeat(places[:, None].astype(complex), len(places), axis=1)

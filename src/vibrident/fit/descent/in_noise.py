@@ -12,6 +12,7 @@ from what of R is incoherent with the motion, and the descent goes on until the 
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -116,13 +117,14 @@ class GroupAt:
 
     @property
     def numbers(self) -> FloatArray:
-        """Return the count of real numbers that V is a sum over, each by how much it counts, shape (R,)."""
+        """Return how many real numbers V is a sum over, each by how much it counts, shape (R,)."""
         return np.asarray(np.sum(self.weight * self.psd, axis=1)) * self.group.grid.samples
 
-    def told_by_all_bins(self) -> tuple[ComplexArray, ComplexArray]:
-        """Return residual and prediction with the nuisances that fit all bins best, shape (R, K).
+    @functools.cached_property
+    def fitted_in_all_bins(self) -> tuple[ComplexArray, ComplexArray]:
+        """Residual and prediction with the nuisances that fit all bins best, shape (R, K).
 
-        Those of the fit are told by the bins that show motion. What these do not tell of the
+        Those of the fit follow from the bins that show motion. What these do not determine of the
         initial states is no noise of the others.
         """
         rows = self.rows

@@ -282,7 +282,7 @@ def _minus_log_likelihood(at: Iterate) -> float:
     total = 0.0
     for place in at.groups:
         counts = place.group.grid.counts * place.group.grid.samples
-        residual, _ = place.told_by_all_bins()
+        residual, _ = place.fitted_in_all_bins
         power = power_of(residual) / place.group.count[:, None]
         total += float(np.sum(counts * (power / place.psd + np.log(place.psd))))
     return total

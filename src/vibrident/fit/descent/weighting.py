@@ -100,7 +100,8 @@ def read_weighting(
         group = at.group
         squares = power_of(at.through)
         colour = _colour(band, group)
-        residual, predicted = at.told_by_all_bins()
+        residual, predicted = at.fitted_in_all_bins
+        residual = residual.copy()
         residual[:, 0] = np.abs(residual[:, 1])
         driven = group.grid.driven
         noise = read_noise(

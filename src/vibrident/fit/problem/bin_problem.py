@@ -71,7 +71,10 @@ class BinProblem(NetworkProblem):
         return replace(self, segments=tuple(segment.idle() for segment in self.segments))
 
     def at_factors_of(self, values: Mapping[str, float]) -> BinProblem:
-        """Return the same runs with inputs behind the factors of ``values``; itself of a rational model."""
+        """Return the same runs with inputs behind the factors of ``values``.
+
+        Itself where these are the same, as of a rational model.
+        """
         factor_values = {name: values[name] for name in self.frame.factor_values}
         if factor_values == self.frame.factor_values:
             return self

@@ -145,10 +145,14 @@ class NetworkProblem(ABC):
         return np.array([noise_floor_of(record) for record in self.records])
 
     def at_delay_of(self, values: Mapping[str, float]) -> Self:
-        """Return the same with inputs at the delay and factors of ``values``; itself where they nearly are."""
+        """Return the same with inputs at the delay and factors of ``values``.
+
+        Itself where they nearly are.
+        """
         frame, shortest = self.frame, min(record.sampling_interval_s for record in self.records)
         late = abs(float(frame.model.delay_s(values)) - frame.delay_s) > DELAY_SETTLED * shortest
-        moved = any(abs(values[name] - at) > FACTOR_SETTLED * abs(at) for name, at in frame.factor_values.items())
+        factors = frame.factor_values.items()
+        moved = any(abs(values[name] - at) > FACTOR_SETTLED * abs(at) for name, at in factors)
         if not late and not moved:
             return self
         return self.build(self.records, frame.model, frame.method, frame.quantity, values)

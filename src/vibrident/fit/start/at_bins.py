@@ -225,8 +225,8 @@ class _Search:
         gradient = np.zeros(len(z))
         cost = 0.0
         with np.errstate(all="ignore"):
-            for told in every:
-                rows = self._behind(told, values)
+            for coarse in every:
+                rows = self._behind(coarse, values)
                 at = values, *rows.bins.step, delay_s
                 step = Step(*trained.with_slopes(*at))
                 if not np.all(np.isfinite(step.transfer.denominator)):
@@ -267,24 +267,31 @@ class _Search:
         rows: CoarseRows,
         tried: Sequence[Mapping[str, float]],
     ) -> ComplexArray | None:
-        """Return the factors of each place over those of the inputs, shape (R, G, K); None of a rational model."""
-        frame = self.band.problem.frame
-        if not frame.factor_values:
+        """Return the factors of each place over those of the inputs, shape (R, G, K).
+
+        None of a rational model.
+        """
+        if not self.band.problem.frame.factor_values:
             return None
+        return np.stack([self._moved_factors(rows, values)[0] for values in tried], axis=1)
+
+    def _moved_factors(self, rows: CoarseRows, values: Mapping[str, float]) -> list[ComplexArray]:
+        """Return factors and their slopes over the factors of the inputs, shape (R, K) each."""
+        frame = self.band.problem.frame
         over = 1.0 / frame.model.factors(frame.factor_values, rows.frequency_hz)
-        return np.stack([over * frame.model.factors(values, rows.frequency_hz) for values in tried], axis=1)
+        slopes = frame.model.factor_slopes(values, rows.frequency_hz)
+        factors = [frame.model.factors(values, rows.frequency_hz)]
+        factors += [slopes[name] for name in frame.factor_values]
+        return [over * factor for factor in factors]
 
     def _behind(self, rows: CoarseRows, values: Mapping[str, float]) -> CoarseRows:
-        """Return rows whose inputs are behind the factors of ``values``, as if the motion recurred."""
+        """Return rows with inputs behind the factors of ``values``, as if the motion recurred."""
         frame = self.band.problem.frame
         if not frame.factor_values:
             return rows
-        model = frame.model
-        over = 1.0 / model.factors(frame.factor_values, rows.frequency_hz)
-        slopes = model.factor_slopes(values, rows.frequency_hz)
-        factors = [model.factors(values, rows.frequency_hz), *(slopes[name] for name in frame.factor_values)]
         plain = rows.bins.inputs[:, : frame.terms]
-        inputs = np.concatenate([plain * (factor * over)[:, None] for factor in factors], axis=1)
+        factors = self._moved_factors(rows, values)
+        inputs = np.concatenate([plain * factor[:, None] for factor in factors], axis=1)
         return replace(rows, bins=replace(rows.bins, inputs=inputs))
 
     def _differ(self, values: Mapping[str, float], others: Mapping[str, float], names: Mapping[str, float]) -> bool:
@@ -358,11 +365,11 @@ class _Search:
         sums = np.zeros((freed[0].shape[1], late.size))
         for rows, each in zip(self.rows, freed, strict=True):
             common = np.swapaxes(each[:, :, 0].conj() * each[:, :, -1], 0, 1).reshape(len(sums), -1)
-            told = np.flatnonzero(np.any(power_of(common) > 0.0, axis=0))
-            hz = rows.frequency_hz.reshape(-1)[told]
+            shown = np.flatnonzero(np.any(power_of(common) > 0.0, axis=0))
+            hz = rows.frequency_hz.reshape(-1)[shown]
             for some in in_parts(late.size, hz.size):
                 turns = np.exp(2j * np.pi * np.outer(late[some], hz))
-                sums[:, some] += (common[:, told] @ turns.T).real
+                sums[:, some] += (common[:, shown] @ turns.T).real
         agreement = np.abs(sums)
         whole = late + self.band.problem.frame.delay_s
         best = np.argmax(preferred(agreement, whole * high), axis=1)

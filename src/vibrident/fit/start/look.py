@@ -84,13 +84,15 @@ def look_at(band: Band) -> Look:
         heard = power_of(seen.response) > HEARD * seen.level
         if group.grid.driven:  # what leaks over from elsewhere is no motion
             heard &= seen.moving
-            heard |= ~seen.told[:, None]  # all that is known of the noise is that it is no more than everything
+            # Of few bins all that is known of the noise is that it is no more than everything.
+            heard |= ~seen.has_enough_bins[:, None]
         samples = group.grid.samples
         audible |= {n: (samples, row) for n, row in zip(group.segments, heard, strict=True)}
         levels |= zip(group.segments, seen.level, strict=True)
         frequency = group.grid.frequency_hz
         everywhere.append(frequency[[1, group.grid.last - 1]])
-        moving = seen.moving[seen.told] if group.grid.driven else heard  # free motion is where it is heard
+        # Free motion is where it is heard.
+        moving = seen.moving[seen.has_enough_bins] if group.grid.driven else heard
         places = 1 + np.flatnonzero(np.any(moving[:, 1:], axis=0))
         if places.size:
             shown.append(frequency[np.minimum(places[[0, -1]], group.grid.last - 1)])
@@ -124,16 +126,17 @@ class _Seen(NamedTuple):
     """What a group says without a model.
 
     Attributes:
-        response: at the bins, samples that are left out filled in, of power as of those used, (R, K).
+        response: at the bins, samples that are left out filled in, of power as of those used,
+            shape (R, K).
         level: power of the noise of each bin, shape (R, K).
         moving: bins that move with the reference, shape (R, K).
-        told: whether there are enough bins to tell so, shape (R,).
+        has_enough_bins: whether these tell noise from motion, shape (R,).
     """
 
     response: ComplexArray
     level: FloatArray
     moving: BoolArray
-    told: BoolArray
+    has_enough_bins: BoolArray
 
 
 def _seen_in(group: Group) -> _Seen:
@@ -146,10 +149,10 @@ def _seen_in(group: Group) -> _Seen:
         _seen(group.response[row : row + 1, inner], [motion[row : row + 1, inner] for motion in motions], used[None])
         for row, used in enumerate(group.used)
     ]
-    response, level, moving, told = (np.concatenate(rows) for rows in zip(*every, strict=True))
+    response, level, moving, enough = (np.concatenate(rows) for rows in zip(*every, strict=True))
     beyond = ((0, 0), (0, group.grid.bins - response.shape[1]))
     response, level, moving = (np.pad(rows, beyond, mode="edge") for rows in (response, level, moving))
-    return _Seen(response, level, moving, told)
+    return _Seen(response, level, moving, enough)
 
 
 def _seen(response: ComplexArray, motions: Sequence[ComplexArray], used: BoolArray | None) -> _Seen:
@@ -162,11 +165,11 @@ def _seen(response: ComplexArray, motions: Sequence[ComplexArray], used: BoolArr
     """
     share = 1.0 if used is None else float(np.mean(used))
     columns = SmoothColumns.beside(motions, _shape(response), share)
-    told = np.full(len(response), columns is not None)
+    enough = np.full(len(response), columns is not None)
     if columns is None:
         mean = np.mean(power_of(response[:, 1:]), axis=1, keepdims=True)
         level = np.broadcast_to(mean, response.shape)
-        return _Seen(response, level, np.zeros(response.shape, dtype=bool), told)
+        return _Seen(response, level, np.zeros(response.shape, dtype=bool), enough)
     whole = response if used is None else columns.filled(response, used)
     level, moving = columns.incoherent_level(whole)
     response = whole * np.sqrt(share)
@@ -176,7 +179,7 @@ def _seen(response: ComplexArray, motions: Sequence[ComplexArray], used: BoolArr
         assert beside is not None
         felt, _ = beside.incoherent_level(motion)
         level = level + felt * _gain_squared(response, motion)
-    return _Seen(response, level, moving, told)
+    return _Seen(response, level, moving, enough)
 
 
 def _shape(rows: ComplexArray) -> tuple[int, int]:

@@ -357,8 +357,8 @@ def approve(store: Store, calibration_id: int, *, by: str | None = None, note: s
     """
     with store.writing() as connection:
         columns = calibration.c
-        told = columns.sensor_id, columns.data_files, columns.estimator, columns.document
-        asked = sa.select(*told).where(columns.id == calibration_id)
+        wanted = columns.sensor_id, columns.data_files, columns.estimator, columns.document
+        asked = sa.select(*wanted).where(columns.id == calibration_id)
         row = connection.execute(asked).one_or_none()
         if row is None:
             raise query.no_calibration(store, calibration_id)

@@ -311,7 +311,10 @@ class SensorModel:
         return math.prod((addon.factor(parameters, s) for addon in self.add_ons if addon.factor is not None), start=1.0)
 
     def factor_slopes(self, parameters: Parameters, frequency_hz: Any) -> dict[str, Any]:
-        """Derivatives of :meth:`factors` with the parameters of these parts, by name, each of shape (points,)."""
+        """Return the derivatives of :meth:`factors` with their parameters, by name.
+
+        Each of shape (points,).
+        """
         s = 2j * np.pi * frequency_hz
         parts = [addon for addon in self.add_ons if addon.factor is not None]
         factors = [addon.factor(parameters, s) for addon in parts if addon.factor is not None]
