@@ -131,20 +131,25 @@ def test_a_drift_that_moves_nothing_is_no_warning(motion):
         assert one.standard_uncertainty == pytest.approx(other.standard_uncertainty, rel=0.1)
 
 
+@pytest.mark.parametrize("size", [0.03, 0.3, 3.0])
 @pytest.mark.parametrize("model", ["accelerometer", "accelerometer+highpass"])
-def test_a_zero_that_settles_is_no_lack_of_fit(model: str) -> None:
-    """An amplifier that warms up; a high-pass as slow took the drift for its own free motion (hundreds of u)."""
+def test_a_zero_that_settles_is_no_lack_of_fit(model: str, size: float) -> None:
+    """An amplifier warms up; a high-pass as slow took the drift for its own free motion (hundreds of u).
+
+    What falls as 1/f² is noise to the fit; a drift that does not is told.
+    """
     parameters = dict(TRUTH) | ({"highpass_frequency": 8.0} if "highpass" in model else {})
     shape = {"frequencies_hz": [30.0, 2000.0], "samples": 4000, "sampling_rate_hz": 20_000.0, "repeats": 2, "seed": 3}
     clean = simulate((model, parameters), "random", **shape, response_noise=0.003)
-    shift = [0.03 * np.std(r.response) * (1.0 - np.exp(-r.time_s / (0.6 * r.duration_s))) for r in clean.records]
-    records = [replace(r, response=r.response + own) for r, own in zip(clean.records, shift, strict=True)]
+    records = []
+    for record in clean.records:
+        shift = size * np.std(record.response) * (1.0 - np.exp(-record.time_s / (0.6 * record.duration_s)))
+        records.append(replace(record, response=record.response + shift))
     result = vibrident.identify(replace(clean, records=tuple(records)), model)
-    assert result.warning_codes == ()
-    assert {finding.code for finding in result.findings} == {"drift"}
+    assert {message.code for message in (*result.warnings, *result.findings)} <= {"drift"}
     for name, true in parameters.items():
-        found = result.parameters[name]
-        assert abs(found.value - true) < 4.0 * found.standard_uncertainty
+        identified = result.parameters[name]
+        assert abs(identified.value - true) < 4.0 * identified.standard_uncertainty
 
 
 def test_a_reference_of_another_quantity_is_suspected():

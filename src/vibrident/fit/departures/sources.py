@@ -16,7 +16,6 @@ from numpy import fft
 
 from vibrident.base.fft_lengths import fast_below
 from vibrident.data.records import BoolArray, FloatArray, Record
-from vibrident.fit.departures.curves import DEGREE, smooth_curves
 from vibrident.fit.departures.departure import Scale
 from vibrident.fit.departures.examination import Groups
 from vibrident.fit.departures.group import WhitenedGroup
@@ -39,7 +38,6 @@ from vibrident.fit.response.transform import (
     reference_colour,
     waves,
 )
-from vibrident.fit.response.verdict import REJECTION, probability
 from vibrident.fit.uncertainty.adequacy import Points
 from vibrident.fit.uncertainty.budget import Place, effects_of, patterns
 from vibrident.fit.uncertainty.linearised import Linearised
@@ -298,12 +296,7 @@ def _at_bins(
     seen = Motion(bins, float(used.sum()), last, power_of(transfer) * colour, colour, _harmonics(n, turns, count))
     beside = nuisance if pull is None else np.concatenate([nuisance, columns])  # a misfit of the tone is no noise
     floor = (np.finfo(float).eps * float(np.max(np.abs(record.response[span])))) ** 2
-    read = _read(rest, beside, used, one_sided, seen, floor)
-    curves = np.asarray(fft.rfft(smooth_curves(n) * used, axis=1))[:, :count]
-    beside_drift = _read(rest, np.concatenate([beside, curves]), used, one_sided, seen, floor)
-    if probability(read.misfit - beside_drift.misfit, len(curves)) < REJECTION:  # a drift is no noise of 1/f²
-        read = beside_drift
-    left, hum, spectrum, _ = read
+    left, hum, spectrum = _read(rest, beside, used, one_sided, seen, floor)
     if pull is None and evidence.model.is_linear:
         share = spectrum.input_noise_at * power_of(transfer) / spectrum.psd
         likelier = np.asarray(share * left, dtype=complex)
@@ -329,13 +322,11 @@ class _Read(NamedTuple):
         left: the residual beside what is no noise, shape (K,).
         hum: columns of tones, shape (m, K).
         spectrum: of the noise.
-        misfit: −2 ln of the likelihood but for a constant, of the bins that a curve only leaks into.
     """
 
     left: ComplexArray
     hum: ComplexArray
     spectrum: NoiseSpectrum
-    misfit: float
 
 
 def _read(
@@ -353,9 +344,7 @@ def _read(
         tones = with_tones(tones, spectrum.tones)
         weight = one_sided / spectrum.psd
         hum = np.asarray(fft.rfft(waves(tones, used.size) * used, axis=1))[:, : rest.size]
-    power = power_of(left) / (seen.count * spectrum.psd)
-    misfit = one_sided * (power + np.log(spectrum.psd))
-    return _Read(left, hum, spectrum, float(np.sum(misfit[DEGREE + 1 :])))
+    return _Read(left, hum, spectrum)
 
 
 def _free_motion(model: SensorModel, values: dict[str, float], rate_hz: float, used: BoolArray) -> FloatArray:

@@ -19,13 +19,13 @@ from vibrident.fit.descent.settle import (
     settle,
 )
 from vibrident.fit.descent.weighting import Weighting, brought
-from vibrident.fit.noise.averages import averaged_bins
+from vibrident.fit.noise.averages import averaged_bins, mean_around
 from vibrident.fit.noise.spectrum import NoiseSpectrum
 from vibrident.fit.optimise import NOT_FINITE, Progress
 from vibrident.fit.problem import Coordinates, Evidence
 from vibrident.fit.problem.band import Band
 from vibrident.fit.problem.bin_problem import BinProblem
-from vibrident.fit.response.transform import mean_around, power_of
+from vibrident.fit.response.transform import power_of
 from vibrident.fit.start.at_bins import candidates
 from vibrident.fit.start.delay import rough_delay
 from vibrident.fit.start.look import Look, look_at, loud_bins

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterable
 from dataclasses import replace
 from typing import ClassVar
@@ -10,13 +11,14 @@ import numpy as np
 
 from vibrident.base.amounts import plain
 from vibrident.base.warning_kinds import WarningCode
-from vibrident.data.records import Record
-from vibrident.fit.departures.curves import smooth_curves
+from vibrident.data.records import FloatArray, Record
 from vibrident.fit.departures.departure import Candidate, Scale, WithoutMotion
 from vibrident.fit.departures.group import WhitenedGroup
 from vibrident.fit.departures.score import Score
 from vibrident.fit.response.response import ComplexArray
 
+#: Highest degree.
+DEGREE = 5
 #: Turns over the record of the nuisance tone.
 TURNS = 0.5
 
@@ -34,7 +36,7 @@ class Drift(WithoutMotion):
     def columns(self, group: WhitenedGroup, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
         """The polynomials, as large as the largest motion; of records with the nuisance tone, none is left."""
         if any(self.beside(record) is not record for record in group.records):
-            bins = group.bins_of(smooth_curves(group.samples)[None])
+            bins = group.bins_of(_polynomials(group.samples)[None])
             yield "", scale.motion * np.broadcast_to(bins, (len(group.records), *bins.shape[1:]))
 
     def beside(self, record: Record) -> Record:
@@ -50,6 +52,12 @@ class Drift(WithoutMotion):
         size = 100.0 * max(abs(score.known(column)) for column in range(len(score.amounts)))
         by = f" by about {plain(size, 2)} % of its largest" if size else ""
         return f"the response drifts{by}, which the motion does not explain"
+
+
+@functools.lru_cache(maxsize=2)
+def _polynomials(samples: int) -> FloatArray:
+    time = np.linspace(-1.0, 1.0, samples)
+    return np.ascontiguousarray(np.polynomial.legendre.legvander(time, DEGREE).T[1:], dtype=float)
 
 
 DRIFT = Drift()
