@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from typing import ClassVar
 
 import numpy as np
+from numpy import fft
 
 from vibrident.base.amounts import plain
 from vibrident.base.warning_kinds import WarningCode
@@ -40,7 +41,9 @@ class Clocks(Departure):
 
 def slope_with_time(group: WhitenedGroup, origin_s: float) -> ComplexArray:
     """Return bins of dŷ/dt times the time from an origin, and of dŷ/dt, shape (R, 2, K)."""
-    slope = group.series(group.likely * (1j * group.rate_hz * group.radians))
+    length = group.motion.shape[1]
+    radians_a_second = 2j * np.pi * group.rate_hz / group.samples * np.arange(length // 2 + 1)
+    slope = fft.irfft(radians_a_second * fft.rfft(group.motion, axis=1), length, axis=1)
     return group.bins_of(np.stack([slope * (group.time_s - origin_s), slope], axis=1))
 
 
