@@ -196,6 +196,21 @@ def test_staircases_and_squares_are_left_alone(steps: int, rng: np.random.Genera
         assert not Channel.from_values(values, valid).wild.any()
 
 
+@pytest.mark.parametrize("levels", [[0.0, 0.5, 1.0, 2.0], [-1.0, 0.0, 0.4, 0.9, 2.5]])
+@pytest.mark.parametrize("noise", [0.0, 1e-4, 3e-3])
+@pytest.mark.draws(10, 100)
+def test_the_highest_of_unequal_levels_is_no_rail(
+    levels: list[float], noise: float, draws: int, rng: np.random.Generator
+) -> None:
+    """A command in stairs: a quarter of it was left out, and u grew a thousandfold."""
+    for _ in range(draws):
+        steps = rng.choice(levels, 60)
+        values = np.repeat(steps, rng.integers(20, 160, steps.size))
+        values = values + noise * rng.standard_normal(values.size)
+        found, _ = clipped(values, np.ones(values.size, dtype=bool))
+        assert not found.any()
+
+
 def test_full_scale_decides_where_it_is_given(rng: np.random.Generator) -> None:
     """In both channels, on both sides; a plateau below it is the signal's own."""
     values = np.clip(band_limited(rng), -2.2, 2.2)

@@ -6,7 +6,7 @@ from scipy.interpolate import CubicSpline
 
 import vibrident
 from vibrident.data.records import Calibration, Record
-from vibrident.fit.response.clock_ratio import at_reference_clock, clock_offset
+from vibrident.fit.response.clock_ratio import MAX_OFFSET, at_reference_clock, clock_offset, nearby_offset
 
 RATE_HZ, SAMPLES, FINER, BEFORE_S = 8000.0, 16000, 4, 0.05
 TRUE = {"sensitivity": 1.0, "natural_frequency": 900.0, "damping_ratio": 0.05}
@@ -128,3 +128,13 @@ def test_a_response_of_which_nothing_is_left_at_another_clock_keeps_its_own() ->
     wave = np.sin(0.1 * samples)
     record = Record("r", wave, wave, 1e3, "sine", valid=samples % 20 > 0)
     assert at_reference_clock(record, 1e-4) is record
+
+
+def test_few_periods_are_not_read_at_impossible_clocks():
+    """Of a record without its shock little is left but slow motion: the search stays within what clocks do."""
+    rng = np.random.default_rng(0)
+    time = np.arange(4000) / RATE_HZ
+    reference = np.cos(2 * np.pi * 1.3 * time) + 1e-4 * rng.standard_normal(time.size)
+    response = 1e-3 * np.cos(2 * np.pi * 1.3 * time) + rng.standard_normal(time.size)
+    pair = Calibration.from_arrays(reference, response, RATE_HZ, quantity="displacement")
+    assert abs(nearby_offset(pair.records, 2, 0, delayed=False)) <= 2 * MAX_OFFSET

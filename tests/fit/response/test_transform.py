@@ -78,3 +78,12 @@ def test_what_is_smoothly_coherent_is_no_noise_and_noise_stays(rng):
     )
     np.testing.assert_allclose(left[:, 1:], alone[:, 1:], atol=1e-4)
     assert np.sum(power_of(left)) / np.sum(freedom) == pytest.approx(np.mean(power_of(noise)), rel=0.05)
+
+
+@pytest.mark.parametrize("bins", [2, 3, 5, 6, 24])
+def test_few_bins_are_nearly_all_explained(bins, rng):
+    """Pieces between gaps may have so few; no more freedom is left than there are bins."""
+    rows, motion = rng.standard_normal((2, bins)) + 1j * rng.standard_normal((2, bins))
+    left, freedom = without_common(rows[None], [motion[None]], np.ones((1, bins)))
+    assert np.all(np.isfinite(left))
+    assert np.sum(freedom[0, 1:]) <= max(bins - 4, 0) + 1e-6

@@ -109,7 +109,7 @@ def _rail(values: FloatArray, valid: BoolArray, top: FloatArray) -> float | None
     counts = np.diff(ends, axis=1, prepend=0).astype(float)
     for index in np.flatnonzero(_piled(counts, FEWEST_NEAR)).tolist():
         limit, wide = float(limits[index]), float(width[index])
-        if counts[index, 0] <= FULLER * _fullest_below(top, limit, wide):
+        if counts[index, 0] <= FULLER * _fullest_below(top, limit, wide) or _is_staircase(top, wide):
             continue
         inside = valid & (values > limit)
         if _runs(inside).size < VISITS or _in_step(inside) or _at_rest(inside, valid):
@@ -123,6 +123,20 @@ def _fullest_below(top: FloatArray, limit: float, width: float) -> float:
     """Most samples in a bin between the first and the middle: a generator's staircase fills others too."""
     below = top[(top <= limit) & (top > 0.5 * (top[0] + top[-1]))]
     return float(np.max(np.bincount(((limit - below) / width).astype(int)), initial=0))
+
+
+def _is_staircase(top: FloatArray, width: float) -> bool:
+    """Tell whether samples crowd at levels between the ends, other than the one where they rest.
+
+    Of a signal that has few levels in all nothing else is known.
+    """
+    counts = np.bincount(((top[0] - top) / width + 0.5).astype(int)).astype(float)
+    if counts.size < 2 * BINS:
+        return True
+    near = np.maximum(counts[:-4], counts[4:])
+    levels = 2 + np.flatnonzero(counts[2:-2] > np.maximum(FULLER * near, FEWEST_NEAR))
+    rest = int(np.argmax(counts[2:-2])) + 2
+    return bool(np.any(np.abs(levels - rest) > 2))
 
 
 def _of_equal_values(values: FloatArray, valid: BoolArray, top: FloatArray, same: float) -> float | None:

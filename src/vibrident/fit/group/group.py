@@ -163,7 +163,7 @@ class Group(Bins):
         return np.sum(self.used, axis=1).astype(float)
 
     def at(self, row: int, bins: NDArray[np.int_]) -> Bins:
-        """Return one segment, whose samples are all used, at some bins, shape (b,)."""
+        """Return one segment at some bins, shape (b,), as if all of its samples were used."""
         return Bins(
             self.step,
             self.inputs[row : row + 1, :, bins],

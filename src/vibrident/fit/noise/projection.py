@@ -43,9 +43,11 @@ class _Basis(NamedTuple):
 
 @functools.lru_cache(maxsize=8)
 def _basis(width: int) -> _Basis:
-    """Return the polynomials over blocks of so many bins."""
+    """Return the polynomials over blocks of so many bins; of fewer bins those of higher degrees are zero."""
     powers = np.linspace(-1.0, 1.0, width)[:, None] ** np.arange(2 * DEGREES - 1)
-    moments = np.linalg.qr(powers)[0].T.copy()
+    orthonormal = np.linalg.qr(powers)[0].T
+    moments = np.zeros(powers.T.shape)
+    moments[: len(orthonormal)] = orthonormal
     pairs = moments[:DEGREES, None] * moments[None, :DEGREES]
     return _Basis(moments, pairs @ moments.T)
 

@@ -73,8 +73,9 @@ def nearby_offset(records: Sequence[Record], poles: int, zeros: int, *, delayed:
     search = _Search.of(records, poles, zeros, delayed=delayed)
     if not search.driven:
         return 0.0
-    width = 0.5 * search.valley(LAST_SAMPLES)
+    width = min(0.5 * search.valley(LAST_SAMPLES), MAX_OFFSET)  # few periods tell no clocks apart
     tried = width * np.arange(-2 * MAX_PERIODS, 2 * MAX_PERIODS + 1)
+    tried = tried[np.abs(tried) <= MAX_OFFSET]
     left = [search.unexplained(offset, LAST_SAMPLES) for offset in tried]
     return search.bottom(float(tried[int(np.argmin(left))]), width, LAST_SAMPLES)
 

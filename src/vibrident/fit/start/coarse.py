@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,31 +79,45 @@ class CoarseRows:
         return rows[:, :, count:] - (amounts @ rows.view(float)[:, :, :count]).view(complex)
 
 
+class _Row(NamedTuple):
+    """A segment at bins of its own.
+
+    Attributes:
+        group: of the segment.
+        row: its place there.
+        response: its transform, samples that are left out filled in, shape (K,).
+        weight: of the bins, shape (K,).
+        bins: those chosen.
+    """
+
+    group: Group
+    row: int
+    response: ComplexArray
+    weight: FloatArray
+    bins: NDArray[np.int_]
+
+
 def coarse_rows(band: Band, look: Look) -> list[CoarseRows]:
     """Choose the bins that say most, of as many records as there is room for."""
     weights = [look.weights_in(group) for group in band.groups]
     rows = [
-        (float(np.sum(weight[row] * power_of(group.response[row]))), number, row)
-        for number, (group, weight) in enumerate(zip(band.groups, weights, strict=True))
-        for row in range(len(group.segments))
-        if group.used is None
+        _Row(group, row, response[: group.grid.bins], weight[row], np.arange(0))
+        for group, weight in zip(band.groups, weights, strict=True)
+        for row, number in enumerate(group.segments)
+        if (response := group.response[row] if group.used is None else look.filled.get(number)) is not None
     ]
-    if not rows:  # every segment has samples left out: all of their bins
+    if not rows:  # no segment is whole, nor has enough bins to be filled in: all of their bins
         return [
             CoarseRows(group, weight, np.broadcast_to(group.grid.frequency_hz, weight.shape))
             for group, weight in zip(band.groups, weights, strict=True)
         ]
-    rows.sort(key=lambda item: item[1:])
-    most = ALL_BINS // MIN_BINS
-    if len(rows) > most:
+    if len(rows) > (most := ALL_BINS // MIN_BINS):
         rows = [rows[place] for place in np.linspace(0, len(rows) - 1, most).astype(int)]
     width = int(np.clip(ALL_BINS // len(rows), MIN_BINS, MAX_BINS))
-    alike: dict[tuple[float, float], list[tuple[Group, int, NDArray[np.int_], FloatArray]]] = {}
-    for _, number, row in rows:
-        group = band.groups[number]
-        weight = weights[number][row]
-        bins = _telling_bins(weight * power_of(group.response[row]), width)
-        alike.setdefault(group.step, []).append((group, row, bins, weight[bins]))
+    alike: dict[tuple[float, float], list[_Row]] = {}
+    for row in rows:
+        bins = _telling_bins(row.weight * power_of(row.response), width)
+        alike.setdefault(row.group.step, []).append(row._replace(bins=bins))
     return [_joined(parts) for parts in alike.values()]
 
 
@@ -124,28 +139,26 @@ def _telling_bins(information: FloatArray, width: int) -> NDArray[np.int_]:
     return np.sort(bins)
 
 
-def _joined(
-    parts: Sequence[tuple[Group, int, NDArray[np.int_], FloatArray]],
-) -> CoarseRows:
+def _joined(rows: Sequence[_Row]) -> CoarseRows:
     """Join rows of one sampling rate; shorter ones end with bins of weight zero."""
-    most = max(len(bins) for _, _, bins, _ in parts)
-    columns = max(group.unmoved.shape[1] for group, *_ in parts)
-    first = parts[0][0]
-    count = len(parts)
+    most = max(len(row.bins) for row in rows)
+    columns = max(row.group.unmoved.shape[1] for row in rows)
+    first = rows[0].group
+    count = len(rows)
     inputs = np.zeros((count, first.inputs.shape[1], most), complex)
     response = np.zeros((count, most), complex)
     shifted = np.ones((count, most), complex)
     unmoved = np.zeros((count, columns, most), complex)
     weight = np.zeros((count, most))
     frequency_hz = np.ones((count, most))
-    for place, (group, row, bins, own_weight) in enumerate(parts):
-        size = len(bins)
-        own = group.at(row, bins)
+    for place, row in enumerate(rows):
+        size = len(row.bins)
+        own = row.group.at(row.row, row.bins)
         inputs[place, :, :size] = own.inputs[0]
-        response[place, :size] = own.response[0]
+        response[place, :size] = row.response[row.bins]
         shifted[place, :size] = own.shifted[0]
         unmoved[place, : own.unmoved.shape[1], :size] = own.unmoved[0]
-        weight[place, :size] = own_weight
-        frequency_hz[place, :size] = group.grid.frequency_hz[bins]
+        weight[place, :size] = row.weight[row.bins]
+        frequency_hz[place, :size] = row.group.grid.frequency_hz[row.bins]
     joined = Bins(first.step, inputs, response, shifted, unmoved, first.edges)
     return CoarseRows(joined, weight, frequency_hz)

@@ -32,12 +32,15 @@ class Look:
         band_hz: lowest and highest frequency at which response and reference have something in
             common.
         weights: of the bins in another noise, by number of the segment; empty: in this one.
+        filled: response with samples that are left out filled in, by number of the segments that
+            have such, shape (K,) each.
     """
 
     levels: Mapping[int, FloatArray]
     heard: Mapping[int, tuple[int, BoolArray]]
     band_hz: tuple[float, float]
     weights: Mapping[int, FloatArray] = field(default_factory=dict)
+    filled: Mapping[int, ComplexArray] = field(default_factory=dict)
 
     @property
     def count(self) -> float:
@@ -79,6 +82,7 @@ def look_at(band: Band) -> Look:
     audible: dict[int, tuple[int, BoolArray]] = {}
     shown: list[FloatArray] = []
     everywhere: list[FloatArray] = []
+    filled: dict[int, ComplexArray] = {}
     for group in band.groups:
         seen = _seen_in(group)
         heard = power_of(seen.response) > HEARD * seen.level
@@ -89,6 +93,10 @@ def look_at(band: Band) -> Look:
         samples = group.grid.samples
         audible |= {n: (samples, row) for n, row in zip(group.segments, heard, strict=True)}
         levels |= zip(group.segments, seen.level, strict=True)
+        if group.used is not None and group.grid.driven:
+            root_share = np.sqrt(np.mean(group.used, axis=1, keepdims=True))
+            every = zip(group.segments, seen.response / root_share, seen.has_enough_bins, strict=True)
+            filled |= {number: row for number, row, enough in every if enough}
         frequency = group.grid.frequency_hz
         everywhere.append(frequency[[1, group.grid.last - 1]])
         # Free motion is where it is heard.
@@ -98,7 +106,7 @@ def look_at(band: Band) -> Look:
             shown.append(frequency[np.minimum(places[[0, -1]], group.grid.last - 1)])
     span = np.concatenate(shown) if shown else np.zeros(0)
     span = span if span.size else np.concatenate(everywhere)
-    return Look(levels, audible, (float(np.min(span)), float(np.max(span))))
+    return Look(levels, audible, (float(np.min(span)), float(np.max(span))), filled=filled)
 
 
 def loud_bins(band: Band) -> dict[int, BoolArray]:
