@@ -123,7 +123,8 @@ def test_it_is_no_digital_certificate(end, tmp_path):
 
 @pytest.mark.needs("history")
 def test_it_cannot_be_approved(end, calibrated, tmp_path):
-    from vibrident.lab.history.entry import add_all, approve
+    from vibrident.lab.history.approval import approve
+    from vibrident.lab.history.entry import add_all
     from vibrident.lab.history.store import Store
 
     dated = [replace(result, certificate={"date_of_calibration": "2025-03-01"}) for result in (calibrated, end)]

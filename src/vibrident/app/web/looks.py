@@ -300,7 +300,8 @@ def added_to_history(path: Path, store: str, stated: CertificateData) -> dict[st
 
 def approved(path: Path, store: str, stated: CertificateData, by: str) -> dict[str, Any]:
     """Return the same, once the result's calibration was added and approved."""
-    from vibrident.lab.history.entry import add_all, approve
+    from vibrident.lab.history.approval import approve
+    from vibrident.lab.history.entry import add_all
 
     def add(opened: Store, result: Result) -> str:
         (added,) = add_all(opened, [result])
