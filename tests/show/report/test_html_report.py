@@ -16,6 +16,7 @@ from vibrident.base.errors import InputError
 from vibrident.physics.naming import parameter_name
 from vibrident.result import Fit
 from vibrident.show import report, words
+from vibrident.show.certified import raised_to_measured
 from vibrident.show.media.charts import MOST_POINTS
 from vibrident.show.numbers import frequency_text
 from vibrident.show.residual_tests import residual_tests
@@ -58,7 +59,7 @@ def test_every_figure_is_one_that_plotly_knows(sample):
 
 
 def test_every_parameter_in_the_table_is_the_results():
-    result = table2()
+    result = raised_to_measured(table2())
     rows = {row[0]: row for row in read(result).table("parameter", "symbol", "value")}
     for name, parameter in result.parameters.items():
         _, _, value, u, k, expanded, unit, interval, _ = rows[parameter_name(name).words]
@@ -89,7 +90,7 @@ def test_every_measured_point_in_the_table_is_the_results():
 
 
 def test_what_is_drawn_is_the_results():
-    result = table2()
+    result = raised_to_measured(table2())
     drawn = {(t.get("name"), t.get("yaxis")): t for t in read(result).figures["sensitivity"]["data"]}
     model, points = drawn["model", "y"], drawn["measured, U (k = 2)", "y"]
     np.testing.assert_allclose(model["x"], result.response.frequency_hz, rtol=1e-8)

@@ -108,7 +108,7 @@ def test_its_document_is_a_tracking_report(end, language):
     limits = [{"quantity": "sensitivity_deviation", "low": -1.0, "high": 1.0}]
     stated = {**REFERENCE, "language": language, "requirements": limits}
     made = certificate(replace(end, certificate=stated))
-    titles = {"en": "Tracking report", "de": "Verfolgungsbericht", "fr": "Rapport de suivi", "zh": "跟踪报告"}
+    titles = {"en": "Tracking report", "de": "Nachführbericht", "fr": "Rapport de suivi", "zh": "跟踪报告"}
     assert made.title == titles[language]
     assert not made.draft
     said = repr(made)

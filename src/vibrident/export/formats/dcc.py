@@ -27,7 +27,7 @@ from vibrident.export.dcc_tree import LANGUAGE, SI, Tree, cleaned, numeral
 from vibrident.export.form import Format, Options, library
 from vibrident.export.sensor import ExportedSensor
 from vibrident.result import Result
-from vibrident.show.certified import RAISED, certified, stated_parameters
+from vibrident.show.certified import certified, said_of_raised, stated_parameters
 from vibrident.show.coverage import coverage, interval_text, not_certified, unstated
 from vibrident.show.language import Say
 from vibrident.show.points import reference_value
@@ -197,10 +197,8 @@ def _statements(
     for warning in result.warnings:
         yield f"warning: {warning.code}", ours(warning.message)
     yield "reproduction", ours(Say(LANGUAGE)("text", "no_reproduction"))
-    if result.settings.get("cmc"):
-        yield "capability", ours(Say(LANGUAGE)("text", "cmc"))
-    if result.settings.get(RAISED):
-        yield "uncertainty of the model", ours(Say(LANGUAGE)("text", "raised"))
+    for raised in said_of_raised(result, Say(LANGUAGE)):
+        yield "least uncertainty", ours(raised)
     yield from _conformity(tree, result)
     if result.certificate.get("replaces"):
         yield "replaces certificate", tree.stated("declaration", result.certificate["replaces"])

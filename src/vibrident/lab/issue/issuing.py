@@ -134,7 +134,7 @@ def _require_review(store: Store, known: Draft) -> None:
         where=f"draft {known.id}, {store.shown}",
         remedy="correct it and hand it in again"
         if known.reviewer
-        else f"have another account review it: ⟦command = issue review⟧",
+        else "have another account review it: ⟦command = issue review⟧",
     )
 
 
