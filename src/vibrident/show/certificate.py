@@ -172,7 +172,7 @@ def groups(result: Result, say: Say = ENGLISH) -> tuple[Facts, ...]:
         *given("deviations", "external_results"),
         (say("label", "reference_quantity"), Mixed(quantity)),
         (say("label", "measured_band"), _band(result, say)),
-        (say("label", "evaluation"), say.each(lambda one: _evaluation(result, one))),
+        (say("label", "evaluation"), say.each(lambda one: evaluation(result, one))),
     ]
     placed = {key for keys in GROUPS.values() for key in keys}
     further = [(_words(key), _plain(value)) for key, value in stated.items() if key not in placed]
@@ -180,7 +180,7 @@ def groups(result: Result, say: Say = ENGLISH) -> tuple[Facts, ...]:
     return tuple(Facts(tuple(rows), say("group", name)) for name, rows in titled.items() if rows)
 
 
-def _evaluation(result: Result, say: Say) -> str:
+def evaluation(result: Result, say: Say) -> str:
     """Return what the model and the estimator are called, without the program's names."""
     model = " + ".join(say.word("model", part) for part in result.model.split("+"))
     return say("text", "evaluation", model=model, estimator=say.word("estimator", result.estimator))
