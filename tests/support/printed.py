@@ -29,7 +29,8 @@ NUMBER = r"[+−]?\d+(?:\.\d+)?(?:·10⁻?[⁰¹²³⁴⁵⁶⁷⁸⁹]+)?"
 #: What no customer knows: words of the program and of its files.
 PROGRAM_WORDS = (
     r"\[\[|\]\]|⟦|\bestimators?\b|calibration file|result\.json|\.toml|\bml\b|ipnn|lsm|accelerometer\+"
-    r"|velocity-pickup|standard_uncertainty|lack_of_fit|sensitivity_deviation|kind (?:gain|phase)|None\b|\bnan\b|\binf\b"
+    r"|velocity-pickup|standard_uncertainty|lack_of_fit|sensitivity_deviation|kind (?:gain|phase)"
+    r"|None\b|\bnan\b|\binf\b"
 )
 _TYPED = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻−", "0123456789--")
 

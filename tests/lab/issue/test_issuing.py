@@ -18,7 +18,7 @@ from tests.support.signing import PHRASE, key_file
 from vibrident.base.errors import InputError
 from vibrident.lab.history import query
 from vibrident.lab.history.store import Store
-from vibrident.lab.issue.documents import draft_pdf
+from vibrident.lab.issue.documents import draft_pdf, stem
 from vibrident.lab.issue.drafts import content, drafts, hand_in, review_draft
 from vibrident.lab.issue.issuing import issue_draft
 from vibrident.lab.issue.keys import load_key, passphrase
@@ -60,6 +60,8 @@ def test_a_draft_is_issued_once_it_is_reviewed_by_another(store, key):
     assert (stated["number"], stated["date_of_issue"]) == (known.number, str(known.date))
     assert stated["approved_by"] == "bob"
     assert known.number in documents.dcc.decode()
+    (row,) = query.rows(store)
+    assert (row["certificate_number"], row["standing"]) == (known.number, "approved")
 
 
 def test_an_issued_certificate_stays_as_it_is(store, key):
@@ -92,6 +94,7 @@ def test_a_correction_replaces_the_certificate(store, key):
     corrected = certifiable(replaces=first.number, changes=["The place."], place="customer")
     second, documents = issue_draft(store, reviewed(store, corrected), key)
     assert second.number.endswith("-0002")
+    assert stem(documents.certified) == f"certificate-{second.number}-4711-2020-01-01"
     assert first.number in documents.dcc.decode()
     late = certifiable(replaces=first.number, changes=["The customer."], customer="D")
     with pytest.raises(InputError, match=f"that {second.number} replaced"):

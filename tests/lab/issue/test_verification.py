@@ -145,6 +145,18 @@ def test_the_key_of_somebody_else_is_not_trusted(signed, form, tmp_path):
         verify(signed / f"c.{form}", other)
 
 
+def test_a_certificate_that_a_trusted_authority_issued_is_trusted(tmp_path):
+    key = load_key(key_file(tmp_path, authority="Authority"), PHRASE)
+    result = certifiable(**STATED)
+    signed_documents(Content(result, NOTHING_MORE, None), result, key).write(tmp_path, "c")
+    (tmp_path / "other").mkdir()
+    key_file(tmp_path / "other", authority="Authority")
+    for form in FORMS:
+        assert verify(tmp_path / f"c.{form}", tmp_path / "authority.pem").trusted
+        with pytest.raises(InputError, match="not valid"):
+            verify(tmp_path / f"c.{form}", tmp_path / "other" / "authority.pem")
+
+
 def test_a_signature_after_the_certificate_ended_is_found(tmp_path):
     key = load_key(key_file(tmp_path, days=0), PHRASE)
     assert key.certificate.not_valid_after_utc < datetime.datetime.now(datetime.UTC)

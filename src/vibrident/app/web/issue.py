@@ -104,15 +104,15 @@ class IssueStep:
 
     async def _reviewed(self, number: int, accepted: bool, note: str) -> None:
         asked = (certificates.reviewed, number, self.user.owner, accepted, note)
-        said = "reviewed: it can be issued" if accepted else "returned to its author"
-        await self._change("review a draft", f"Draft {number} is {said}.", *asked)
+        action = "reviewed" if accepted else "returned"
+        await self._change("review a draft", action, f"Draft {number} is {action}.", *asked)
 
     async def _issue(self, number: int) -> None:
         self.words.text = "Signing …"
         asked = (certificates.certified, number, self.user.owner, *(self.user.users.key or ()))
-        await self._change("issue a certificate", f"Draft {number} is issued.", *asked)
+        await self._change("issue a certificate", "issued", f"Draft {number} is issued.", *asked)
 
-    async def _change(self, what: str, said: str, function: Any, number: int, *args: Any) -> None:
+    async def _change(self, what: str, action: str, said: str, function: Any, number: int, *args: Any) -> None:
         """Do what the role ``approve`` may, note it, and show the drafts again."""
         self.errors.clear()
         try:
@@ -123,7 +123,7 @@ class IssueStep:
             self.words.text = ""
             frame.show_error(self.errors, error, self.user.session)
             return
-        await self.user.note(said.partition(" is ")[2].rstrip("."), draft=number)
+        await self.user.note(action, draft=number)
         await self.show()
         self.words.text = said
 

@@ -44,7 +44,7 @@ class Documents:
 
         Args:
             folder: where to write.
-            stem: of the names, such as ``certificate-4711-2026-03-01``.
+            stem: of the names, such as ``certificate-2026-0001-4711-2026-03-01``.
         """
         contents = {
             f"{stem}.pdf": self.pdf,
@@ -59,8 +59,12 @@ class Documents:
 
 
 def stem(result: Result) -> str:
-    """Return how the files of a certificate are named, without their endings."""
-    named = name_of_sensor("certificate.pdf", result.sensor, result.certificate)
+    """Return how the files of a certificate are named, without their endings.
+
+    The number is in it: an amendment has sensor and date of what it replaces.
+    """
+    stated = result.certificate
+    named = name_of_sensor(f"certificate-{stated['number']}.pdf", result.sensor, stated)
     return named.removesuffix(".pdf")
 
 
