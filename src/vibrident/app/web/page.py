@@ -117,9 +117,13 @@ async def _steps(user: User) -> None:
     tools.build(on_result=results)
     issue.build()
     data.hold()
-    await issue.show()
-    if user.empty:
-        return
+    if not user.empty:
+        await _restore(user, columns, fit, outcome, compare)
+    await issue.show()  # last: it reads the store, and meanwhile data may come
+
+
+async def _restore(user: User, columns: ColumnsStep, fit: FitStep, outcome: OutcomeStep, compare: CompareStep) -> None:
+    """Show what the tab had."""
     await columns.restore()
     await fit.restore()
     if user.results:
