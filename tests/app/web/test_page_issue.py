@@ -43,8 +43,8 @@ def start(tmp_path):
 
 def signed_in(browser, server, name: str):
     page = browser.new_context(accept_downloads=True, reduced_motion="reduce").new_page()
-    page.goto(server.address)
-    page.get_by_label("Name").fill(name)
+    page.goto(server.address, timeout=WAIT_MS)
+    page.get_by_label("Name").fill(name, timeout=WAIT_MS)
     page.get_by_label("Password").fill(SECRET)
     page.keyboard.press("Enter")
     page.get_by_role("heading", name="Data").wait_for(timeout=WAIT_MS)

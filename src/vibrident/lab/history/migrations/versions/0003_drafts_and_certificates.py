@@ -22,9 +22,7 @@ def upgrade() -> None:
     op.create_table(
         "draft",
         sa.Column("id", sa.Integer, primary_key=True),
-        sa.Column(
-            "calibration_id", sa.Integer, sa.ForeignKey("calibration.id"), nullable=False
-        ),
+        sa.Column("calibration_id", sa.Integer, sa.ForeignKey("calibration.id"), nullable=False),
         *_stamped(),
         sa.Column("fonts", sa.Text, nullable=False),
         *(sa.Column(name, sa.LargeBinary) for name in ("logo", "template", "before")),
@@ -54,10 +52,7 @@ def upgrade() -> None:
         "certificate",
         sa.Column("draft_id", sa.Integer, sa.ForeignKey("draft.id"), primary_key=True),
         *_stamped(),
-        *(
-            sa.Column(name, sa.LargeBinary, nullable=False)
-            for name in ("result", "result_signature", "pdf", "dcc")
-        ),
+        *(sa.Column(name, sa.LargeBinary, nullable=False) for name in ("result", "result_signature", "pdf", "dcc")),
     )
     (_triggers_of_sqlite if op.get_bind().dialect.name == "sqlite" else _triggers_of_postgresql)()
 
