@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import signal
+import socket
 from pathlib import Path
 
 import pytest
@@ -36,7 +37,10 @@ def start(tmp_path):
     words = [str(word) for pair in options.items() for word in pair]
 
     def begin(ending: int = signal.SIGTERM):
-        return serving(tmp_path, *VIBRIDENT, "serve", "--port", "0", *words, ending=ending)
+        with socket.socket() as probe:  # the usual port may be another server's when this one is killed
+            probe.bind(("127.0.0.1", 0))
+            port = str(probe.getsockname()[1])
+        return serving(tmp_path, *VIBRIDENT, "serve", "--port", port, *words, ending=ending)
 
     return begin
 
