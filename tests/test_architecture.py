@@ -22,7 +22,7 @@ ROOMS = {
     "use": "",
     "show": "",
     "export": "",
-    "lab": "many fleet|history",
+    "lab": "many fleet|history issue",
     "paper": "",
     "app": "requirements workflow|doctor cli|web",
 }

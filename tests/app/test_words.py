@@ -37,6 +37,7 @@ from vibrident.export.registry import EXPORTS
 from vibrident.fit.estimators import Ipnn
 from vibrident.lab.fleet import Asked, Orders
 from vibrident.lab.history import document, entry, query
+from vibrident.lab.issue import verification
 from vibrident.paper.optimiser import Adam
 from vibrident.show import report
 
@@ -57,7 +58,7 @@ NOTATION = ("vibrident.base.settings", "vibrident.app.cli.options", "vibrident.a
 ELSEWHERE = "(in Python or on the command line)"
 INSTALL = "ask whoever runs the server to install a b[c]"
 MEMORY = "the memory that the server may take for a file"
-for _name in ("fleet", "history", "serve", "simulate", "track"):
+for _name in ("fleet", "history", "issue", "serve", "simulate", "track"):
     import_module(f"vibrident.app.cli.commands.{_name}")
 
 
@@ -107,6 +108,8 @@ def keywords() -> dict[str, set[str]]:
         "correct": [vibrident.correct, read_signal],
         "report": [report.write],
         "fleet": [Asked, Orders, commands.fleet.fleet],
+        "issue": [commands.issue.sign],
+        "verify": [verification.verify],
         "history": [query.find, entry.rows_of, entry.add_event, document.Question, commands.history.show_sensor],
         "serve": [commands.serve.serve],
         "simulate": [commands.simulate.simulate],

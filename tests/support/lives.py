@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from dataclasses import replace
 
 import numpy as np
 
@@ -61,3 +62,25 @@ def at_reference(result: Result) -> float:
     point = sensitivity_at(result, Nominal(160.0, 10**2.2))
     assert point is not None
     return point.magnitude
+
+
+#: What a certificate of these must state.
+STATED = {
+    "laboratory": "L",
+    "laboratory_address": "A",
+    "place": "laboratory",
+    "customer": "C",
+    "customer_address": "B",
+    "procedure": "ISO 16063-11",
+    "traceability": "to the SI",
+    "temperature_c": 23.0,
+    "country": "DE",
+}
+
+
+def certifiable(data: str = "one", serial: str = "4711", **more) -> Result:
+    """Return a calibration with all that its certificate states but number, date of issue and approver."""
+    made = calibrated(data=data, serial=serial, certificate={**STATED, **more})
+    damping = {"damping_ratio": Parameter(0.01, "1", 0.001, (None, None))}
+    covers = {"covers": ["noise", "gain", "phase"]}
+    return replace(made, parameters={**made.parameters, **damping}, uncertainty=covers)

@@ -26,6 +26,12 @@ CERTIFICATE = {
 }
 PREFIXES = {"k": 3, "M": 6, "m": -3, "µ": -6, "n": -9, "p": -12, "f": -15}
 NUMBER = r"[+−]?\d+(?:\.\d+)?(?:·10⁻?[⁰¹²³⁴⁵⁶⁷⁸⁹]+)?"
+#: What no customer knows: words of the program and of its files.
+PROGRAM_WORDS = (
+    r"\[\[|\]\]|⟦|\bestimators?\b|calibration file|result\.json|\.toml|\bml\b|ipnn|lsm|accelerometer\+"
+    r"|velocity-pickup|standard_uncertainty|lack_of_fit|sensitivity_deviation|kind (?:gain|phase)"
+    r"|None\b|\bnan\b|\binf\b"
+)
 _TYPED = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻−", "0123456789--")
 
 

@@ -15,11 +15,13 @@ import numpy as np
 
 from vibrident.base.errors import InputError
 from vibrident.data.records import FloatArray
-from vibrident.export.dcc_tree import Tree, cleaned, numeral
+from vibrident.export.dcc_tree import LANGUAGE, Tree, cleaned, numeral
 from vibrident.export.form import library
 from vibrident.result import Curve, Parameter, Result
+from vibrident.show.certificate import evaluation
 from vibrident.show.coverage import coverage
 from vibrident.show.curves import column
+from vibrident.show.language import Say
 from vibrident.show.numbers import unit_of_sensitivity
 from vibrident.show.views import K
 
@@ -129,7 +131,7 @@ def measurement(tree: Tree, result: Result) -> Any:
         said = tree.stated("description", stated["procedure"])
         methods.append(make("usedMethod", text("name", "calibration procedure"), said))
     about = text("description", "identification of a parametric model of the sensor from its calibration data")
-    methods.append(make("usedMethod", text("name", f"model {result.model}, estimator {result.estimator}"), about))
+    methods.append(make("usedMethod", text("name", evaluation(result, Say(LANGUAGE))), about))
     equipment = [_equipment(tree, entry) for entry in stated.get("instruments", ())]
     conditions = [
         _condition(tree, stated, *entry) for entry in _CONDITIONS if stated.get(f"{entry[1]}_{entry[2]}") is not None

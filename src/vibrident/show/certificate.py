@@ -18,7 +18,7 @@ from vibrident.data.io.certificate import check_dates
 from vibrident.result import Result
 from vibrident.show import certificate_tables as parts
 from vibrident.show import tables
-from vibrident.show.certified import RAISED, REJECTED, certified
+from vibrident.show.certified import REJECTED, certified, said_of_raised
 from vibrident.show.coverage import coverage, document_kind, not_certified, parameter_factor
 from vibrident.show.findings import findings
 from vibrident.show.formulas import Mixed
@@ -83,7 +83,6 @@ def certificate(result: Result, issue: Issue = NOTHING_MORE) -> Document:
         part("statements", *map(Sentence, statements(result, say))),
         part("opinions", *map(Sentence, _listed(stated, "opinions"))),
         part("remarks", *map(Sentence, remarks(result))),
-        section("signatures", "", Signatures(signatures(result, say))),
     ]
     head = (
         *_draft(result, say),
@@ -91,6 +90,7 @@ def certificate(result: Result, issue: Issue = NOTHING_MORE) -> Document:
         *unstated_sources,
         *_amendment(result, say),
         Beside(groups(result, say)),
+        Signatures(signatures(result, say)),
     )
     return replace(
         document(kind, head, sections),
@@ -154,7 +154,7 @@ def groups(result: Result, say: Say = ENGLISH) -> tuple[Facts, ...]:
         return [(say("label", key), _text(stated, key)) for key in keys]
 
     device: list[Fact] = [(say("label", key), _text(sensor, key)) for key in _SENSOR]
-    device += [(_words(key), str(value)) for key, value in others.items()]
+    device += [(say("label", key) if key == "axis" else _words(key), str(value)) for key, value in others.items()]
     device += given("condition")
     customer = "\n".join(str(stated[key]) for key in ("customer", "customer_address") if stated.get(key))
     order: list[Fact] = [(say("label", "customer"), customer or None)]
@@ -172,7 +172,7 @@ def groups(result: Result, say: Say = ENGLISH) -> tuple[Facts, ...]:
         *given("deviations", "external_results"),
         (say("label", "reference_quantity"), Mixed(quantity)),
         (say("label", "measured_band"), _band(result, say)),
-        (say("label", "evaluation"), say.each(lambda one: _evaluation(result, one))),
+        (say("label", "evaluation"), say.each(lambda one: evaluation(result, one))),
     ]
     placed = {key for keys in GROUPS.values() for key in keys}
     further = [(_words(key), _plain(value)) for key, value in stated.items() if key not in placed]
@@ -180,7 +180,7 @@ def groups(result: Result, say: Say = ENGLISH) -> tuple[Facts, ...]:
     return tuple(Facts(tuple(rows), say("group", name)) for name, rows in titled.items() if rows)
 
 
-def _evaluation(result: Result, say: Say) -> str:
+def evaluation(result: Result, say: Say) -> str:
     """Return what the model and the estimator are called, without the program's names."""
     model = " + ".join(say.word("model", part) for part in result.model.split("+"))
     return say("text", "evaluation", model=model, estimator=say.word("estimator", result.estimator))
@@ -231,8 +231,7 @@ def statements(result: Result, say: Say = ENGLISH) -> tuple[str, ...]:
         say.each(lambda one: _uncertainty(result, one)),
         Mixed(say.each(lambda one: f"{one('text', 'covers')} {sources(one)}.")) if covers else "",
         say("text", "reference", percent=plain(100.0 * relative, 3)) if relative else "",
-        say("text", "cmc") if result.settings.get("cmc") else "",
-        say("text", "raised") if result.settings.get(RAISED) else "",
+        *said_of_raised(result, say),
         ""
         if result.is_tracked
         else say.each(lambda one: f"{one('text', verdict)} {tables.worst(result.measured, one)}".strip()),

@@ -1,4 +1,4 @@
-"""What may be certified of a result: the one door from a result to a document that is signed.
+"""What may be stated of a result to a customer: the one door from a result to a document.
 
 - No U of the model lies below that of the measured values, as a model averages them.
 - A model that the data reject states nothing: the measured values stand alone.
@@ -18,6 +18,8 @@ from vibrident.physics.naming import described
 from vibrident.result import Correlation, Curve, Result
 from vibrident.show.coverage import unstated
 from vibrident.show.curves import column
+from vibrident.show.formulas import Words
+from vibrident.show.language import ENGLISH, Say
 
 SOURCE = "U of the measured values"
 RAISED, REJECTED = "raised_to_measured", "rejected_model"  # in the settings of what is certified
@@ -27,6 +29,40 @@ def certified(result: Result) -> Result:
     """Return what may be certified of a result."""
     found = result if result.is_tracked else _of_the_model(result)
     return found if states_phase(result) else _without_phase(found)
+
+
+def raised_to_measured(result: Result) -> Result:
+    """Return a result with no U of its model below that of its measured values.
+
+    Every document for a customer states it so, signed or not; a tracked result stays as it is.
+    """
+    if result.is_tracked or not result.has_gain:
+        return result
+    found = raised(
+        result,
+        lambda f: _measured_u(result, "magnitude", f),
+        lambda f: _measured_u(result, "phase_deg", f),
+        SOURCE,
+    )
+    if found == result:
+        return result
+    settings = {**found.settings, RAISED: True}
+    rows = result.settings.get("uncertainty_budget") or ()
+    if rows and all("contributions" in row for row in rows):
+        added = found.settings["uncertainty_budget"][len(rows) :]
+        settings["uncertainty_budget"] = [*rows, *({**row, "kind": "data"} for row in added)]
+    elif "uncertainty_budget" in result.settings:
+        settings["uncertainty_budget"] = rows
+    else:
+        settings.pop("uncertainty_budget", None)
+    return replace(found, settings=settings)
+
+
+def said_of_raised(result: Result, say: Say = ENGLISH) -> tuple[Words, ...]:
+    """Return which U of a result are raised: to the laboratory's capability, to the measured."""
+    settings = result.settings
+    found = ("cmc", settings.get("cmc")), ("raised", settings.get(RAISED))
+    return tuple(say("text", key) for key, applies in found if applies)
 
 
 def states_phase(result: Result) -> bool:
@@ -60,17 +96,7 @@ def _of_the_model(result: Result) -> Result:
             response=Curve.none(),
             settings={**settings, REJECTED: True},
         )
-    found = raised(
-        result,
-        lambda f: _measured_u(result, "magnitude", f),
-        lambda f: _measured_u(result, "phase_deg", f),
-        SOURCE,
-    )
-    if found == result:
-        return result
-    rows = found.settings.get("uncertainty_budget") or ()
-    named = [{**row, "kind": "data"} if row.get("source") == SOURCE else row for row in rows]
-    return replace(found, settings={**found.settings, "uncertainty_budget": named, RAISED: True})
+    return raised_to_measured(result)
 
 
 def _measured_u(result: Result, quantity: str, frequency_hz: FloatArray) -> FloatArray:

@@ -7,11 +7,11 @@ from collections.abc import Mapping, Sequence
 from vibrident.physics.naming import parameter_name
 from vibrident.result import Result
 from vibrident.show import certificate, certificate_tables, deviation_points, figures, tables
+from vibrident.show.certified import RAISED, raised_to_measured, said_of_raised
 from vibrident.show.comparison import beside, comparison_tables
 from vibrident.show.coverage import parameter_factor, scatter_only
 from vibrident.show.findings import findings
 from vibrident.show.history import drift, drift_table, histories
-from vibrident.show.language import ENGLISH
 from vibrident.show.numbers import NONE, parameter_scale, plain, sensor_name, stated
 from vibrident.show.residual_tests import residual_tests
 from vibrident.show.setting_tables import budget, light, point_budget, repeats
@@ -33,18 +33,19 @@ from vibrident.show.views import (
     section,
 )
 
-_SHOWN = ("interferometer", "temperature", "repeats")  # settings with a section of their own
+_SHOWN = ("interferometer", "temperature", "repeats", RAISED)  # settings with a section of their own
 MOST_FILES = 100  # data files listed in a report; the result lists them all
 
 
 def report(result: Result, more: Sequence[Section] = ()) -> Document:
     """The report of one result, with more sections before its settings."""
     name = sensor_name(result.sensor)
+    result = raised_to_measured(result)
     others = {key: value for key, value in result.settings.items() if "budget" not in key and key not in _SHOWN}
     sections = [
         section("warnings", "Warnings", *(tables.doubts(result) or (Sentence("None."),))),
         findings(result),
-        section("parameters", "Parameters", tables.parameters(result)),
+        section("parameters", "Parameters", tables.parameters(result), *map(Sentence, said_of_raised(result))),
         *(_curves(result) if result.has_gain else []),  # free decays alone have neither gain nor curve
         section("signals", "Signals", figures.signals(result)),
         section("residuals", "Residuals", residual_tests(result), figures.residuals(result)),
@@ -140,8 +141,7 @@ def _budget(result: Result) -> Sequence[Block]:
     """The contribution of each source; a budget of another form is shown unchanged."""
     if (table := budget(result)) is not None:
         points = point_budget(result)
-        said = (Sentence(ENGLISH("text", "cmc")),) if result.settings.get("cmc") else ()
-        return (table, *said, *([Folded("Budget of the measured points", points)] if points else []))
+        return (table, *([Folded("Budget of the measured points", points)] if points else []))
     return tables.values({key: value for key, value in result.settings.items() if "budget" in key and value})
 
 

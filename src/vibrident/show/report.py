@@ -16,6 +16,7 @@ from vibrident.base.errors import unknown
 from vibrident.result import Result
 from vibrident.show import document, plots
 from vibrident.show.certificate import certificate
+from vibrident.show.certified import raised_to_measured
 from vibrident.show.coverage import document_kind
 from vibrident.show.issue import NOTHING_MORE, Issue
 from vibrident.show.media import markdown
@@ -136,7 +137,7 @@ def write(
         target = target / (file_name(one, form) if one else FILE_NAMES[form][1])
     if form == "md" and one is not None:
         target.parent.mkdir(parents=True, exist_ok=True)
-        plots.save_all(one, target.parent)
+        plots.save_all(raised_to_measured(one), target.parent)
         made = render(one, pictures=target.parent, more=more).encode()
     else:
         made = content(results, form, names, more, issue)

@@ -167,12 +167,12 @@ def test_the_pdf_holds_the_contents_and_numbers_its_pages():
     for number, page in enumerate(found, 1):
         assert f"Page {number} of {len(found)}" in page
         assert "No. 2025-0042" in page
-    assert "What limits these results" not in text
+    assert "Limitations of the results" not in text
 
 
 def test_the_pdf_names_every_warning():
     text = " ".join(" ".join(pages(report.content(troubled(), "pdf"))).split())
-    assert "What limits these results" in text
+    assert "Limitations of the results" in text
     for code in troubled().warning_codes:
         assert words.explain(code).title[1:] in text
 
@@ -206,16 +206,18 @@ def test_without_typst_the_remedy_is_named(monkeypatch):
         report.content(table2(), "pdf")
 
 
-def test_the_signatures_end_the_certificate():
-    """What was signed stands before the signature, the hashes of the data among it."""
+def test_who_signs_does_so_on_page_one():
+    """Whatever the page holds: a long certificate, one with doubts, one without points."""
     files = [{"file": f"{i}.csv", "sha256": f"{i:064x}"} for i in range(30)]
-    text = " ".join(pages(report.content(replace(stated(), provenance={"files": files}), "pdf")))
-    assert text.index("Calibrated by") > text.index(f"{29:064x}")
+    long = replace(stated(), provenance={"files": files})
+    for result in (troubled(), table2(), long, single_point()):
+        first, *others = pages(report.content(result, "pdf"))
+        assert "Calibrated by" in first
+        assert "Approved by" in first
+        assert not [page for page in others if "Place and date" in page]
 
 
-def test_no_signature_stands_on_a_page_of_its_own():
-    """What is signed stands above it, whatever else the certificate says."""
-    for result in (troubled(), table2(), stated()):
-        last = pages(report.content(result, "pdf"))[-1]
-        assert "Approved by" in last
-        assert "coverage factor" in last or "remark" in last
+def test_the_measured_points_and_the_signature_share_page_one():
+    result = replace(stated(), warnings=(), findings=())
+    first = pages(report.content(result, "pdf"))[0]
+    assert all(row[2] in first for row in certificate_tables.measured(result).rows)

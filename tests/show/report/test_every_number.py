@@ -13,6 +13,7 @@ from vibrident.base.nominal import Nominal
 from vibrident.physics.naming import parameter_name
 from vibrident.result import Curve
 from vibrident.show import certificate_tables, report, words
+from vibrident.show.certified import raised_to_measured
 from vibrident.show.points import sensitivity_at
 from vibrident.show.tables import parameters
 
@@ -28,7 +29,7 @@ def cards(result):
 
 @pytest.mark.parametrize("make", [table2, pickup])
 def test_the_cards_state_the_estimated_parameters_and_the_reference_frequency(make):
-    result = make()
+    result = raised_to_measured(make())
     found = {label.lower(): rest for label, *rest in cards(result)}
     for name, parameter in result.parameters.items():
         if not parameter.derived:
@@ -67,13 +68,13 @@ def test_the_correlation_is_the_results():
 
 
 def test_the_nominal_frequencies_of_the_page_are_those_of_the_certificate():
-    result = table2()
+    result = raised_to_measured(table2())
     table = certificate_tables.sensitivity(result)
     assert [tuple(row) for row in read(result).table(*table.header)] == list(table.rows)
 
 
 def test_markdown_holds_every_cell_of_the_table():
-    result = table2()
+    result = raised_to_measured(table2())
     table = parameters(result)
     markdown = report.content(result, "md").decode()
     for row in table.rows:

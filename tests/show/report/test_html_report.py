@@ -16,6 +16,7 @@ from vibrident.base.errors import InputError
 from vibrident.physics.naming import parameter_name
 from vibrident.result import Fit
 from vibrident.show import report, words
+from vibrident.show.certified import raised_to_measured
 from vibrident.show.media.charts import MOST_POINTS
 from vibrident.show.numbers import frequency_text
 from vibrident.show.residual_tests import residual_tests
@@ -58,7 +59,7 @@ def test_every_figure_is_one_that_plotly_knows(sample):
 
 
 def test_every_parameter_in_the_table_is_the_results():
-    result = table2()
+    result = raised_to_measured(table2())
     rows = {row[0]: row for row in read(result).table("parameter", "symbol", "value")}
     for name, parameter in result.parameters.items():
         _, _, value, u, k, expanded, unit, interval, _ = rows[parameter_name(name).words]
@@ -89,7 +90,7 @@ def test_every_measured_point_in_the_table_is_the_results():
 
 
 def test_what_is_drawn_is_the_results():
-    result = table2()
+    result = raised_to_measured(table2())
     drawn = {(t.get("name"), t.get("yaxis")): t for t in read(result).figures["sensitivity"]["data"]}
     model, points = drawn["model", "y"], drawn["measured, U (k = 2)", "y"]
     np.testing.assert_allclose(model["x"], result.response.frequency_hz, rtol=1e-8)
@@ -253,7 +254,8 @@ def test_the_budget_states_what_each_source_adds():
             "contributions": {"sensitivity": 1.02e-4, "natural_frequency": 0.0},
         },
     ]
-    page = read(replace(result, settings={"uncertainty_budget": rows}))
+    result = replace(result, settings={"uncertainty_budget": rows})
+    page, shown = read(result), raised_to_measured(result)
     table = next(t for t in page.tables if t[0][:4] == ["source", "type", "kind", "u"])
     columns = {head.split(" / ")[0]: j for j, head in enumerate(table[0])}
     assert [row[:5] for row in table[1:3]] == [
@@ -261,12 +263,12 @@ def test_the_budget_states_what_each_source_adds():
         ["amplifier", "B", "gain", "0.001", "50"],
     ]
     for name in parts:
-        parameter, j = result.parameters[name], columns[parameter_name(name).words]
+        parameter, j = shown.parameters[name], columns[parameter_name(name).words]
         unit = table[0][j].split(" / ")[1]
         factor = factor_to(unit.removeprefix("(").removesuffix(")") if unit.startswith("(") else unit, parameter.unit)
         for row, text in zip(rows, (table[1][j], table[2][j]), strict=True):
             assert_rounded(text, row["contributions"][name], factor)
-        assert_rounded(table[3][j], parameter.standard_uncertainty, factor)
+        assert_rounded(table[-1][j], parameter.standard_uncertainty, factor)
 
 
 def test_a_record_named_by_its_frequency_is_named_once():

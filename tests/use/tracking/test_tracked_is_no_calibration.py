@@ -108,7 +108,7 @@ def test_its_document_is_a_tracking_report(end, language):
     limits = [{"quantity": "sensitivity_deviation", "low": -1.0, "high": 1.0}]
     stated = {**REFERENCE, "language": language, "requirements": limits}
     made = certificate(replace(end, certificate=stated))
-    titles = {"en": "Tracking report", "de": "Verfolgungsbericht", "fr": "Rapport de suivi", "zh": "跟踪报告"}
+    titles = {"en": "Tracking report", "de": "Nachführbericht", "fr": "Rapport de suivi", "zh": "跟踪报告"}
     assert made.title == titles[language]
     assert not made.draft
     said = repr(made)
@@ -123,7 +123,8 @@ def test_it_is_no_digital_certificate(end, tmp_path):
 
 @pytest.mark.needs("history")
 def test_it_cannot_be_approved(end, calibrated, tmp_path):
-    from vibrident.lab.history.entry import add_all, approve
+    from vibrident.lab.history.approval import approve
+    from vibrident.lab.history.entry import add_all
     from vibrident.lab.history.store import Store
 
     dated = [replace(result, certificate={"date_of_calibration": "2025-03-01"}) for result in (calibrated, end)]

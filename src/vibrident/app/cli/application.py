@@ -18,6 +18,7 @@ from vibrident.app.cli.commands.fleet import fleet
 from vibrident.app.cli.commands.history import history
 from vibrident.app.cli.commands.identify import identify
 from vibrident.app.cli.commands.inspect import inspect
+from vibrident.app.cli.commands.issue import issue
 from vibrident.app.cli.commands.plan import plan
 from vibrident.app.cli.commands.predict import predict
 from vibrident.app.cli.commands.report import report
@@ -25,6 +26,7 @@ from vibrident.app.cli.commands.reproduce import reproduce
 from vibrident.app.cli.commands.serve import serve
 from vibrident.app.cli.commands.simulate import simulate
 from vibrident.app.cli.commands.track import track
+from vibrident.app.cli.commands.verify import verify
 from vibrident.app.cli.console import BAD_INPUT, INTERRUPTED, show_error
 from vibrident.app.cli.options import filled, marked
 from vibrident.app.cli.words import shell_word
@@ -83,9 +85,10 @@ app = typer.Typer(
 _PANELS = {
     "Begin": (demo, serve, doctor),
     "From files to a model": (inspect, identify, axes, fleet, report),
-    "Use and judge a model": (predict, correct, track, plan, compare, simulate, export, reproduce),
+    "Use and judge a model": (predict, correct, track, plan, compare, simulate, export, verify, reproduce),
 }
 app.add_typer(history, name="history", rich_help_panel="Use and judge a model")
+app.add_typer(issue, name="issue", rich_help_panel="Use and judge a model")
 for _panel, _commands in _PANELS.items():
     for _command in _commands:
         app.command(rich_help_panel=_panel)(_command)

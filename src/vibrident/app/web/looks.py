@@ -28,6 +28,7 @@ from vibrident.data.io.reader import open_columns
 from vibrident.fit.response.motion import kind_of_motion
 from vibrident.result import Result
 from vibrident.show import certificate, document, figures, tables
+from vibrident.show.certified import raised_to_measured, said_of_raised
 from vibrident.show.comparison import beside, comparison_tables
 from vibrident.show.coverage import scatter_only
 from vibrident.show.deviation_points import from_reference
@@ -36,7 +37,7 @@ from vibrident.show.issue import Issue, issued
 from vibrident.show.issue import stated as with_statements
 from vibrident.show.media import charts, html
 from vibrident.show.report import content, file_name
-from vibrident.show.views import Figure, count
+from vibrident.show.views import Figure, Sentence, count
 
 if TYPE_CHECKING:
     from vibrident.lab.history.store import Store
@@ -174,7 +175,7 @@ def facts(path: Path) -> tuple[str, str]:
 
 def outcome(path: Path) -> dict[str, Any]:
     """The view of a result: verdict, numbers, warnings and findings as HTML, charts as JSON."""
-    result = Result.load(path)
+    result = raised_to_measured(Result.load(path))
     drawn = figures.sensitivity(result), from_reference(result), figures.deviation(result)
     shown, left = _fitting(_named(*drawn), MOST_BYTES)
     found, left = _fitting(_named(figures.training(result)), left)
@@ -183,7 +184,7 @@ def outcome(path: Path) -> dict[str, Any]:
         "verdict": html.fragment(document.verdict(result), *scatter_only(result)),
         "pdf": (certificate.title(result), file_name(result, "pdf")),
         "states": {"certificate": result.certificate, "sensor": result.sensor, "parameters": [*result.parameters]},
-        "parameters": html.fragment(tables.parameters(result)),
+        "parameters": html.fragment(tables.parameters(result), *map(Sentence, said_of_raised(result))),
         "warnings": html.fragment(*told(result)),
         "charts": shown,
         "found": found,
@@ -300,7 +301,8 @@ def added_to_history(path: Path, store: str, stated: CertificateData) -> dict[st
 
 def approved(path: Path, store: str, stated: CertificateData, by: str) -> dict[str, Any]:
     """Return the same, once the result's calibration was added and approved."""
-    from vibrident.lab.history.entry import add_all, approve
+    from vibrident.lab.history.approval import approve
+    from vibrident.lab.history.entry import add_all
 
     def add(opened: Store, result: Result) -> str:
         (added,) = add_all(opened, [result])

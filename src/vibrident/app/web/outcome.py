@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from functools import partial
-from typing import Any
+from typing import Any, Protocol
 
 from nicegui import ui
 
@@ -16,6 +16,7 @@ from vibrident.app.web.users import User
 from vibrident.app.web.words import LABELS
 from vibrident.base.errors import InputError
 from vibrident.base.escaping import html
+from vibrident.data.io.certificate import CertificateData
 from vibrident.show.report import FILE_NAMES
 
 _MOST_EXPORTED = 200_000_000  # most bytes of a file that an export writes
@@ -23,11 +24,24 @@ _MOST_EXPORTED = 200_000_000  # most bytes of a file that an export writes
 _ANY_SIZE = 1 << 42
 
 
+class HandIn(Protocol):
+    """What takes drafts of certificates."""
+
+    @property
+    def offered(self) -> bool:
+        """Whether drafts can be handed in."""
+        ...
+
+    async def hand_in(self, named: Named, stated: CertificateData, errors: ui.element) -> None:
+        """Hand in a draft of a result."""
+        ...
+
+
 class OutcomeStep:
     """The latest result."""
 
-    def __init__(self, user: User) -> None:
-        self.user = user
+    def __init__(self, user: User, hand_in: HandIn) -> None:
+        self.user, self.hand_in = user, hand_in
         self.turn = 0
         self.showing = False
 
@@ -82,7 +96,8 @@ class OutcomeStep:
             if go:  # before the history, which is read in a process of its own
                 frame.go(self.section)
             if self.user.users.store:
-                await History(self.user, named, self.user.users.store, self.certificate).build()
+                store = self.user.users.store
+                await History(self.user, named, store, self.certificate, self.hand_in).build()
 
     def _downloads(self, named: Named, title: str, pdf: str) -> None:
         ui.html(f"<h3>{LABELS['report.form']}</h3>", sanitize=False)
@@ -155,9 +170,10 @@ class OutcomeStep:
 class History:
     """What the history at ``store``, a URL, holds of a result's sensor, and a button that adds the result to it."""
 
-    def __init__(self, user: User, named: Named, store: str, certificate: CertificateForm) -> None:
+    def __init__(self, user: User, named: Named, store: str, certificate: CertificateForm, hand_in: HandIn) -> None:
         self.user, self.named, self.store = user, named, store
         self.certificate = certificate  # states date, number and approver
+        self.hand_in = hand_in
 
     async def build(self) -> None:
         """Build it, and show what is there."""
@@ -167,6 +183,8 @@ class History:
             self.button.visible = self.user.may("identify")
             approve = ui.button("Add and approve", on_click=self._approve).props("outline id=approve")
             approve.visible = self.user.may("approve")
+            draft = ui.button("Hand in for review", on_click=self._hand_in).props("outline id=hand-in")
+            draft.visible = self.hand_in.offered and self.user.may("identify")
         self.words = ui.label("").classes("hint").props("role=status id=history-words")
         self.errors = ui.element("div").props("aria-live=assertive")
         self.body = ui.element("div").props("id=history")
@@ -178,6 +196,9 @@ class History:
         await self._ask(looks.added_to_history)
         if not self.button.is_deleted:
             self.button.enable()
+
+    async def _hand_in(self) -> None:
+        await self.hand_in.hand_in(self.named, self.certificate.given(), self.errors)
 
     async def _approve(self) -> None:
         self.errors.clear()

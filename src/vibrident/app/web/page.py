@@ -16,6 +16,7 @@ from vibrident.app.web.door import SIGN_OUT
 from vibrident.app.web.fit import FitStep
 from vibrident.app.web.form.columns import ColumnsStep
 from vibrident.app.web.guard import ACCOUNT, OWNER
+from vibrident.app.web.issue import IssueStep
 from vibrident.app.web.outcome import OutcomeStep
 from vibrident.app.web.tools import ToolsStep
 from vibrident.app.web.users import User, Users
@@ -91,7 +92,8 @@ def _offer(user: User) -> None:
 
 
 async def _steps(user: User) -> None:
-    outcome, compare, fit = OutcomeStep(user), CompareStep(user), FitStep(user)
+    issue = IssueStep(user)
+    outcome, compare, fit = OutcomeStep(user, issue), CompareStep(user), FitStep(user)
     data, tools = DataStep(user), ToolsStep(user)
     columns = ColumnsStep(user, data, fit)
 
@@ -113,9 +115,15 @@ async def _steps(user: User) -> None:
     outcome.build()
     compare.build()
     tools.build(on_result=results)
+    issue.build()
     data.hold()
-    if user.empty:
-        return
+    if not user.empty:
+        await _restore(user, columns, fit, outcome, compare)
+    await issue.show()  # last: it reads the store, and meanwhile data may come
+
+
+async def _restore(user: User, columns: ColumnsStep, fit: FitStep, outcome: OutcomeStep, compare: CompareStep) -> None:
+    """Show what the tab had."""
     await columns.restore()
     await fit.restore()
     if user.results:

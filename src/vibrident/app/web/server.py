@@ -41,13 +41,15 @@ def serve(
     proxy: str | None = None,
     user_header: str | None = None,
     audit: Path | None = None,
+    key: tuple[Path, str] | None = None,
     say: Callable[[str], None] = print,
     note: Callable[[str], None] = print,
 ) -> None:
     """Serve the page until interrupted, with the options of ``vibrident serve``.
 
     ``show``: open the browser; ``names``: further host names of the page; ``store``: URL of the history that everybody
-    who reaches the page may read and add to; ``say`` is called with the address, ``note`` with what to know before.
+    who reaches the page may read and add to; ``key``: file and pass phrase of the key that signs; ``say`` is called
+    with the address, ``note`` with what to know before.
     """
     from nicegui import ui
 
@@ -59,7 +61,8 @@ def serve(
     door = team(auth, proxy, user_header, audit or data_folder() / "audit.jsonl", home.folder, loopback=loopback)
     os.environ["TMPDIR"] = tempfile.tempdir = str(home.spool)  # partial uploads lie there too
     try:
-        build(limit_mb, home, names=own_names(host) | frozenset(names), store=store, keep_s=keep_s, door=door)
+        known = own_names(host) | frozenset(names)
+        build(limit_mb, home, names=known, store=store, keep_s=keep_s, door=door, key=key)
         if door is not None and not possible():
             note("Readers of files are not confined: bubblewrap is missing here or not allowed (docs/security.md).")
         say(f"http://{_bracketed(reachable(host))}:{chosen}/")
@@ -83,7 +86,14 @@ def serve(
 
 
 def build(
-    limit_mb: float, home: Home, *, names: frozenset[str], store: str | None, keep_s: float, door: Door | None
+    limit_mb: float,
+    home: Home,
+    *,
+    names: frozenset[str],
+    store: str | None,
+    keep_s: float,
+    door: Door | None,
+    key: tuple[Path, str] | None = None,
 ) -> None:
     """Register the page and its guard."""
     from nicegui import app, ui
@@ -92,7 +102,7 @@ def build(
     from vibrident.app.web.page import page
     from vibrident.app.web.users import Users
 
-    users = Users(home.folder, limit_mb, store, keep_s, door)
+    users = Users(home.folder, limit_mb, store, keep_s, door, key)
     app.add_middleware(Guard, limit_bytes=int(limit_mb * MEGABYTE), names=names, door=door)
     app.on_startup(users.start)
     app.on_shutdown(users.close)

@@ -199,12 +199,19 @@ class Users:
 
     ``store``: URL of the history that all of them share. ``keep_s``: seconds for which the state of who left is kept on
     disk, also when the server stops; 0 for an hour, as long as the server runs. ``door``: of a team's page, where the
-    owner of a page is an account.
+    owner of a page is an account. ``key``: file and pass phrase of the key that certificates are signed with.
     """
 
     def __init__(
-        self, folder: Path, limit_mb: float, store: str | None = None, keep_s: float = 0.0, door: Door | None = None
+        self,
+        folder: Path,
+        limit_mb: float,
+        store: str | None = None,
+        keep_s: float = 0.0,
+        door: Door | None = None,
+        key: tuple[Path, str] | None = None,
     ) -> None:
+        self.key = key
         self.folder, self.limit_mb, self.store, self.keep_s, self.door = folder, limit_mb, store, keep_s, door
         self.kept: list[User] = []
         self.to_write: set[User] = set()

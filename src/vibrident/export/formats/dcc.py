@@ -20,20 +20,22 @@ from urllib.parse import urlsplit
 
 from vibrident.base.errors import InputError
 from vibrident.base.version import __version__
+from vibrident.base.warning_kinds import explain
 from vibrident.data.io.certificate import check_dates
 from vibrident.export.dcc_results import measurement
 from vibrident.export.dcc_tree import DCC as NAMESPACE
 from vibrident.export.dcc_tree import LANGUAGE, SI, Tree, cleaned, numeral
 from vibrident.export.form import Format, Options, library
 from vibrident.export.sensor import ExportedSensor
+from vibrident.physics.naming import parameter_name
 from vibrident.result import Result
-from vibrident.show.certified import RAISED, certified, stated_parameters
+from vibrident.show.certified import certified, said_of_raised, stated_parameters
 from vibrident.show.coverage import coverage, interval_text, not_certified, unstated
 from vibrident.show.language import Say
 from vibrident.show.points import reference_value
 from vibrident.show.tables import small_signals
 from vibrident.show.views import Sentence
-from vibrident.use.conformity import judged
+from vibrident.use.conformity import DEVIATION, judged
 
 VERSION = "3.2.1"
 _LOCATION = f"https://ptb.de/dcc https://ptb.de/dcc/v{VERSION}/dcc.xsd"
@@ -195,12 +197,10 @@ def _statements(
     verdict = "describes" if result.fit.adequate else "does not describe"
     yield "adequacy", ours(f"The model {verdict} the data within their uncertainties.")
     for warning in result.warnings:
-        yield f"warning: {warning.code}", ours(warning.message)
+        yield f"limitation: {explain(warning.code).title}", ours(warning.message)
     yield "reproduction", ours(Say(LANGUAGE)("text", "no_reproduction"))
-    if result.settings.get("cmc"):
-        yield "capability", ours(Say(LANGUAGE)("text", "cmc"))
-    if result.settings.get(RAISED):
-        yield "uncertainty of the model", ours(Say(LANGUAGE)("text", "raised"))
+    for raised in said_of_raised(result, Say(LANGUAGE)):
+        yield "least uncertainty", ours(raised)
     yield from _conformity(tree, result)
     if result.certificate.get("replaces"):
         yield "replaces certificate", tree.stated("declaration", result.certificate["replaces"])
@@ -228,12 +228,15 @@ def _conformity(tree: Tree, result: Result) -> Iterable[tuple[str, *tuple[Any, .
         numbers = {"low": row.low, "high": row.high, "value": row.value, "standard uncertainty": row.u}
         chance = None if row.probability is None else round(row.probability, 2)
         numbers |= {"frequency in Hz": row.frequency_hz, "probability of conformance": chance}
-        said = [f"{row.quantity}, unit {row.unit}"]
+        name = parameter_name(row.quantity).words
+        if row.quantity == DEVIATION:
+            name = "deviation of the sensitivity from that at the reference frequency"
+        said = [f"{name}, unit {row.unit}"]
         said += [f"{name} {numeral(n)}" for name, n in numbers.items() if n is not None and math.isfinite(n)]
         said += [f"stated in {row.source}"] if row.source else []
         declaration = tree.text("declaration", rule, ", ".join(said))
         met = None if row.met is None else tree.make("conformity", text="pass" if row.met else "fail")
-        yield f"conformity: {row.quantity}", declaration, met
+        yield f"conformity: {name}", declaration, met
 
 
 DCC = Format(

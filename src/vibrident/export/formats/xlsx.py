@@ -1,4 +1,8 @@
-"""Excel: the tables of a result as sheets of one workbook, numbers unrounded."""
+"""Excel: the tables of a result as sheets of one workbook, numbers unrounded.
+
+It is a document for a customer: no U of the model is below that of the measured values, and the
+sheet ``notes`` says so.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +14,7 @@ from vibrident.base.escaping import one_line
 from vibrident.export.form import Format, Options, library
 from vibrident.export.formats.csv import sheets
 from vibrident.export.sensor import ExportedSensor
+from vibrident.show.certified import raised_to_measured, said_of_raised
 
 
 def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
@@ -18,7 +23,11 @@ def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
     book = openpyxl.Workbook()
     book.remove(book.active)
     bold = openpyxl.styles.Font(bold=True)
-    for name, (header, rows) in sheets(sensor.result).items():
+    result = raised_to_measured(sensor.result)
+    tables = sheets(result)
+    if notes := said_of_raised(result):
+        tables["notes"] = (("note",), [(str(note),) for note in notes])
+    for name, (header, rows) in tables.items():
         sheet = book.create_sheet(name)
         for number, row in enumerate((header, *rows), 1):
             for column, value in enumerate(row, 1):

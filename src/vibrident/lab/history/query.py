@@ -23,6 +23,8 @@ from vibrident.lab.history.schema import (
     REDATED,
     REFERENCE_SENSITIVITY,
     calibration,
+    certificate_number,
+    draft,
     event,
     parameter,
     point,
@@ -172,9 +174,18 @@ def _correction() -> Any:
     return newest.correlate(calibration).scalar_subquery()
 
 
+def _drawn_number() -> Any:
+    """Return the number that a draft of a calibration was given; null without one."""
+    asked = sa.select(certificate_number.c.number).join(draft, draft.c.id == certificate_number.c.draft_id)
+    newest = asked.where(draft.c.calibration_id == calibration.c.id).order_by(draft.c.id.desc()).limit(1)
+    return newest.correlate(calibration).scalar_subquery()
+
+
 def _facts(names: Sequence[str]) -> list[Any]:
-    """Return columns of a calibration; a corrected date is a stated one."""
+    """Return columns of a calibration; a corrected date is a stated one, a drawn number its own."""
     c, corrected = calibration.c, {"date": corrected_date().label("date")}
+    number = sa.func.coalesce(_drawn_number(), c.certificate_number)
+    corrected["certificate_number"] = number.label("certificate_number")
     corrected["date_stated"] = sa.or_(c.date_stated, _correction().is_not(None)).label("date_stated")
     return [corrected.get(name, c[name]) for name in names]
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import sqlalchemy as sa
 
-REVISION = "0002"  # the newest migration; a store at another one is refused
+REVISION = "0003"  # the newest migration; a store at another one is refused
 VERSION_TABLE = "vibrident_schema"
 #: Name among the parameters of the magnitude of the sensitivity at the reference frequency.
 REFERENCE_SENSITIVITY = "reference_sensitivity"
@@ -87,4 +87,55 @@ event = sa.Table(
     *_filled(sa.Text, "by", "note"),
     sa.Index("event_by_sensor", "sensor_id", "kind"),
     sa.Index("event_by_calibration", "calibration_id"),
+)
+
+
+def _stamped() -> list[sa.Column[Any]]:
+    """Who made a row, and when."""
+    return [*_filled(sa.Text, "by"), *_filled(sa.String(32), "recorded")]
+
+
+#: A calibration with its statements, to be reviewed and issued: its row cannot change any more.
+draft = sa.Table(
+    "draft",
+    metadata,
+    sa.Column("id", sa.Integer, primary_key=True),
+    sa.Column("calibration_id", sa.Integer, sa.ForeignKey("calibration.id"), nullable=False),
+    *_stamped(),
+    *_filled(sa.Text, "fonts"),
+    *(sa.Column(name, sa.LargeBinary) for name in ("logo", "template", "before")),
+    sa.Index("draft_by_calibration", "calibration_id"),
+)
+
+review = sa.Table(
+    "review",
+    metadata,
+    sa.Column("id", sa.Integer, primary_key=True),
+    sa.Column("draft_id", sa.Integer, sa.ForeignKey("draft.id"), nullable=False),
+    *_stamped(),
+    *_filled(sa.Boolean, "accepted"),
+    *_filled(sa.Text, "note"),
+    sa.Index("review_by_draft", "draft_id"),
+)
+
+#: The number that a draft was given; of a year they have no gaps.
+certificate_number = sa.Table(
+    "certificate_number",
+    metadata,
+    sa.Column("draft_id", sa.Integer, sa.ForeignKey("draft.id"), primary_key=True),
+    *_stamped(),
+    *_filled(sa.Integer, "year", "sequence"),
+    sa.Column("number", sa.String(200), nullable=False, unique=True),
+    *_filled(sa.Date, "date"),
+    sa.Column("replaces", sa.String(200), unique=True),
+    sa.UniqueConstraint("year", "sequence", name="certificate_sequence"),
+)
+
+#: What was issued, as its files are.
+certificate = sa.Table(
+    "certificate",
+    metadata,
+    sa.Column("draft_id", sa.Integer, sa.ForeignKey("draft.id"), primary_key=True),
+    *_stamped(),
+    *_filled(sa.LargeBinary, "result", "result_signature", "pdf", "dcc"),
 )

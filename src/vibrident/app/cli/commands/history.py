@@ -190,10 +190,10 @@ def approve(
     number: int = _CALIBRATION, store: str | None = _STORE, by: str | None = _APPROVER, note_text: str = _NOTE
 ) -> None:
     """Approve a calibration. Other evaluations of the same data are superseded."""
-    from vibrident.lab.history import entry
+    from vibrident.lab.history import approval
 
     with _opened(store) as opened:
-        superseded = entry.approve(opened, number, by=by, note=note_text)
+        superseded = approval.approve(opened, number, by=by, note=note_text)
     say(f"Calibration {number} is approved.")
     for other in superseded:
         say(f"Calibration {other}, of the same data, is superseded.")

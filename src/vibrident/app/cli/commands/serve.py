@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 
@@ -34,6 +35,10 @@ def serve(
     store: str | None = option(
         "--store", "URL", "History to show and add to; see `vibrident history`.", default=_STORE
     ),
+    key: Path | None = option("--key", "KEY.p12", "The laboratory's key: reviewed certificates are signed with it."),
+    passphrase_file: Path | None = option(
+        "--passphrase-file", "FILE", "Pass phrase of the key.", default="VIBRIDENT_KEY_PASSPHRASE"
+    ),
 ) -> None:
     """Open a page in the browser: drop files, confirm columns, identify, view, download. Ctrl-C ends it.
 
@@ -62,8 +67,32 @@ def serve(
 
     own = chosen(store) if store is not None or host in LOOPBACK else None  # others have no business in one's own
     team = {"auth": auth, "proxy": proxy, "user_header": user_header, "audit": audit}
-    files = {"limit_mb": limit_mb, "store": own, "keep_h": keep}
+    files = {"limit_mb": limit_mb, "store": own, "keep_h": keep, "key": _key(key, passphrase_file, auth or user_header)}
     context.obj(host=host, port=port, show=not no_browser, names=name or (), say=say, note=note, **files, **team)
+
+
+def _key(key: Path | None, passphrase_file: Path | None, accounts: object) -> tuple[Path, str] | None:
+    """Return the key's file and pass phrase, which this process then keeps out of its children's environment.
+
+    Raises:
+        InputError: the key cannot be used, or the page has no accounts, of which it takes two.
+    """
+    if key is None:
+        return None
+    if accounts is None:
+        raise InputError(
+            "A page without accounts issues no certificates.",
+            expected="accounts: one hands a draft in, another reviews it",
+            found="--key without --auth or --user-header",
+            where="command line",
+            remedy="give --auth FILE, or issue with `vibrident issue`",
+        )
+    from vibrident.lab.issue.keys import PASSPHRASE, load_key, passphrase
+
+    phrase = passphrase(passphrase_file)
+    os.environ.pop(PASSPHRASE, None)
+    load_key(key, phrase)
+    return key.absolute(), phrase
 
 
 def _add(auth: Path | None, account: str) -> None:

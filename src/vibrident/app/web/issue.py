@@ -1,0 +1,150 @@
+"""The step of a team's page in which drafts are reviewed by a second account and issued."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+from nicegui import ui
+
+from vibrident.app.web import certificates, frame
+from vibrident.app.web.held import Named
+from vibrident.app.web.outcome import give
+from vibrident.app.web.users import User
+from vibrident.base.escaping import html
+from vibrident.data.io.certificate import CertificateData
+from vibrident.lab.issue.drafts import ISSUED, REVIEWED, same_account
+
+_ANY_SIZE = 1 << 42  # most bytes of the store's file, as of the history
+_LABELS = {"pdf": "Certificate (PDF)", "dcc": "DCC", "json": "result.json", "p7s": "Its signature"}
+
+
+class IssueStep:
+    """Drafts and certificates of the store that all accounts share."""
+
+    def __init__(self, user: User) -> None:
+        self.user = user
+
+    @property
+    def offered(self) -> bool:
+        """Whether the page has accounts and a store: one account cannot review its own draft."""
+        return self.user.users.door is not None and bool(self.user.users.store)
+
+    def build(self) -> None:
+        """Build the section, hidden until there is a draft."""
+        self.section = frame.step("Review and issue", "issue", mark="✓")
+        with self.section:
+            with ui.element("div").classes("actions"):
+                refresh = ui.button("Look again", on_click=self.show)
+                refresh.props("outline id=refresh-drafts")
+            self.words = ui.label("").classes("hint").props("role=status id=issue-words")
+            self.errors = ui.element("div").props("aria-live=assertive")
+            self.body = ui.element("div")
+        self.section.visible = False
+
+    async def show(self) -> None:
+        """Show the drafts as the store has them now."""
+        if not self.offered:
+            return
+        asked = (certificates.shown, self.user.users.store)
+        drafts = await frame.looked(self.user, self.errors, *asked, file_bytes=_ANY_SIZE)
+        if drafts is None or self.body.is_deleted:
+            return
+        self.section.visible = bool(drafts)
+        self.body.clear()
+        replaced = {each["replaces"]: each["number"] for each in drafts if each["number"]}
+        with self.body:
+            for each in drafts:
+                self._entry(each, replaced.get(each["number"] or None))
+
+    async def hand_in(self, named: Named, stated: CertificateData, errors: ui.element) -> None:
+        """Hand in a draft of a result, and show it."""
+        errors.clear()
+        try:
+            self.user.require("identify", "hand in a draft")
+            asked = (named.path, self.user.users.store, stated, self.user.owner)
+            number = await self.user.look(certificates.handed_in, *asked, file_bytes=_ANY_SIZE)
+        except Exception as error:
+            frame.show_error(errors, error, self.user.session)
+            return
+        await self.user.note("handed in", named.path, draft=number)
+        await self.show()
+        self.words.text = f"Draft {number} waits for a review by another account."
+        frame.go(self.section)
+
+    def _entry(self, draft: dict[str, Any], replaced_by: str | None) -> None:
+        number = draft["id"]
+        title = f"Certificate {draft['number']}" if draft["state"] == ISSUED else f"Draft {number}"
+        ui.html(f"<h3>{html(title)}: {html(draft['sensor'])}</h3>", sanitize=False)
+        ui.label(_history(draft, replaced_by)).classes("hint")
+        with ui.element("div").classes("actions").props(f'id="draft-{number}"'):
+            forms = _LABELS if draft["state"] == ISSUED else {"pdf": "Draft (PDF)"}
+            for form, label in forms.items():
+                download = ui.button(label, on_click=partial(self._give, number, form))
+                download.props(f'outline aria-label="{label}, {html(title)}"')
+            if draft["state"] == ISSUED or not self.user.may("approve"):
+                return
+            if same_account(draft["author"], self.user.owner):
+                ui.label("Another account reviews what you handed in.").classes("hint")
+            else:
+                self._review(number)
+            if draft["state"] == REVIEWED and self.user.users.key is not None:
+                issue = ui.button("Issue and sign", on_click=partial(self._issue, number))
+                issue.props(f'aria-label="Issue and sign draft {number}"')
+
+    def _review(self, number: int) -> None:
+        note = ui.input("What was found").props("dense outlined stack-label")
+        for label, accepted in (("Accept", True), ("Return", False)):
+
+            async def review(accepted: bool = accepted) -> None:
+                await self._reviewed(number, accepted, note.value or "")
+
+            button = ui.button(label, on_click=review)
+            button.props(f'outline aria-label="{label} draft {number}"')
+
+    async def _reviewed(self, number: int, accepted: bool, note: str) -> None:
+        asked = (certificates.reviewed, number, self.user.owner, accepted, note)
+        action = "reviewed" if accepted else "returned"
+        await self._change("review a draft", action, f"Draft {number} is {action}.", *asked)
+
+    async def _issue(self, number: int) -> None:
+        self.words.text = "Signing …"
+        asked = (certificates.certified, number, self.user.owner, *(self.user.users.key or ()))
+        await self._change("issue a certificate", "issued", f"Draft {number} is issued.", *asked)
+
+    async def _change(self, what: str, action: str, said: str, function: Any, number: int, *args: Any) -> None:
+        """Do what the role ``approve`` may, note it, and show the drafts again."""
+        self.errors.clear()
+        try:
+            self.user.require("approve", what)
+            store = self.user.users.store
+            await self.user.look(function, store, number, *args, file_bytes=_ANY_SIZE)
+        except Exception as error:
+            self.words.text = ""
+            frame.show_error(self.errors, error, self.user.session)
+            return
+        await self.user.note(action, draft=number)
+        await self.show()
+        self.words.text = said
+
+    async def _give(self, number: int, form: str) -> None:
+        self.errors.clear()
+        asked = (certificates.document, self.user.users.store, number, form)
+        await give(self.user, self.errors, None, *asked, file_bytes=_ANY_SIZE)
+
+
+def _history(draft: dict[str, Any], replaced_by: str | None) -> str:
+    """Return who did what with a draft, in a sentence."""
+    said = [f"handed in by {draft['author']} on {draft['recorded'][:10]}"]
+    if draft["reviewer"]:
+        returned = draft["state"] not in (REVIEWED, ISSUED)
+        note = f" ({draft['note']})" if draft["note"] else ""
+        said.append(f"{'returned' if returned else 'reviewed'} by {draft['reviewer']}{note}")
+    if draft["state"] == ISSUED:
+        said.append(f"issued by {draft['issuer']} on {draft['date']}")
+    if draft["replaces"]:
+        said.append(f"replaces {draft['replaces']}")
+    if replaced_by:
+        said.append(f"replaced by {replaced_by}")
+    text = "; ".join(said)
+    return f"{text[:1].upper()}{text[1:]}."
