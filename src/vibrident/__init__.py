@@ -26,6 +26,8 @@ _WHERE = {
     "NotConverged": "vibrident.base.errors",
     "VibridentError": "vibrident.base.errors",
     "read": "vibrident.data.io",
+    "Model": "vibrident.physics.models",
+    "ParameterSpec": "vibrident.physics.models",
     "identify": "vibrident.use.identification",
     "identify_many": "vibrident.lab.many",
     "identify_together": "vibrident.fit.joint",

@@ -14,12 +14,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from vibrident.base.errors import ModelError
 from vibrident.data.records import Quantity
+
+if TYPE_CHECKING:
+    from vibrident.physics.models.model import Model
 
 #: Powers of s that turn the reference quantity into acceleration. A drive acts as acceleration up to a constant.
 DERIVATIVES: Mapping[str, int] = {"acceleration": 0, "drive": 0, "velocity": 1, "displacement": 2}
@@ -36,8 +39,9 @@ class ParameterSpec:
     # its scale in the optimiser. ``gain``: linear, any sign, scaled by its start value; ``log``: positive, by its
     # logarithm; ``duration``: positive, by its logarithm, in seconds; ``positive``: linear, reflected at zero;
     # ``time``: linear, in units of the shortest time scale of the data; ``ratio``: linear; ``inverse``,
-    # ``inverse_square``: linear, in units of one over the response's size, or over its square
-    kind: Literal["gain", "log", "duration", "positive", "time", "ratio", "inverse", "inverse_square"]
+    # ``inverse_square``: linear, in units of one over the response's size, or over its square; None: as start and
+    # bounds say, ``gain`` where the response is proportional to it
+    kind: Literal["gain", "log", "duration", "positive", "time", "ratio", "inverse", "inverse_square"] | None = None
     # start values of an add-on's parameter, to be tried in turn, as multiples of what ``guess_at`` says
     guesses: tuple[float, ...] = ()
     # ``lowest`` or ``highest`` frequency of the data, ``period`` of the highest, or ``one``; ``band``: the guesses are
@@ -51,9 +55,16 @@ class ParameterSpec:
     # of a core's parameter: the values from which start values are looked for, or ``band`` for frequencies over the
     # band of the data and beyond; empty: the gain, which follows from the rest
     grid: tuple[float, ...] | Literal["band"] = ()
+    start: float | None = None  # a likely value; None: the data tell it (the gain, a frequency in Hz)
+    bounds: tuple[float, float] | None = None  # lowest and highest value searched; None: as its kind says
 
     def __post_init__(self) -> None:
-        _require_identifier(self.name)
+        require_identifier(self.name)
+
+    @property
+    def size(self) -> float:
+        """Unit of the coordinate of a ratio: the larger of its bounds, one without any."""
+        return 1.0 if self.bounds is None else max(map(abs, self.bounds))
 
 
 @dataclass(frozen=True)
@@ -83,7 +94,7 @@ class Derived:
     positive: bool = True  # whether it is above zero, so that its interval is symmetric in its logarithm
 
     def __post_init__(self) -> None:
-        _require_identifier(self.name)
+        require_identifier(self.name)
 
 
 Values = Mapping[str, Any]  # name → value
@@ -95,30 +106,12 @@ class Labels:
     """Which of several parts that give the same response has which name."""
 
     # (core, values) → all other assignments of the labels that give the same response
-    others: Callable[[Core, Values], tuple[Relabelling, ...]]
+    others: Callable[[Model, Values], tuple[Relabelling, ...]]
     # (values, those of the first other way) → whether these have the one form that is stated
     in_order: Callable[[Values, Values], bool]
     # (values, standard uncertainties) → whether the data leave the form open
     undecided: Callable[[Values, Values], bool]
     question: str  # what the response does not tell, in words
-
-
-@dataclass(frozen=True)
-class Core:
-    """The sensor proper, without add-ons."""
-
-    name: str  # in calibration files and results
-    title: str  # what it is, in a few words
-    parameters: tuple[ParameterSpec, ...]  # the gain first
-    # values → transfer function from acceleration to response; the response is proportional to the gain
-    rational: Callable[[Parameters], Rational]
-    derived: tuple[Derived, ...] = ()  # what follows from the parameters
-    # names of natural frequency (Hz) and damping ratio, where D(s) = s² + 2 δ ωn s + ωn²; None where the sensor is no
-    # damped oscillator
-    oscillator: tuple[str, str] | None = None
-    # ``displacement`` where the gain is the response to static acceleration, N(s) = ωn²; ``velocity`` where N(s) = s;
-    # ``other``
-    output: Literal["displacement", "velocity", "other"] = "other"
 
 
 @dataclass(frozen=True)
@@ -171,13 +164,13 @@ class SensorModel:
     """A core with its add-ons; ``name`` is what result.json says."""
 
     name: str
-    core: Core
+    core: Model
     add_ons: tuple[AddOn, ...] = ()
 
     @property
     def parameters(self) -> tuple[ParameterSpec, ...]:
         """All parameters, core first."""
-        return self.core.parameters + tuple(spec for addon in self.add_ons for spec in addon.parameters)
+        return (*self.core.parameters, *(spec for addon in self.add_ons for spec in addon.parameters))
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
@@ -198,7 +191,12 @@ class SensorModel:
     @property
     def factor_names(self) -> tuple[str, ...]:
         """Names of the parameters of the factors that are not rational."""
-        return tuple(spec.name for addon in self.add_ons if addon.factor is not None for spec in addon.parameters)
+        return tuple(spec.name for part in self._factored for spec in part.parameters if spec.kind != "gain")
+
+    @property
+    def _factored(self) -> list[Model | AddOn]:
+        """The parts that are not rational."""
+        return [part for part in (self.core, *self.add_ons) if part.factor is not None]
 
     @property
     def windows(self) -> tuple[str, ...]:
@@ -290,7 +288,7 @@ class SensorModel:
     @property
     def has_network(self) -> bool:
         """True where the model is rational up to a delay, so that it has a state space."""
-        return all(addon.factor is None for addon in self.add_ons)
+        return not self._factored
 
     @property
     def is_linear(self) -> bool:
@@ -308,7 +306,7 @@ class SensorModel:
     def factors(self, parameters: Parameters, frequency_hz: Any) -> Any:
         """Complex response of the parts that are not rational, the delay left out, shape (points,)."""
         s = 2j * np.pi * frequency_hz
-        return math.prod((addon.factor(parameters, s) for addon in self.add_ons if addon.factor is not None), start=1.0)
+        return math.prod((part.factor(parameters, s) for part in self._factored if part.factor), start=1.0)
 
     def factor_slopes(self, parameters: Parameters, frequency_hz: Any) -> dict[str, Any]:
         """Return the derivatives of :meth:`factors` with their parameters, by name.
@@ -316,13 +314,13 @@ class SensorModel:
         Each of shape (points,).
         """
         s = 2j * np.pi * frequency_hz
-        parts = [addon for addon in self.add_ons if addon.factor is not None]
-        factors = [addon.factor(parameters, s) for addon in parts if addon.factor is not None]
+        parts = self._factored
+        factors = [part.factor(parameters, s) for part in parts if part.factor is not None]
         slopes: dict[str, Any] = {}
-        for index, addon in enumerate(parts):
+        for index, part in enumerate(parts):
             others = math.prod(factors[:index] + factors[index + 1 :], start=1.0)
-            own = addon.factor_slopes(parameters, s) if addon.factor_slopes else {}
-            slopes |= {name: others * slope for name, slope in own.items()}
+            each = part.factor_slopes(parameters, s) if part.factor_slopes else {}
+            slopes |= {name: others * slope for name, slope in each.items()}
         return slopes
 
     def blocks(self, parameters: Parameters, quantity: Quantity) -> tuple[Rational, ...]:
@@ -341,7 +339,7 @@ class SensorModel:
         return tuple(quantity for quantity in self.core.derived if quantity.exists(parameters))
 
 
-def _require_identifier(name: str) -> None:
+def require_identifier(name: str) -> None:
     """Check a name: it is used in files, code and tables."""
     if not (name.isidentifier() and name.isascii()):
         raise ModelError(
