@@ -1,8 +1,8 @@
-"""The estimates of a result as a sensor to compute with."""
+"""The estimates of a result (``vibrident.Result``) as a sensor to compute with."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
@@ -13,11 +13,8 @@ from vibrident.physics.models.source import source_of
 from vibrident.physics.registry import MODELS
 from vibrident.result.sensor import IdentifiedSensor
 
-if TYPE_CHECKING:
-    from vibrident.result.result import Result
 
-
-def sensor_of(result: Result) -> IdentifiedSensor:
+def sensor_of(result: Any) -> IdentifiedSensor:
     """Return the sensor of a result with a gain; errors as of ``Result.to_sensor``."""
     model = model_of_result(result)
     drive = result.reference.get("quantity") == "drive"
@@ -35,7 +32,7 @@ def sensor_of(result: Result) -> IdentifiedSensor:
     )
 
 
-def model_of_result(result: Result) -> SensorModel:
+def model_of_result(result: Any) -> SensorModel:
     """Return the model of a result.
 
     Raises:
@@ -60,12 +57,12 @@ def model_of_result(result: Result) -> SensorModel:
             expected=str(source.get("formula") or "the formula of the result"),
             found=source_of(model.core)["formula"] or "another one",
             where="result.json, provenance, model",
-            remedy="give the model of the result: Result.load(path, model=model)",
+            remedy="give the model of the result: Any.load(path, model=model)",
         )
     return model
 
 
-def _values(result: Result, model: SensorModel) -> dict[str, float]:
+def _values(result: Any, model: SensorModel) -> dict[str, float]:
     found = {
         name: result.parameters[name].value
         for name in model.parameter_names
@@ -85,7 +82,7 @@ def _values(result: Result, model: SensorModel) -> dict[str, float]:
     return {name: float(found[name]) for name in model.parameter_names}
 
 
-def _covariance(result: Result, model: SensorModel) -> FloatArray:
+def _covariance(result: Any, model: SensorModel) -> FloatArray:
     names = model.parameter_names
     stated = [result.parameters[name].standard_uncertainty for name in names]
     deviation = np.array([np.nan if u is None else u for u in stated], dtype=float)
@@ -98,7 +95,7 @@ def _covariance(result: Result, model: SensorModel) -> FloatArray:
     return correlation * np.outer(deviation, deviation)
 
 
-def _band(result: Result) -> tuple[float, float] | None:
+def _band(result: Any) -> tuple[float, float] | None:
     """Range of the data; the curve's range if the result holds no measured points."""
     for curve in (result.measured, result.response):
         known = curve.frequency_hz[np.isfinite(curve.frequency_hz) & (curve.frequency_hz > 0)]
@@ -107,7 +104,7 @@ def _band(result: Result) -> tuple[float, float] | None:
     return None
 
 
-def _misfit(result: Result) -> float:
+def _misfit(result: Any) -> float:
     """Return the rms relative deviation of a rejected model from the points, beyond their u."""
     measured = result.measured
     if result.fit.adequate or not measured.frequency_hz.size:

@@ -12,8 +12,9 @@ from typing import Any, TypeVar
 
 from vibrident.base.errors import ModelError, did_you_mean
 from vibrident.data.records import Calibration
-from vibrident.physics.models.base import AddOn, Derived, ParameterSpec, Rational, SensorModel
+from vibrident.physics.models.base import AddOn, Derived, ParameterSpec, Rational
 from vibrident.physics.models.model import Model
+from vibrident.physics.models.sensor_model import SensorModel
 from vibrident.physics.registry import MODELS
 
 __all__ = [

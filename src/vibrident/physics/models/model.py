@@ -25,6 +25,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from vibrident.base.binding import bound
 from vibrident.base.errors import ModelError
 from vibrident.physics.models.base import Derived, Parameters, ParameterSpec, Rational
 from vibrident.physics.models.ratio import Coefficients, Ratio, S
@@ -92,9 +93,7 @@ class Model:
         Returns:
             ``vibrident.physics.models.SensorModel``.
         """
-        from vibrident.physics.models import with_add_ons
-
-        return with_add_ons(self, add_ons)
+        return bound("with_add_ons")(self, add_ons)
 
     def __repr__(self) -> str:
         """Name and parameters."""
