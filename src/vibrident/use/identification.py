@@ -29,6 +29,7 @@ def identify(
     model: GivenModel | None = None,
     estimator: str | Estimator = AUTO,
     *,
+    band_hz: tuple[float, float] | None = None,
     uncertainty: Uncertainty = "auto",
     posterior: Sampling | None = None,
     progress: Progress = silent,
@@ -42,6 +43,8 @@ def identify(
             (``model + "delay"``); None takes the calibration's.
         estimator: ``auto``, a name, or an estimator object with settings of its own, such as
             ``Ipnn(discretisation="euler", optimiser="adam")``.
+        band_hz: lowest and highest frequency that the fit takes, Hz; None: those that the
+            calibration states, or all. Free decays are taken whole.
         uncertainty: what the uncertainties cover. ``noise``: the noise, or the stated uncertainty, of the data alone.
             ``inflated``: where the deviations from the model are larger than that, the misfit too: sine records under
             ``ml`` get a relative model error, all else is scaled by √(χ²/dof) (Birge ratio). ``auto``: ``inflated`` for
@@ -66,6 +69,7 @@ def identify(
         from vibrident.data.io import read
 
         calibration = read(calibration)
+    calibration = calibration.within(band_hz)
     name = named(model)
     temperatures, runs = temperatures_of(calibration), runs_of(calibration)
     if posterior is not None and (temperatures or len(runs) > 1):

@@ -40,6 +40,7 @@ class Grid:
         fraction: place within a step at which the response is read, at the delay of the inputs.
         bins: number of bins K, from 0 on.
         last: bins from here on do not count.
+        first: bins before this one do not count, but for an offset.
         tones: places of tones that no motion causes, in bins.
         edges: whether the initial states' slopes over the record are nuisances, too: where the
             noise is steep, what leaks at the ends of a record would count as information.
@@ -56,6 +57,7 @@ class Grid:
     edges: bool = False
     in_pieces: bool = False
     driven: bool = True
+    first: int = 1
 
     @property
     def step(self) -> tuple[float, float]:
@@ -76,7 +78,7 @@ class Grid:
     def counts(self) -> FloatArray:
         """How often each bin counts in a mean over the samples, shape (K,)."""
         counts = line_counts(self.samples)[: self.bins] / self.samples
-        counts[0] = 0.0
+        counts[: max(self.first, 1)] = 0.0
         counts[self.last :] = 0.0
         return counts
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vibrident.data.records import FloatArray
+from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.response.level import level_at_tone, levels_apart
 
 #: Smallest deviation, relative to the amplitude: interpolation between samples is not better.
@@ -56,6 +56,11 @@ class MeasuredResponse:
     def points(self) -> int:
         """Number of excited frequencies n."""
         return int(self.frequency_hz.shape[0])
+
+    def at(self, points: BoolArray) -> MeasuredResponse:
+        """Return some of the points, where ``points``, shape (n,), is true."""
+        columns = {each.name: getattr(self, each.name) for each in fields(self)}
+        return MeasuredResponse(**{name: None if value is None else value[points] for name, value in columns.items()})
 
     @property
     def ratio(self) -> ComplexArray:
