@@ -16,7 +16,6 @@ from vibrident.app.cli.words import shell_word
 from vibrident.app.workflow.estimators import AUTO, estimator_names
 from vibrident.app.workflow.folder import written_whole
 from vibrident.app.workflow.identification import Request, run
-from vibrident.base.settings import Word
 
 _DETAILS = "Settings of an estimator"
 _detail = partial(option, panel=_DETAILS)
@@ -105,14 +104,12 @@ def identify(
     settings: dict[str, Any] = dict(zip(options.SETTINGS, values, strict=True)) | options.settings(others or ())
     shared = options.listed("--share")(share)
     models = None if model is None else [part.strip() for part in model.split(",")]  # one may serve several files
-    limits = options.band(band)
-    request = Request(estimator_name, settings, models, uncertainty, shared, posterior, limits, weights)
+    request = Request(estimator_name, settings, models, uncertainty, shared, posterior, options.band(band), weights)
     request.check(len(calibrations))
     with written_whole(folder) as output:
         drawn = pictures if plots is None else plots
         results = _identified(request, calibrations, output.path, drawn, excerpts)
-    word = shell_word(context.find_root().command, "identify")
-    _show(results, output.files, word, quiet=quiet, weights=weights)
+    _show(results, output.files, context, quiet=quiet, weights=weights)
     codes = dict.fromkeys(code for result in results for code in result.warning_codes)
     if strict and codes:
         note(f"Strict: the result carries a warning ({', '.join(codes)}).")
@@ -150,7 +147,7 @@ def _places(files: list[Path], place: Path) -> list[Path]:
     return places
 
 
-def _show(results: list[Any], files: list[Path], word: Word, *, quiet: bool, weights: bool) -> None:
+def _show(results: list[Any], files: list[Path], context: typer.Context, *, quiet: bool, weights: bool) -> None:
     from vibrident.show import terminal
 
     if len(results) > 1 and not quiet:
@@ -160,6 +157,7 @@ def _show(results: list[Any], files: list[Path], word: Word, *, quiet: bool, wei
         show(*methods.joint(results[0]), Sentence(""))
     from vibrident.data.screening.copies import said_of_copies
 
+    word = shell_word(context.find_root().command, "identify")
     for result in results:
         for text in said_of_copies((file["file"], file["history"]) for file in result.provenance.get("files", ())):
             note(text)
