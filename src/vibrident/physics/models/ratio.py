@@ -9,7 +9,6 @@ AttributeError.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import zip_longest
 from typing import Any
 
@@ -18,18 +17,19 @@ Coefficients = tuple[Any, ...]  # ascending powers of s
 _ONE: Coefficients = (1,)
 
 
-@dataclass(frozen=True, eq=False)
 class Ratio:
-    """A ratio of polynomials with ascending coefficients.
+    """A ratio of polynomials with ascending coefficients; it does not change.
 
     What is the same object in numerator and denominator cancels: a voltage divider with one
     impedance twice has no pole too many.
     """
 
-    numerator: Coefficients
-    denominator: Coefficients = _ONE
-
+    __slots__ = ("denominator", "numerator")
     __array_ufunc__ = None  # NumPy leaves the operators to this class, and refuses functions of it
+
+    def __init__(self, numerator: Coefficients, denominator: Coefficients = _ONE) -> None:
+        self.numerator = numerator
+        self.denominator = denominator
 
     def __add__(self, other: Any) -> Ratio:
         """Add a ratio or a number."""
@@ -71,8 +71,10 @@ class Ratio:
         """Raise to a whole power."""
         if not isinstance(power, int):
             return NotImplemented
-        result = Ratio(_ONE)
-        for _ in range(abs(power)):
+        if power == 0:
+            return Ratio(_ONE)
+        result = self
+        for _ in range(abs(power) - 1):
             result = result * self
         return result if power >= 0 else Ratio(result.denominator, result.numerator)
 
@@ -119,9 +121,9 @@ S = Ratio((0, 1))
 
 def _ratio(value: Any) -> Ratio | None:
     """Return a number or an array as a ratio; None of anything else."""
-    if isinstance(value, Ratio):
+    if type(value) is Ratio:
         return value
-    is_number = isinstance(value, int | float | complex) or hasattr(value, "dtype")
+    is_number = isinstance(value, (int, float, complex)) or hasattr(value, "dtype")
     return Ratio((value,)) if is_number else None
 
 
@@ -131,15 +133,17 @@ def _stands(coefficient: Any, number: int) -> bool:
 
 
 def _zeros_at_rest(coefficients: Coefficients) -> int:
-    powers = (k for k, coefficient in enumerate(coefficients) if not _stands(coefficient, 0))
-    return next(powers, len(coefficients) - 1)
+    for power, coefficient in enumerate(coefficients):
+        if not _stands(coefficient, 0):
+            return power
+    return len(coefficients) - 1
 
 
 def _times(factor: Any, other: Any) -> Any:
-    if _stands(factor, 0) or _stands(other, 1):
-        return factor
-    if _stands(other, 0) or _stands(factor, 1):
-        return other
+    if type(factor) is int and factor in (0, 1):
+        return other if factor else 0
+    if type(other) is int and other in (0, 1):
+        return factor if other else 0
     return factor * other
 
 
@@ -148,9 +152,9 @@ def _over(dividend: Any, divisor: Any) -> Any:
 
 
 def _plus(term: Any, other: Any) -> Any:
-    if _stands(term, 0):
+    if type(term) is int and not term:
         return other
-    return term if _stands(other, 0) else term + other
+    return term if type(other) is int and not other else term + other
 
 
 def _sum(polynomial: Coefficients, other: Coefficients) -> Coefficients:
@@ -165,6 +169,10 @@ def _product(polynomial: Coefficients, other: Coefficients) -> Coefficients:
         return polynomial
     if polynomial is _ONE:
         return other
+    if len(polynomial) == 1:
+        return tuple([_times(polynomial[0], coefficient) for coefficient in other])
+    if len(other) == 1:
+        return tuple([_times(coefficient, other[0]) for coefficient in polynomial])
     terms: list[Any] = [0] * (len(polynomial) + len(other) - 1)
     for i, factor in enumerate(polynomial):
         for j, coefficient in enumerate(other):
