@@ -12,8 +12,10 @@ from tests.support.models_of_others import (
     SENSORS,
     Sensor,
     convective,
+    force_sensor,
     helmholtz,
     measured,
+    pressure_line,
     response_at,
     rlc,
 )
@@ -69,6 +71,15 @@ def test_ten_models_of_others_are_right_with_u():
     every = np.concatenate(off)
     assert every.size == 35
     assert np.mean(every**2) == pytest.approx(1.0, abs=4.0 * np.sqrt(2.0 / every.size))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("make", [convective, force_sensor, pressure_line], ids=lambda make: make.__name__)
+def test_u_is_the_scatter_of_a_model(make):
+    """The mean square of the deviations in u is one, within 4 σ; the last model is a filter."""
+    sensor = make()
+    off = np.array([deviations(identified(sensor, seed), sensor) for seed in range(1, 61)])
+    assert np.mean(off**2) == pytest.approx(1.0, abs=4.0 * np.sqrt(2.0 / len(off)))
 
 
 def tabulated(sensor: Sensor) -> Calibration:
