@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,8 +60,11 @@ class MeasuredResponse:
 
     def at(self, points: BoolArray) -> MeasuredResponse:
         """Return some of the points, where ``points``, shape (n,), is true."""
-        columns = {each.name: getattr(self, each.name) for each in fields(self)}
-        return MeasuredResponse(**{name: None if value is None else value[points] for name, value in columns.items()})
+        columns: dict[str, Any] = {}
+        for each in fields(self):
+            values = getattr(self, each.name)
+            columns[each.name] = None if values is None else values[points]
+        return MeasuredResponse(**columns)
 
     @property
     def ratio(self) -> ComplexArray:
