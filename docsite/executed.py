@@ -12,6 +12,7 @@ import ast
 import base64
 import contextlib
 import io
+import linecache
 import re
 import shutil
 import tempfile
@@ -50,7 +51,10 @@ def run(program: Path) -> list[NotebookNode]:
             if kind == "markdown":
                 made.append(new_markdown_cell(re.sub(r"^# ?", "", cell, flags=re.MULTILINE)))
                 continue
-            outputs = [*_outputs(cell, names, program.name)]
+            name = f"<{program.name}, cell {len(made)}>"
+            # As Jupyter does: the source of what a cell defines can be looked up.
+            linecache.cache[name] = len(cell), None, cell.splitlines(keepends=True), name
+            outputs = [*_outputs(cell, names, name)]
             if kind != "check":
                 made.append(new_code_cell(cell, outputs=outputs))
     return made

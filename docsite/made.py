@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from docsite.api import api
 from docsite.calibration_file import calibration_file
 from docsite.commands import commands
+from docsite.excitations import excitations
 from docsite.executed import PROGRAMS
 from docsite.first_steps import first_steps
 from docsite.models import models
@@ -14,6 +15,7 @@ from docsite.models import models
 MADE: Mapping[str, Callable[[], str]] = {
     "index.md": first_steps,
     "models.md": models,
+    "excitation.md": excitations,
     "calibration-file.md": calibration_file,
     "commands.md": commands,
     "api.md": api,

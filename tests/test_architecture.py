@@ -16,7 +16,7 @@ ROOMS = {
     "base": "",
     "data": "registry effects interferometer records resampling screening io sources",
     "physics": "registry naming models discretisation network simulation",
-    "result": "document earlier parts sensor result",
+    "result": "document earlier parts sensor estimates result",
     "fit": "registry information optimise response bins group problem noise start descent estimators decay uncertainty "
     "departures judge identification joint",
     "use": "",
@@ -76,8 +76,9 @@ def test_there_are_eleven_rooms_and_two_doors():
 
 def test_the_public_names_are_these():
     assert sorted(vibrident.__all__) == [
-        *("Calibration", "IdentifiedSensor", "InputError", "Ipnn", "LeastSquares", "MaximumLikelihood", "ModelError"),
-        *("NotConverged", "Provenance", "Record", "ResponseTable", "Result", "VibridentError", "__version__"),
+        *("Calibration", "IdentifiedSensor", "InputError", "Ipnn", "LeastSquares", "MaximumLikelihood", "Model"),
+        *("ModelError", "NotConverged", "ParameterSpec", "Provenance", "Record", "ResponseTable", "Result"),
+        *("VibridentError", "__version__"),
         *("correct", "identify", "identify_many", "identify_together", "plan", "predict", "read", "simulate"),
     ]
     assert all(getattr(vibrident, name) for name in vibrident.__all__)

@@ -26,6 +26,8 @@ _WHERE = {
     "NotConverged": "vibrident.base.errors",
     "VibridentError": "vibrident.base.errors",
     "read": "vibrident.data.io",
+    "Model": "vibrident.physics.models",
+    "ParameterSpec": "vibrident.physics.models",
     "identify": "vibrident.use.identification",
     "identify_many": "vibrident.lab.many",
     "identify_together": "vibrident.fit.joint",
@@ -38,13 +40,14 @@ _WHERE = {
     "MaximumLikelihood": "vibrident.fit.estimators",
 }
 
-#: What methods of a result and a sensor call, and the optimiser of the paper.
+#: What methods of a result, a sensor and a model call, and the optimiser of the paper.
 bind(
     adam="vibrident.paper.optimiser:Adam",
     summary="vibrident.show.terminal:text",
     plot="vibrident.show.plots:draw",
     result_html="vibrident.show.notebook:result",
     sensor_html="vibrident.show.notebook:sensor",
+    with_add_ons="vibrident.physics.models:with_add_ons",
     zeros_and_poles="vibrident.export.python_source:system",
 )
 

@@ -15,6 +15,8 @@ from vibrident.fit.estimators import MaximumLikelihood as MaximumLikelihood
 from vibrident.fit.joint import identify_together as identify_together
 from vibrident.lab.many import identify_many as identify_many
 from vibrident.paper.estimators.lsm import LeastSquares as LeastSquares
+from vibrident.physics.models import Model as Model
+from vibrident.physics.models import ParameterSpec as ParameterSpec
 from vibrident.physics.simulation import simulate as simulate
 from vibrident.result import Result as Result
 from vibrident.result.sensor import IdentifiedSensor as IdentifiedSensor

@@ -9,6 +9,7 @@ import yaml
 from docsite.api import api
 from docsite.calibration_file import calibration_file
 from docsite.commands import commands
+from docsite.excitations import excitations
 from docsite.first_steps import first_steps
 from docsite.gallery import SHOTS
 from docsite.made import MADE, MADE_PAGES
@@ -97,6 +98,21 @@ def test_first_steps_end_where_the_work_on_the_code_begins():
     assert page.startswith("# vibrident\n")
     assert "make lint" not in page
     assert "## Quick start" in page
+
+
+def test_the_command_on_the_page_of_motions_prints_a_row_of_its_table():
+    from typer.testing import CliRunner
+
+    from vibrident.app.cli import app
+
+    page = excitations()
+    command = re.search(r"^    vibrident (plan .*?)\n\n", page, flags=re.MULTILINE | re.DOTALL)
+    done = CliRunner().invoke(app, command[1].replace("\\\n", " ").split(), catch_exceptions=False)
+    assert done.exit_code == 0
+    row = next(line for line in page.splitlines() if line.startswith("| sines to a third of fn"))
+    said = re.findall(r"[\d.]+ %", row)
+    assert len(said) == 3
+    assert all(f" {number} " in done.output for number in said), (said, done.output)
 
 
 def test_every_command_of_the_gallery_exists():

@@ -1,4 +1,4 @@
-"""What can be added: sensor models, estimators, readers and exports, built in or from an installed package.
+"""What can be added: sensor models, estimators, readers and exports, built in, of a package, or given by Python.
 
 A built-in one is a module of its own in the folder of its kind, and holds one object: the module ``velocity_pickup``
 holds ``VELOCITY_PICKUP``, named "velocity-pickup". One of another package is the same kind of object behind an entry
@@ -69,6 +69,7 @@ class Registry(Generic[T]):
         self._folders, self._classes, self._error = folders, classes, error
         self._loaded: dict[str, T] = {}
         self._problems: dict[str, str] = {}
+        self._given: list[str] = []  # names of objects given by Python
 
     @functools.cached_property
     def _built_in(self) -> dict[str, str]:
@@ -94,10 +95,44 @@ class Registry(Generic[T]):
 
     def names(self) -> tuple[str, ...]:
         """Every name; nothing is loaded. A plug-in that turns out not to be usable is left out from then on."""
-        return tuple(name for name in (*self._built_in, *self._added) if name not in self._problems)
+        installed_names = (*self._built_in, *self._added)
+        return tuple(name for name in (*installed_names, *self._given) if name not in self._problems)
 
     def __contains__(self, name: object) -> bool:
-        return name in self._built_in or (name in self._added and name not in self._problems)
+        return name in self.names()
+
+    def give(self, item: T) -> None:
+        """Make an object known by its name in this process; it takes the place of one given before.
+
+        Raises:
+            InputError: the object is of another class, or the name is that of an installed one.
+        """
+        name = str(getattr(item, "name", ""))
+        try:
+            checked = self._checked(name, item)
+        except _Unusable as error:
+            raise self._error(
+                f"This is no {self.kind}.",
+                expected=" or ".join(path.replace(":", ".") for path in self._classes),
+                found=str(error).rpartition("found ")[2],
+                where=self.where,
+                remedy=f"give the name of a {self.kind}, or an object of that class",
+            ) from None
+        if self.is_given(name) or not (name in self._built_in or name in self._added):
+            self._loaded[name] = checked
+            self._given = list(dict.fromkeys([*self._given, name]))
+        elif self._object(name) is not item:
+            raise self._error(
+                f"The name {name!r} is taken.",
+                expected=f"a name that no installed {self.kind} has",
+                found=repr(name),
+                where=self.where,
+                remedy="give the object another name",
+            )
+
+    def is_given(self, name: str) -> bool:
+        """Return whether the object of this name was given by Python."""
+        return name in self._given
 
     def __len__(self) -> int:
         return len(self.all())
@@ -149,7 +184,8 @@ class Registry(Generic[T]):
         Raises:
             InputError: its package cannot be loaded.
         """
-        return self[name] if name in self._built_in or name in self._added else None
+        is_known = name in self._built_in or name in self._added or name in self._given
+        return self[name] if is_known else None
 
     def _object(self, name: str) -> T | None:
         if name in self._loaded or name in self._problems:

@@ -53,8 +53,9 @@ _KINDS: tuple[WarningKind, ...] = (
         "says what the uncertainties of the parameters cover: where they were widened to the size of the misfit they "
         "cover a misfit of that size, else they hold only if the model is right.",
         "Look where the deviations differ from zero: rising towards high frequencies suggests a delay or a second "
-        "mode, falling towards low ones a high-pass. Add it to the model, narrow the band, or check the stated "
-        "uncertainties. Of a free decay neither delay nor high-pass makes a difference: where its beginning deviates, "
+        "mode, falling towards low ones a high-pass. Add it to the model, narrow the band "
+        "(⟦identify.band_hz = (LOW, HIGH)⟧), or check the stated uncertainties. "
+        "Of a free decay neither delay nor high-pass makes a difference: where its beginning deviates, "
         "spring or damping change with the amplitude, or the release is part of the record (start_s leaves it out).",
     ),
     WarningKind(
@@ -78,8 +79,8 @@ _KINDS: tuple[WarningKind, ...] = (
         "the result depends on the chosen band",
         "A part of the band, taken by itself, moves a parameter by its uncertainty or more: the model is not equally "
         "right over the whole band.",
-        "State the band with the result, narrow it to the range of use, or extend the model (high-pass, second "
-        "mode, delay).",
+        "State the band with the result, narrow it to the range of use (⟦identify.band_hz = (LOW, HIGH)⟧), or "
+        "extend the model (high-pass, second mode, delay).",
     ),
     WarningKind(
         "nonlinear",

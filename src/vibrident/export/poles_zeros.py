@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from vibrident.base.errors import InputError
 from vibrident.data.records import FloatArray
 from vibrident.export.sensor import Exported
 from vibrident.physics.models import Rational
@@ -45,8 +46,20 @@ class PolesZeros:
 
 
 def poles_zeros(sensor: Exported) -> PolesZeros:
-    """The rational part of the sensor: without delay and boxcar."""
+    """The rational part of the sensor: without delay and boxcar.
+
+    Raises:
+        InputError: the core is no ratio of polynomials.
+    """
     model, values = sensor.model, sensor.values
+    if model.core.factor is not None:
+        raise InputError(
+            f"Poles and zeros cannot hold the model {model.core.name!r}.",
+            expected="a response that is a ratio of polynomials in s",
+            found="another function of frequency",
+            where="⟦export.form⟧",
+            remedy="export the curve: csv, or correct and predict by the sensor itself",
+        )
     system = model.rational(values, sensor.quantity)
     unit = Rational(1.0, (1.0,), (1.0,), system.angular_scale)
     factors = [model.core.rational(values).denominator]

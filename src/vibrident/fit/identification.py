@@ -99,7 +99,7 @@ def _fit_model(
     """Estimate a model by records or a table, beside the departures that the data show."""
     evidence = with_free_decays(Evidence.gather(calibration, model))
     chosen, reason = _estimator(evidence, estimator, uncertainty)
-    if calibration.quantity == "drive" and model.is_linear:
+    if calibration.quantity == "drive" and model.is_linear and calibration.records:
         fitted = _fit_drive(evidence, chosen, _stairs(estimator), progress)
         reason = fitted.reason or reason
     else:

@@ -9,13 +9,15 @@ from collections.abc import Iterable, Iterator
 from concurrent.futures import Future
 from typing import TYPE_CHECKING, Any, Literal, overload
 
-from vibrident.base.errors import VibridentError
+from vibrident.base.errors import ModelError, VibridentError
 from vibrident.base.memory import ONE_THREAD
 from vibrident.data.records import Calibration
 from vibrident.result import Result
 
 if TYPE_CHECKING:
     from concurrent.futures import ProcessPoolExecutor
+
+    from vibrident.physics.models import GivenModel
 
 Given = Calibration | str | os.PathLike[str]  # a calibration, or the path of its file
 _Waiting = tuple[Given, "Future[Result | VibridentError]"]
@@ -26,7 +28,7 @@ _START_S = 1.0  # seconds that a process takes to start
 @overload
 def identify_many(
     calibrations: Iterable[Given],
-    model: str | None = ...,
+    model: GivenModel | None = ...,
     estimator: Any = ...,
     *,
     uncertainty: Literal["auto", "noise", "inflated"] = ...,
@@ -38,7 +40,7 @@ def identify_many(
 @overload
 def identify_many(
     calibrations: Iterable[Given],
-    model: str | None = ...,
+    model: GivenModel | None = ...,
     estimator: Any = ...,
     *,
     uncertainty: Literal["auto", "noise", "inflated"] = ...,
@@ -49,7 +51,7 @@ def identify_many(
 
 def identify_many(
     calibrations: Iterable[Given],
-    model: str | None = None,
+    model: GivenModel | None = None,
     estimator: Any = "auto",
     *,
     uncertainty: Literal["auto", "noise", "inflated"] = "auto",
@@ -70,10 +72,19 @@ def identify_many(
             result.
 
     Raises:
+        ModelError: a model made in Python, and several processes.
         ValueError: ``workers`` is below one, or ``refused`` is something else.
     """
     if workers < 1 or refused not in ("raise", "return"):
         raise ValueError(f"workers of 1 or more and refused 'raise' or 'return' are needed, not {workers}, {refused!r}")
+    if workers > 1 and not (model is None or isinstance(model, str)):
+        raise ModelError(
+            "A model made in Python cannot go to other processes.",
+            expected="workers=1, or the name of a model of an installed package",
+            found=f"workers={workers}",
+            where="model",
+            remedy="leave workers out, or register the model as a plug-in",
+        )
     given = {"model": model, "estimator": estimator, "uncertainty": uncertainty}
     found = (_identified(one, given) for one in calibrations) if workers == 1 else _beside(calibrations, given, workers)
     return _told(found, refused)

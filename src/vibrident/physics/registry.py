@@ -7,12 +7,12 @@ from typing import Any
 from vibrident.base.errors import ModelError
 from vibrident.base.registry import Registry
 
-#: ``vibrident.physics.models.base.Core`` and ``AddOn`` objects.
+#: ``vibrident.physics.models.Model`` and ``AddOn`` objects.
 MODELS: Registry[Any] = Registry(
     "sensor model",
     "vibrident.models",
     ("physics/models/cores", "physics/models/add_ons"),
-    ("vibrident.physics.models.base:Core", "vibrident.physics.models.base:AddOn"),
+    ("vibrident.physics.models.model:Model", "vibrident.physics.models.base:AddOn"),
     "model",
     ModelError,
 )

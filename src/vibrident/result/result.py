@@ -9,13 +9,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from vibrident.base.binding import bound
 from vibrident.base.errors import InputError
 from vibrident.base.files import whole
 from vibrident.base.warning_kinds import WARNING_CODES
-from vibrident.data.records import FloatArray
 from vibrident.result.document import (
     SCHEMA,
     damaged,
@@ -47,7 +44,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
     from pydantic import TypeAdapter
 
-    from vibrident.physics.models import SensorModel
+    from vibrident.physics.models import Model
     from vibrident.result.sensor import IdentifiedSensor
 
 
@@ -174,24 +171,10 @@ class Result(Part):
         Raises:
             InputError: the result has no gain, or lacks a parameter of its model.
         """
-        from vibrident.physics.models import parse
-        from vibrident.result.sensor import IdentifiedSensor
+        from vibrident.result.estimates import sensor_of
 
         self.require_gain(use)
-        model = parse(self.model)
-        drive = self.reference.get("quantity") == "drive"
-        freedom = self.settings.get("effective_degrees_of_freedom")
-        return IdentifiedSensor(
-            model,
-            _values(self, model),
-            _covariance(self, model),
-            "drive" if drive else "acceleration",
-            _band(self),
-            self.response_unit,
-            (self.reference.get("unit") or "drive unit") if drive else "m/s^2",
-            float(freedom) if freedom is not None else np.inf,
-            _misfit(self),
-        )
+        return sensor_of(self)
 
     @property
     def warning_codes(self) -> tuple[str, ...]:
@@ -229,9 +212,9 @@ class Result(Part):
 
     def require_linear(self) -> None:
         """Refuse a result whose model has no linear inverse."""
-        from vibrident.physics.models import parse
+        from vibrident.result.estimates import model_of_result
 
-        if not parse(self.model).is_linear:
+        if not model_of_result(self).is_linear:
             raise InputError(
                 "A sensor with a cubic stiffness has no linear inverse.",
                 expected="a result of a linear model",
@@ -314,12 +297,21 @@ class Result(Part):
         require_consistent(self.response, self.measured, self.correlation, self.signals)
 
     @classmethod
-    def load(cls, path: str | os.PathLike[str]) -> Result:
+    def load(cls, path: str | os.PathLike[str], model: Model | None = None) -> Result:
         """Read a result file.
+
+        Args:
+            path: of the file.
+            model: the model, where it was made in Python and is to compute with; values and curve
+                need none.
 
         Raises:
             InputError: the file cannot be read or is not a result.
         """
+        if model is not None:
+            from vibrident.physics.models import named
+
+            named(model)
         document = read_document(path)
         result = cls.from_dict(document)
         say_unknown(str(path), result.unknown)
@@ -332,67 +324,3 @@ def adapter() -> TypeAdapter[Result]:
     from pydantic import TypeAdapter
 
     return TypeAdapter(Result)
-
-
-def _values(result: Result, model: SensorModel) -> dict[str, float]:
-    found = {
-        name: result.parameters[name].value
-        for name in model.parameter_names
-        if name in result.parameters
-    }
-    missing = [
-        n for n in model.parameter_names if found.get(n) is None or not np.isfinite(found[n])
-    ]
-    if missing:
-        raise InputError(
-            "The result lacks parameters of its model.",
-            expected=f"numbers for {', '.join(model.parameter_names)}",
-            found="none for " + ", ".join(missing),
-            where="result.json, parameters",
-            remedy="run ⟦command = identify⟧ again",
-        )
-    return {name: float(found[name]) for name in model.parameter_names}
-
-
-def _covariance(result: Result, model: SensorModel) -> FloatArray:
-    names = model.parameter_names
-    stated = [result.parameters[name].standard_uncertainty for name in names]
-    deviation = np.array([np.nan if u is None else u for u in stated], dtype=float)
-    correlation = np.full((len(names), len(names)), np.nan)
-    place = {name: index for index, name in enumerate(result.correlation.names)}
-    for row, name in enumerate(names):
-        for column, other in enumerate(names):
-            if name in place and other in place:
-                correlation[row, column] = result.correlation.matrix[place[name]][place[other]]
-    return correlation * np.outer(deviation, deviation)
-
-
-def _band(result: Result) -> tuple[float, float] | None:
-    """Range of the data; the curve's range if the result holds no measured points."""
-    for curve in (result.measured, result.response):
-        known = curve.frequency_hz[np.isfinite(curve.frequency_hz) & (curve.frequency_hz > 0)]
-        if known.size:
-            return float(known.min()), float(known.max())
-    return None
-
-
-def _misfit(result: Result) -> float:
-    """Return the rms relative deviation of a rejected model from the points, beyond their u."""
-    measured = result.measured
-    if result.fit.adequate or not measured.frequency_hz.size:
-        return 0.0
-
-    def squares(column: FloatArray, scale: FloatArray | float) -> FloatArray:
-        return (
-            (np.nan_to_num(column) * scale) ** 2
-            if column.size
-            else np.zeros(measured.frequency_hz.size)
-        )
-
-    degree = np.pi / 180.0
-    found = squares(measured.deviation_percent, 0.01) + squares(
-        measured.deviation_phase_deg, degree
-    )
-    known = squares(measured.magnitude_uncertainty, 1.0 / np.abs(measured.magnitude))
-    known += squares(measured.phase_deg_uncertainty, degree)
-    return float(np.sqrt(max(np.mean(found - known), 0.0)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from vibrident.base.settings import Word, python_word
 from vibrident.physics.naming import in_words
 from vibrident.result import Finding, Result
 from vibrident.show.numbers import plain
@@ -21,11 +22,14 @@ _NOTES = (
 )
 
 
-def told(result: Result) -> tuple[Block, ...]:
-    """Every warning in plain words, a line on the findings that are no warnings, and the table of all, folded."""
+def told(result: Result, word: Word = python_word) -> tuple[Block, ...]:
+    """Every warning in plain words, a line on the findings that are no warnings, and the table of all, folded.
+
+    ``word``: the words of a surface for settings.
+    """
     known = table(result)
     folded = () if known is None else (Folded(f"Findings ({len(result.findings)})", (known,)),)
-    return (*doubts(result), *line(result), *folded)
+    return (*doubts(result, word), *line(result), *folded)
 
 
 def line(result: Result) -> tuple[Sentence, ...]:

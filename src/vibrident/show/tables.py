@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from vibrident.base.amounts import pretty, scaled
+from vibrident.base.settings import Word, python_word, rendered
 from vibrident.data.records import STANDARD_GRAVITY
 from vibrident.physics.models import installed
 from vibrident.physics.naming import parameter_name
@@ -65,13 +66,13 @@ def _band(measured: MeasuredCurve) -> str:
     return f"{count(known.size, 'point')}, {low}" + (f" to {high}" if high != low else "")
 
 
-def doubts(result: Result) -> tuple[Doubt, ...]:
-    """Every warning in plain words."""
+def doubts(result: Result, word: Word = python_word) -> tuple[Doubt, ...]:
+    """Every warning in plain words; settings in those of a surface."""
     found = []
     for code in result.warning_codes:
         kind = words.explain(code)
         messages = tuple(warning.message for warning in result.warnings if warning.code == code)
-        found.append(Doubt(kind.title, code, messages, kind.meaning, kind.action))
+        found.append(Doubt(kind.title, code, messages, kind.meaning, rendered(kind.action, word)))
     return tuple(found)
 
 

@@ -9,6 +9,7 @@ from dataclasses import replace
 from typing import Any
 
 from vibrident.base.amounts import pretty, scaled
+from vibrident.base.settings import Word, python_word
 from vibrident.physics.naming import parameter_name
 from vibrident.result import Result
 from vibrident.show import tables
@@ -24,11 +25,14 @@ __all__ = ["fit_line", "inspection_table", "parameter_table", "posterior_table",
 _UNITS = {"hz": "Hz", "s": "s", "percent": "%", "deg": "°", "rad": "rad", "v": "V"}
 
 
-def summary(result: Result, written: Sequence[str | os.PathLike[str]] = ()) -> Any:
-    """Everything ``vibrident identify`` prints: parameters, fit, what U covers, warnings, findings, files written."""
+def summary(result: Result, written: Sequence[str | os.PathLike[str]] = (), word: Word = python_word) -> Any:
+    """Return all that ``vibrident identify`` prints: parameters, fit, what U covers, warnings, findings, files written.
+
+    ``word``: the words of a surface for settings.
+    """
     from rich.console import Group
 
-    said = shown(parameter_table(result), fit_line(result), *scatter_only(result), *told(result))
+    said = shown(parameter_table(result), fit_line(result), *scatter_only(result), *told(result, word))
     return Group(said, paths_written(written)) if written else said
 
 

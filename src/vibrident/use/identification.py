@@ -13,6 +13,7 @@ from vibrident.fit.estimators import AUTO, Estimator
 from vibrident.fit.identification import fit, identify_run
 from vibrident.fit.judge.document import Uncertainty
 from vibrident.fit.optimise import Progress, silent
+from vibrident.physics.models import GivenModel, named
 from vibrident.result import Result
 from vibrident.use.repeats import identify_runs, runs_of
 from vibrident.use.temperature import identify_temperatures, temperatures_of
@@ -25,9 +26,10 @@ if TYPE_CHECKING:
 @watching()
 def identify(
     calibration: Calibration | str | os.PathLike[str],
-    model: str | None = None,
+    model: GivenModel | None = None,
     estimator: str | Estimator = AUTO,
     *,
+    band_hz: tuple[float, float] | None = None,
     uncertainty: Uncertainty = "auto",
     posterior: Sampling | None = None,
     progress: Progress = silent,
@@ -37,9 +39,12 @@ def identify(
     Args:
         calibration: from :func:`vibrident.read`, :func:`vibrident.simulate` or made by hand; or the path of a
             calibration file.
-        model: name of the sensor model; None takes the calibration's.
+        model: name of the sensor model, or a :class:`vibrident.Model`, alone or with add-ons
+            (``model + "delay"``); None takes the calibration's.
         estimator: ``auto``, a name, or an estimator object with settings of its own, such as
             ``Ipnn(discretisation="euler", optimiser="adam")``.
+        band_hz: lowest and highest frequency that the fit takes, Hz; None: those that the
+            calibration states, or all. Free decays are taken whole.
         uncertainty: what the uncertainties cover. ``noise``: the noise, or the stated uncertainty, of the data alone.
             ``inflated``: where the deviations from the model are larger than that, the misfit too: sine records under
             ``ml`` get a relative model error, all else is scaled by √(χ²/dof) (Birge ratio). ``auto``: ``inflated`` for
@@ -64,6 +69,8 @@ def identify(
         from vibrident.data.io import read
 
         calibration = read(calibration)
+    calibration = calibration.within(band_hz)
+    name = named(model)
     temperatures, runs = temperatures_of(calibration), runs_of(calibration)
     if posterior is not None and (temperatures or len(runs) > 1):
         raise InputError(
@@ -75,10 +82,10 @@ def identify(
         )
     if temperatures:
         return identify_temperatures(
-            temperatures, lambda one: identify(one, model, estimator, uncertainty=uncertainty, progress=progress)
+            temperatures, lambda one: identify(one, name, estimator, uncertainty=uncertainty, progress=progress)
         )
     if len(runs) > 1:
         return identify_runs(
-            runs, lambda one: fit(one, model, estimator, uncertainty=uncertainty, progress=progress), uncertainty
+            runs, lambda one: fit(one, name, estimator, uncertainty=uncertainty, progress=progress), uncertainty
         )
-    return identify_run(calibration, model, estimator, uncertainty=uncertainty, posterior=posterior, progress=progress)
+    return identify_run(calibration, name, estimator, uncertainty=uncertainty, posterior=posterior, progress=progress)

@@ -15,7 +15,7 @@ from vibrident.base.backend import jnp
 from vibrident.fit.problem import Coordinates
 from vibrident.fit.uncertainty.budget import BudgetRow, effective_degrees_of_freedom
 from vibrident.fit.uncertainty.parameters import correlation, coverage_factor, parameter_table
-from vibrident.physics.models.base import Core, Derived, ParameterSpec, Rational, SensorModel
+from vibrident.physics.models import Derived, Model, ParameterSpec, SensorModel
 
 #: Table H.2: five simultaneous observations of V in V, I in A, φ in rad.
 OBSERVED = np.array(
@@ -42,7 +42,7 @@ def circuit() -> SensorModel:
             Derived(f"{one}_plus_{other}", "Ω", lambda p, one=one, other=other: WANTED[one](p) + WANTED[other](p))
         )
     specs = tuple(ParameterSpec(name, "1", kind) for name, kind in kinds.items())
-    core = Core("circuit", "circuit", specs, lambda p: Rational(1.0, (1.0,), (1.0,), 1.0), tuple(derived))
+    core = Model("circuit", lambda s, **values: 1.0, specs, derived=tuple(derived))
     return SensorModel("circuit", core)
 
 

@@ -6,6 +6,7 @@ import pytest
 from tests.support.sample_results import SAMPLES, pickup, table2, table_only, troubled
 from tests.support.sources import ROOT
 
+from vibrident.base.settings import python_word, rendered
 from vibrident.base.warning_kinds import WARNINGS
 from vibrident.physics.naming import parameter_name
 from vibrident.result import WARNING_CODES, Result
@@ -22,7 +23,7 @@ def test_report_holds_every_parameter_and_warning(sample):
     for warning in result.warnings:
         assert f"(`{warning.code}`)" in text
         assert words.explain(warning.code).meaning in text
-        assert words.explain(warning.code).action in text
+        assert rendered(words.explain(warning.code).action, python_word) in text
         assert warning.message.replace("_", "\\_") in text
     for metric in words.METRICS.values():
         assert f"| {metric.label} |" in text

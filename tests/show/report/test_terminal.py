@@ -4,6 +4,7 @@ import pytest
 from rich.console import Console
 from tests.support.sample_results import S0, SAMPLES, pickup, table2, table_only, troubled
 
+from vibrident.base.settings import python_word, rendered
 from vibrident.lab.history.tables import all_due
 from vibrident.show import terminal, words
 from vibrident.show.media.console import shown
@@ -43,7 +44,7 @@ def test_warnings_in_plain_words():
     text = " ".join(printed(terminal.summary(troubled()), 10_000).split())
     for code in troubled().warning_codes:
         assert words.explain(code).title in text
-        assert words.explain(code).action.replace("`", "") in text
+        assert rendered(words.explain(code).action, python_word).replace("`", "") in text
     assert "cubic stiffness (not identifiable)" in text
     assert "not adequate" in text
 

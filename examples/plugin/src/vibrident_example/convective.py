@@ -7,30 +7,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from vibrident.physics.models import Core, Derived, ParameterSpec, Rational
+from vibrident.physics.models import Derived, Model, ParameterSpec
 
-
-def _rational(values):
-    rate = 2.0 * np.pi * values["cutoff_frequency"]
-    return Rational(values["sensitivity"], (rate,), (rate, 1.0), rate)
-
-
-CONVECTIVE = Core(
-    name="convective",
+CONVECTIVE = Model(
+    "convective",
+    lambda s, sensitivity, cutoff_frequency: sensitivity / (1 + s / (2 * np.pi * cutoff_frequency)),
+    [
+        ParameterSpec("sensitivity", "{response}/({reference})", symbol="S0"),
+        ParameterSpec("cutoff_frequency", "Hz", words="cut-off frequency", symbol="fc", describes="oscillator"),
+    ],
     title="convective accelerometer (first order)",
-    parameters=(
-        ParameterSpec("sensitivity", "{response}/({reference})", "gain", symbol="S0"),
-        ParameterSpec(
-            "cutoff_frequency",
-            "Hz",
-            "log",
-            words="cut-off frequency",
-            symbol="fc",
-            describes="oscillator",
-            grid="band",
-        ),
-    ),
-    rational=_rational,
     derived=(
         Derived(
             "thermal_time_constant",

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 from vibrident.app.web.form.description import ROLES, Description, described, mark, paired
 from vibrident.app.web.preview import preview
 from vibrident.app.web.session import refuse_outside
+from vibrident.app.web.words import page_word
 from vibrident.base.errors import InputError, VibridentError
 from vibrident.data.io import read
 from vibrident.data.io.certificate import CertificateData, certificate_text
@@ -185,7 +186,7 @@ def outcome(path: Path) -> dict[str, Any]:
         "pdf": (certificate.title(result), file_name(result, "pdf")),
         "states": {"certificate": result.certificate, "sensor": result.sensor, "parameters": [*result.parameters]},
         "parameters": html.fragment(tables.parameters(result), *map(Sentence, said_of_raised(result))),
-        "warnings": html.fragment(*told(result)),
+        "warnings": html.fragment(*told(result, page_word())),
         "charts": shown,
         "found": found,
         "signals": signals,

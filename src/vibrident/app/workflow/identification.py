@@ -27,6 +27,7 @@ class Request:
     # several calibrations: parameters that they share; None: by what the parameters describe
     share: Sequence[str] | None = None
     posterior: bool = False  # whether the posterior is sampled
+    band_hz: tuple[float, float] | None = None  # that the fit takes; None: as the calibrations state
     weights: bool = False  # whether the weights of a network are requested
 
     def check(self, calibrations: int = 1) -> None:
@@ -53,6 +54,7 @@ def run(request: Request, calibrations: Sequence[Calibration], progress: Progres
         NotConverged: no start leads to a finite fit.
     """
     chosen, models = estimator(request.estimator, request.settings), request.models
+    calibrations = [calibration.within(request.band_hz) for calibration in calibrations]
     if len(calibrations) == 1:
         from vibrident.use.identification import identify
 

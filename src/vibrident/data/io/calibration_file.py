@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -54,6 +55,8 @@ _File = Annotated[
 ]
 
 
+#: Lower end of a band that states the upper one alone: below every frequency that is measured.
+LOWEST_HZ = 1e-12
 _FULL_SCALE = "The most that the recorder holds, in units of the file."
 _SCALE = "Multiplies what is there after the unit that the file states."
 _STANDARD = "Standard uncertainty (k = 1)."
@@ -109,6 +112,13 @@ class SamplingSection(FileSection):
     time_column: Column | None = basic("Time column", "s")
 
 
+def stated_band(section: Any) -> tuple[float, float] | None:
+    """Return the band between ``from_hz`` and ``to_hz`` of a section; None without them."""
+    if section.from_hz is None and section.to_hz is None:
+        return None
+    return section.from_hz or LOWEST_HZ, section.to_hz or math.inf
+
+
 class RecordsEntry(FileSection):
     """One [[records]] entry: a file or a glob, and its excitation."""
 
@@ -119,6 +129,8 @@ class RecordsEntry(FileSection):
     )
     start_s: NotNegative | None = key("Part of the record: from", "s", about="0: its start.")
     stop_s: Positive | None = key("Part of the record: to", "s", about="Not included.")
+    from_hz: Positive | None = key("Band of the fit: from", "Hz", about="Not of free decays.")
+    to_hz: Positive | None = key("Band of the fit: to", "Hz", about="Included.")
     name: Text | None = expert("Name in tables", about="For an entry with one file.")
     reference_file: _File | None = expert("File of the reference", about="If it is another.")
     rate_hz: Positive | None = key("Rate of these records", "Hz", about="If it is another.")
@@ -127,6 +139,11 @@ class RecordsEntry(FileSection):
     mounting: _Label = key(default="", about="During which mounting of the sensor.")
     axis: Literal["", "x", "y", "z"] = key("Axis of the motion", default="", about="Sensor's own.")
     temperature_c: Number | None = key("Temperature of the sensor", "°C")
+
+    @property
+    def band_hz(self) -> tuple[float, float] | None:
+        """The band that a fit takes; None: all."""
+        return stated_band(self)
 
     @property
     def circumstances(self) -> Circumstances:
@@ -156,6 +173,14 @@ class TableSection(FileSection):
         default="",
         about="Where no header says dB: 20 lg, re 1 unit of the column.",
     )
+
+    from_hz: Positive | None = key("Band of the fit: from", "Hz")
+    to_hz: Positive | None = key("Band of the fit: to", "Hz", about="Included.")
+
+    @property
+    def band_hz(self) -> tuple[float, float] | None:
+        """The band that a fit takes; None: all."""
+        return stated_band(self)
 
     @property
     def response_column(self) -> tuple[Column, str]:
@@ -272,6 +297,7 @@ def _check_content(calibration: CalibrationFile, where: str) -> None:
 
 def _check_table(section: TableSection, where: str) -> None:
     """Refuse a table that has no response or two, or keys that do not go together."""
+    _check_band(section, where)
     given = section.model_fields_set
     ways = [way for way, _ in TABLE_WAYS if given & set(way)]
     is_polar = ways == [TABLE_WAYS[0][0]]
@@ -306,7 +332,20 @@ def _check_table(section: TableSection, where: str) -> None:
         )
 
 
+def _check_band(section: RecordsEntry | TableSection, where: str) -> None:
+    """Refuse a band that ends before it begins."""
+    if section.band_hz is not None and section.band_hz[1] <= section.band_hz[0]:
+        raise InputError(
+            "The band of the fit is empty.",
+            expected="to_hz above from_hz",
+            found=f"from_hz = {section.from_hz!r}, to_hz = {section.to_hz!r}",
+            where=where,
+            remedy="correct one of the two",
+        )
+
+
 def _check_entry(entry: RecordsEntry, where: str) -> None:
+    _check_band(entry, where)
     if entry.start_s is not None and entry.stop_s is not None and entry.stop_s <= entry.start_s:
         raise InputError(
             "The part of the record is empty.",

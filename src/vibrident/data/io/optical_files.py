@@ -356,6 +356,7 @@ def _record(
         response_full_scale=scaled(calibration.response.full_scale, to_response),
         reference_noise_order=4 if moving else 0,
         circumstances=entry.circumstances,
+        band_hz=entry.band_hz,
         optical=replace(demodulated.summary, findings=(*raw.doubts, *demodulated.summary.findings)),
     )
     return replace(demodulated, displacement_m=np.zeros(0), valid=np.zeros(0, dtype=bool)), record

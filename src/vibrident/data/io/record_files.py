@@ -210,6 +210,7 @@ def read_record(
         reference_full_scale=scaled(calibration.reference.full_scale, to_reference),
         response_full_scale=scaled(calibration.response.full_scale, to_response),
         circumstances=entry.circumstances,
+        band_hz=entry.band_hz,
     )
     if reference is None:
         record = replace(record, reference_full_scale=None)

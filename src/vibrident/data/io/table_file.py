@@ -87,7 +87,7 @@ def read_table(calibration: CalibrationFile, folder: Path, where: str) -> Respon
     history = _history(calibration, source, positions, conversions)
     if left_out:
         history.append(f"left out: {left_out} row at 0 Hz")
-    return ResponseTable(
+    table = ResponseTable(
         frequency_hz=values["frequency"],
         magnitude=values["magnitude"],
         phase_rad=values.get("phase"),
@@ -95,6 +95,7 @@ def read_table(calibration: CalibrationFile, folder: Path, where: str) -> Respon
         phase_uncertainty_rad=phase_u,
         provenance=Provenance(section.file, sha256(path), tuple(history)),
     )
+    return table if section.band_hz is None else table.within(section.band_hz)
 
 
 def table_response_unit(calibration: CalibrationFile, source: ColumnFile) -> str:

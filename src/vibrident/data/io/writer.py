@@ -136,6 +136,14 @@ def _write_columns(path: Path, columns: Mapping[str, FloatArray]) -> None:
         stream.writelines(",".join(row) + "\n" for row in zip(*texts, strict=True))
 
 
+def _band(record: Record) -> dict[str, float]:
+    """Return the keys of the band that a fit takes from a record."""
+    if record.band_hz is None:
+        return {}
+    low, high = record.band_hz
+    return {"from_hz": low} | ({"to_hz": high} if math.isfinite(high) else {})
+
+
 def _document(calibration: Calibration, files: list[str]) -> dict[str, Any]:
     """Return the keys of the calibration file."""
     records, quantity = calibration.records, calibration.quantity
@@ -195,6 +203,7 @@ def _entry(record: Record, file: str, common_rate_hz: float) -> dict[str, Any]:
         "frequency_hz": record.frequency_hz,
         "rate_hz": rate_hz if rate_hz != common_rate_hz else None,
         "start_time_s": record.start_time_s or None,
+        **_band(record),
         **{key: value for key, value in asdict(record.circumstances).items() if value != ""},
     }
 

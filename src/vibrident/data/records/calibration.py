@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from types import MappingProxyType
 from typing import Any
 
@@ -79,6 +79,30 @@ class Calibration:
         own = {each.name: getattr(self, each.name) for each in fields(self)}
         own |= {"sensor": dict(self.sensor), "certificate": dict(self.certificate)}
         return functools.partial(Calibration, **own), ()
+
+    def within(self, band_hz: tuple[float, float] | None) -> Calibration:
+        """Return the calibration of which a fit takes a band alone; itself without one.
+
+        Args:
+            band_hz: lowest and highest frequency, Hz, both included.
+
+        Raises:
+            InputError: it is no band, or no point of a table is in it.
+        """
+        if band_hz is None:
+            return self
+        low, high = (float(end) for end in band_hz)
+        if not 0.0 < low < high:
+            raise InputError(
+                "This is no band.",
+                expected="two positive numbers, the lower one first",
+                found=f"{low:g} and {high:g}",
+                where="⟦identify.band_hz⟧",
+                remedy="give ⟦identify.band_hz = (LOW, HIGH)⟧ in Hz",
+            )
+        if self.table is not None:
+            return replace(self, table=self.table.within((low, high)))
+        return replace(self, records=tuple(replace(record, band_hz=(low, high)) for record in self.records))
 
     @classmethod
     def from_arrays(

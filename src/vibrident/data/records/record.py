@@ -42,6 +42,28 @@ class ResponseTable:
 
     __repr__ = brief
 
+    def within(self, band_hz: tuple[float, float]) -> ResponseTable:
+        """Return the points in a band, both ends included.
+
+        Raises:
+            InputError: no point is in it.
+        """
+        kept = in_band(self.frequency_hz, band_hz)
+        if not np.any(kept):
+            raise nothing_in_band(band_hz, self.frequency_hz, f"table {self.provenance.file or 'in memory'!r}")
+        columns = {
+            name: None if (column := getattr(self, name)) is None else column[kept]
+            for name in (
+                "frequency_hz",
+                "magnitude",
+                "phase_rad",
+                "magnitude_uncertainty",
+                "phase_uncertainty_rad",
+            )
+        }
+        step = f"{int(np.sum(kept))} of {kept.size} points: {band_hz[0]:g} to {band_hz[1]:g} Hz"
+        return replace(self, **columns, provenance=self.provenance.then(step))
+
     def __post_init__(self) -> None:
         positive = {"frequency_hz", "magnitude", "magnitude_uncertainty", "phase_uncertainty_rad"}
         shape = np.shape(self.frequency_hz)
@@ -106,6 +128,7 @@ class Record:
         optical: what the signals of an interferometer said, from which the reference was made; None for others.
         hum_hz: tones of the response that no motion causes; unknowns of every fit to the record.
         circumstances: run, mounting, axis and temperature, as far as stated.
+        band_hz: lowest and highest frequency that a fit takes from the record; None: all.
 
     Raises:
         InputError: the arrays are not one-dimensional, differ in length, are shorter than 8 samples or hold a
@@ -128,6 +151,7 @@ class Record:
     optical: OpticalSummary | None = field(default=None, repr=False)
     hum_hz: tuple[float, ...] = ()
     circumstances: Circumstances = field(default_factory=Circumstances)
+    band_hz: tuple[float, float] | None = None
 
     __repr__ = brief
 
@@ -179,6 +203,10 @@ class Record:
         valid.flags.writeable = False
         object.__setattr__(self, "valid", valid)
 
+    def holds(self, frequency_hz: FloatArray) -> BoolArray:
+        """Return which frequencies are in the band of the record, of their shape."""
+        return in_band(np.asarray(frequency_hz), self.band_hz)
+
     @property
     def samples(self) -> int:
         """Number of samples."""
@@ -223,6 +251,30 @@ class Record:
     def with_response(self, response: FloatArray, reason: str) -> Record:
         """Return the record with another response, shape (samples,), and what was done to it."""
         return replace(self, response=response, provenance=self.provenance.then(reason))
+
+
+#: Relative width of the edge of a band: a frequency may miss it in the last digits.
+EDGE = 1e-9
+
+
+def in_band(frequency_hz: FloatArray, band_hz: tuple[float, float] | None) -> BoolArray:
+    """Return which frequencies are in a band, both ends included; all without one."""
+    if band_hz is None:
+        return np.ones(frequency_hz.shape, dtype=bool)
+    low, high = band_hz
+    return (frequency_hz >= low * (1.0 - EDGE)) & (frequency_hz <= high * (1.0 + EDGE))
+
+
+def nothing_in_band(band_hz: tuple[float, float], frequency_hz: FloatArray, where: str) -> InputError:
+    """Return the error of a band without data."""
+    there = f"{np.min(frequency_hz):g} to {np.max(frequency_hz):g} Hz" if frequency_hz.size else "none"
+    return InputError(
+        "No data are in the band.",
+        expected=f"data from {band_hz[0]:g} to {band_hz[1]:g} Hz",
+        found=there,
+        where=where,
+        remedy="give a wider ⟦identify.band_hz = (LOW, HIGH)⟧",
+    )
 
 
 def _check_channel(label: str, values: FloatArray, shape: tuple[int, ...], where: str) -> None:

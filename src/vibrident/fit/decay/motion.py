@@ -40,7 +40,10 @@ def oscillator_of(model: SensorModel) -> SensorModel:
     """What of a model free motion tells: natural frequency, damping ratio, and what follows from these alone."""
     core = model.core
     known = tuple(spec for spec in core.parameters if spec.name in NAMES)
-    return SensorModel(model.name, replace(core, parameters=known, derived=tuple(filter(_without_gain, core.derived))))
+    others = {spec.name: 1.0 for spec in core.parameters if spec.name not in NAMES}
+    derived = tuple(filter(_without_gain, core.derived))
+    response = functools.partial(core.response, **others)
+    return SensorModel(model.name, replace(core, parameters=known, response=response, derived=derived))
 
 
 def _without_gain(derived: Derived) -> bool:

@@ -29,6 +29,7 @@ from vibrident.fit.response.transform import power_of
 from vibrident.fit.start.at_bins import candidates
 from vibrident.fit.start.delay import rough_delay
 from vibrident.fit.start.look import Look, look_at, loud_bins
+from vibrident.fit.start.start import find_start
 from vibrident.physics.discretisation import Method
 from vibrident.physics.models import SensorModel
 
@@ -109,7 +110,8 @@ class _Seen:
     def places(self) -> list[dict[str, float]]:
         """Places of the grid; those of a model whose parameters may trade are more."""
         model = self.band.model
-        more = model.has_delay or len(model.parameters) > len(model.core.parameters)
+        stated = any(spec.start is not None for spec in model.parameters)
+        more = stated or model.has_delay or len(model.parameters) > len(model.core.parameters)
         return [each.values for each in candidates(self.band, self.look, STARTS if more else FEW_STARTS)]
 
     def starts(self, known: Sequence[dict[str, float]]) -> Iterator[dict[str, float]]:
@@ -137,7 +139,8 @@ class _Begun:
         """Search and go down."""
         weighting = _without_model(seen.band, seen.look)
         known = [] if evidence.start is None else [dict(evidence.start)]
-        ends = _descended(evidence, seen, weighting, seen.starts(known), progress)
+        starts = seen.starts(known or _in_response(evidence))
+        ends = _descended(evidence, seen, weighting, starts, progress)
         begun = cls(seen, weighting, ends)
         return begun if known or begun.left < ENOUGH else begun._again(evidence, progress)
 
@@ -250,8 +253,22 @@ def _before(evidence: Evidence) -> dict[str, float]:
     values = {}
     for spec in evidence.model.parameters:
         typical = {"log": 0.5 * rate_hz, "positive": 1.0, "gain": 1.0, "duration": 1.0 / rate_hz}
-        values[spec.name] = typical.get(spec.kind, 0.0)
+        values[spec.name] = typical.get(spec.kind or "", 0.0) if spec.start is None else spec.start
     return values
+
+
+def _in_response(evidence: Evidence) -> list[dict[str, float]]:
+    """Return where the nonparametric response leads a model that states start values.
+
+    Its grid is coarse, and a descent in the logarithm of the magnitude has hardly any dead ends.
+    """
+    problem = evidence.first_look
+    if problem is None or not any(spec.start is not None for spec in evidence.model.parameters):
+        return []
+    try:
+        return [find_start(problem, evidence.model).values]
+    except (NotConverged, np.linalg.LinAlgError):
+        return []
 
 
 def _with_delay(model: SensorModel, values: Mapping[str, float], late_s: float) -> dict[str, float]:

@@ -40,6 +40,7 @@ class Grid:
         fraction: place within a step at which the response is read, at the delay of the inputs.
         bins: number of bins K, from 0 on.
         last: bins from here on do not count.
+        first: bins before this one do not count, but for an offset.
         tones: places of tones that no motion causes, in bins.
         edges: whether the initial states' slopes over the record are nuisances, too: where the
             noise is steep, what leaks at the ends of a record would count as information.
@@ -58,6 +59,7 @@ class Grid:
     in_pieces: bool = False
     driven: bool = True
     whole: bool = False
+    first: int = 1
 
     @property
     def step(self) -> tuple[float, float]:
@@ -78,7 +80,8 @@ class Grid:
     def counts(self) -> FloatArray:
         """How often each bin counts in a mean over the samples, shape (K,)."""
         counts = line_counts(self.samples)[: self.bins] / self.samples
-        if not (self.whole and self.in_pieces):  # an offset is at bin 0 alone
+        counts[1 : self.first] = 0.0
+        if self.first > 1 or not (self.whole and self.in_pieces):  # an offset is at bin 0 alone
             counts[0] = 0.0
         counts[self.last :] = 0.0
         return counts

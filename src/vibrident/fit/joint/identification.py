@@ -26,6 +26,7 @@ from vibrident.fit.judge.document import Uncertainty, document, own_rows
 from vibrident.fit.optimise import Progress, silent
 from vibrident.fit.uncertainty.budget import DATA, BudgetRow, row_of_effect
 from vibrident.fit.uncertainty.parameters import parameter_table, parameter_units, unit_fields
+from vibrident.physics.models import GivenModel, named
 from vibrident.physics.naming import in_words
 from vibrident.result import Parameter, Result, ResultWarning
 
@@ -37,7 +38,7 @@ RESIDUAL = "its residual at the joint fit, noise and misfit (its own fit is not 
 @watching()
 def identify_together(
     calibrations: Sequence[Calibration],
-    model: str | Sequence[str | None] | None = None,
+    model: GivenModel | Sequence[GivenModel | None] | None = None,
     estimator: str | Estimator = AUTO,
     *,
     share: Sequence[str] | None = None,
@@ -51,7 +52,8 @@ def identify_together(
 
     Args:
         calibrations: of one sensor.
-        model: name of the sensor model, one for all or one for each; None takes the calibration's.
+        model: name of the sensor model, or a :class:`vibrident.Model`, one for all or one for
+            each; None takes the calibration's.
         estimator: as for :func:`vibrident.identify`, for each by itself.
         share: names of the parameters to share, and no others. None: natural frequency, damping ratio, frequency
             and damping of a second mode; and where core model, unit of the response and kind of reference are the same
@@ -92,11 +94,11 @@ def identify_together(
     return tuple(replace(result, settings={**result.settings, "time_s": spent}) for result in results)
 
 
-def _models(model: str | Sequence[str | None] | None, count: int) -> list[str | None]:
+def _models(model: GivenModel | Sequence[GivenModel | None] | None, count: int) -> list[str | None]:
     if count == 0:
         raise InputError("There is no calibration.", expected="one or more", found="none", where="calibrations")
-    if model is None or isinstance(model, str):
-        return [model] * count
+    if model is None or isinstance(model, GivenModel):
+        return [named(model)] * count
     if len(model) != count:
         raise InputError(
             "The number of models is not that of the calibrations.",
@@ -105,7 +107,7 @@ def _models(model: str | Sequence[str | None] | None, count: int) -> list[str | 
             where="model",
             remedy="name one model, or as many as there are calibrations",
         )
-    return list(model)
+    return [named(each) for each in model]
 
 
 def _documents(descent: Descent, uncertainty: Uncertainty, labels: Sequence[str]) -> list[Result]:

@@ -17,6 +17,7 @@ from vibrident.base.version import __version__
 from vibrident.data.registry import READERS
 from vibrident.fit.judge.attempts import Fitted
 from vibrident.fit.registry import DEPARTURES, ESTIMATORS
+from vibrident.physics.models.source import source_of
 from vibrident.physics.registry import MODELS
 
 _ALWAYS = ("numpy", "scipy")
@@ -48,11 +49,13 @@ def provenance(fitted: Fitted) -> dict[str, Any]:
     readers = _readers(source.file for source in sources)
     read_by = {name for reader in readers for name in LIBRARIES.get(reader, ())}
     packages = _plug_ins(fitted, readers)
+    model = evidence.model.core
     return {
         "vibrident": __version__,
         "python": platform.python_version(),
         "libraries": _versions((*_ALWAYS, *sorted(participants() | read_by))),
         **({"plug_ins": packages} if packages else {}),
+        **({"model": source_of(model)} if MODELS.is_given(model.name) else {}),
         "calibration_file": calibration.source,
         "files": [{"file": s.file, "sha256": s.sha256, "history": list(s.history)} for s in sources],
         "seed": None,

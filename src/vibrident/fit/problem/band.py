@@ -75,6 +75,11 @@ class Band:
         last = int(highest / rate_hz * segment.samples + ROUNDING) + 1
         beyond = int(self.problem.highest * segment.samples + ROUNDING) + 1
         last = min(max(last, MIN_BINS), beyond, every)
+        first = 1
+        if record.band_hz is not None:
+            low, high = (edge / rate_hz * segment.samples for edge in record.band_hz)
+            first = max(int(np.ceil(low - ROUNDING)), 1)
+            last = max(int(min(last, high + ROUNDING + 1.0)), first + 1)
         fraction = float(self.problem.fractions[segment.record])
         tones = self.tones[number] if self.tones else segment.hum
         pieces = segment.used is not None
@@ -83,7 +88,7 @@ class Band:
         edges = (
             self.edges or rate_hz in self.unseen
         ) and driven  # slopes of its states are all that a free decay tells
-        return Grid(segment.samples, rate_hz, fraction, bins, last, tones, edges, pieces, driven)
+        return Grid(segment.samples, rate_hz, fraction, bins, last, tones, edges, pieces, driven, first=first)
 
     def within(self, top_hz: float) -> Band:
         """Return the same up to another frequency of the motion, Hz."""

@@ -7,7 +7,7 @@ r"""Physical parameters ↔ the numbers an optimiser moves: all near one, bounds
 | positive | \|sinh z\| | reflected at zero: δ = 0 is reachable; scale-free where large |
 | duration | start · e^z | positive, and scale-free |
 | time | z · unit | linear, any sign |
-| ratio | z | linear, any sign |
+| ratio | z · size | linear, any sign; the size is one, or the larger of its bounds |
 | inverse | z / response_size | linear, any sign |
 | inverse_square | z / response_size² | linear, any sign; a cubic term's share of the force |
 """
@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from vibrident.data.records import FloatArray
-from vibrident.physics.models import SensorModel
+from vibrident.physics.models import ParameterSpec, SensorModel
 from vibrident.physics.models.base import array_library
 
 #: A natural frequency is looked for at most this far outside the band of the data.
@@ -37,6 +37,11 @@ def searched(band_hz: Any) -> dict[str, tuple[Any, Any]]:
     """Kind of a parameter to its lowest and highest value that a fit searches, for data of this band."""
     low, high = band_hz[0] / MARGIN_BELOW, band_hz[1] * BAND_MARGIN
     return {"log": (low, high), "duration": (1.0 / (BAND_MARGIN * high), 1.0 / low)}
+
+
+def ends_of(spec: ParameterSpec, band_hz: Any) -> tuple[Any, Any] | None:
+    """Return the lowest and highest value of a parameter that a fit searches; None where open."""
+    return searched(band_hz).get(spec.kind or "") if spec.bounds is None else spec.bounds
 
 
 @dataclass(frozen=True)
@@ -77,9 +82,12 @@ class Coordinates:
     def _units(self) -> list[Any]:
         """Physical value of each linear coordinate at one; None for the other kinds."""
         size = self.response_size
-        units = {"time": self.time_unit_s, "ratio": 1.0, "inverse": 1.0 / size, "inverse_square": 1.0 / size**2}
-        kinds = enumerate(spec.kind for spec in self.model.parameters)
-        return [self.start[index] if kind == "gain" else units.get(kind) for index, kind in kinds]
+        units = {"time": self.time_unit_s, "inverse": 1.0 / size, "inverse_square": 1.0 / size**2}
+        each = []
+        for index, spec in enumerate(self.model.parameters):
+            unit = {"gain": self.start[index], "ratio": spec.size}.get(spec.kind or "")
+            each.append(units.get(spec.kind or "") if unit is None else unit)
+        return each
 
     @property
     def first(self) -> FloatArray:
@@ -89,26 +97,31 @@ class Coordinates:
     @functools.cached_property
     def edges(self) -> tuple[FloatArray, FloatArray]:
         """Lowest and highest coordinate of the range searched, each of shape (parameters,); infinite where open."""
-        ends = searched([float(f) for f in self.band_hz])
+        band_hz = [float(f) for f in self.band_hz]
         low, high = np.full(len(self.start), -np.inf), np.full(len(self.start), np.inf)
         for index, spec in enumerate(self.model.parameters):
-            if spec.kind in ends:
-                low[index], high[index] = np.log(np.array(ends[spec.kind]) / self.start[index])
+            if (ends := ends_of(spec, band_hz)) is None:
+                continue
+            if spec.kind == "ratio":
+                low[index], high[index] = np.array(ends) / spec.size
+            else:
+                low[index], high[index] = np.log(np.array(ends) / self.start[index])
         return low, high
 
     def physical(self, z: Any) -> dict[str, Any]:
         """Name to physical value; ``z`` may be traced."""
         values, xp = {}, array_library(z)
-        ends, units = searched(self.band_hz), self._units
+        units = self._units
         for index, spec in enumerate(self.model.parameters):
             if (unit := units[index]) is not None:
-                values[spec.name] = z[index] * unit
+                value = z[index] * unit
             elif spec.kind == "positive":
-                values[spec.name] = xp.abs(xp.sinh(xp.minimum(xp.maximum(z[index], -FARTHEST), FARTHEST)))
+                value = xp.abs(xp.sinh(xp.minimum(xp.maximum(z[index], -FARTHEST), FARTHEST)))
             else:
-                factor = xp.exp(xp.minimum(z[index], FARTHEST))
-                low, high = ends[spec.kind]
-                values[spec.name] = xp.minimum(xp.maximum(self.start[index] * factor, low), high)
+                value = self.start[index] * xp.exp(xp.minimum(z[index], FARTHEST))
+            if (ends := ends_of(spec, self.band_hz)) is not None:
+                value = xp.minimum(xp.maximum(value, ends[0]), ends[1])
+            values[spec.name] = value
         return values
 
     def values(self, z: Any) -> dict[str, float]:

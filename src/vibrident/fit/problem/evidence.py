@@ -8,8 +8,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vibrident.data.records import Calibration, Quantity, Record, SystematicEffect
+from vibrident.base.errors import InputError
+from vibrident.data.records import BoolArray, Calibration, Quantity, Record, SystematicEffect
 from vibrident.data.records.basis import distinct
+from vibrident.data.records.record import nothing_in_band
 from vibrident.data.screening import Finding, screen
 from vibrident.data.screening.copies import without_copies
 from vibrident.data.screening.quality import without_steady_decays
@@ -102,7 +104,39 @@ class Evidence:
             tones = replace(tones, record=np.array(sines)[tones.record])
             refuse_other_motion(some, tones)
             findings = (*findings, *short_records(some, tones.frequency_hz), *silent_channels(tones))
-        return cls(calibration, model, records, tones, bands, findings)
+        if all(record.band_hz is None for record in records):
+            return cls(calibration, model, records, tones, bands, findings)
+        return cls(calibration, model, records, tones, bands, findings)._in_band()
+
+    def _in_band(self) -> Evidence:
+        """Return the same without sines and points outside the bands of their records.
+
+        Raises:
+            InputError: nothing is left.
+        """
+        inside = self._inside(self.tones)
+        outside = set() if self.tones is None else set(self.tones.record[~inside].tolist())
+        if outside:
+            records = tuple(record for number, record in enumerate(self.records) if number not in outside)
+            if not records:
+                raise self._nothing_in_band()
+            return replace(self._measured(self.calibration, self.model, records, ()), findings=self.findings)
+        bands = None if self.bands is None else self.bands.at(self._inside(self.bands))
+        if bands is not None and not bands.points:
+            raise self._nothing_in_band()
+        return replace(self, bands=bands)
+
+    def _inside(self, measured: MeasuredResponse | None) -> BoolArray:
+        """Return which points are in the band of their record, shape (n,)."""
+        if measured is None:
+            return np.zeros(0, dtype=bool)
+        pairs = zip(measured.frequency_hz, measured.record, strict=True)
+        return np.array([bool(self.records[int(number)].holds(hz)) for hz, number in pairs], dtype=bool)
+
+    def _nothing_in_band(self) -> InputError:
+        band_hz = next(record.band_hz for record in self.records if record.band_hz is not None)
+        parts = [part.frequency_hz for part in (self.tones, self.bands) if part is not None]
+        return nothing_in_band(band_hz, np.concatenate(parts), self.calibration.source or "calibration in memory")
 
     def without_dead_records(self) -> Evidence | None:
         """The same without records whose channels seem to have nothing in common; None where all or none seem so.

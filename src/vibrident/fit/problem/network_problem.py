@@ -177,7 +177,8 @@ def require_rational(model: SensorModel) -> None:
     """
     if model.has_network:
         return
-    factors = " or ".join(repr(addon.name) for addon in model.add_ons if addon.factor is not None)
+    parts = (model.core, *model.add_ons)
+    factors = " or ".join(repr(part.name) for part in parts if part.factor is not None)
     raise ModelError(
         "The network cannot be trained in time: the model is not a rational function.",
         expected=f"a model without {factors}",

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vibrident.data.records import FloatArray
+from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.response.level import level_at_tone, levels_apart
 
 #: Smallest deviation, relative to the amplitude: interpolation between samples is not better.
@@ -56,6 +57,14 @@ class MeasuredResponse:
     def points(self) -> int:
         """Number of excited frequencies n."""
         return int(self.frequency_hz.shape[0])
+
+    def at(self, points: BoolArray) -> MeasuredResponse:
+        """Return some of the points, where ``points``, shape (n,), is true."""
+        columns: dict[str, Any] = {}
+        for each in fields(self):
+            values = getattr(self, each.name)
+            columns[each.name] = None if values is None else values[points]
+        return MeasuredResponse(**columns)
 
     @property
     def ratio(self) -> ComplexArray:

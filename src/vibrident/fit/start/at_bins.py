@@ -78,10 +78,15 @@ def candidates(band: Band, look: Look, most: int) -> list[Candidate]:
         spec for add_on in model.add_ons for spec in add_on.parameters if spec.guesses and spec.name not in model.shares
     ]
     guesses = _places(added, [_guesses(spec, look.band_hz) for spec in added])
-    front = search.best(places, max(most, PLACES, MAX_PLACES // len(guesses) if added else 0))
+    if any(spec.start is not None for spec in core):
+        most_places = REFINED
+    else:
+        most_places = max(most, PLACES)
+    front = search.best(places, max(most_places, MAX_PLACES // len(guesses) if added else 0))
     if added and front:
         known = [{spec.name: place.values[spec.name] for spec in core} for place in front]
         front = search.best([here | more for here in known for more in guesses], REFINED)
+    if front and (added or any(spec.start is not None for spec in core)):
         front = search.refined(front)
     if not front:
         raise NotConverged("No start value gives a finite fit: are the columns and units right?")
@@ -273,7 +278,9 @@ class _Search:
         """
         if not self.band.problem.frame.factor_values:
             return None
-        return np.stack([self._moved_factors(rows, values)[0] for values in tried], axis=1)
+        model = self.band.problem.frame.model
+        over = 1.0 / model.factors(self.band.problem.frame.factor_values, rows.frequency_hz)
+        return np.stack([over * model.factors(values, rows.frequency_hz) for values in tried], axis=1)
 
     def _moved_factors(self, rows: CoarseRows, values: Mapping[str, float]) -> list[ComplexArray]:
         """Return factors and their slopes over the factors of the inputs, shape (R, K) each."""

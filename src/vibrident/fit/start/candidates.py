@@ -14,7 +14,7 @@ import numpy as np
 from vibrident.data.records import FloatArray
 from vibrident.data.records.basis import distinct
 from vibrident.fit.start.search import LogCoordinates, TargetFRF
-from vibrident.physics.models import Core, ParameterSpec, SensorModel
+from vibrident.physics.models import Model, ParameterSpec, SensorModel
 from vibrident.physics.models.base import DERIVATIVES
 
 #: Natural frequencies of the grid: so many a decade, and so many decades outside the band.
@@ -23,6 +23,8 @@ FREQUENCIES_PER_DECADE, DECADES_OUTSIDE = 24, 1.5
 MOST_SCORED_POINTS = 80
 #: Cores that are taken from the grid, and combinations of them with add-ons that go down some steps.
 CORES, FIRST = 6, 64
+#: … of a core that states start values, whose grid is coarse.
+CORES_OF_COARSE_GRID = 24
 #: Least relative deviation of a point: neither the grid nor the first steps of the search are finer.
 LEAST_DEVIATION = 0.01
 
@@ -67,7 +69,8 @@ def _cores(sought: TargetFRF, chart: LogCoordinates, band_hz: tuple[float, float
     own = [chart.coordinate(spec, axis) / far for spec, axis, far in zip(specs, axes, apart, strict=True)]
     places = np.reshape(np.meshgrid(*own, indexing="ij"), (len(own), score.size))
     likeliest, chosen = np.argsort(score, axis=None), []
-    while likeliest.size and len(chosen) < CORES:
+    most = CORES_OF_COARSE_GRID if any(spec.start is not None for spec in specs) else CORES
+    while likeliest.size and len(chosen) < most:
         first = int(likeliest[0])
         values = {name: float(grid[name].flat[first]) for name in grid}
         values[model.gain_name] = float(np.exp(mean.flat[first]))
@@ -78,7 +81,7 @@ def _cores(sought: TargetFRF, chart: LogCoordinates, band_hz: tuple[float, float
 
 @functools.lru_cache(maxsize=4)  # what does not suit is searched for in several ways
 def _grid(
-    core: Core, naturals: bytes, frequency: bytes
+    core: Model, naturals: bytes, frequency: bytes
 ) -> tuple[list[ParameterSpec], list[FloatArray], dict[str, FloatArray], FloatArray]:
     """Parameters of the grid, their axes and values, and log |H| there by acceleration, one axis each and of frequency.
 

@@ -90,6 +90,7 @@ def look_at(band: Band) -> Look:
             heard &= seen.moving
             # Of few bins all that is known of the noise is that it is no more than everything.
             heard |= ~seen.has_enough_bins[:, None]
+        heard &= group.grid.counts > 0.0
         samples = group.grid.samples
         audible |= {n: (samples, row) for n, row in zip(group.segments, heard, strict=True)}
         levels |= zip(group.segments, seen.level, strict=True)
@@ -98,9 +99,10 @@ def look_at(band: Band) -> Look:
             every = zip(group.segments, seen.response / root_share, seen.has_enough_bins, strict=True)
             filled |= {number: row for number, row, enough in every if enough}
         frequency = group.grid.frequency_hz
-        everywhere.append(frequency[[1, group.grid.last - 1]])
+        everywhere.append(frequency[[group.grid.first, group.grid.last - 1]])
         # Free motion is where it is heard.
         moving = seen.moving[seen.has_enough_bins] if group.grid.driven else heard
+        moving = moving & (group.grid.counts > 0.0)
         places = 1 + np.flatnonzero(np.any(moving[:, 1:], axis=0))
         if places.size:
             shown.append(frequency[np.minimum(places[[0, -1]], group.grid.last - 1)])

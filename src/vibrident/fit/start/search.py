@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vibrident.data.records import BoolArray, FloatArray, Quantity
-from vibrident.fit.problem.coordinates import searched
+from vibrident.fit.problem.coordinates import ends_of
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import median
 from vibrident.physics.models import ParameterSpec, SensorModel
@@ -105,20 +105,18 @@ class LogCoordinates:
 
         Out there others would make up for it, which cannot follow when it is brought back.
         """
-        found, ends = {}, searched(self.band_hz)
+        values = {}
         for index, spec in enumerate(self.model.parameters):
             column = u[:, index, None]
             if spec.kind == "gain":
-                found[spec.name] = sign[:, None] * np.exp(np.clip(column, -700.0, 700.0))
-            elif spec.kind in ends:
-                found[spec.name] = np.clip(np.exp(np.clip(column, -300.0, 300.0)), *ends[spec.kind])
-            elif spec.kind == "positive":
-                found[spec.name] = np.exp(np.clip(column, -300.0, 300.0))
-            elif spec.kind == "time":
-                found[spec.name] = column * self.time_unit_s
+                value = sign[:, None] * np.exp(np.clip(column, -700.0, 700.0))
+            elif spec.kind in ("log", "duration", "positive"):
+                value = np.exp(np.clip(column, -300.0, 300.0))
             else:
-                found[spec.name] = column
-        return found
+                value = column * (self.time_unit_s if spec.kind == "time" else spec.size)
+            ends = ends_of(spec, self.band_hz)
+            values[spec.name] = value if ends is None else np.clip(value, *ends)
+        return values
 
     def place(self, values: dict[str, float]) -> tuple[FloatArray, float]:
         """Coordinates of physical values, shape (P,), and the gain's sign."""
@@ -129,8 +127,9 @@ class LogCoordinates:
     def coordinate(self, spec: ParameterSpec, value: float | FloatArray) -> FloatArray:
         """Of values of a parameter, of their shape."""
         if spec.kind in ("gain", "log", "duration", "positive"):
-            return np.log(np.maximum(np.abs(value), np.finfo(float).tiny if spec.kind == "gain" else LEAST))
-        return np.divide(value, self.time_unit_s if spec.kind == "time" else 1.0)
+            is_open = spec.kind == "gain" or spec.bounds is not None
+            return np.log(np.maximum(np.abs(value), np.finfo(float).tiny if is_open else LEAST))
+        return np.divide(value, self.time_unit_s if spec.kind == "time" else spec.size)
 
     def named(self, u: FloatArray, sign: FloatArray, row: int) -> dict[str, float]:
         """Physical values of one candidate, as plain floats."""
@@ -145,7 +144,7 @@ class LogCoordinates:
 
     def response_and_slopes(self, u: FloatArray, sign: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """Responses of the candidates, shape (C, n), and ∂ log H by the coordinates, shape (C, P, n)."""
-        values, ends = self.values(u, sign), searched(self.band_hz)
+        values = self.values(u, sign)
         with np.errstate(all="ignore"):
             response, slopes = response_and_slopes(self.model, values, self.frequency_hz, self.quantity)
             logarithmic = np.moveaxis(slopes, 0, 1) / response[:, None]
@@ -153,9 +152,10 @@ class LogCoordinates:
             value = values[spec.name]
             if spec.kind == "gain":
                 logarithmic[:, index] = 1.0
-            elif spec.kind in ends:
-                low, high = ends[spec.kind]
-                logarithmic[:, index] *= np.where((low < value) & (value < high), value, 0.0)
+            elif (ends := ends_of(spec, self.band_hz)) is not None:
+                low, high = ends
+                step = spec.size if spec.kind == "ratio" else value
+                logarithmic[:, index] *= np.where((low < value) & (value < high), step, 0.0)
             elif spec.kind in ("positive", "time"):
                 logarithmic[:, index] *= value if spec.kind == "positive" else self.time_unit_s
         return response, logarithmic

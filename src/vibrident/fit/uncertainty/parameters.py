@@ -15,7 +15,7 @@ import numpy as np
 from vibrident.base.tails import student_quantile
 from vibrident.data.records import Calibration, FloatArray
 from vibrident.fit.problem import Coordinates
-from vibrident.fit.problem.coordinates import searched
+from vibrident.fit.problem.coordinates import ends_of
 from vibrident.physics.models import Derived, SensorModel
 from vibrident.physics.models.slopes import STEP, response_and_slopes
 from vibrident.physics.naming import in_words
@@ -96,12 +96,14 @@ def _at_bounds(
     coordinates: Coordinates, values: dict[str, float], deviation: FloatArray, ended: set[str]
 ) -> list[ResultWarning]:
     warnings = []
-    low, high = searched(coordinates.band_hz)["log"]
     for index, spec in enumerate(coordinates.model.parameters):
-        if spec.kind == "log" and spec.name in ended:
-            text = f"The {in_words(spec.name)} lies at the end of the range searched, {low:.3g} to {high:.3g} Hz."
+        if spec.kind in ("log", "ratio") and spec.name in ended:
+            low, high = ends_of(spec, coordinates.band_hz) or (np.nan, np.nan)
+            unit = f" {spec.unit}" if spec.unit != "1" else ""
+            text = f"The {in_words(spec.name)} lies at the end of the range searched, {low:.3g} to {high:.3g}{unit}."
             traded = _traded(coordinates, values, deviation, index)
-            text += f" What is stated of the {traded} holds for this frequency only." if traded else ""
+            held = "frequency" if spec.unit == "Hz" else "value"
+            text += f" What is stated of the {traded} holds for this {held} only." if traded else ""
             warnings.append(ResultWarning("at_bound", text))
         u = deviation[index]
         if spec.kind == "positive" and u < NOTHING and values[spec.name] < 1e-6 + 0.01 * u:

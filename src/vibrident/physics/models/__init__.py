@@ -1,7 +1,8 @@
 """Sensor models: one core a file, add-ons beside them, put together by name.
 
-``parse("accelerometer+delay")`` gives a :class:`SensorModel`. A new core or add-on is one file in ``cores/`` or
-``add_ons/``, or an entry point of the group ``vibrident.models``.
+``parse("accelerometer+delay")`` gives a :class:`SensorModel`. A new core (:class:`Model`) or add-on
+is one file in ``cores/`` or ``add_ons/``, or an entry point of the group ``vibrident.models``. A core
+may also be given to ``identify``.
 """
 
 from __future__ import annotations
@@ -11,24 +12,30 @@ from typing import Any, TypeVar
 
 from vibrident.base.errors import ModelError, did_you_mean
 from vibrident.data.records import Calibration
-from vibrident.physics.models.base import AddOn, Core, Derived, ParameterSpec, Rational, SensorModel
+from vibrident.physics.models.base import AddOn, Derived, ParameterSpec, Rational
+from vibrident.physics.models.model import Model
+from vibrident.physics.models.sensor_model import SensorModel
 from vibrident.physics.registry import MODELS
 
 __all__ = [
     "ADD_ONS",
     "CORES",
     "AddOn",
-    "Core",
     "Derived",
+    "GivenModel",
+    "Model",
     "ParameterSpec",
     "Rational",
     "SensorModel",
     "installed",
     "model_of",
+    "named",
     "parse",
+    "with_add_ons",
 ]
 
-_Part = TypeVar("_Part", Core, AddOn)
+GivenModel = str | Model | SensorModel  # a model by its name, or as an object
+_Part = TypeVar("_Part", Model, AddOn)
 
 
 class _Parts(Mapping[str, _Part]):
@@ -53,7 +60,7 @@ class _Parts(Mapping[str, _Part]):
         return len(self._all())
 
 
-CORES: Mapping[str, Core] = _Parts(Core)
+CORES: Mapping[str, Model] = _Parts(Model)
 ADD_ONS: Mapping[str, AddOn] = _Parts(AddOn)
 
 
@@ -67,12 +74,18 @@ def parse(name: str) -> SensorModel:
     Raises:
         ModelError: the core or an add-on is unknown, an add-on is named twice, or two of them cannot be combined.
     """
-    first, *rest = (part.strip() for part in name.split("+"))
-    core = MODELS.find(first)
-    if not isinstance(core, Core):
-        raise _unknown("sensor model", first, CORES, name)
+    first, _, rest = name.partition("+")
+    core = MODELS.find(first.strip())
+    if not isinstance(core, Model):
+        raise _unknown("sensor model", first.strip(), CORES, name)
+    return with_add_ons(core, rest) if "+" in name else SensorModel(core.name, core)
+
+
+def with_add_ons(core: Model, names: str) -> SensorModel:
+    """Build a model with add-ons, their names joined by "+", in any order; errors as :func:`parse`."""
     add_ons: list[AddOn] = []
-    for part in rest:
+    name = f"{core.name}+{names}"
+    for part in (part.strip() for part in names.split("+")):
         addon = MODELS.find(part)
         if not isinstance(addon, AddOn):
             raise _unknown("add-on", part, ADD_ONS, name)
@@ -91,6 +104,27 @@ def parse(name: str) -> SensorModel:
     if not model.is_linear:
         _check_nonlinear(model)
     return model
+
+
+def named(model: GivenModel | None) -> str | None:
+    """Return the name of a model; one made in Python is known by it in this process from now on.
+
+    Raises:
+        ModelError: it is no model, or its name is that of an installed one.
+    """
+    if model is None or isinstance(model, str):
+        return model
+    core = model.core if isinstance(model, SensorModel) else model
+    if not isinstance(core, Model):
+        raise ModelError(
+            "This is no sensor model.",
+            expected="a name, such as 'accelerometer+delay', or a vibrident.Model",
+            found=f"one of {type(core).__qualname__}",
+            where="model",
+            remedy="give a name or a Model",
+        )
+    MODELS.give(core)
+    return model.name
 
 
 def model_of(calibration: Calibration, name: str | None = None) -> SensorModel:
@@ -143,7 +177,7 @@ def _check_nonlinear(model: SensorModel) -> None:
         )
 
 
-def _unknown(kind: str, part: str, table: Mapping[str, Core] | Mapping[str, AddOn], name: str) -> ModelError:
+def _unknown(kind: str, part: str, table: Mapping[str, Model] | Mapping[str, AddOn], name: str) -> ModelError:
     return ModelError(
         f"The {kind} {part!r} is not known.",
         expected=" | ".join(table),

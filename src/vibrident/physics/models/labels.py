@@ -16,7 +16,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from vibrident.data.records import FloatArray
-from vibrident.physics.models.base import Labels, Relabelling, SensorModel
+from vibrident.physics.models.base import Labels, Relabelling
+from vibrident.physics.models.sensor_model import SensorModel
 
 _STEP = 1e-30  # step of the complex-step derivative: no difference is taken, so nothing is lost
 

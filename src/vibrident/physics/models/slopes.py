@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibrident.data.records import FloatArray, Quantity
-from vibrident.physics.models.base import SensorModel
+from vibrident.physics.models.sensor_model import SensorModel
 
 STEP = 1e-100  # imaginary step, in units of the parameter: its square is nothing beside one
 

@@ -52,13 +52,15 @@ def realise(system: Rational) -> StateSpace:
             remainder[shift + k] = remainder[shift + k] - lead * coefficient
     remainder += [0.0] * (order - len(remainder))
     last = -_vector(den, xp)
-    shape = last.shape[:-1]
-    above = xp.broadcast_to(np.eye(order)[1:], (*shape, order - 1, order))
-    a = _rate(w) * xp.concatenate([above, last[..., None, :]], axis=-2)
     drive = _vector([0.0 * w] * (order - 1) + [w * system.gain], xp)
+    output = _vector(remainder, xp)
+    shape = np.broadcast_shapes(last.shape[:-1], drive.shape[:-1], output.shape[:-1])
+    above = xp.broadcast_to(np.eye(order)[1:], (*shape, order - 1, order))
+    lowest = xp.broadcast_to(last, (*shape, order))[..., None, :]
+    a = _rate(w) * xp.concatenate([above, lowest], axis=-2)
     b = xp.broadcast_to(drive, (*shape, order))
     d = tuple(system.gain * value * w ** (-m) for m, value in enumerate(reversed(direct)))
-    return StateSpace(a, b, xp.broadcast_to(_vector(remainder, xp), (*shape, order)), d, w)
+    return StateSpace(a, b, xp.broadcast_to(output, (*shape, order)), d, w)
 
 
 def _vector(values: list[Any], xp: Any) -> Any:

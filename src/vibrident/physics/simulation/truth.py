@@ -49,6 +49,14 @@ def exact_response(
         ModelError: the response would contain derivatives of the acceleration.
         InputError: an undamped sensor is excited at its natural frequency, or the motion is too rough.
     """
+    require(
+        model.core.factor is None,
+        "A response that is no ratio of polynomials cannot be simulated.",
+        expected="a model of a ratio of polynomials in s",
+        found=repr(model.name),
+        where="simulate",
+        remedy="simulate it by sums of sines",
+    )
     grid = SampleGrid(-float(model.delay_s(parameters)), sampling_rate_hz, samples)
     if not model.has_network:
         return _averaged(model, parameters, motion, grid, start)

@@ -17,7 +17,7 @@ from vibrident.fit.uncertainty import correlation, curve, parameter_table, weakl
 from vibrident.fit.uncertainty.curve import with_resonances
 from vibrident.fit.uncertainty.parameters import fields_of_units, sizes_of
 from vibrident.physics.models import parse
-from vibrident.physics.models.base import SensorModel
+from vibrident.physics.models.sensor_model import SensorModel
 from vibrident.result import Correlation, Curve, Parameter, Result
 from vibrident.result.document import plain
 from vibrident.use.planning.design import CRITERIA, Criterion, best_points, efficiency, total

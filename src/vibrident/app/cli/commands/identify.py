@@ -12,6 +12,7 @@ from vibrident.app.cli import options
 from vibrident.app.cli.console import DOUBTFUL, note, out, say, show, warn
 from vibrident.app.cli.options import argument, choice, flag, option
 from vibrident.app.cli.progress import Busy
+from vibrident.app.cli.words import shell_word
 from vibrident.app.workflow.estimators import AUTO, estimator_names
 from vibrident.app.workflow.folder import written_whole
 from vibrident.app.workflow.identification import Request, run
@@ -34,6 +35,7 @@ _DISCRETISATION = choice(
 
 
 def identify(
+    context: typer.Context,
     calibrations: list[Path] = argument("CAL.toml...", "Calibration file; several of one sensor are fitted together."),
     model: str | None = option("--model", "NAME", _MODEL),
     estimator_name: str = choice(
@@ -48,6 +50,7 @@ def identify(
         "What they cover: noise alone; inflated, the misfit too; auto, the misfit where the model is rejected.",
         "auto",
     ),
+    band: str | None = option("--band", "LOW:HIGH", "Hz: the band that the fit takes.", default="the files', or all"),
     share: str | None = option(
         "--share",
         "A,B",
@@ -101,12 +104,12 @@ def identify(
     settings: dict[str, Any] = dict(zip(options.SETTINGS, values, strict=True)) | options.settings(others or ())
     shared = options.listed("--share")(share)
     models = None if model is None else [part.strip() for part in model.split(",")]  # one may serve several files
-    request = Request(estimator_name, settings, models, uncertainty, shared, posterior, weights)
+    request = Request(estimator_name, settings, models, uncertainty, shared, posterior, options.band(band), weights)
     request.check(len(calibrations))
     with written_whole(folder) as output:
         drawn = pictures if plots is None else plots
         results = _identified(request, calibrations, output.path, drawn, excerpts)
-    _show(results, output.files, quiet=quiet, weights=weights)
+    _show(results, output.files, context, quiet=quiet, weights=weights)
     codes = dict.fromkeys(code for result in results for code in result.warning_codes)
     if strict and codes:
         note(f"Strict: the result carries a warning ({', '.join(codes)}).")
@@ -144,7 +147,7 @@ def _places(files: list[Path], place: Path) -> list[Path]:
     return places
 
 
-def _show(results: list[Any], files: list[Path], *, quiet: bool, weights: bool) -> None:
+def _show(results: list[Any], files: list[Path], context: typer.Context, *, quiet: bool, weights: bool) -> None:
     from vibrident.show import terminal
 
     if len(results) > 1 and not quiet:
@@ -154,6 +157,7 @@ def _show(results: list[Any], files: list[Path], *, quiet: bool, weights: bool) 
         show(*methods.joint(results[0]), Sentence(""))
     from vibrident.data.screening.copies import said_of_copies
 
+    word = shell_word(context.find_root().command, "identify")
     for result in results:
         for text in said_of_copies((file["file"], file["history"]) for file in result.provenance.get("files", ())):
             note(text)
@@ -164,7 +168,7 @@ def _show(results: list[Any], files: list[Path], *, quiet: bool, weights: bool) 
             if len(results) > 1:
                 joint = result.settings["joint"]
                 say(joint["calibrations"][joint["position"]]["file"])
-            out().print(terminal.summary(result, written), crop=False)  # paths are not cropped
+            out().print(terminal.summary(result, written, word), crop=False)  # paths are not cropped
             if residual := result.settings.get("residual_network"):
                 say(_residual_line(residual))
             if sampled := result.settings.get("posterior"):

@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from vibrident.physics.models.base import AddOn, Core, Labels, Parameters, ParameterSpec, Rational, Relabelling, Values
+from vibrident.physics.models.base import AddOn, Labels, Parameters, ParameterSpec, Rational, Relabelling, Values
+from vibrident.physics.models.model import Model
 
 
 def _rational(parameters: Parameters, system: Rational) -> Rational:
@@ -27,13 +28,13 @@ _CORNER = "highpass_frequency"
 _QUESTION = "which of its three real poles is the high-pass's; the lowest was taken"
 
 
-def _others(core: Core, values: Values) -> tuple[Relabelling, ...]:
+def _others(core: Model, values: Values) -> tuple[Relabelling, ...]:
     if core.oscillator is None or core.output == "other" or not values[core.oscillator[1]] > 1.0:
         return ()
     return _exchanged(core, -1.0), _exchanged(core, 1.0)
 
 
-def _exchanged(core: Core, side: float) -> Relabelling:
+def _exchanged(core: Model, side: float) -> Relabelling:
     """The corner for the sensor's lower (``side`` −1) or upper real pole."""
     assert core.oscillator is not None
     frequency, ratio = core.oscillator

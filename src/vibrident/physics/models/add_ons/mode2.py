@@ -17,7 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from vibrident.physics.models.base import AddOn, Core, Labels, Parameters, ParameterSpec, Rational, Relabelling, Values
+from vibrident.physics.models.base import AddOn, Labels, Parameters, ParameterSpec, Rational, Relabelling, Values
+from vibrident.physics.models.model import Model
 
 
 def _rational(parameters: Parameters, system: Rational) -> Rational:
@@ -47,7 +48,7 @@ _QUESTION = "which mode is the main one; the shares of the static response are e
 UNDECIDED = 3.0  # shares nearer to equal than so many standard uncertainties leave open which mode is the main one
 
 
-def _others(core: Core, values: Values) -> tuple[Relabelling, ...]:
+def _others(core: Model, values: Values) -> tuple[Relabelling, ...]:
     if core.output != "displacement" or core.oscillator is None or values["mode2_gain"] == 0.0:
         return ()
     gain, (frequency, damping), (frequency_2, damping_2) = core.parameters[0].name, core.oscillator, _MODE

@@ -1,1 +1,1 @@
-"""One sensor a file; each holds a :class:`vibrident.physics.models.base.Core` in the file's name."""
+"""One sensor a file; each holds a :class:`vibrident.physics.models.Model` in the file's name."""

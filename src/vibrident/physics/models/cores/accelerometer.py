@@ -17,19 +17,17 @@ from vibrident.physics.models.base import (
     DAMPING_RATIO,
     NATURAL_FREQUENCY,
     OSCILLATOR,
-    Core,
     Derived,
     Parameters,
     ParameterSpec,
-    Rational,
     has_peak,
 )
+from vibrident.physics.models.model import Model
 
 
-def _rational(parameters: Parameters) -> Rational:
-    wn = 2.0 * np.pi * parameters["natural_frequency"]
-    damping = parameters["damping_ratio"]
-    return Rational(parameters["sensitivity"], (wn * wn,), (wn * wn, 2.0 * damping * wn, 1.0), wn)
+def _response(s: Any, sensitivity: Any, natural_frequency: Any, damping_ratio: Any) -> Any:
+    wn = 2.0 * np.pi * natural_frequency
+    return sensitivity * (wn * wn) / (s**2 + 2.0 * damping_ratio * wn * s + wn * wn)
 
 
 def _resonance(parameters: Parameters) -> Any:
@@ -37,7 +35,7 @@ def _resonance(parameters: Parameters) -> Any:
     return parameters["natural_frequency"] * (1.0 - 2.0 * parameters["damping_ratio"] ** 2) ** 0.5
 
 
-ACCELEROMETER = Core(
+ACCELEROMETER = Model(
     name="accelerometer",
     title="accelerometer (displacement pickup, second order)",
     parameters=(
@@ -45,7 +43,7 @@ ACCELEROMETER = Core(
         NATURAL_FREQUENCY,
         DAMPING_RATIO,
     ),
-    rational=_rational,
+    response=_response,
     derived=(
         ANGULAR_FREQUENCY,
         Derived("resonance_frequency", "Hz", _resonance, has_peak, symbol="f0", needs=OSCILLATOR),

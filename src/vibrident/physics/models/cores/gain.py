@@ -8,21 +8,12 @@ stands for the phase there, the gain is what was measured.
 
 from __future__ import annotations
 
-from vibrident.physics.models.base import Core, Parameters, ParameterSpec, Rational
+from vibrident.physics.models.base import ParameterSpec
+from vibrident.physics.models.model import Model
 
-#: Pole and zero at −100 rad/s cancel at every frequency: the network has a state, which its output
-#: does not hold. It decays within a record of a second, and not within a sample of a slow one.
-_CANCELLED = 100.0
-
-
-def _rational(parameters: Parameters) -> Rational:
-    both = (_CANCELLED, 1.0)
-    return Rational(parameters["sensitivity"], both, both, _CANCELLED)
-
-
-GAIN = Core(
+GAIN = Model(
     name="gain",
     title="gain (the sensitivity at one frequency)",
     parameters=(ParameterSpec("sensitivity", "{response}/({reference})", "gain", symbol="S0"),),
-    rational=_rational,
+    response=lambda s, sensitivity: sensitivity,
 )

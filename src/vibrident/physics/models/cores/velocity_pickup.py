@@ -18,19 +18,17 @@ from vibrident.physics.models.base import (
     DAMPING_RATIO,
     NATURAL_FREQUENCY,
     OSCILLATOR,
-    Core,
     Derived,
     Parameters,
     ParameterSpec,
-    Rational,
     has_peak,
 )
+from vibrident.physics.models.model import Model
 
 
-def _rational(parameters: Parameters) -> Rational:
-    wn = 2.0 * np.pi * parameters["natural_frequency"]
-    damping = parameters["damping_ratio"]
-    return Rational(parameters["generator_constant"], (0.0, 1.0), (wn * wn, 2.0 * damping * wn, 1.0), wn)
+def _response(s: Any, generator_constant: Any, natural_frequency: Any, damping_ratio: Any) -> Any:
+    wn = 2.0 * np.pi * natural_frequency
+    return generator_constant * s / (s**2 + 2.0 * damping_ratio * wn * s + wn * wn)
 
 
 def _resonance(parameters: Parameters) -> Any:
@@ -38,7 +36,7 @@ def _resonance(parameters: Parameters) -> Any:
     return parameters["natural_frequency"] / (1.0 - 2.0 * parameters["damping_ratio"] ** 2) ** 0.5
 
 
-VELOCITY_PICKUP = Core(
+VELOCITY_PICKUP = Model(
     name="velocity-pickup",
     title="velocity pickup (electrodynamic coil, second order)",
     parameters=(
@@ -46,7 +44,7 @@ VELOCITY_PICKUP = Core(
         NATURAL_FREQUENCY,
         DAMPING_RATIO,
     ),
-    rational=_rational,
+    response=_response,
     derived=(
         ANGULAR_FREQUENCY,
         Derived("resonance_frequency", "Hz", _resonance, has_peak, symbol="f0", needs=OSCILLATOR),

@@ -1,0 +1,126 @@
+"""The estimates of a result (``vibrident.Result``) as a sensor to compute with."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from vibrident.base.errors import InputError, ModelError
+from vibrident.data.records import FloatArray
+from vibrident.physics.models import SensorModel, parse
+from vibrident.physics.models.source import source_of
+from vibrident.physics.registry import MODELS
+from vibrident.result.sensor import IdentifiedSensor
+
+
+def sensor_of(result: Any) -> IdentifiedSensor:
+    """Return the sensor of a result with a gain; errors as of ``Result.to_sensor``."""
+    model = model_of_result(result)
+    drive = result.reference.get("quantity") == "drive"
+    freedom = result.settings.get("effective_degrees_of_freedom")
+    return IdentifiedSensor(
+        model,
+        _values(result, model),
+        _covariance(result, model),
+        "drive" if drive else "acceleration",
+        _band(result),
+        result.response_unit,
+        (result.reference.get("unit") or "drive unit") if drive else "m/s^2",
+        float(freedom) if freedom is not None else np.inf,
+        _misfit(result),
+    )
+
+
+def model_of_result(result: Any) -> SensorModel:
+    """Return the model of a result.
+
+    Raises:
+        ModelError: it is not known; or it was made in Python, and is not known or another one here.
+    """
+    source = result.provenance.get("model")
+    core = result.model.partition("+")[0]
+    if not source:
+        return parse(result.model)
+    if core not in MODELS:
+        raise ModelError(
+            f"The model {core!r} was made in Python and is not known here.",
+            expected="the model that the result is of, to compute with",
+            found="values and curve alone",
+            where="result.json, provenance, model",
+            remedy="make it again from its formula, and give it: Result.load(path, model=model)",
+        )
+    model = parse(result.model)
+    if source_of(model.core)["sha256"] != source.get("sha256"):
+        raise ModelError(
+            f"The model {core!r} is another one here than that of the result.",
+            expected=str(source.get("formula") or "the formula of the result"),
+            found=source_of(model.core)["formula"] or "another one",
+            where="result.json, provenance, model",
+            remedy="give the model of the result: Any.load(path, model=model)",
+        )
+    return model
+
+
+def _values(result: Any, model: SensorModel) -> dict[str, float]:
+    found = {
+        name: result.parameters[name].value
+        for name in model.parameter_names
+        if name in result.parameters
+    }
+    missing = [
+        n for n in model.parameter_names if found.get(n) is None or not np.isfinite(found[n])
+    ]
+    if missing:
+        raise InputError(
+            "The result lacks parameters of its model.",
+            expected=f"numbers for {', '.join(model.parameter_names)}",
+            found="none for " + ", ".join(missing),
+            where="result.json, parameters",
+            remedy="run ⟦command = identify⟧ again",
+        )
+    return {name: float(found[name]) for name in model.parameter_names}
+
+
+def _covariance(result: Any, model: SensorModel) -> FloatArray:
+    names = model.parameter_names
+    stated = [result.parameters[name].standard_uncertainty for name in names]
+    deviation = np.array([np.nan if u is None else u for u in stated], dtype=float)
+    correlation = np.full((len(names), len(names)), np.nan)
+    place = {name: index for index, name in enumerate(result.correlation.names)}
+    for row, name in enumerate(names):
+        for column, other in enumerate(names):
+            if name in place and other in place:
+                correlation[row, column] = result.correlation.matrix[place[name]][place[other]]
+    return correlation * np.outer(deviation, deviation)
+
+
+def _band(result: Any) -> tuple[float, float] | None:
+    """Range of the data; the curve's range if the result holds no measured points."""
+    for curve in (result.measured, result.response):
+        known = curve.frequency_hz[np.isfinite(curve.frequency_hz) & (curve.frequency_hz > 0)]
+        if known.size:
+            return float(known.min()), float(known.max())
+    return None
+
+
+def _misfit(result: Any) -> float:
+    """Return the rms relative deviation of a rejected model from the points, beyond their u."""
+    measured = result.measured
+    if result.fit.adequate or not measured.frequency_hz.size:
+        return 0.0
+
+    def squares(column: FloatArray, scale: FloatArray | float) -> FloatArray:
+        return (
+            (np.nan_to_num(column) * scale) ** 2
+            if column.size
+            else np.zeros(measured.frequency_hz.size)
+        )
+
+    degree = np.pi / 180.0
+    found = squares(measured.deviation_percent, 0.01) + squares(
+        measured.deviation_phase_deg, degree
+    )
+    known = squares(measured.magnitude_uncertainty, 1.0 / np.abs(measured.magnitude))
+    known += squares(measured.phase_deg_uncertainty, degree)
+    return float(np.sqrt(max(np.mean(found - known), 0.0)))
