@@ -26,6 +26,7 @@ from vibrident.show.views import (
     CROWD,
     MEASURED,
     ORANGE,
+    PURPLE,
     Figure,
     FloatArray,
     K,
@@ -205,9 +206,11 @@ def _deviation(
     common: FloatArray,
 ) -> Panel:
     measured, x_model, named, title = result.measured, result.response.frequency_hz, "model, U (k = 2)", ""
+    colour = BLUE
     if (common > noise).sum() * 2 > len(common):
         title = f"U common to all points (k = 2): {_span(common)} {unit}"
         x_model, band, named = measured.frequency_hz, noise, "noise of the points, U (k = 2)"
+        colour = PURPLE
     frequency = measured.frequency_hz
     order = np.argsort(frequency, kind="stable")
     x, y, bars = frequency[order], values[order], half[order]
@@ -217,7 +220,7 @@ def _deviation(
         title = title or f"U of the model (k = 2): {_span(inside)} {unit}"
     elif _any(band):
         order = np.argsort(x_model, kind="stable")
-        unseen = Look(BLACK, width=0.0)
+        unseen = Look(colour, width=0.0)
         series.append(Series(x_model[order], 0.0 * x_model, "", unseen, half=band[order], band=named))
     texts = tuple(f"{f:.6g} Hz: {_deviated(value, bar)} {unit}" for f, value, bar in zip(x, y, bars, strict=True))
     series.append(_points(measured, x, y, bars, "model − measured", texts))

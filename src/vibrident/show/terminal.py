@@ -11,7 +11,7 @@ from typing import Any
 from vibrident.base.amounts import pretty, scaled
 from vibrident.physics.naming import parameter_name
 from vibrident.result import Result
-from vibrident.show import tables
+from vibrident.show import tables, words
 from vibrident.show.coverage import interval_text, parameter_factor, scatter_only
 from vibrident.show.findings import told
 from vibrident.show.media.console import Shown, shown
@@ -51,7 +51,7 @@ def parameter_table(result: Result) -> Table:
         remarks = [part for part in row[place["remark"]].split(", ") if part and part != "derived"]
         if "derived" in row[place["remark"]] and not groups:
             groups[i] = "derived from these:"
-        if "not identifiable" in remarks:
+        if {words.WEAK, words.UNKNOWN} & {*remarks}:
             doubtful.append(i)
         name = row[0] + "".join(f" ({remark})" for remark in remarks)
         unit = row[place["unit"]]

@@ -44,7 +44,8 @@ def test_warnings_in_plain_words():
     for code in troubled().warning_codes:
         assert words.explain(code).title in text
         assert words.explain(code).action.replace("`", "") in text
-    assert "cubic stiffness (not identifiable)" in text
+    assert "cubic stiffness (weakly determined)" in text
+    assert "(not identifiable) (u not stated)" in text
     assert "not adequate" in text
 
 

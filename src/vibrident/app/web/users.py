@@ -51,7 +51,8 @@ class User:
         self.notice = ""
         self.client: Any = None
         self.seen = time.time()
-        self.running: Choices | None = None
+        self.running: Choices | None = None  # under way, or broken off and not repeated
+        self.stopped: InputError | None = None  # why it was broken off
 
     @classmethod
     def restored(cls, users: Users, folder: Path) -> User | None:
@@ -68,13 +69,8 @@ class User:
                 user.form.touched = set(user.form.touched)
             if known["running"] is not None:
                 user.running = known["running"]
-                stopped = Stopped(
-                    "The server was stopped during the identification.",
-                    expected="an identification that runs to its end",
-                    found="a server that was started again",
-                    remedy="repeat it; the data and the form are here",
-                )
-                user.job = Job("", over=True, error=stopped, choices=user.running)
+                user.stopped = Stopped(**known["stopped"]) if known["stopped"] else _stopped()
+                user.job = Job("", over=True, error=user.stopped, choices=user.running)
         except (KeyError, TypeError, ValueError, AttributeError, OSError):
             return None
         return user
@@ -90,6 +86,7 @@ class User:
             form = replace(form, guess=replace(form.guess, chart=b""), touched=sorted(form.touched))  # type: ignore[arg-type]
         kept = ("owner", "tab", "seen", "confirmed", "results", "running")
         state = {**{name: getattr(self, name) for name in kept}, "session": self.session.state, "form": form}
+        state["stopped"] = dict(vars(self.stopped)) if self.stopped else None
         write_state(self.session.folder, state)
 
     @property
@@ -139,10 +136,15 @@ class User:
         if self.confirmed and self.confirmed.from_form and self.form:
             self.session.write_calibration(calibration_text(self.form.given, self.session.files))
 
-    def start(self, choices: Choices) -> None:
-        """Begin to identify with a copy of the data, if the account may; the outcome is in ``job`` and ``results``."""
+    def start(self, choices: Choices, *, again: bool = False) -> None:
+        """Begin to identify with a copy of the data, if the account may; the outcome is in ``job`` and ``results``.
+
+        ``again``: with the calibration file of the last identification, whatever the form says since.
+        """
         self.require("identify", "identify")
-        self.job, self.running = Job(choices=choices), choices
+        if not again:
+            self.session.keep_ran(choices.calibration)
+        self.job, self.running, self.stopped = Job(choices=choices), choices, None
         self.changed()
         self._task = asyncio.get_running_loop().create_task(self._identify(self.job, choices))
 
@@ -151,6 +153,7 @@ class User:
             async with self.session.new_folder("run") as copy:
                 made = copy / f"new-{RESULT}"
                 await asyncio.to_thread(self.session.copy_to, copy)
+                self.session.take_ran(copy, choices.calibration)
                 if self.users.identifying.locked():
                     job.words = "Waiting for other identifications …"
                 async with self.users.identifying:
@@ -169,7 +172,8 @@ class User:
         except Exception as error:
             job.words, job.error = "", error
         finally:
-            job.over, self.running = True, None
+            self.stopped = job.error if isinstance(job.error, Stopped) else None
+            job.over, self.running = True, choices if self.stopped else None
             self.changed()
 
     def keep(self, name: str, place: Path, calibration: Path | None = None, choices: Choices | None = None) -> None:
@@ -192,6 +196,15 @@ class User:
         self.session.close()
         self.users.to_write.discard(self)
         self.results, self.form, self.confirmed, self.notice = [], None, None, ""
+
+
+def _stopped() -> Stopped:
+    return Stopped(
+        "The server was stopped during the identification.",
+        expected="an identification that runs to its end",
+        found="a server that was started again",
+        remedy="repeat it; the data and the form are here",
+    )
 
 
 class Users:

@@ -12,7 +12,18 @@ import numpy as np
 from vibrident.base.escaping import plotly
 from vibrident.show.curves import spread
 from vibrident.show.formulas import in_a_line
-from vibrident.show.views import BLUE, Axis, Figure, FloatArray, Look, Panel, Series, Stack
+from vibrident.show.views import (
+    BLUE,
+    SKY,
+    Axis,
+    Figure,
+    FloatArray,
+    Look,
+    Panel,
+    Series,
+    Stack,
+    band_colour,
+)
 
 Chart = dict[str, Any]
 MOST_POINTS = 800  # measured points drawn of a series; more are thinned evenly, and the caption says so
@@ -23,7 +34,7 @@ _ABOVE = 40.0  # pixels above all panels
 _BELOW = 56.0  # pixels below all panels
 #: Pixels of plotly's buttons, which appear at the upper right, where the choice of the axis stands below them.
 _BUTTONS = 20.0
-_BAND = "rgba(86, 180, 233, 0.40)"
+_OPACITY = 0.40  # of bands
 _DASHES = {"solid": "solid", "dashed": "dash", "dotted": "dot", "dashdot": "dashdot"}
 _MARKERS = {"o": "circle", "s": "square", "^": "triangle-up", "D": "diamond", "v": "triangle-down", "x": "x-thin-open"}
 
@@ -199,7 +210,7 @@ def _traces(series: Series, panel: Panel, x: str, y: str) -> list[Any]:
     place = {"xaxis": x, "yaxis": y, "name": plotly(in_a_line(series.label))}
     if series.kind == "columns":
         assert series.half is not None
-        look = {"color": _BAND, "line": {"color": BLUE, "width": 1 if series.look.width else 0}}
+        look = {"color": _faint(SKY), "line": {"color": BLUE, "width": 1 if series.look.width else 0}}
         bars = {"type": "bar", "x": listed(series.x), "y": listed(series.y), "width": listed(2 * series.half)}
         return [{**place, **bars, "marker": look, "hovertemplate": "%{x:.2f}: %{y}<extra></extra>"}]
     if series.kind == "line":
@@ -215,7 +226,7 @@ def _line(series: Series, panel: Panel, place: Chart) -> list[Any]:
         hidden = {**_x(series.x, panel.x), "mode": "lines", "line": {"width": 0}, "hoverinfo": "skip", **place}
         hidden["name"] = plotly(in_a_line(series.band))
         found.append({**hidden, "y": listed(high), "showlegend": False})
-        found.append({**hidden, "y": listed(low), "fill": "tonexty", "fillcolor": _BAND})
+        found.append({**hidden, "y": listed(low), "fill": "tonexty", "fillcolor": _faint(band_colour(look))})
     if look.width:
         mode = "lines+markers" if look.marker else "lines"
         line = {"color": look.colour, "width": 1.3 * look.width, "dash": _DASHES[look.dash]}
@@ -223,6 +234,12 @@ def _line(series: Series, panel: Panel, place: Chart) -> list[Any]:
         drawn = {**_x(series.x, panel.x), "y": listed(series.y, 9 if panel.x.log else 6), "mode": mode, "line": line}
         found.append({**place, **drawn, **marker, **_said(series)})
     return found
+
+
+def _faint(colour: str) -> str:
+    """Return a colour of six hexadecimal digits with the opacity of a band."""
+    red, green, blue = bytes.fromhex(colour[1:])
+    return f"rgba({red}, {green}, {blue}, {_OPACITY:.2f})"
 
 
 def _points(series: Series, panel: Panel, place: Chart) -> list[Any]:
