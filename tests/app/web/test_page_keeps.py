@@ -119,7 +119,8 @@ def test_a_server_that_ended_in_the_middle_of_a_fit_is_followed_by_one_that_has_
         assert page.locator("#broken-off").inner_text() == f"Broken off: vibrident identify calibration.toml {asked}"
         page.locator("#repeat").click()
         page.locator("#status").get_by_text("Identified.", exact=True).wait_for(timeout=WAIT_MS)
-        page.get_by_text(asked).last.wait_for(timeout=WAIT_MS)  # the command of the result
+        page.locator("#get-json").wait_for(timeout=WAIT_MS)
+        assert page.locator("#command .plain").text_content().endswith(asked)
         found = json.loads(download(page, "json"))
         assert found["estimator"] == "ml"
     context.close()

@@ -92,13 +92,12 @@ class OutcomeStep:
                 asked = partial(self._report, named, form, pdf if form == "pdf" else FILE_NAMES[form][0])
                 ui.button(label, on_click=asked).props(f"outline id=get-{form}")
             ui.button("Everything (zip)", on_click=partial(self._everything, named)).props("outline id=get-everything")
-            if named.choices is not None:
-                name = named.choices.calibration
-                ui.button(name, on_click=lambda: ui.download.file(named.calibration, name)).props("outline id=get-toml")
         if named.choices is not None:
-            hint = f"With {named.choices.calibration} in the folder of the data, the same in a shell:"
-            ui.label(hint).classes("hint")
-            frame.Text("command", named.choices.command)
+            name = named.choices.calibration
+            with ui.expansion("The same in a shell").classes("w-full").props("id=in-a-shell"):
+                ui.label(f"With {name} in the folder of the data:").classes("hint")
+                frame.Text("command", named.choices.command)
+                ui.button(name, on_click=lambda: ui.download.file(named.calibration, name)).props("outline id=get-toml")
 
     def _exports(self, named: Named) -> None:
         """Other formats, each with its own options."""

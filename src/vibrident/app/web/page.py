@@ -15,6 +15,7 @@ from vibrident.app.web.data import DataStep
 from vibrident.app.web.door import SIGN_OUT
 from vibrident.app.web.fit import FitStep
 from vibrident.app.web.form.columns import ColumnsStep
+from vibrident.app.web.form.laboratory import LaboratoryStep
 from vibrident.app.web.guard import ACCOUNT, OWNER
 from vibrident.app.web.outcome import OutcomeStep
 from vibrident.app.web.tools import ToolsStep
@@ -93,13 +94,16 @@ def _offer(user: User) -> None:
 async def _steps(user: User) -> None:
     outcome, compare, fit = OutcomeStep(user), CompareStep(user), FitStep(user)
     data, tools = DataStep(user), ToolsStep(user)
-    columns = ColumnsStep(user, data, fit)
+    laboratory = LaboratoryStep(user, fit)
+    columns = ColumnsStep(user, data, laboratory, fit)
 
     async def results(*, go: bool = True) -> None:
         data.hold()
         await outcome.show(go=go)
         await compare.show()
         tools.show()
+        if not user.session.names:  # with data it is shown with their form
+            laboratory.show()
 
     async def came() -> None:
         tools.show()
@@ -108,6 +112,7 @@ async def _steps(user: User) -> None:
     data.build(on_data=came, on_result=results)
     await asyncio.sleep(0)  # yield between the steps
     columns.build()
+    laboratory.build()
     fit.build(on_result=results)
     await asyncio.sleep(0)
     outcome.build()
@@ -116,7 +121,7 @@ async def _steps(user: User) -> None:
     data.hold()
     if user.empty:
         return
-    await columns.restore()
+    await columns.restore()  # with the laboratory
     await fit.restore()
     if user.results:
         await outcome.show(go=False)

@@ -92,7 +92,7 @@ def build(
     from vibrident.app.web.page import page
     from vibrident.app.web.users import Users
 
-    users = Users(home.folder, limit_mb, store, keep_s, door)
+    users = Users(home.folder, limit_mb, store, keep_s, door, data_folder() / "laboratories")
     app.add_middleware(Guard, limit_bytes=int(limit_mb * MEGABYTE), names=names, door=door)
     app.on_startup(users.start)
     app.on_shutdown(users.close)

@@ -19,6 +19,7 @@ from vibrident.app.web.confinement import confined
 from vibrident.app.web.door import Door
 from vibrident.app.web.form.description import calibration_text
 from vibrident.app.web.held import Choices, Confirmed, Form, Job, Named, read_state, write_state
+from vibrident.app.web.laboratories import Laboratories
 from vibrident.app.web.looks import facts, prepare
 from vibrident.app.web.session import MEGABYTE, RESULT, Session
 from vibrident.app.web.worker import Stopped, Worker, identify
@@ -47,6 +48,7 @@ class User:
         self.results: list[Named] = []
         self.form: Form | None = None
         self.confirmed: Confirmed | None = None
+        self.profile = ""  # of the laboratory, by name; empty for none
         self.job: Job | None = None
         self.notice = ""
         self.client: Any = None
@@ -64,6 +66,7 @@ class User:
             user = cls(users, known["owner"], known["tab"], folder.name)
             user.session.restore(known["session"])
             user.form, user.confirmed, user.seen = known["form"], known["confirmed"], known["seen"]
+            user.profile = known["profile"]
             user.results = [named for named in known["results"] if named.path.exists()]
             if user.form is not None:
                 user.form.touched = set(user.form.touched)
@@ -84,7 +87,7 @@ class User:
         form = self.form
         if form is not None:  # the chart can be drawn again
             form = replace(form, guess=replace(form.guess, chart=b""), touched=sorted(form.touched))  # type: ignore[arg-type]
-        kept = ("owner", "tab", "seen", "confirmed", "results", "running")
+        kept = ("owner", "tab", "seen", "confirmed", "profile", "results", "running")
         state = {**{name: getattr(self, name) for name in kept}, "session": self.session.state, "form": form}
         state["stopped"] = dict(vars(self.stopped)) if self.stopped else None
         write_state(self.session.folder, state)
@@ -103,6 +106,12 @@ class User:
     def empty(self) -> bool:
         """Whether there is nothing to lose."""
         return not (self.session.names or self.results or self.busy)
+
+    @property
+    def asked(self) -> Form | None:
+        """The form, where it describes the data; None where a calibration file came with them."""
+        own = any(name.lower().endswith(".toml") for name in self.session.names)
+        return None if own else self.form
 
     def may(self, role: str) -> bool:
         """Whether who has this page may do what the role does."""
@@ -212,12 +221,20 @@ class Users:
 
     ``store``: URL of the history that all of them share. ``keep_s``: seconds for which the state of who left is kept on
     disk, also when the server stops; 0 for an hour, as long as the server runs. ``door``: of a team's page, where the
-    owner of a page is an account.
+    owner of a page is an account. ``laboratories``: folder of the profiles that all of them share; None for one in
+    ``folder``.
     """
 
     def __init__(
-        self, folder: Path, limit_mb: float, store: str | None = None, keep_s: float = 0.0, door: Door | None = None
+        self,
+        folder: Path,
+        limit_mb: float,
+        store: str | None = None,
+        keep_s: float = 0.0,
+        door: Door | None = None,
+        laboratories: Path | None = None,
     ) -> None:
+        self.laboratories = Laboratories(laboratories or folder / "laboratories")
         self.folder, self.limit_mb, self.store, self.keep_s, self.door = folder, limit_mb, store, keep_s, door
         self.kept: list[User] = []
         self.to_write: set[User] = set()
