@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import inspect
-import json
 import pickle
 import pkgutil
 import re
@@ -29,7 +28,7 @@ from vibrident.app.workflow.identification import Request
 from vibrident.base import memory
 from vibrident.base.errors import InputError
 from vibrident.base.process import Process
-from vibrident.base.settings import AS_JSON, MARKER, python_word, rendered
+from vibrident.base.settings import MARKER, python_word, rendered
 from vibrident.data.io.own_table import read_signal
 from vibrident.export import export
 from vibrident.export.form import OPTIONS
@@ -251,18 +250,3 @@ def test_an_option_with_another_estimator_is_followed_by_its_advice():
         checked("ml", {"steps": 3})
     checked("ipnn", {"steps": 3, "optimiser": "adam"})
     checked("ml", {"steps": None})
-
-
-@pytest.mark.parametrize(
-    ("task", "given"),
-    [("plan", "--best=x"), ("track", "--every=0"), ("joint", "--share=,"), ("compare", "--estimators=x")],
-)
-def test_a_form_has_a_commands_errors_with_its_own_labels(task, given, monkeypatch):
-    monkeypatch.setenv(AS_JSON, "1")
-    labels, flag = TASKS[task].fields, given.partition("=")[0]
-    done = run(*TASKS[task].command, given)
-    assert done.exit_code == 2
-    error = InputError(**json.loads(done.stderr)).in_words(page_word(labels))
-    assert f"“{labels[flag]}”" in error.problem
-    assert error.where == f"“{labels[flag]}”"
-    assert flag not in str(error)

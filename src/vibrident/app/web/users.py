@@ -22,6 +22,7 @@ from vibrident.app.web.held import Choices, Confirmed, Form, Job, Named, read_st
 from vibrident.app.web.laboratories import Laboratories
 from vibrident.app.web.looks import facts, prepare
 from vibrident.app.web.session import MEGABYTE, RESULT, Session
+from vibrident.app.web.task_run import TaskRun
 from vibrident.app.web.worker import Stopped, Worker, identify
 from vibrident.base.errors import InputError
 from vibrident.base.process import Limits
@@ -44,7 +45,7 @@ class User:
         self.users, self.owner, self.tab = users, owner, tab
         self.look = users.look
         self.session = Session(users.folder, users.limit_mb, users.make_room, kept)
-        self.worker = Worker()
+        self.worker, self.task = Worker(), TaskRun(self)
         self.results: list[Named] = []
         self.form: Form | None = None
         self.confirmed: Confirmed | None = None
@@ -72,8 +73,9 @@ class User:
                 user.form.touched = set(user.form.touched)
             if known["running"] is not None:
                 user.running = known["running"]
-                user.stopped = Stopped(**known["stopped"]) if known["stopped"] else _stopped()
+                user.stopped = Stopped(**known["stopped"]) if known["stopped"] else _stopped("the identification")
                 user.job = Job("", over=True, error=user.stopped, choices=user.running)
+            user.task.restore(known["task"], _stopped("the task"))
         except (KeyError, TypeError, ValueError, AttributeError, OSError):
             return None
         return user
@@ -89,6 +91,7 @@ class User:
             form = replace(form, guess=replace(form.guess, chart=b""), touched=sorted(form.touched))  # type: ignore[arg-type]
         kept = ("owner", "tab", "seen", "confirmed", "profile", "results", "running")
         state = {**{name: getattr(self, name) for name in kept}, "session": self.session.state, "form": form}
+        state["task"] = self.task.state
         state["stopped"] = dict(vars(self.stopped)) if self.stopped else None
         write_state(self.session.folder, state)
 
@@ -105,7 +108,7 @@ class User:
     @property
     def empty(self) -> bool:
         """Whether there is nothing to lose."""
-        return not (self.session.names or self.results or self.busy)
+        return not (self.session.names or self.results or self.busy or self.task.busy)
 
     @property
     def asked(self) -> Form | None:
@@ -202,15 +205,16 @@ class User:
     def close(self) -> None:
         """End running processes, remove the files."""
         self.worker.cancel()
+        self.task.worker.cancel()
         self.session.close()
         self.users.to_write.discard(self)
         self.results, self.form, self.confirmed, self.notice = [], None, None, ""
 
 
-def _stopped() -> Stopped:
+def _stopped(during: str) -> Stopped:
     return Stopped(
-        "The server was stopped during the identification.",
-        expected="an identification that runs to its end",
+        f"The server was stopped during {during}.",
+        expected="a computation that runs to its end",
         found="a server that was started again",
         remedy="repeat it; the data and the form are here",
     )
@@ -270,6 +274,7 @@ class Users:
             if self.keep_s:
                 user.write()  # before the running identification ends: the next server tells of it
                 user.worker.cancel()
+                user.task.worker.cancel()
             else:
                 user.close()
         self.kept.clear()
@@ -334,13 +339,13 @@ class Users:
         """Remove users who did not return."""
         now = time.time()
         for user in list(self.kept):
-            if user.connected or user.busy:
+            if user.connected or user.busy or user.task.busy:
                 user.seen = now
             elif now - user.seen > (_ROUND_S if user.empty else self.keep_s or KEPT_S):
                 self._drop(user)
 
     def _drop_oldest(self) -> bool:
-        gone = [user for user in self.kept if not (user.connected or user.busy)]
+        gone = [user for user in self.kept if not (user.connected or user.busy or user.task.busy)]
         if gone:
             self._drop(min(gone, key=lambda user: user.seen))
         return bool(gone)
