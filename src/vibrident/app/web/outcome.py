@@ -20,7 +20,7 @@ from vibrident.show.report import FILE_NAMES
 
 _MOST_EXPORTED = 200_000_000  # most bytes of a file that an export writes
 #: Most bytes of the store's file: it may be as large as it likes, but a process that may write needs a number.
-_ANY_SIZE = 1 << 42
+ANY_SIZE = 1 << 42
 
 
 class OutcomeStep:
@@ -54,6 +54,13 @@ class OutcomeStep:
         self.choice.set_options(names, value=names[-1])
         self.showing = False
         await self._draw(go=go)
+
+    async def open(self, name: str) -> None:
+        """Show a result by its name."""
+        self.showing = True
+        self.choice.value = name
+        self.showing = False
+        await self._draw(go=True)
 
     async def _draw(self, *, go: bool = False) -> None:
         named = next((named for named in self.user.results if named.name == self.choice.value), None)
@@ -193,7 +200,7 @@ class History:
         if function is not looks.history and not self.user.may("identify"):
             return
         asked = (self.named.path, self.store, self.certificate.given(), *more)
-        shown = await frame.looked(self.user, self.errors, function, *asked, file_bytes=_ANY_SIZE)
+        shown = await frame.looked(self.user, self.errors, function, *asked, file_bytes=ANY_SIZE)
         if shown is None or self.body.is_deleted:
             return
         self.words.text = shown["words"]

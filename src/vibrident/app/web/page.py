@@ -18,6 +18,7 @@ from vibrident.app.web.form.columns import ColumnsStep
 from vibrident.app.web.form.laboratory import LaboratoryStep
 from vibrident.app.web.guard import ACCOUNT, OWNER
 from vibrident.app.web.outcome import OutcomeStep
+from vibrident.app.web.sensors import SensorsStep
 from vibrident.app.web.tools import ToolsStep
 from vibrident.app.web.users import User, Users
 from vibrident.base.errors import InputError
@@ -93,7 +94,7 @@ def _offer(user: User) -> None:
 
 async def _steps(user: User) -> None:
     outcome, compare, fit = OutcomeStep(user), CompareStep(user), FitStep(user)
-    data, tools = DataStep(user), ToolsStep(user)
+    data, tools, sensors = DataStep(user), ToolsStep(user), SensorsStep(user)
     laboratory = LaboratoryStep(user, fit)
     columns = ColumnsStep(user, data, laboratory, fit)
 
@@ -104,6 +105,7 @@ async def _steps(user: User) -> None:
         tools.show()
         if not user.session.names:  # with data it is shown with their form
             laboratory.show()
+        await sensors.show()
 
     async def came() -> None:
         tools.show()
@@ -118,11 +120,14 @@ async def _steps(user: User) -> None:
     outcome.build()
     compare.build()
     tools.build(on_result=results)
+    sensors.build(on_open=outcome.open)
     data.hold()
     if user.empty:
+        await sensors.show()
         return
     await columns.restore()  # with the laboratory
     await fit.restore()
     if user.results:
         await outcome.show(go=False)
         await compare.show()
+    await sensors.show()

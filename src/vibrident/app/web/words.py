@@ -19,7 +19,6 @@ LABELS: Mapping[str, str] = {
     "export.certificate": "What the certificate states",
     "report.form": "Download",
     **{f"export.{name}": option.label for name, option in OPTIONS.items() if option.label},
-    **{f"{task}.{name}": one.label for task, asked in TASKS.items() for name, one in asked.fields.items()},
 }
 _COMMANDS = {
     "identify": "“Identify”",
