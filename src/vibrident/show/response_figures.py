@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from vibrident.base.amounts import Scale
@@ -84,7 +86,7 @@ def response_panels(model: Curve | None, measured: Curve, scale: Scale, quantity
     bars = [(one.y, one.half) for one in series if one.half is not None]
     ends = [np.concatenate([np.zeros(0), *(y + sign * half for y, half in bars)]) for sign in (-1, 1)]
     empty = "" if (values > 0).any() else "no points"
-    panels = [Panel(x, axes.size(name, values, *ends), series, 2.45, empty=empty)]
+    panels = [Panel(x, replace(axes.size(name, values, *ends), levels=True), series, 2.45, empty=empty)]
     if any(_any(curve.phase_deg) for curve in curves):
         series = _quantity(model, measured, "phase_deg", 1.0, "°", label)
         shown = [one.y for one in series]

@@ -204,6 +204,7 @@ class Axis:
     ticks: tuple[tuple[float, str], ...] = ()
     log: bool = False
     dates: bool = False
+    levels: bool = False  # whether its values, which are positive, may be shown in dB
 
 
 @dataclass(frozen=True, eq=False)

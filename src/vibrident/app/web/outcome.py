@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -94,7 +95,9 @@ class OutcomeStep:
     def _downloads(self, named: Named, title: str, pdf: str) -> None:
         ui.html(f"<h3>{LABELS['report.form']}</h3>", sanitize=False)
         with ui.element("div").classes("actions"):
-            ui.button("result.json", on_click=lambda: ui.download.file(named.path, RESULT)).props("id=get-json")
+            called = self.certificate.name_of_file
+            get = ui.button("result.json", on_click=lambda: ui.download.file(named.path, called(RESULT)))
+            get.props("id=get-json")
             for form, label in (("html", "Report (HTML)"), ("pdf", f"{title} (PDF)"), ("md", "Report (Markdown)")):
                 asked = partial(self._report, named, form, pdf if form == "pdf" else FILE_NAMES[form][0])
                 ui.button(label, on_click=asked).props(f"outline id=get-{form}")
@@ -148,14 +151,21 @@ class OutcomeStep:
         calibration = named.calibration if named.choices is not None else None
         async with self.user.session.new_folder("export") as folder:
             asked = (looks.everything, named.path, calibration, folder, self.certificate.given())
-            await give(self.user, self.errors, "calibration.zip", *asked, file_bytes=_MOST_EXPORTED)
+            await give(
+                self.user,
+                self.errors,
+                self.certificate.name_of_file("calibration.zip"),
+                *asked,
+                file_bytes=_MOST_EXPORTED,
+            )
 
     async def _export(self, named: Named, form: str, options: dict[str, Any]) -> None:
         self.export_errors.clear()
         await self.user.note("exported", named.path, form=form)
         async with self.user.session.new_folder("export") as folder:
             asked = (looks.exported, named.path, folder, form, options, self.certificate.given())
-            await give(self.user, self.export_errors, None, *asked, file_bytes=_MOST_EXPORTED)
+            called = self.certificate.name_of_file
+            await give(self.user, self.export_errors, called, *asked, file_bytes=_MOST_EXPORTED)
 
 
 class History:
@@ -211,11 +221,18 @@ class History:
             ui.html(shown["tables"], sanitize=False)
 
 
-async def give(user: User, errors: ui.element, name: str | None, function: Any, *args: Any, **limits: Any) -> None:
-    """Let the browser download what a function of ``looks`` makes, and, where no name is given, names."""
+async def give(
+    user: User, errors: ui.element, name: str | Callable[[str], str], function: Any, *args: Any, **limits: Any
+) -> None:
+    """Let the browser download what a function of ``looks`` makes.
+
+    ``name``: of the file; or what makes it of the name that the function returns, too.
+    """
     try:
         made = await user.look(function, *args, **limits)
-        made, name = made if name is None else (made, name)
+        if not isinstance(name, str):
+            made, plain = made
+            name = name(plain)
         place = await asyncio.to_thread(user.session.download, made)
     except Exception as error:
         frame.show_error(errors, error, user.session)

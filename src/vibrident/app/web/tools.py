@@ -63,7 +63,13 @@ class ToolsStep:
         self.section.visible = not self.user.empty
         if self.result is not None:
             names = [named.name for named in self.user.results]
-            self.result.set_options(names, value=self.result.value or next(reversed(names), None))
+            self.result.set_options(names, value=self.result.value or self._usual())
+
+    def _usual(self) -> str | None:
+        """Return the name of the latest identification, else of the latest result of any origin."""
+        results = self.user.results
+        names = [one.name for one in (*results, *(one for one in results if one.choices))]
+        return names[-1] if names else None
 
     def _ask(self) -> None:
         """Ask for the options of the chosen task."""
@@ -75,7 +81,7 @@ class ToolsStep:
         with self.fields:
             if "result" in task.takes:
                 names = [named.name for named in self.user.results]
-                self.result = ui.select(names, value=names[-1] if names else None, label="Result")
+                self.result = ui.select(names, value=self._usual(), label="Result")
                 self.result.props("dense outlined stack-label")
             for name, asked in task.fields.items():
                 self.given[name] = _entry(asked)

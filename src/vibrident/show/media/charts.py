@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from vibrident.base.escaping import plotly
+from vibrident.show.axes import linear_ticks, log_ticks
 from vibrident.show.curves import spread
 from vibrident.show.formulas import in_a_line
 from vibrident.show.views import (
@@ -114,21 +115,41 @@ def _chart(stacks: Sequence[Stack]) -> Chart:
     _once(data)
     if any(stack.panels[0].title for stack in stacks):  # the key stands above the titles
         layout["legend"]["y"] = 1.0 + 18.0 / (height - _ABOVE - _BELOW)
-    if len(stacks) == 1 and stacks[0].panels[0].y.log:
-        layout["updatemenus"] = [_scales()]
+    first = stacks[0].panels[0].y
+    if len(stacks) == 1 and (first.log or (first.levels and first.low > 0)):
+        layout["updatemenus"] = [_scales(first)]
         layout["height"] = round(height + _BUTTONS)
         layout["margin"]["t"] += _BUTTONS
     return {"data": data, "layout": layout}
 
 
-def _scales() -> Chart:
-    """A choice between a logarithmic and a linear axis."""
-    kinds = {"log": {"yaxis.tickmode": "array"}, "linear": {"yaxis.tickmode": "auto"}}
-    buttons = [
-        {"label": kind, "method": "relayout", "args": [{"yaxis.type": kind, "yaxis.autorange": True, **ticks}]}
-        for kind, ticks in kinds.items()
-    ]
-    return {"buttons": buttons, "x": 1.0, "xanchor": "right", "y": 1.0, "yanchor": "bottom", "pad": {"b": 4}}
+def _scales(axis: Axis) -> Chart:
+    """A choice between a logarithmic axis, a linear one and, where the values are sizes, levels."""
+    words = {"yaxis.title.text": label(axis.label)}
+    ends = {"yaxis.autorange": False, "yaxis.range": listed(np.array([axis.low, axis.high]))}
+    of_log = {**ends, "yaxis.type": "log", "yaxis.range": listed(np.log10([axis.low, axis.high]))}
+    ticks = _ticks(axis if axis.log else replace(axis, ticks=log_ticks(axis.low, axis.high)))
+    kinds = {
+        "log": {**of_log, **words, **_at_axis(ticks)},
+        "linear": {**ends, **words, "yaxis.type": "linear", "yaxis.tickmode": "auto"},
+    }
+    if axis.levels:
+        re_unit = axis.label.replace("\nin ", "\nin dB re 1 ")
+        kinds["dB"] = {**of_log, "yaxis.title.text": label(re_unit), **_at_axis(_levels(axis))}
+    buttons = [{"label": kind, "method": "relayout", "args": [how]} for kind, how in kinds.items()]
+    place = {"x": 1.0, "xanchor": "right", "y": 1.0, "yanchor": "bottom", "pad": {"b": 4}}
+    return {"buttons": buttons, "active": 0 if axis.log else 1, **place}
+
+
+def _at_axis(ticks: Chart) -> Chart:
+    return {f"yaxis.{name}": value for name, value in ticks.items()}
+
+
+def _levels(axis: Axis) -> Chart:
+    """Return ticks of 20 lg of the values, on a logarithmic axis."""
+    low, high = 20.0 * np.log10([axis.low, axis.high])
+    names = linear_ticks(float(low), float(high))
+    return _ticks(replace(axis, ticks=tuple((10.0 ** (level / 20.0), name) for level, name in names)))
 
 
 def _once(data: list[Any]) -> None:

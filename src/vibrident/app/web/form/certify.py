@@ -115,7 +115,7 @@ class CertificateForm:
             self._more()
             with ui.element("div").classes("actions"):
                 ui.button("Save", on_click=self._save).props("id=save-certificate")
-                file = ui.button("certificate.toml", on_click=self._file)
+                file = ui.button("Save as a file", on_click=self._file)
                 file.props("outline id=get-certificate-toml")
             self.said = ui.label("").classes("hint").props("role=status")
             self.errors = ui.element("div").props("aria-live=assertive")
