@@ -50,7 +50,7 @@ def test_sensors_have_their_dates_and_work_is_found_by_its_serial_number(visit, 
     page.locator("#sensors-words").get_by_text("in the history").wait_for(timeout=WAIT_MS)
     upload(page, tmp_path / "A-17.json", tmp_path / "A-18.json")
     page.get_by_role("list", name="Open drafts").get_by_text("A-18").first.wait_for(timeout=WAIT_MS)
-    page.get_by_label("Serial number", exact=True).last.fill("a-17")
+    page.get_by_label("Find a serial number").fill("a-17")
     press(page, "#find-serial", "#sensors")
     page.locator("#sensors-words").get_by_text("1 sensor in the history, 1 open draft.").wait_for(timeout=WAIT_MS)
     row = page.locator("#sensors-body tbody tr")

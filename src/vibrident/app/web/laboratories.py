@@ -41,7 +41,7 @@ class Laboratories:
     def own(self, name: str, kind: str) -> bytes:
         """Return the laboratory's own ``logo`` or ``template``; nothing where it has none."""
         path = self.folder / f"{name}.{kind}"
-        return path.read_bytes() if name and path.is_file() else b""
+        return path.read_bytes() if name in self.names and path.is_file() else b""
 
     def write(self, name: str, document: Mapping[str, Any], own: Mapping[str, bytes]) -> str:
         """Write a profile in place of what it was, and return its name.

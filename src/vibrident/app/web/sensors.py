@@ -31,7 +31,7 @@ class SensorsStep:
         """Build the section; ``on_open`` is called with the name of a result of this tab."""
         self.on_open = on_open
         with frame.step("Sensors and open work", "sensors", mark="≡") as self.section:
-            self.wanted = ui.input("Serial number").props(f"{PLAIN} clearable id=serial-wanted")
+            self.wanted = ui.input("Find a serial number").props(f"{PLAIN} id=serial-wanted")
             self.wanted.style("max-width: 20rem")
             self.wanted.on("keydown.enter", lambda: self.show())
             with ui.element("div").classes("actions"):

@@ -8,15 +8,12 @@ import shutil
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from vibrident.app.web.looks import facts
 from vibrident.app.web.task_work import ARCHIVE, CHOSEN, OUT, work
 from vibrident.app.web.tasks import TASKS, TaskRequest
 from vibrident.app.web.worker import Stopped, Worker
-
-if TYPE_CHECKING:
-    from vibrident.app.web.users import User
 
 _MAX_RESULTS = 10  # results of a task that join those of the page
 _MAX_POINTS = 2000  # of a growing chart
@@ -61,9 +58,9 @@ class TaskProgress:
 
 
 class TaskRun:
-    """The further task of a user: one at a time."""
+    """The further task of ``user``, which holds it: one at a time."""
 
-    def __init__(self, user: User) -> None:
+    def __init__(self, user: Any) -> None:
         self.user, self.worker = user, Worker()
         self.progress: TaskProgress | None = None
 
