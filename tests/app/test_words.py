@@ -21,6 +21,7 @@ import vibrident
 from vibrident.app.cli import commands
 from vibrident.app.cli.application import app
 from vibrident.app.cli.words import shell_word
+from vibrident.app.web import task_work
 from vibrident.app.web.tasks import TASKS
 from vibrident.app.web.words import LABELS, page_word
 from vibrident.app.workflow.estimators import checked
@@ -157,10 +158,12 @@ def test_every_label_of_the_page_is_of_a_setting(name):
     assert shell_word(ROOT)(name, "") in options(scope)
 
 
-@pytest.mark.parametrize("name", TASKS)
-def test_every_label_of_a_task_is_of_an_option(name):
-    task = TASKS[name]
-    assert set(task.fields) | set(task.switches) <= options(task.command[0])
+@pytest.mark.parametrize("task", TASKS)
+def test_every_option_of_a_task_is_one_that_its_function_reads(task):
+    source = inspect.getsource(task_work._TASKS[task])
+    source += inspect.getsource(task_work._band) if "_band(" in source else ""
+    read = set(re.findall(r'options(?:\.get\(|\[)"(\w+)"', source))
+    assert read == set(TASKS[task].fields)
 
 
 @pytest.mark.parametrize("command", COMMANDS)
