@@ -20,9 +20,6 @@ from contextlib import suppress
 Word = Callable[[str, str], str | None]
 
 MARKER = re.compile(r"⟦(--[a-z][a-z-]*|[a-z]+(?:\.\w+)*)(?: = ([^⟧]*))?⟧")
-#: Variable for a command's environment: if set, its errors are one line of JSON, with markers.
-AS_JSON = "VIBRIDENT_ERRORS_AS_JSON"
-
 
 #: Settings that a function of their own takes in Python.
 _FUNCTIONS = {"export.certificate": "vibrident.show.issue.issued"}

@@ -336,7 +336,7 @@ def beside(results: Sequence[Result], names: Sequence[str]) -> Figure | None:
     x_axis = axes.frequency(np.concatenate([result.response.frequency_hz for result, _ in alike]))
     values = [np.concatenate([one.y for one in part]) for part in parts]
     y_axes = (
-        axes.size(f"|S|\nin {scale.unit}", values[0]),
+        replace(axes.size(f"|S|\nin {scale.unit}", values[0]), levels=True),
         axes.angle("Phase\nin °", values[1]),
         axes.about_zero("Difference\nin %", values[2], floor=1e-3),
         axes.about_zero("Difference\nin °", values[3], floor=1e-3),

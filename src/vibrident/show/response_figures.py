@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from vibrident.base.amounts import Scale
@@ -26,6 +28,7 @@ from vibrident.show.views import (
     CROWD,
     MEASURED,
     ORANGE,
+    PURPLE,
     Figure,
     FloatArray,
     K,
@@ -83,7 +86,7 @@ def response_panels(model: Curve | None, measured: Curve, scale: Scale, quantity
     bars = [(one.y, one.half) for one in series if one.half is not None]
     ends = [np.concatenate([np.zeros(0), *(y + sign * half for y, half in bars)]) for sign in (-1, 1)]
     empty = "" if (values > 0).any() else "no points"
-    panels = [Panel(x, axes.size(name, values, *ends), series, 2.45, empty=empty)]
+    panels = [Panel(x, replace(axes.size(name, values, *ends), levels=True), series, 2.45, empty=empty)]
     if any(_any(curve.phase_deg) for curve in curves):
         series = _quantity(model, measured, "phase_deg", 1.0, "°", label)
         shown = [one.y for one in series]
@@ -205,9 +208,11 @@ def _deviation(
     common: FloatArray,
 ) -> Panel:
     measured, x_model, named, title = result.measured, result.response.frequency_hz, "model, U (k = 2)", ""
+    colour = BLUE
     if (common > noise).sum() * 2 > len(common):
         title = f"U common to all points (k = 2): {_span(common)} {unit}"
         x_model, band, named = measured.frequency_hz, noise, "noise of the points, U (k = 2)"
+        colour = PURPLE
     frequency = measured.frequency_hz
     order = np.argsort(frequency, kind="stable")
     x, y, bars = frequency[order], values[order], half[order]
@@ -217,7 +222,7 @@ def _deviation(
         title = title or f"U of the model (k = 2): {_span(inside)} {unit}"
     elif _any(band):
         order = np.argsort(x_model, kind="stable")
-        unseen = Look(BLACK, width=0.0)
+        unseen = Look(colour, width=0.0)
         series.append(Series(x_model[order], 0.0 * x_model, "", unseen, half=band[order], band=named))
     texts = tuple(f"{f:.6g} Hz: {_deviated(value, bar)} {unit}" for f, value, bar in zip(x, y, bars, strict=True))
     series.append(_points(measured, x, y, bars, "model − measured", texts))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -12,17 +12,15 @@ from vibrident.base.amounts import pretty, scaled
 from vibrident.base.settings import Word, python_word
 from vibrident.physics.naming import parameter_name
 from vibrident.result import Result
-from vibrident.show import tables
+from vibrident.show import tables, words
 from vibrident.show.coverage import interval_text, parameter_factor, scatter_only
 from vibrident.show.findings import told
 from vibrident.show.media.console import Shown, shown
 from vibrident.show.media.console import written as paths_written
-from vibrident.show.numbers import NONE, fit_unit, plain, sensor_name
+from vibrident.show.numbers import fit_unit, plain, sensor_name
 from vibrident.show.views import Column, Sentence, Table, columns
 
-__all__ = ["fit_line", "inspection_table", "parameter_table", "posterior_table", "summary", "text", "weights_table"]
-
-_UNITS = {"hz": "Hz", "s": "s", "percent": "%", "deg": "°", "rad": "rad", "v": "V"}
+__all__ = ["fit_line", "parameter_table", "posterior_table", "summary", "text", "weights_table"]
 
 
 def summary(result: Result, written: Sequence[str | os.PathLike[str]] = (), word: Word = python_word) -> Any:
@@ -55,7 +53,7 @@ def parameter_table(result: Result) -> Table:
         remarks = [part for part in row[place["remark"]].split(", ") if part and part != "derived"]
         if "derived" in row[place["remark"]] and not groups:
             groups[i] = "derived from these:"
-        if "not identifiable" in remarks:
+        if {words.WEAK, words.UNKNOWN} & {*remarks}:
             doubtful.append(i)
         name = row[0] + "".join(f" ({remark})" for remark in remarks)
         unit = row[place["unit"]]
@@ -111,50 +109,3 @@ def posterior_table(result: Result) -> Shown:
     heads = ("mean", "standard deviation", "95 % credible interval", "unit", "autocorrelation time", "effective draws")
     columns_ = (Column("parameter"), *columns(*heads, kind="number"))
     return shown(Table(columns_, tuple(rows), title="Posterior distribution"))
-
-
-def inspection_table(rows: Sequence[Mapping[str, object]], title: str = "Calibration data") -> Shown:
-    """Rows of values under headings made of their keys: records, points, corrected peaks.
-
-    ``rows``: column name to value; columns in the order in which they first appear, ``frequency_hz`` shown as
-    ``frequency / Hz``; numbers to five digits, None as –, flags as yes and no, sequences joined by commas. What is the
-    same in all of three or more rows is said once, below the table; ``title``: heading of the table.
-    """
-    keys = list(dict.fromkeys(key for row in rows for key in row))
-    same = _same_everywhere(rows, keys)
-    named = ((_heading(key).partition(" / "), _cell(rows[0][key])) for key in same)
-    parts = [f"{name} {cell} {unit}".strip() for (name, _, unit), cell in named]
-    keys = [key for key in keys if key not in same]
-    heads = tuple(Column(_heading(key), "number" if _numeric(rows, key) else "text") for key in keys)
-    cells = tuple(tuple(_cell(row.get(key)) for key in keys) for row in rows)
-    return shown(Table(heads, cells, notes=(f"All: {', '.join(parts)}",) if parts else (), title=title))
-
-
-def _numeric(rows: Sequence[Mapping[str, object]], key: str) -> bool:
-    values = [row[key] for row in rows if row.get(key) is not None]
-    return bool(values) and all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
-
-
-def _same_everywhere(rows: Sequence[Mapping[str, object]], keys: Sequence[str]) -> list[str]:
-    """Columns that say the same in each of several rows: they go to the caption, to leave room for the others."""
-    if len(rows) < 3 or len(keys) < 6:
-        return []
-    return [key for key in keys[1:] if len({_cell(row.get(key)) for row in rows}) == 1 and rows[0].get(key) is not None]
-
-
-def _heading(key: str) -> str:
-    name, _, ending = key.rpartition("_")
-    unit = _UNITS.get(ending)
-    return f"{name.replace('_', ' ')} / {unit}" if name and unit else key.replace("_", " ")
-
-
-def _cell(value: object) -> str:
-    if value is None:
-        return NONE
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if isinstance(value, float):
-        return plain(value, 5)
-    if isinstance(value, list | tuple | set | frozenset):
-        return ", ".join(_cell(item) for item in value)
-    return str(value)

@@ -173,6 +173,11 @@ LINES = (
 )
 
 
+def band_colour(look: Look) -> str:
+    """Return the colour of the band around a line: sky around blue and black, else the line's."""
+    return SKY if look.colour in (BLUE, BLACK) else look.colour
+
+
 @dataclass(frozen=True, eq=False)
 class Series:
     """One thing drawn in a panel."""
@@ -199,6 +204,7 @@ class Axis:
     ticks: tuple[tuple[float, str], ...] = ()
     log: bool = False
     dates: bool = False
+    levels: bool = False  # whether its values, which are positive, may be shown in dB
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,14 +10,22 @@ from types import MappingProxyType
 from vibrident.base.warning_kinds import explain as explain
 from vibrident.result import Parameter
 
+#: Remarks on what the data determine little of, and nothing of.
+WEAK, UNKNOWN = "weakly determined", "not identifiable"
+
 
 def remark(parameter: Parameter) -> str:
-    """``derived``, ``not identifiable``, ``u not stated``, several or nothing."""
+    """Return the remarks on a parameter, separated by commas; empty for none.
+
+    A parameter of which u is stated is known, if weakly: ``not identifiable`` is one without u.
+    """
     u = parameter.standard_uncertainty
+    stated = u is not None and math.isfinite(u)
     marks = (
         ("derived", parameter.derived),
-        ("not identifiable", not parameter.identifiable),
-        ("u not stated", u is None or not math.isfinite(u)),
+        (WEAK, stated and not parameter.identifiable),
+        (UNKNOWN, not stated and not parameter.identifiable),
+        ("u not stated", not stated),
     )
     return ", ".join(mark for mark, applies in marks if applies)
 

@@ -38,3 +38,28 @@ def test_results_are_added_and_their_history_is_shown(visit, sound, press, histo
     page.get_by_text("holds no calibration").wait_for(timeout=WAIT_MS)
     page.locator("#add-to-history").click()
     page.get_by_text("does not state the serial number").wait_for(timeout=WAIT_MS)
+
+
+@pytest.mark.slow
+def test_sensors_have_their_dates_and_work_is_found_by_its_serial_number(visit, sound, press, history_store, tmp_path):
+    lives = {"A-17": "2024-05-01", "A-18": "2026-05-01"}
+    for serial, date in lives.items():
+        history.add(history_store, [calibrated(serial=serial, date=date)])
+        calibrated(serial=serial, date=date).save(tmp_path / f"{serial}.json")
+    page = visit()
+    page.locator("#sensors-words").get_by_text("in the history").wait_for(timeout=WAIT_MS)
+    upload(page, tmp_path / "A-17.json", tmp_path / "A-18.json")
+    page.get_by_role("list", name="Open drafts").get_by_text("A-18").first.wait_for(timeout=WAIT_MS)
+    page.get_by_label("Find a serial number").fill("a-17")
+    press(page, "#find-serial", "#sensors")
+    page.locator("#sensors-words").get_by_text("1 sensor in the history, 1 open draft.").wait_for(timeout=WAIT_MS)
+    row = page.locator("#sensors-body tbody tr")
+    assert row.count() == 1
+    cells = row.locator("td").all_inner_texts()
+    assert cells[0] == "A-17"
+    assert cells[2] == "2024-05-01"
+    assert cells[4] == "2025-05-01"  # a year, the interval where there is one calibration
+    assert "overdue" in cells[5]
+    sound(page, "sensors")
+    page.get_by_role("button", name="Open A-17").press("Enter")
+    page.locator("#result").get_by_text("A-17").first.wait_for(timeout=WAIT_MS)

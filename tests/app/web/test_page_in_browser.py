@@ -32,6 +32,7 @@ def alike(document: dict) -> dict:
 
 def agrees_with_the_command(page, folder: Path) -> None:
     """What is downloaded is, to the last digit, what the command shown on the page gives in the folder of the data."""
+    page.get_by_text("The same in a shell").click()
     (folder / "calibration.toml").write_bytes(download(page, "toml"))
     taken = download(page, "json")
     assert alike(json.loads(taken)) == alike(shell(folder, page.locator("#command .plain").inner_text()))

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import os
 import signal
+import time
+from pathlib import Path
 
 import pytest
 from tests.support.sample_results import table2
@@ -115,10 +119,59 @@ def test_a_server_that_ended_in_the_middle_of_a_fit_is_followed_by_one_that_has_
         assert page.locator("#broken-off").inner_text() == f"Broken off: vibrident identify calibration.toml {asked}"
         page.locator("#repeat").click()
         page.locator("#status").get_by_text("Identified.", exact=True).wait_for(timeout=WAIT_MS)
-        page.get_by_text(asked).last.wait_for(timeout=WAIT_MS)  # the command of the result
+        page.locator("#get-json").wait_for(timeout=WAIT_MS)
+        assert page.locator("#command .plain").text_content().endswith(asked)
         found = json.loads(download(page, "json"))
         assert found["estimator"] == "ml"
     context.close()
+
+
+@pytest.mark.slow
+def test_repeat_repeats_what_ran_though_the_form_has_changed_and_process_and_server_were_killed(browser, tmp_path):
+    """What ran is the calibration file of that moment with its estimator, not what the form says now."""
+    context = browser.new_context()
+    page = context.new_page()
+    with serving(tmp_path, *VIBRIDENT, "serve", "--port", "0", ending=signal.SIGKILL) as first:
+        port = first.address.rstrip("/").rpartition(":")[2]
+        page.goto(first.address)
+        page.get_by_role("heading", name="Data").wait_for()
+        upload(page, *simulated(tmp_path / "made"))
+        page.locator("#confirm").wait_for(timeout=WAIT_MS)
+        field(page, "Serial number").fill("4711")
+        page.locator("#confirm").click()
+        choose(page, "Estimator", f"ml: {ESTIMATORS['ml'].title}")
+        page.locator("#start").click()
+        page.get_by_role("button", name="Cancel").wait_for()
+        kill_computation(first.process.pid)
+        page.get_by_text("The computation was ended before it was done.").wait_for(timeout=WAIT_MS)
+        field(page, "Serial number").fill("9999")
+        page.wait_for_timeout(1000)  # it is written within a second
+    with serving(tmp_path, *VIBRIDENT, "serve", "--port", port):
+        page.get_by_text("The computation was ended before it was done.").wait_for(timeout=WAIT_MS)
+        assert field(page, "Serial number").input_value() == "9999"
+        choose(page, "Estimator", "auto: chosen by the data")
+        page.locator("#repeat").click()
+        page.locator("#status").get_by_text("Identified.", exact=True).wait_for(timeout=WAIT_MS)
+        page.locator("#get-json").wait_for(timeout=WAIT_MS)
+        document = json.loads(download(page, "json"))
+        assert document["estimator"] == "ml"
+        assert document["sensor"]["serial_number"] == "4711"
+    context.close()
+
+
+def kill_computation(server: int) -> None:
+    """End the process of the identification, which loads its libraries first, as a lack of memory does."""
+    until = time.monotonic() + 60.0
+    while time.monotonic() < until:
+        for stat in Path("/proc").glob("[0-9]*/stat"):
+            with contextlib.suppress(OSError):
+                fields = stat.read_text().rpartition(")")[2].split()
+                folder = (stat.parent / "cwd").readlink()
+                if int(fields[1]) == server and "run-" in folder.name:
+                    os.kill(int(stat.parent.name), signal.SIGKILL)
+                    return
+        time.sleep(0.05)
+    raise AssertionError("there is no process of an identification")
 
 
 @pytest.mark.slow

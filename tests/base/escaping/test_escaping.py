@@ -35,6 +35,7 @@ from vibrident.show import methods, plots, terminal
 from vibrident.show.media import html
 from vibrident.show.media.console import shown
 from vibrident.show.report import content
+from vibrident.show.rows import table_of
 
 XML_BANNED = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff\ufffe\uffff]")
 ALL = "\n".join(STRINGS)
@@ -235,7 +236,7 @@ def test_a_terminal_gets_no_sequence_and_no_markup_of_others():
         result = made_of(text)
         console.print(terminal.summary(result, [f"out/{text}"]))
         console.print(shown(*methods.compared([result, result], [text, "other"])))
-        console.print(terminal.inspection_table([{"record": text, text: 1.0}] * 3, text))
+        console.print(shown(table_of([{"record": text, text: 1.0}] * 3, text)))
         console.print(shown(*methods.models({text: result, "other": result}, {})))
         rest = re.sub(r"\x1b\[[0-9;]*m", "", stream.getvalue())
         assert not re.search("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e]", rest), text

@@ -7,6 +7,7 @@ import pytest
 from tests.support.sample_results import table2
 
 from vibrident.show.figures import deviation
+from vibrident.show.media.charts import charts
 
 
 def with_common(percent, degrees, *, told=True):
@@ -54,6 +55,14 @@ def test_noise_is_drawn_and_the_common_part_is_said():
     for panel, half in ((magnitude, 0.01), (phase, 0.006)):
         assert panel.series[0].band == "noise of the points, U (k = 2)"
         assert panel.series[0].half == pytest.approx(half)
+
+
+def test_two_bands_of_one_picture_have_two_colours():
+    """The noise around the magnitudes and the model's U around the phases are two entries of one key."""
+    ((_, drawn),) = charts(deviation(with_common(1.0, 0.0005)))
+    fills = {trace["name"]: trace["fillcolor"] for trace in drawn["data"] if "fillcolor" in trace}
+    assert {*fills} == {"noise of the points, U (k = 2)", "model, U (k = 2)"}
+    assert len({*fills.values()}) == 2
 
 
 def test_where_noise_prevails_the_band_is_the_models():

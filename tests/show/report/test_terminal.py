@@ -9,6 +9,7 @@ from vibrident.lab.history.tables import all_due
 from vibrident.show import terminal, words
 from vibrident.show.media.console import shown
 from vibrident.show.methods import compared, planned
+from vibrident.show.rows import table_of
 
 
 def printed(renderable, width=100):
@@ -45,7 +46,8 @@ def test_warnings_in_plain_words():
     for code in troubled().warning_codes:
         assert words.explain(code).title in text
         assert rendered(words.explain(code).action, python_word).replace("`", "") in text
-    assert "cubic stiffness (not identifiable)" in text
+    assert "cubic stiffness (weakly determined)" in text
+    assert "(not identifiable) (u not stated)" in text
     assert "not adequate" in text
 
 
@@ -93,22 +95,22 @@ def test_columns_without_room_go_below_and_no_number_is_cut_off(width):
     assert len(starts) > 1
 
 
-def test_inspection_table():
+def test_a_table_of_rows():
     rows = [
         {"record": "[bold]a.csv", "frequency_hz": 12.589254, "samples": 10240, "clipped": False, "notes": ["x", "y"]},
         {"record": "b", "frequency_hz": None, "extra": 1},
     ]
-    text = printed(terminal.inspection_table(rows))
+    text = printed(shown(table_of(rows)))
     assert "[bold]a.csv" in text
     assert "/ Hz" in text
     assert "12.589" in text
     assert "no" in text
     assert "x, y" in text
     assert "–" in text
-    assert printed(terminal.inspection_table([])) is not None
+    assert printed(shown(table_of([]))) is not None
 
 
-def test_inspection_table_of_many_columns_fits():
+def test_a_table_of_rows_of_many_columns_fits():
     rows = [
         {
             "record": f"shaker_{i:02d}.csv",
@@ -124,7 +126,7 @@ def test_inspection_table_of_many_columns_fits():
         }
         for i in range(5)
     ]
-    text = printed(terminal.inspection_table(rows), 80)
+    text = printed(shown(table_of(rows)), 80)
     for word in ("9.9345", "yes", "drift", "shaker_04.csv", "12.589", "excitation sine", "rate 51200 Hz"):
         assert word in text
 

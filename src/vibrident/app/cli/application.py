@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from typing import Annotated, Any
 
 import typer
@@ -28,10 +27,9 @@ from vibrident.app.cli.commands.simulate import simulate
 from vibrident.app.cli.commands.track import track
 from vibrident.app.cli.commands.verify import verify
 from vibrident.app.cli.console import BAD_INPUT, INTERRUPTED, show_error
-from vibrident.app.cli.options import filled, marked
+from vibrident.app.cli.options import filled
 from vibrident.app.cli.words import shell_word
-from vibrident.base.errors import InputError, VibridentError
-from vibrident.base.settings import AS_JSON
+from vibrident.base.errors import VibridentError
 from vibrident.base.version import __version__
 
 
@@ -58,18 +56,8 @@ class Commands(TyperGroup):
         except VibridentError as error:
             show_error(error, shell_word(self, ctx.invoked_subcommand))
             raise typer.Exit(BAD_INPUT) from None
-        except typer.BadParameter as error:  # of a terminal, typer's own box
-            if not os.environ.get(AS_JSON):
-                raise
-            show_error(_bad_value(error), shell_word(self, ctx.invoked_subcommand))
-            raise typer.Exit(BAD_INPUT) from None
         except KeyboardInterrupt:
             raise typer.Exit(INTERRUPTED) from None
-
-
-def _bad_value(error: typer.BadParameter) -> InputError:
-    name = marked(error.param.opts[0]) if error.param else "An option"
-    return InputError(f"{name} cannot be read.", found=error.message, where=name, remedy="correct it, or leave it out")
 
 
 app = typer.Typer(

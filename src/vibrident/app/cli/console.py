@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import io
-import json
 import os
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
-from vibrident.app.cli.words import with_options
 from vibrident.base.errors import InputError, VibridentError
 from vibrident.base.escaping import terminal as printable
-from vibrident.base.settings import AS_JSON, Word
+from vibrident.base.settings import Word
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from vibrident.data.records import Record
+    from vibrident.app.workflow.made import Made
     from vibrident.show.views import Block
 
 
@@ -71,9 +69,17 @@ def show(*blocks: Block | None) -> None:
 
 def show_rows(rows: Sequence[Mapping[str, object]], title: str) -> None:
     """A table of rows, column name to value, on stdout."""
-    from vibrident.show.terminal import inspection_table
+    from vibrident.show.rows import table_of
 
-    out().print(inspection_table(rows, title))
+    show(table_of(rows, title))
+
+
+def show_made(made: Made) -> None:
+    """What a task made: warnings and remarks on stderr, tables and sentences on stdout."""
+    warn(made.findings)
+    for text in made.notes:
+        note(text)
+    show(*made.blocks)
 
 
 def note(text: str) -> None:
@@ -97,15 +103,11 @@ def wrote(paths: Sequence[str | os.PathLike[str]]) -> None:
 def show_error(error: VibridentError, word: Word) -> None:
     """Print an error on stderr: the problem, what was expected and found, where, and what to do.
 
-    ``word``: the command line's words for settings. Where the environment asks for it, the error is one line of JSON.
+    ``word``: the command line's words for settings.
     """
     from rich.table import Table
     from rich.text import Text
 
-    texts = vars(error) if isinstance(error, InputError) else {"problem": str(error)}
-    if os.environ.get(AS_JSON):
-        sys.stderr.write(json.dumps({key: with_options(text, word) for key, text in texts.items()}) + "\n")
-        return
     if isinstance(error, InputError):
         error = error.in_words(word)
     console = err()
@@ -119,15 +121,6 @@ def show_error(error: VibridentError, word: Word) -> None:
     for label, text in error.parts:
         grid.add_row(f"  {label}:", Text(printable(text)))
     console.print(grid)
-
-
-def write_samples(path: Path, record: Record, **columns: Any) -> None:
-    """A row a sample: ``time_s``, the file's own clock, and the columns; blank where a value is not a number."""
-    times = (record.start_time_s + record.time_s).tolist()
-    rows = zip(times, *(values.tolist() for values in columns.values()), strict=True)
-    with path.open("w", encoding="ascii", newline="\n") as stream:
-        stream.write(",".join(("time_s", *columns)) + "\n")
-        stream.writelines(",".join(["" if v != v else repr(v) for v in row]) + "\n" for row in rows)
 
 
 def distinct(paths: Sequence[Path]) -> list[str]:

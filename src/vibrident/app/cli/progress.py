@@ -8,14 +8,15 @@ import threading
 from types import TracebackType
 from typing import TYPE_CHECKING
 
-from vibrident.app.cli.console import err
+from vibrident.app.cli.console import err, note
 from vibrident.app.workflow.interruption import tidied_up
+from vibrident.app.workflow.made import Teller
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
 
-class Busy:
+class Busy(Teller):
     """Shows the current step, and an optimiser's progress when called with it."""
 
     def __init__(self, what: str) -> None:
@@ -54,18 +55,28 @@ class Busy:
 
     def __call__(self, iteration: int, most: int, cost: float) -> None:
         """Show an optimiser's progress; see ``vibrident.fit.optimise.Progress``."""
-        self.tell(f"{self._what}: iteration {iteration} of at most {most}, cost {cost:.4g}", iteration, most)
+        self.share(f"{self._what}: iteration {iteration} of at most {most}, cost {cost:.4g}", iteration, most)
 
     @property
     def shown(self) -> bool:
         """Whether stderr is a terminal."""
         return self._bar is not None
 
-    def tell(self, text: str, done: int, most: int) -> None:
+    def share(self, words: str, done: int, most: int) -> None:
         """Show a text and the part done."""
         bar, task = self._bar, self._task
         if bar is not None and task is not None:
-            bar.update(task, description=text, completed=done, total=most)
+            bar.update(task, description=words, completed=done, total=most)
+
+    def step(self, words: str) -> None:
+        """Show that another step begins."""
+        self._what = words
+        if self._bar is not None and self._task is not None:
+            self._bar.update(self._task, description=words, completed=0, total=None)
+
+    def note(self, words: str) -> None:
+        """Say a remark in a line of its own."""
+        note(words)
 
     def _show(self) -> None:
         with self._lock:

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
-from vibrident.base.settings import Word, plain, python_word, rendered
+from vibrident.base.settings import Word, plain, python_word
 
 #: What a keyword says beside its option: the unit, or what identifies the object.
 _UNIT = re.compile(r"_(hz|s|bytes|id|number)$")
@@ -34,18 +34,6 @@ def shell_word(root: Any, running: str | None = None) -> Word:
         return f"{flag} {plain(value)}".rstrip()
 
     return word
-
-
-def with_options(text: str, words: Word) -> str:
-    """Return a text with options, still marked, in place of settings: for a form with their fields."""
-
-    def word(name: str, value: str) -> str | None:
-        if "." not in name or name.startswith(("--", "environment.")):
-            return None
-        flag, _, argument = (words(name, value) or "").partition(" ")
-        return f"⟦{flag}⟧ {argument}".rstrip()
-
-    return rendered(text, word)
 
 
 def _flags(root: Any, names: list[str], keyword: str) -> Iterator[str]:

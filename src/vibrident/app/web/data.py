@@ -44,7 +44,7 @@ class DataStep:
         with frame.step("Data", "data"):
             ui.label(
                 "Records of a calibration (CSV, HDF5, MATLAB, WAV, …), one file a record or several, or one table of "
-                "magnitude and phase; with calibration.toml, if you have one. An earlier result.json can be compared."
+                "magnitude and phase; with a calibration file, if you have one. Earlier results can be compared."
             ).classes("hint")
             self.upload = (
                 ui.upload(

@@ -125,7 +125,8 @@ class FitStep:
     def _renew(self) -> None:
         """Update enabled buttons and visible parts."""
         busy, confirmed = self.user.busy, self.user.confirmed is not None
-        self.section.visible = confirmed or busy
+        broken_off = self.user.running is not None  # which can be repeated
+        self.section.visible = confirmed or busy or broken_off
         self.start.set_enabled(confirmed and not busy)
         self.stop.visible = self.spinner.visible = busy
 
@@ -134,20 +135,29 @@ class FitStep:
         self.estimator.value = choices.estimator
         self.discretisation.value = choices.discretisation
         self.uncertainty.value = choices.uncertainty
-        await self._identify()
+        self._begin(lambda: self.user.start(choices, again=True))
 
     async def _identify(self) -> None:
-        user = self.user
-        if user.busy or user.confirmed is None:
+        user, confirmed = self.user, self.user.confirmed
+        if confirmed is None:
+            return
+        wanted = (self.estimator.value, self.discretisation.value, self.uncertainty.value)
+
+        def begin() -> None:
+            user.write_form()
+            user.start(Choices(confirmed.name, *wanted))
+
+        self._begin(begin)
+
+    def _begin(self, begin: Callable[[], None]) -> None:
+        if self.user.busy:
             return
         self.errors.clear()
         self._forget_curve()
-        wanted = (self.estimator.value, self.discretisation.value, self.uncertainty.value)
         try:
-            user.write_form()
-            user.start(Choices(user.confirmed.name, *wanted))
+            begin()
         except Exception as error:
-            frame.show_error(self.errors, error, user.session)
+            frame.show_error(self.errors, error, self.user.session)
             return
         self._renew()
         self.timer.activate()

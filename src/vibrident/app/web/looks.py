@@ -31,7 +31,7 @@ from vibrident.result import Result
 from vibrident.show import certificate, document, figures, tables
 from vibrident.show.certified import raised_to_measured, said_of_raised
 from vibrident.show.comparison import beside, comparison_tables
-from vibrident.show.coverage import scatter_only
+from vibrident.show.coverage import chain_unstated, unstated
 from vibrident.show.deviation_points import from_reference
 from vibrident.show.findings import told
 from vibrident.show.issue import Issue, issued
@@ -182,7 +182,7 @@ def outcome(path: Path) -> dict[str, Any]:
     found, left = _fitting(_named(figures.training(result)), left)
     signals, left = _fitting(_charts(figures.signals(result)), left)
     return {
-        "verdict": html.fragment(document.verdict(result), *scatter_only(result)),
+        "verdict": html.fragment(document.verdict(result), *_scatter_only(result)),
         "pdf": (certificate.title(result), file_name(result, "pdf")),
         "states": {"certificate": result.certificate, "sensor": result.sensor, "parameters": [*result.parameters]},
         "parameters": html.fragment(tables.parameters(result), *map(Sentence, said_of_raised(result))),
@@ -192,6 +192,17 @@ def outcome(path: Path) -> dict[str, Any]:
         "signals": signals,
         "left_out": left < 0,
     }
+
+
+#: Sources by what they make known, in the words of the page.
+_SOURCES = {"gain": "a source of kind gain", "phase": "a source of kind phase or timing"}
+
+
+def _scatter_only(result: Result) -> tuple[Sentence, ...]:
+    """Return that U covers scatter only, with what to state on the page; nothing where it is more."""
+    sources = " and ".join(_SOURCES[part] for part in unstated(result))
+    more = f"To include it, add {sources} under “Laboratory and uncertainty”, and identify again."
+    return tuple(replace(one, text=f"{one.text} {more}") for one in chain_unstated(result))
 
 
 def _named(*drawn: Figure | None) -> list[tuple[str, Any]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 from functools import partial
 from typing import Any, Protocol
 
@@ -21,7 +22,7 @@ from vibrident.show.report import FILE_NAMES
 
 _MOST_EXPORTED = 200_000_000  # most bytes of a file that an export writes
 #: Most bytes of the store's file: it may be as large as it likes, but a process that may write needs a number.
-_ANY_SIZE = 1 << 42
+ANY_SIZE = 1 << 42
 
 
 class HandIn(Protocol):
@@ -69,6 +70,13 @@ class OutcomeStep:
         self.showing = False
         await self._draw(go=go)
 
+    async def open(self, name: str) -> None:
+        """Show a result by its name."""
+        self.showing = True
+        self.choice.value = name
+        self.showing = False
+        await self._draw(go=True)
+
     async def _draw(self, *, go: bool = False) -> None:
         named = next((named for named in self.user.results if named.name == self.choice.value), None)
         if named is None:
@@ -102,18 +110,19 @@ class OutcomeStep:
     def _downloads(self, named: Named, title: str, pdf: str) -> None:
         ui.html(f"<h3>{LABELS['report.form']}</h3>", sanitize=False)
         with ui.element("div").classes("actions"):
-            ui.button("result.json", on_click=lambda: ui.download.file(named.path, RESULT)).props("id=get-json")
+            called = self.certificate.name_of_file
+            get = ui.button("result.json", on_click=lambda: ui.download.file(named.path, called(RESULT)))
+            get.props("id=get-json")
             for form, label in (("html", "Report (HTML)"), ("pdf", f"{title} (PDF)"), ("md", "Report (Markdown)")):
                 asked = partial(self._report, named, form, pdf if form == "pdf" else FILE_NAMES[form][0])
                 ui.button(label, on_click=asked).props(f"outline id=get-{form}")
             ui.button("Everything (zip)", on_click=partial(self._everything, named)).props("outline id=get-everything")
-            if named.choices is not None:
-                name = named.choices.calibration
-                ui.button(name, on_click=lambda: ui.download.file(named.calibration, name)).props("outline id=get-toml")
         if named.choices is not None:
-            hint = f"With {named.choices.calibration} in the folder of the data, the same in a shell:"
-            ui.label(hint).classes("hint")
-            frame.Text("command", named.choices.command)
+            name = named.choices.calibration
+            with ui.expansion("The same in a shell").classes("w-full").props("id=in-a-shell"):
+                ui.label(f"With {name} in the folder of the data:").classes("hint")
+                frame.Text("command", named.choices.command)
+                ui.button(name, on_click=lambda: ui.download.file(named.calibration, name)).props("outline id=get-toml")
 
     def _exports(self, named: Named) -> None:
         """Other formats, each with its own options."""
@@ -157,14 +166,21 @@ class OutcomeStep:
         calibration = named.calibration if named.choices is not None else None
         async with self.user.session.new_folder("export") as folder:
             asked = (looks.everything, named.path, calibration, folder, self.certificate.given())
-            await give(self.user, self.errors, "calibration.zip", *asked, file_bytes=_MOST_EXPORTED)
+            await give(
+                self.user,
+                self.errors,
+                self.certificate.name_of_file("calibration.zip"),
+                *asked,
+                file_bytes=_MOST_EXPORTED,
+            )
 
     async def _export(self, named: Named, form: str, options: dict[str, Any]) -> None:
         self.export_errors.clear()
         await self.user.note("exported", named.path, form=form)
         async with self.user.session.new_folder("export") as folder:
             asked = (looks.exported, named.path, folder, form, options, self.certificate.given())
-            await give(self.user, self.export_errors, None, *asked, file_bytes=_MOST_EXPORTED)
+            called = self.certificate.name_of_file
+            await give(self.user, self.export_errors, called, *asked, file_bytes=_MOST_EXPORTED)
 
 
 class History:
@@ -215,7 +231,7 @@ class History:
         if function is not looks.history and not self.user.may("identify"):
             return
         asked = (self.named.path, self.store, self.certificate.given(), *more)
-        shown = await frame.looked(self.user, self.errors, function, *asked, file_bytes=_ANY_SIZE)
+        shown = await frame.looked(self.user, self.errors, function, *asked, file_bytes=ANY_SIZE)
         if shown is None or self.body.is_deleted:
             return
         self.words.text = shown["words"]
@@ -226,11 +242,18 @@ class History:
             ui.html(shown["tables"], sanitize=False)
 
 
-async def give(user: User, errors: ui.element, name: str | None, function: Any, *args: Any, **limits: Any) -> None:
-    """Let the browser download what a function of ``looks`` makes, and, where no name is given, names."""
+async def give(
+    user: User, errors: ui.element, name: str | Callable[[str], str], function: Any, *args: Any, **limits: Any
+) -> None:
+    """Let the browser download what a function of ``looks`` makes.
+
+    ``name``: of the file; or what makes it of the name that the function returns, too.
+    """
     try:
         made = await user.look(function, *args, **limits)
-        made, name = made if name is None else (made, name)
+        if not isinstance(name, str):
+            made, plain = made
+            name = name(plain)
         place = await asyncio.to_thread(user.session.download, made)
     except Exception as error:
         frame.show_error(errors, error, user.session)

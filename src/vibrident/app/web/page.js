@@ -16,17 +16,21 @@ window.vibrident = {
     const { Plotly } = await import('nicegui-plotly');
     // One after another: plotly stumbles over a second drawing of a chart before the first is done.
     this.drawing = (this.drawing ?? Promise.resolve()).then(
-      () => place?.isConnected && Plotly.react(place, data, layout, {
-        responsive: false, displaylogo: false,
-        displayModeBar: place.clientWidth < 520 ? false : 'hover',  // it would lie on the legend
-      }),
+      () => place?.isConnected && Plotly.react(place, data, layout, this.tools(place)),
     ).catch(error => place?.isConnected && console.warn(error));
+  },
+  tools(place) {  // a narrow chart has no toolbar: it would lie on the legend
+    return { responsive: false, displaylogo: false, displayModeBar: place.clientWidth < 520 ? false : 'hover' };
   },
   async fit() {
     const { Plotly } = await import('nicegui-plotly');
-    for (const plot of document.querySelectorAll('.chart.js-plotly-plot'))
-      if (plot._fullLayout && plot.offsetParent && plot.clientWidth !== plot._fullLayout.width)
-        await Plotly.Plots.resize(plot).catch(() => {});  // one that was taken away meanwhile
+    for (const plot of document.querySelectorAll('.chart.js-plotly-plot')) {
+      if (!plot._fullLayout || !plot.offsetParent || plot.clientWidth === plot._fullLayout.width) continue;
+      const fitted = this.tools(plot).displayModeBar === plot._context.displayModeBar
+        ? Plotly.Plots.resize(plot)
+        : Plotly.newPlot(plot, plot.data, { ...plot.layout, width: plot.clientWidth }, this.tools(plot));
+      await fitted.catch(() => {});  // one that was taken away meanwhile
+    }
   },
   sent(id) {  // the uploader is emptied once the answer is here: to do it earlier would break the upload off
     setTimeout(() => getElement(id)?.$refs.qRef.removeUploadedFiles());

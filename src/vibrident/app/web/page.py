@@ -15,9 +15,11 @@ from vibrident.app.web.data import DataStep
 from vibrident.app.web.door import SIGN_OUT
 from vibrident.app.web.fit import FitStep
 from vibrident.app.web.form.columns import ColumnsStep
+from vibrident.app.web.form.laboratory import LaboratoryStep
 from vibrident.app.web.guard import ACCOUNT, OWNER
 from vibrident.app.web.issue import IssueStep
 from vibrident.app.web.outcome import OutcomeStep
+from vibrident.app.web.sensors import SensorsStep
 from vibrident.app.web.tools import ToolsStep
 from vibrident.app.web.users import User, Users
 from vibrident.base.errors import InputError
@@ -94,14 +96,18 @@ def _offer(user: User) -> None:
 async def _steps(user: User) -> None:
     issue = IssueStep(user)
     outcome, compare, fit = OutcomeStep(user, issue), CompareStep(user), FitStep(user)
-    data, tools = DataStep(user), ToolsStep(user)
-    columns = ColumnsStep(user, data, fit)
+    data, tools, sensors = DataStep(user), ToolsStep(user), SensorsStep(user)
+    laboratory = LaboratoryStep(user, fit)
+    columns = ColumnsStep(user, data, laboratory, fit)
 
     async def results(*, go: bool = True) -> None:
         data.hold()
         await outcome.show(go=go)
         await compare.show()
         tools.show()
+        if not user.session.names:  # with data it is shown with their form
+            laboratory.show()
+        await sensors.show()
 
     async def came() -> None:
         tools.show()
@@ -110,21 +116,24 @@ async def _steps(user: User) -> None:
     data.build(on_data=came, on_result=results)
     await asyncio.sleep(0)  # yield between the steps
     columns.build()
+    laboratory.build()
     fit.build(on_result=results)
     await asyncio.sleep(0)
     outcome.build()
     compare.build()
     tools.build(on_result=results)
     issue.build()
+    sensors.build(on_open=outcome.open)
     data.hold()
     if not user.empty:
         await _restore(user, columns, fit, outcome, compare)
-    await issue.show()  # last: it reads the store, and meanwhile data may come
+    await issue.show()  # these two last: they read the store, and meanwhile data may come
+    await sensors.show()
 
 
 async def _restore(user: User, columns: ColumnsStep, fit: FitStep, outcome: OutcomeStep, compare: CompareStep) -> None:
     """Show what the tab had."""
-    await columns.restore()
+    await columns.restore()  # with the laboratory
     await fit.restore()
     if user.results:
         await outcome.show(go=False)

@@ -102,7 +102,7 @@ def build(
     from vibrident.app.web.page import page
     from vibrident.app.web.users import Users
 
-    users = Users(home.folder, limit_mb, store, keep_s, door, key)
+    users = Users(home.folder, limit_mb, store, keep_s, door, key, laboratories=data_folder() / "laboratories")
     app.add_middleware(Guard, limit_bytes=int(limit_mb * MEGABYTE), names=names, door=door)
     app.on_startup(users.start)
     app.on_shutdown(users.close)

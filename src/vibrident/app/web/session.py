@@ -18,6 +18,7 @@ from vibrident.data.io.record_files import natural
 
 CALIBRATION = "calibration.toml"  # name of the calibration file that the page writes
 RESULT = "result.json"  # name of a result when it is downloaded
+_RAN = "ran.toml"  # the calibration file of the last identification that began, beside the data
 MEGABYTE = 1_000_000
 MOST_FILES = 500
 MOST_RESULTS = 20  # most results of one page; the oldest are evicted
@@ -198,6 +199,15 @@ class Session:
                 os.link(self.data / name, copy / name)
             except OSError:  # a file system without links
                 shutil.copyfile(self.data / name, copy / name)
+
+    def keep_ran(self, name: str) -> None:
+        """Keep a copy of the calibration file with which an identification begins."""
+        shutil.copyfile(self.data / name, self.folder / _RAN)
+
+    def take_ran(self, copy: Path, name: str) -> None:
+        """Put the calibration file of the last identification into a copy of the data."""
+        (copy / name).unlink(missing_ok=True)  # a hard link to the present one
+        shutil.copyfile(self.folder / _RAN, copy / name)
 
     def keep_result(self, place: Path, calibration: Path | None = None) -> tuple[Path, list[Path]]:
         """Move a result and its calibration file here; returns its path, and the evicted results."""

@@ -1,67 +1,106 @@
-"""Further tasks of the page: commands of the shell, with labels for their options."""
+"""Further tasks of the page: what each is given, asks for, and is called."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Literal
 
-#: Places in a command: the chosen result, the calibration file of the page, and all that were uploaded.
-RESULT, DATA, ALL = "RESULT", "DATA", "ALL"
+#: What a field takes: one or several names of a list, a number, a mark.
+Kind = Literal["models", "model", "estimators", "shared", "number", "whole", "flag"]
+
+
+@dataclass(frozen=True)
+class Field:
+    """An option of a task, by its name in the library."""
+
+    label: str
+    kind: Kind
+    least: float = 0.0  # of a number
+
+    @property
+    def is_number(self) -> bool:
+        """Whether a number is filled in."""
+        return self.kind in ("number", "whole")
 
 
 @dataclass(frozen=True)
 class Task:
-    """A command, its options with their labels, and those of them that are switches."""
+    """A task: what it works on, and its options."""
 
     title: str
     hint: str
-    command: tuple[str, ...]
-    fields: Mapping[str, str] = field(default_factory=dict)
-    switches: Mapping[str, str] = field(default_factory=dict)
+    #: result: the chosen one; data: the confirmed columns; all: every uploaded calibration file
+    takes: tuple[Literal["result", "data", "all"], ...]
+    fields: Mapping[str, Field] = field(default_factory=dict)
 
 
-TASKS = {
+TASKS: Mapping[str, Task] = {
     "compare": Task(
         "Compare models and estimators",
         "Fits each to the data; of several models it recommends one, with the reason.",
-        ("compare", DATA),
-        {"--models": "Models, joined by commas", "--estimators": "Estimators, joined by commas"},
-        {"--cross-validate": "Cross-validate: predict each fifth of the records"},
+        ("data",),
+        {
+            "models": Field("Models", "models"),
+            "estimators": Field("Estimators", "estimators"),
+            "validate": Field("Cross-validate: predict each fifth of the records", "flag"),
+        },
     ),
-    "predict": Task("Predict", "The response of these records, by the chosen result.", ("predict", RESULT, DATA)),
+    "predict": Task("Predict", "The response of these records, by the chosen result.", ("result", "data")),
     "correct": Task(
         "Correct",
         "The acceleration from the response, with an uncertainty for every sample. Records without reference: decay.",
-        ("correct", RESULT, DATA),
-        {"--band": "Band to restore in Hz, as LOW:HIGH", "--noise": "Noise of the response, rms"},
-        {"--track": "Track the sensor through the records"},
+        ("result", "data"),
+        {
+            "low_hz": Field("Band to restore: from, Hz", "number"),
+            "high_hz": Field("Band to restore: to, Hz", "number"),
+            "noise": Field("Noise of the response, rms", "number"),
+            "track": Field("Track the sensor through the records", "flag"),
+        },
     ),
     "track": Task(
         "Track",
         "The parameters over the records, and when the sensor changed.",
-        ("track", RESULT, DATA),
-        {"--every": "Seconds between rows", "--false-alarms-per-day": "False alarms in a day"},
+        ("result", "data"),
+        {
+            "every": Field("Seconds between rows", "number", 1e-6),
+            "false_alarms_per_day": Field("False alarms in a day", "number", 1e-9),
+        },
     ),
     "plan": Task(
         "Plan the next calibration",
         "The uncertainty that other frequencies or longer records would give, for the sensor of the chosen result.",
-        ("plan", "--from", RESULT),
+        ("result",),
         {
-            "--frequencies": "Frequencies in Hz: LOW:HIGH, or a list",
-            "--best": "Choose the best N of them",
-            "--times-as-long": "Records X times as long",
+            "low_hz": Field("Frequencies: from, Hz", "number"),
+            "high_hz": Field("Frequencies: to, Hz", "number"),
+            "best": Field("Choose the best N of them", "whole", 1),
+            "times_as_long": Field("Records X times as long", "number"),
         },
     ),
     "joint": Task(
         "Fit several calibrations together",
         "Upload a calibration file (.toml) for each, with their data: one sensor, one fit.",
-        ("identify", ALL),
-        {"--share": "Shared parameters, joined by commas", "--model": "Model, or one each, by commas"},
+        ("all",),
+        {
+            "share": Field("Shared parameters", "shared"),
+            "model": Field("Model for all", "model"),
+        },
     ),
     "fleet": Task(
         "Identify many sensors",
         "Upload a calibration file (.toml) for each, with their data: one table, a row each.",
-        ("fleet", ALL),
-        {"--model": "Model for all"},
+        ("all",),
+        {"model": Field("Model for all", "model")},
     ),
 }
+
+
+@dataclass(frozen=True)
+class TaskRequest:
+    """A task as it was asked for."""
+
+    task: str
+    options: dict[str, object]
+    result: str = ""  # name of the chosen result
+    files: tuple[str, ...] = ()  # calibration files, in the folder of the data

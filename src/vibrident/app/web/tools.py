@@ -1,50 +1,60 @@
-"""What else can be done with the data and the result: the commands of the shell, with fields for their options."""
+"""What else can be done with the data and the result: tasks with their options, progress, tables and charts."""
 
 from __future__ import annotations
 
-import asyncio
-import base64
-import shutil
-from collections.abc import Awaitable, Callable
-from pathlib import Path
+import json
+from collections.abc import Awaitable, Callable, Mapping
 from typing import Any
 
 from nicegui import ui
 
 from vibrident.app.web import frame
-from vibrident.app.web.held import Named
-from vibrident.app.web.looks import facts
-from vibrident.app.web.tasks import ALL, DATA, RESULT, TASKS
+from vibrident.app.web.form.entries import PLAIN
+from vibrident.app.web.task_run import TaskProgress
+from vibrident.app.web.tasks import TASKS, Field, Task, TaskRequest
 from vibrident.app.web.users import User
-from vibrident.app.web.worker import ARCHIVE, OUT, Worker, command
+from vibrident.app.web.worker import Stopped
 from vibrident.base.errors import InputError
+from vibrident.base.escaping import html
+from vibrident.fit.registry import ESTIMATORS
+from vibrident.physics.models import ADD_ONS, CORES
 
-_RESULT_NAME = "chosen-result.json"
+_PACE_S = 0.25  # seconds between two looks at the progress
 
 
 class ToolsStep:
-    """A section that runs one of the commands and shows what it says."""
+    """A section that runs one of the tasks and shows what it made."""
 
     def __init__(self, user: User) -> None:
         self.user = user
-        self.worker = Worker()
+        self.drawn = 0
+        self.over: TaskProgress | None = None
 
     def build(self, on_result: Callable[..., Awaitable[Any]]) -> None:
         """Build the section, hidden until there are data or results."""
         self.on_result = on_result
-        self.section = frame.step("More with these data", "more", mark="+")
-        with self.section:
-            self.tool = ui.select({name: tool.title for name, tool in TASKS.items()}, value="compare", label="Task")
-            self.tool.props("dense outlined stack-label").classes("w-full").on_value_change(self._renew)
+        now = self.user.task.progress
+        with frame.step("More with these data", "more", mark="+") as self.section:
+            titles = {name: task.title for name, task in TASKS.items()}
+            first = now.request.task if now else "compare"
+            self.task = ui.select(titles, value=first, label="Task")
+            self.task.props("dense outlined stack-label").classes("w-full")
+            self.task.on_value_change(lambda: self._ask())
             self.hint = ui.label("").classes("hint")
             self.fields = ui.element("div").classes("fields wide")
             with ui.element("div").classes("actions"):
                 self.start = ui.button("Run", on_click=self._run).props("id=run")
-                self.stop = ui.button("Cancel", on_click=self.worker.cancel).props("outline color=negative")
+                self.stop = ui.button("Cancel", on_click=self.user.task.worker.cancel)
+                self.stop.props("outline color=negative id=cancel-task")
                 self.spinner = ui.spinner(size="28px")
+                self.status = ui.label("").props("role=status id=task-status")
+            self.share = ui.linear_progress(0.0, show_value=False, size="8px")
+            self.share.props('id=task-share aria-label="share of the task"')
             self.errors = ui.element("div").props("aria-live=assertive")
+            self.live = ui.element("div").classes("chart").props("id=task-live")
             self.body = ui.element("div").props('aria-live=polite id="said"')
-        self.stop.visible = self.spinner.visible = False
+        self.timer = ui.timer(_PACE_S, self._follow, active=now is not None)
+        self._ask()
         self._renew()
         self.show()
 
@@ -53,110 +63,233 @@ class ToolsStep:
         self.section.visible = not self.user.empty
         if self.result is not None:
             names = [named.name for named in self.user.results]
-            self.result.set_options(names, value=self.result.value or next(reversed(names), None))
+            self.result.set_options(names, value=self.result.value or self._usual())
 
-    def _renew(self) -> None:
-        tool = TASKS[self.tool.value]
-        self.hint.text = tool.hint
+    def _usual(self) -> str | None:
+        """Return the name of the latest identification, else of the latest result of any origin."""
+        results = self.user.results
+        names = [one.name for one in (*results, *(one for one in results if one.choices))]
+        return names[-1] if names else None
+
+    def _ask(self) -> None:
+        """Ask for the options of the chosen task."""
+        task = TASKS[self.task.value]
+        self.hint.text = task.hint
         self.given: dict[str, Any] = {}
         self.result = None
         self.fields.clear()
         with self.fields:
-            if RESULT in tool.command:
+            if "result" in task.takes:
                 names = [named.name for named in self.user.results]
-                self.result = ui.select(names, value=names[-1] if names else None, label="Result")
+                self.result = ui.select(names, value=self._usual(), label="Result")
                 self.result.props("dense outlined stack-label")
-            for flag, label in tool.fields.items():
-                self.given[flag] = ui.input(label).props("dense outlined stack-label")
-            for flag, label in tool.switches.items():
-                self.given[flag] = ui.checkbox(label).props("dense")
+            for name, asked in task.fields.items():
+                self.given[name] = _entry(asked)
 
-    def _chosen(self) -> Named | None:
-        return next((one for one in self.user.results if self.result and one.name == self.result.value), None)
-
-    def arguments(self) -> list[str]:
-        """The command, its options as one word each: no value can pass for another option."""
-        words: list[str] = []
-        for word in TASKS[self.tool.value].command:
-            if word == DATA:
-                confirmed = self.user.confirmed
-                words.append(_there(confirmed and confirmed.name, "confirmed columns", "confirm the columns first"))
-            elif word == ALL:
-                found = [f"./{name}" for name in self.user.session.names if name.lower().endswith(".toml")]
-                words += _there(found, "calibration files", "upload them, with their data")
-            elif word == RESULT:
-                _there(self._chosen(), "a result", "identify first, or upload an earlier one")
-                words.append(_RESULT_NAME)
-            else:
-                words.append(word)
-        for flag, made in self.given.items():
-            if isinstance(made.value, bool):
-                words += [flag] if made.value else []
-            elif made.value:
-                words.append(f"{flag}={made.value.strip()}")
-        return [*words, f"--out={OUT}"]
+    def _chosen(self) -> TaskRequest:
+        """Return the task with its options; InputError where something is missing."""
+        name, task, user = self.task.value, TASKS[self.task.value], self.user
+        files: tuple[str, ...] = ()
+        if "data" in task.takes:
+            confirmed = _there(user.confirmed, "confirmed columns", "confirm the columns first")
+            files = (confirmed.name,)
+        elif "all" in task.takes:
+            found = [one for one in user.session.names if one.lower().endswith(".toml")]
+            files = tuple(_there(found, "calibration files", "upload them, with their data"))
+        result = ""
+        if self.result is not None:
+            remedy = "identify first, or upload an earlier one"
+            result = str(_there(self.result.value, "a result", remedy))
+        options: dict[str, object] = {}
+        for option, element in self.given.items():
+            value, asked = element.value, task.fields[option]
+            if value in (None, "", [], False):
+                continue
+            options[option] = _number(asked, value) if asked.is_number else value
+        _require_band(task, options)
+        return TaskRequest(name, options, result, files)
 
     async def _run(self) -> None:
-        user, session = self.user, self.user.session
+        self._begin(self._chosen)
+
+    def _begin(self, chosen: Callable[[], TaskRequest]) -> None:
+        if self.user.task.busy:
+            return
         self.errors.clear()
         self.body.clear()
+        self._forget_chart()
         try:
-            user.require("identify", "do that")
-            arguments = self.arguments()
-            user.write_form()
-            async with session.new_folder("tool") as folder:
-                await asyncio.to_thread(session.copy_to, folder)
-                if chosen := self._chosen():
-                    await asyncio.to_thread(shutil.copyfile, chosen.path, folder / _RESULT_NAME)
-                self._busy(True)
-                async with user.users.identifying:
-                    said = await self.worker.run(command, arguments, folder=folder)
-                await user.note("ran", command=" ".join(arguments))
-                if not self.body.is_deleted:
-                    await self._tell(said, folder)
-        except asyncio.CancelledError:
-            return
+            request = chosen()
+            self.user.write_form()
+            self.user.task.start(request)
         except Exception as error:
-            frame.show_error(self.errors, error, session)
-        finally:
-            if not self.body.is_deleted:
-                self._busy(False)
+            frame.show_error(self.errors, error, self.user.session)
+            return
+        self._renew()
+        self.timer.activate()
 
-    def _busy(self, busy: bool) -> None:
+    def _renew(self) -> None:
+        busy = self.user.task.busy
         self.start.set_enabled(not busy)
         self.stop.visible = self.spinner.visible = busy
+        self.share.visible = False
 
-    async def _tell(self, said: dict[str, Any], folder: Path) -> None:
-        archive = None
-        if said["code"] == 0 and (folder / ARCHIVE).exists():
-            archive = await asyncio.to_thread(self.user.session.download, folder / ARCHIVE)
-        with self.body:
-            if said["refused"] is not None:
-                tool = TASKS[self.tool.value]
-                frame.show_error(
-                    self.errors, InputError(**said["refused"]), self.user.session, {**tool.fields, **tool.switches}
-                )
-                return
-            if said["code"]:
-                with ui.element("div").classes("error").props("role=alert"):
-                    ui.label(said["errors"]).classes("problem")
-                return
-            frame.Text("said-text", "\n".join(filter(None, (said["text"].strip(), said["errors"].strip()))))
-            for name, picture in said["pictures"]:
-                data = base64.b64encode(picture).decode()
-                ui.html(f'<img class="picture" alt="" src="data:image/png;base64,{data}">', sanitize=False)
-                ui.label(name).classes("hint")
-            if archive is not None:
-                name = f"{self.tool.value}.zip"
-                label = f"All {len(said['files'])} files (zip)" if len(said["files"]) > 1 else "The file (zip)"
-                ui.button(label, on_click=lambda: ui.download.file(archive, name)).props("outline id=get-all")
-        kept = 0
-        for path in sorted((folder / OUT).rglob("result.json"))[:10]:
-            model, estimator = await self.user.look(facts, path)
-            self.user.keep(f"{TASKS[self.tool.value].title}: {path.parent.name}, {model}, {estimator}", path)
-            kept += 1
-        if kept:
+    async def _follow(self) -> None:
+        """Update from the task."""
+        now = self.user.task.progress
+        if now is None or now is self.over:
+            self.timer.deactivate()
+            return
+        self.status.text = now.status
+        self.share.visible = now.share is not None and not now.over
+        self.share.value = now.share or 0.0
+        if (points := sum(map(len, now.lines.values()))) != self.drawn and not now.over:
+            self.drawn = points
+            self._draw(now)
+        if not now.over:
+            return
+        self.over = now
+        self.timer.deactivate()
+        self._renew()
+        self._forget_chart()
+        self._tell(now)
+        if now.kept:
+            now.kept = 0
             await self.on_result(go=False)
+
+    def _tell(self, now: TaskProgress) -> None:
+        """Show what a task made, or why it failed."""
+        title = TASKS[now.request.task].title
+        if now.error is not None:
+            frame.show_error(self.errors, now.error, self.user.session)
+            if isinstance(now.error, Stopped) and not self.errors.is_deleted:
+                with self.errors:
+                    ui.label(f"Broken off: {title}").classes("hint").props("id=task-broken-off")
+                    again = ui.button("Repeat", on_click=lambda: self._begin(lambda: now.request))
+                    again.props("outline id=repeat-task")
+        if now.shown is None:
+            return
+        with self.body:
+            for note in (*now.notes, *now.shown["notes"]):
+                ui.label(note).classes("doubt")
+            ui.html(now.shown["tables"], sanitize=False).classes("scroll")  # escaped in the process
+            for heading, chart, height in now.shown["charts"]:
+                ui.html(f"<h3>{html(heading)}</h3>", sanitize=False)
+                frame.Chart(chart, height)
+            if now.archive is not None:
+                count, archive = len(now.shown["files"]), now.archive
+                label = f"All {count} files (zip)" if count > 1 else "The file (zip)"
+                name = f"{now.request.task}.zip"
+                get = ui.button(label, on_click=lambda: ui.download.file(archive, name))
+                get.props("outline id=get-all")
+
+    def _draw(self, now: TaskProgress) -> None:
+        drawn = json.dumps(live_chart(now.lines, now.across)).encode()
+        if self.chart is None:
+            with self.live:
+                self.chart = frame.Chart(drawn, _LIVE_HEIGHT)
+        else:
+            self.chart.show(drawn)
+
+    def _forget_chart(self) -> None:
+        self.live.clear()
+        self.chart: frame.Chart | None = None
+        self.drawn = 0
+
+
+_LIVE_HEIGHT = 230  # of the growing chart, pixels
+
+
+def live_chart(lines: dict[str, list[list[float]]], across: str) -> dict[str, Any]:
+    """Return the chart of a task under way: costs over iterations, or a parameter over time."""
+    import numpy as np
+
+    from vibrident.show import axes
+    from vibrident.show.media.charts import charts
+    from vibrident.show.views import LINES, Figure, Panel, Series, Stack
+
+    named = {name: np.array(points, dtype=float) for name, points in lines.items() if points}
+    series = tuple(
+        Series(points[:, 0], points[:, 1], name, LINES[number % len(LINES)])
+        for number, (name, points) in enumerate(named.items())
+    )
+    x = np.concatenate([np.zeros(0), *(one.x for one in series)])
+    y = np.concatenate([np.zeros(0), *(one.y for one in series)])
+    if across == "cost":
+        below = axes.linear("Iteration", np.append(x, [0.0, 2.0]), whole=True, most=8)
+        beside = axes.size("Cost", y)
+    else:
+        below, beside = axes.linear("Time in s", x), axes.linear("", y)
+    panel = Panel(below, beside, series, 1.1)
+    ((_, chart),) = charts(Figure("live", "", (Stack((panel,)),)))
+    return chart
+
+
+def _entry(asked: Field) -> Any:
+    """Return the element of an option."""
+    several = {"models": models(), "estimators": _estimators(), "shared": shared()}
+    if asked.kind in several:
+        element = ui.select(several[asked.kind], value=[], multiple=True, label=asked.label)
+        return element.props(f"{PLAIN} options-dense use-chips")
+    if asked.kind == "model":
+        element = ui.select({"": "that of each", **models()}, value="", label=asked.label)
+        return element.props(f"{PLAIN} options-dense")
+    if asked.kind == "flag":
+        return ui.checkbox(asked.label).props("dense")
+    return ui.number(asked.label, format="%.12g").props(f"{PLAIN} step=any")
+
+
+def models() -> dict[str, str]:
+    """Return the models to choose from: each core, alone, with an add-on, and with a delay too."""
+    delay = next((addon.name for addon in ADD_ONS.values() if addon.is_delay), "")
+    names = []
+    for core in CORES:
+        names += [core, *(f"{core}+{addon}" for addon in ADD_ONS)]
+        names += [f"{core}+{delay}+{addon}" for addon in ADD_ONS if delay and addon != delay]
+    return {name: name for name in names}
+
+
+def _estimators() -> dict[str, str]:
+    return {name: f"{name}: {one.title}" for name, one in ESTIMATORS.all().items()}
+
+
+def shared() -> dict[str, str]:
+    """Return the parameters that calibrations may share."""
+    from vibrident.physics.naming import in_words
+
+    found: dict[str, str] = {}
+    for kind in (*CORES.values(), *ADD_ONS.values()):
+        for parameter in kind.parameters:
+            found[parameter.name] = in_words(parameter.name)
+    return found
+
+
+def _number(asked: Field, value: float) -> float | int:
+    whole = asked.kind == "whole"
+    if value < asked.least or (whole and value != int(value)) or value <= 0:
+        least = f"{asked.least:g} or above" if asked.least else "above 0"
+        raise InputError(
+            f"“{asked.label}” is out of range.",
+            expected=f"a {'whole ' if whole else ''}number, {least}",
+            found=f"{value:g}",
+            where=f"“{asked.label}”",
+            remedy="give another number, or leave the field empty",
+        )
+    return int(value) if whole else float(value)
+
+
+def _require_band(task: Task, options: Mapping[str, Any]) -> None:
+    """Refuse one end of a band without the other, or the higher one first."""
+    low, high = options.get("low_hz"), options.get("high_hz")
+    if low is high is None or (low is not None and high is not None and low < high):
+        return
+    raise InputError(
+        "The band is not a band.",
+        expected="a lower and a higher frequency, or neither",
+        found=f"from {low or 'nothing'} to {high or 'nothing'}",
+        where=f"“{task.fields['low_hz'].label}”, “{task.fields['high_hz'].label}”",
+        remedy="fill in both, or leave both empty",
+    )
 
 
 def _there(found: Any, what: str, remedy: str) -> Any:

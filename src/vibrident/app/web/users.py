@@ -19,8 +19,10 @@ from vibrident.app.web.confinement import confined
 from vibrident.app.web.door import Door
 from vibrident.app.web.form.description import calibration_text
 from vibrident.app.web.held import Choices, Confirmed, Form, Job, Named, read_state, write_state
+from vibrident.app.web.laboratories import Laboratories
 from vibrident.app.web.looks import facts, prepare
 from vibrident.app.web.session import MEGABYTE, RESULT, Session
+from vibrident.app.web.task_run import TaskRun
 from vibrident.app.web.worker import Stopped, Worker, identify
 from vibrident.base.errors import InputError
 from vibrident.base.process import Limits
@@ -43,15 +45,17 @@ class User:
         self.users, self.owner, self.tab = users, owner, tab
         self.look = users.look
         self.session = Session(users.folder, users.limit_mb, users.make_room, kept)
-        self.worker = Worker()
+        self.worker, self.task = Worker(), TaskRun(self)
         self.results: list[Named] = []
         self.form: Form | None = None
         self.confirmed: Confirmed | None = None
+        self.profile = ""  # of the laboratory, by name; empty for none
         self.job: Job | None = None
         self.notice = ""
         self.client: Any = None
         self.seen = time.time()
-        self.running: Choices | None = None
+        self.running: Choices | None = None  # under way, or broken off and not repeated
+        self.stopped: InputError | None = None  # why it was broken off
 
     @classmethod
     def restored(cls, users: Users, folder: Path) -> User | None:
@@ -63,18 +67,15 @@ class User:
             user = cls(users, known["owner"], known["tab"], folder.name)
             user.session.restore(known["session"])
             user.form, user.confirmed, user.seen = known["form"], known["confirmed"], known["seen"]
+            user.profile = known["profile"]
             user.results = [named for named in known["results"] if named.path.exists()]
             if user.form is not None:
                 user.form.touched = set(user.form.touched)
             if known["running"] is not None:
                 user.running = known["running"]
-                stopped = Stopped(
-                    "The server was stopped during the identification.",
-                    expected="an identification that runs to its end",
-                    found="a server that was started again",
-                    remedy="repeat it; the data and the form are here",
-                )
-                user.job = Job("", over=True, error=stopped, choices=user.running)
+                user.stopped = Stopped(**known["stopped"]) if known["stopped"] else _stopped("the identification")
+                user.job = Job("", over=True, error=user.stopped, choices=user.running)
+            user.task.restore(known["task"], _stopped("the task"))
         except (KeyError, TypeError, ValueError, AttributeError, OSError):
             return None
         return user
@@ -88,8 +89,10 @@ class User:
         form = self.form
         if form is not None:  # the chart can be drawn again
             form = replace(form, guess=replace(form.guess, chart=b""), touched=sorted(form.touched))  # type: ignore[arg-type]
-        kept = ("owner", "tab", "seen", "confirmed", "results", "running")
+        kept = ("owner", "tab", "seen", "confirmed", "profile", "results", "running")
         state = {**{name: getattr(self, name) for name in kept}, "session": self.session.state, "form": form}
+        state["task"] = self.task.state
+        state["stopped"] = dict(vars(self.stopped)) if self.stopped else None
         write_state(self.session.folder, state)
 
     @property
@@ -105,7 +108,13 @@ class User:
     @property
     def empty(self) -> bool:
         """Whether there is nothing to lose."""
-        return not (self.session.names or self.results or self.busy)
+        return not (self.session.names or self.results or self.busy or self.task.busy)
+
+    @property
+    def asked(self) -> Form | None:
+        """The form, where it describes the data; None where a calibration file came with them."""
+        own = any(name.lower().endswith(".toml") for name in self.session.names)
+        return None if own else self.form
 
     def may(self, role: str) -> bool:
         """Whether who has this page may do what the role does."""
@@ -139,10 +148,15 @@ class User:
         if self.confirmed and self.confirmed.from_form and self.form:
             self.session.write_calibration(calibration_text(self.form.given, self.session.files))
 
-    def start(self, choices: Choices) -> None:
-        """Begin to identify with a copy of the data, if the account may; the outcome is in ``job`` and ``results``."""
+    def start(self, choices: Choices, *, again: bool = False) -> None:
+        """Begin to identify with a copy of the data, if the account may; the outcome is in ``job`` and ``results``.
+
+        ``again``: with the calibration file of the last identification, whatever the form says since.
+        """
         self.require("identify", "identify")
-        self.job, self.running = Job(choices=choices), choices
+        if not again:
+            self.session.keep_ran(choices.calibration)
+        self.job, self.running, self.stopped = Job(choices=choices), choices, None
         self.changed()
         self._task = asyncio.get_running_loop().create_task(self._identify(self.job, choices))
 
@@ -151,6 +165,7 @@ class User:
             async with self.session.new_folder("run") as copy:
                 made = copy / f"new-{RESULT}"
                 await asyncio.to_thread(self.session.copy_to, copy)
+                self.session.take_ran(copy, choices.calibration)
                 if self.users.identifying.locked():
                     job.words = "Waiting for other identifications …"
                 async with self.users.identifying:
@@ -169,7 +184,8 @@ class User:
         except Exception as error:
             job.words, job.error = "", error
         finally:
-            job.over, self.running = True, None
+            self.stopped = job.error if isinstance(job.error, Stopped) else None
+            job.over, self.running = True, choices if self.stopped else None
             self.changed()
 
     def keep(self, name: str, place: Path, calibration: Path | None = None, choices: Choices | None = None) -> None:
@@ -189,9 +205,19 @@ class User:
     def close(self) -> None:
         """End running processes, remove the files."""
         self.worker.cancel()
+        self.task.worker.cancel()
         self.session.close()
         self.users.to_write.discard(self)
         self.results, self.form, self.confirmed, self.notice = [], None, None, ""
+
+
+def _stopped(during: str) -> Stopped:
+    return Stopped(
+        f"The server was stopped during {during}.",
+        expected="a computation that runs to its end",
+        found="a server that was started again",
+        remedy="repeat it; the data and the form are here",
+    )
 
 
 class Users:
@@ -200,6 +226,7 @@ class Users:
     ``store``: URL of the history that all of them share. ``keep_s``: seconds for which the state of who left is kept on
     disk, also when the server stops; 0 for an hour, as long as the server runs. ``door``: of a team's page, where the
     owner of a page is an account. ``key``: file and pass phrase of the key that certificates are signed with.
+    ``laboratories``: folder of the profiles that all of them share; None for one in ``folder``.
     """
 
     def __init__(
@@ -210,8 +237,10 @@ class Users:
         keep_s: float = 0.0,
         door: Door | None = None,
         key: tuple[Path, str] | None = None,
+        laboratories: Path | None = None,
     ) -> None:
         self.key = key
+        self.laboratories = Laboratories(laboratories or folder / "laboratories")
         self.folder, self.limit_mb, self.store, self.keep_s, self.door = folder, limit_mb, store, keep_s, door
         self.kept: list[User] = []
         self.to_write: set[User] = set()
@@ -247,6 +276,7 @@ class Users:
             if self.keep_s:
                 user.write()  # before the running identification ends: the next server tells of it
                 user.worker.cancel()
+                user.task.worker.cancel()
             else:
                 user.close()
         self.kept.clear()
@@ -311,13 +341,13 @@ class Users:
         """Remove users who did not return."""
         now = time.time()
         for user in list(self.kept):
-            if user.connected or user.busy:
+            if user.connected or user.busy or user.task.busy:
                 user.seen = now
             elif now - user.seen > (_ROUND_S if user.empty else self.keep_s or KEPT_S):
                 self._drop(user)
 
     def _drop_oldest(self) -> bool:
-        gone = [user for user in self.kept if not (user.connected or user.busy)]
+        gone = [user for user in self.kept if not (user.connected or user.busy or user.task.busy)]
         if gone:
             self._drop(min(gone, key=lambda user: user.seen))
         return bool(gone)

@@ -6,32 +6,20 @@ The process works in the folder of the data, as the command line does.
 from __future__ import annotations
 
 import asyncio
-import json
 import logging
-import os
-import subprocess
-import sys
-import tempfile
-import zipfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from vibrident.app.web.confinement import confined
-from vibrident.app.web.session import refuse_outside
 from vibrident.base.errors import InputError
 from vibrident.base.process import Died, Ended, Limits, Process, WorkerError
-from vibrident.base.settings import AS_JSON
 
 #: Memory of an identification, bytes, and further memory for each byte of data.
 _MEMORY, _MEMORY_A_BYTE = 4_000_000_000, 20
 _MOST_SECONDS = 7200.0
 _MOST_FILE_BYTES = 1_000_000_000
-#: Of a command: its folder of files, the archive of them, most characters, and pictures that are shown.
-OUT, ARCHIVE = "files", "files.zip"
-_MOST_SAID = 20_000
-_MOST_PICTURES, _MOST_PICTURE = 3, 2_000_000
 _LOG = logging.getLogger("vibrident.app.web")
 
 
@@ -87,47 +75,6 @@ def identify(calibration: str, options: Mapping[str, str], result: Path, *, prog
     request.check()
     (made,) = run(request, [read(calibration)], progress)
     made.save(result)
-
-
-def command(arguments: Sequence[str]) -> dict[str, Any]:
-    """Run a command of the shell on the files of the folder: what it said, its pictures, an archive of its files."""
-    for word in arguments:
-        if word.endswith(".toml"):
-            refuse_outside(Path(word))
-    surroundings = {
-        **os.environ,
-        AS_JSON: "1",
-        "COLUMNS": "110",
-        "NO_COLOR": "1",
-        "MPLCONFIGDIR": tempfile.gettempdir(),
-    }
-    asked = [sys.executable, "-P", "-m", "vibrident", *arguments]
-    done = subprocess.run(
-        asked, capture_output=True, text=True, env=surroundings, stdin=subprocess.DEVNULL, check=False
-    )
-    files = [path for path in sorted(Path(OUT).rglob("*")) if path.is_file()]
-    with zipfile.ZipFile(ARCHIVE, "w", zipfile.ZIP_DEFLATED) as packed:
-        for path in files:
-            packed.write(path, path.relative_to(OUT))
-    pictures = [path for path in files if path.suffix == ".png" and path.stat().st_size < _MOST_PICTURE]
-    here = f"{Path.cwd()}{os.sep}"  # whoever asks need not know where the server has it
-    return {
-        "code": done.returncode,
-        "text": done.stdout[-_MOST_SAID:].replace(here, ""),
-        "errors": done.stderr[-_MOST_SAID:].replace(here, ""),
-        "refused": _refused(done.stderr, here) if done.returncode else None,
-        "files": [str(path.relative_to(OUT)) for path in files],
-        "pictures": [(path.name, path.read_bytes()) for path in pictures[:_MOST_PICTURES]],
-    }
-
-
-def _refused(said: str, here: str) -> dict[str, str] | None:
-    """Return the texts of a command's error, which is the last line; None where that is none."""
-    try:
-        texts = json.loads(said.rstrip().rpartition("\n")[2])
-        return {str(key): str(text).replace(here, "") for key, text in texts.items()}
-    except (ValueError, AttributeError):
-        return None
 
 
 def simulate_demo() -> None:

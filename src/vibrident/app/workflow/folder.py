@@ -15,6 +15,7 @@ from vibrident.base.errors import InputError
 from vibrident.base.files import unwritable
 
 if TYPE_CHECKING:
+    from vibrident.data.records import Record
     from vibrident.result import Result
 
 _LAST = "result.json"  # moved last, so that its presence implies the others
@@ -110,3 +111,12 @@ def refuse_used(target: Path, *, force: bool) -> None:
         where=str(target),
         remedy="give another ⟦simulate.folder⟧, or ⟦simulate.force⟧ to replace files of the same names",
     )
+
+
+def write_samples(path: Path, record: Record, **columns: Any) -> None:
+    """Write a row a sample: ``time_s``, the file's own clock, and the columns; blank for no number."""
+    times = (record.start_time_s + record.time_s).tolist()
+    rows = zip(times, *(values.tolist() for values in columns.values()), strict=True)
+    with path.open("w", encoding="ascii", newline="\n") as stream:
+        stream.write(",".join(("time_s", *columns)) + "\n")
+        stream.writelines(",".join(["" if v != v else repr(v) for v in row]) + "\n" for row in rows)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vibrident.app.workflow.estimators import AUTO, checked, estimator
@@ -88,3 +89,14 @@ def several(option: str, found: str) -> InputError:
         where="⟦here⟧",
         remedy=f"name the other calibrations of this sensor, or leave {option} out",
     )
+
+
+def places(files: Sequence[Path], folder: Path) -> list[Path]:
+    """Return the folder of each result: the first in ``folder``, others below it by their names."""
+    found = [folder]
+    for file in files[1:]:
+        name, number = file.stem, 2
+        while folder / name in found:
+            name, number = f"{file.stem}-{number}", number + 1
+        found.append(folder / name)
+    return found

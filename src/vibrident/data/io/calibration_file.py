@@ -212,7 +212,7 @@ class CalibrationFile(FileSection):
     records: list[RecordsEntry] = key("Records", default=[])
     table: TableSection | None = key("Columns of the table")
     certificate: CertificateSection = key(default=CertificateSection())
-    uncertainty: list[UncertaintyEntry] = key("Stated uncertainties", default=[])
+    uncertainty: list[UncertaintyEntry] = key("Sources of uncertainty", default=[])
     cmc: list[CapabilityEntry] = key("Capability (CMC)", default=[])
 
     @property

@@ -32,6 +32,8 @@ def key(
     about: str = "",
     words: Sequence[str] = (),
     in_form: tuple[str, float] | None = None,
+    in_form_by: tuple[str, Mapping[str, tuple[str, float]]] | None = None,
+    only: tuple[str, Sequence[str]] | None = None,
 ) -> Any:
     """Return the field of a key.
 
@@ -43,9 +45,13 @@ def key(
         about: a further sentence for the documentation.
         words: what a form calls each of the choices, or first their absence.
         in_form: the unit in which a form asks for it, and how many of that are one of ``unit``.
+        in_form_by: the same by the value of another key of the section, which comes first.
+        only: another key of the section, and its values with which this one has a meaning.
     """
     more = {"unit": unit, "level": level, "about": about, "words": [*words]}
-    extra: Any = more | {"in_form": [*(in_form or (unit, 1.0))]}
+    by = None if in_form_by is None else [in_form_by[0], dict(in_form_by[1])]
+    extra: Any = more | {"in_form": [*(in_form or (unit, 1.0))], "in_form_by": by}
+    extra["only"] = None if only is None else [only[0], [*only[1]]]
     return Field(default, title=label, json_schema_extra=extra)
 
 
@@ -68,6 +74,19 @@ class Key:
     level: str = ""
     about: str = ""
     in_form: tuple[str, float] = ("", 1.0)  # the unit in which a form asks, and its number in one
+    in_form_by: tuple[str, Mapping[str, tuple[str, float]]] | None = None  # key → its value → both
+    only: tuple[str, Sequence[str]] | None = None  # another key, and its values with which it holds
+
+    def asked_in(self, row: Mapping[str, Any]) -> tuple[str, float]:
+        """Return the unit in which a form asks beside the other keys, and its number in one."""
+        if self.in_form_by is None:
+            return self.in_form
+        other, units = self.in_form_by
+        return units.get(row.get(other) or "", ("", 1.0))
+
+    def applies(self, row: Mapping[str, Any]) -> bool:
+        """Return whether the key has a meaning beside the values of the others."""
+        return self.only is None or row.get(self.only[0]) in self.only[1]
 
     @property
     def label(self) -> str:

@@ -187,6 +187,11 @@ _Table = Annotated[
 ]
 
 
+#: Kinds of contributions that may hold over a band.
+_BANDED: tuple[StatedKind, ...] = ("gain", "phase")
+_PERCENT, _DEGREES = ("%", 100.0), ("°", 180.0 / math.pi)
+
+
 class UncertaintyEntry(FileSection):
     """One [[uncertainty]] entry: a systematic contribution, common to all points.
 
@@ -199,22 +204,29 @@ class UncertaintyEntry(FileSection):
     kind: StatedKind = basic(
         "Kind",
         default=...,
-        words=(
-            "gain, relative",
-            "timing, s",
-            "phase, rad",
-            "mounting, relative",
-            "clock, relative",
+        words=("gain", "timing", "phase", "mounting", "clock"),
+    )
+    standard_uncertainty: NotNegative | None = basic(
+        "Standard uncertainty",
+        about="Gain, mounting and clock: relative; timing: in s; phase: in rad.",
+        in_form_by=(
+            "kind",
+            {
+                "gain": _PERCENT,
+                "timing": ("µs", 1e6),
+                "phase": _DEGREES,
+                "mounting": _PERCENT,
+                "clock": ("ppm", 1e6),
+            },
         ),
     )
-    standard_uncertainty: NotNegative | None = basic("Standard uncertainty")
     table: _Table | None = expert("Standard uncertainty by frequency", about="Of gain and phase.")
-    from_hz: Positive | None = key("From", "Hz", about="Of gain and phase.")
-    to_hz: Positive | None = key("To", "Hz", about="Of gain and phase.")
+    from_hz: Positive | None = basic("From", "Hz", about="Of gain, phase.", only=("kind", _BANDED))
+    to_hz: Positive | None = basic("To", "Hz", about="Of gain, phase.", only=("kind", _BANDED))
     from_c: Number | None = key("From", "°C", about="By temperature_c of the records.")
     to_c: Number | None = key("To", "°C", about="By temperature_c of the records.")
-    frequency_hz: Positive | None = key("Mounting: at", "Hz")
-    degrees_of_freedom: Positive | None = key("Degrees of freedom")
+    frequency_hz: Positive | None = basic("At", "Hz", only=("kind", ("mounting",)))
+    degrees_of_freedom: Positive | None = basic("Degrees of freedom")
 
     @property
     def effect(self) -> SystematicEffect:
@@ -240,12 +252,14 @@ class CapabilityEntry(FileSection):
     """One [[cmc]] entry: the least expanded uncertainty (k = 2) that the laboratory may state."""
 
     quantity: Literal["magnitude", "phase"] = key(
-        "Of", default="magnitude", words=("the magnitude, relative", "the phase, rad")
+        "Of", default="magnitude", words=("the magnitude", "the phase")
     )
     expanded_uncertainty: Positive = key(
         "Least U (k = 2)",
         default=...,
-        about="Curve, points and gain are raised to it; budget and certificate say so.",
+        about="Of the magnitude relative, of the phase in rad. "
+        "Curve, points and gain are raised to it; budget and certificate say so.",
+        in_form_by=("quantity", {"magnitude": _PERCENT, "phase": _DEGREES}),
     )
     from_hz: Positive | None = key("From", "Hz")
     to_hz: Positive | None = key("To", "Hz")
@@ -268,7 +282,7 @@ def check_uncertainties(entries: Sequence[UncertaintyEntry], where: str) -> None
         require_only_with(entry, "frequency_hz", "kind", "mounting", problem, here, needed=True)
         band = [k for k in ("table", "from_hz", "to_hz") if getattr(entry, k) is not None]
         both = entry.table is not None and len(band) > 1
-        if both or (band and entry.kind not in ("gain", "phase")):
+        if both or (band and entry.kind not in _BANDED):
             raise InputError(
                 "A table or a band does not fit this entry.",
                 expected='table, or from_hz and to_hz, with kind = "gain" or "phase"',

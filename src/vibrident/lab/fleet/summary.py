@@ -20,10 +20,15 @@ def summary(outcome: Outcome) -> Group:
     """Rows by status and warning, the rate, and the files."""
     from rich.console import Group
 
+    return Group(shown(*overview(outcome)), written(outcome.files))
+
+
+def overview(outcome: Outcome) -> tuple[Table, Sentence]:
+    """Return rows by status and warning, and the rate."""
     whole = max(outcome.tally.rows, 1)
     rows = tuple((what, str(count), f"{100 * count / whole:.4g} %") for what, count in _lines(outcome.tally))
     table = Table((Column(""), *columns("calibrations", "share", kind="number")), rows, title="Fleet")
-    return Group(shown(table, Sentence(_rate(outcome))), written(outcome.files))
+    return table, Sentence(_rate(outcome))
 
 
 def _lines(tally: Tally) -> Iterator[tuple[str, int]]:

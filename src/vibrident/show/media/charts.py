@@ -10,9 +10,21 @@ from typing import Any
 import numpy as np
 
 from vibrident.base.escaping import plotly
+from vibrident.show.axes import linear_ticks, log_ticks
 from vibrident.show.curves import spread
 from vibrident.show.formulas import in_a_line
-from vibrident.show.views import BLUE, Axis, Figure, FloatArray, Look, Panel, Series, Stack
+from vibrident.show.views import (
+    BLUE,
+    SKY,
+    Axis,
+    Figure,
+    FloatArray,
+    Look,
+    Panel,
+    Series,
+    Stack,
+    band_colour,
+)
 
 Chart = dict[str, Any]
 MOST_POINTS = 800  # measured points drawn of a series; more are thinned evenly, and the caption says so
@@ -23,7 +35,7 @@ _ABOVE = 40.0  # pixels above all panels
 _BELOW = 56.0  # pixels below all panels
 #: Pixels of plotly's buttons, which appear at the upper right, where the choice of the axis stands below them.
 _BUTTONS = 20.0
-_BAND = "rgba(86, 180, 233, 0.40)"
+_OPACITY = 0.40  # of bands
 _DASHES = {"solid": "solid", "dashed": "dash", "dotted": "dot", "dashdot": "dashdot"}
 _MARKERS = {"o": "circle", "s": "square", "^": "triangle-up", "D": "diamond", "v": "triangle-down", "x": "x-thin-open"}
 
@@ -103,21 +115,41 @@ def _chart(stacks: Sequence[Stack]) -> Chart:
     _once(data)
     if any(stack.panels[0].title for stack in stacks):  # the key stands above the titles
         layout["legend"]["y"] = 1.0 + 18.0 / (height - _ABOVE - _BELOW)
-    if len(stacks) == 1 and stacks[0].panels[0].y.log:
-        layout["updatemenus"] = [_scales()]
+    first = stacks[0].panels[0].y
+    if len(stacks) == 1 and (first.log or (first.levels and first.low > 0)):
+        layout["updatemenus"] = [_scales(first)]
         layout["height"] = round(height + _BUTTONS)
         layout["margin"]["t"] += _BUTTONS
     return {"data": data, "layout": layout}
 
 
-def _scales() -> Chart:
-    """A choice between a logarithmic and a linear axis."""
-    kinds = {"log": {"yaxis.tickmode": "array"}, "linear": {"yaxis.tickmode": "auto"}}
-    buttons = [
-        {"label": kind, "method": "relayout", "args": [{"yaxis.type": kind, "yaxis.autorange": True, **ticks}]}
-        for kind, ticks in kinds.items()
-    ]
-    return {"buttons": buttons, "x": 1.0, "xanchor": "right", "y": 1.0, "yanchor": "bottom", "pad": {"b": 4}}
+def _scales(axis: Axis) -> Chart:
+    """A choice between a logarithmic axis, a linear one and, where the values are sizes, levels."""
+    words = {"yaxis.title.text": label(axis.label)}
+    ends = {"yaxis.autorange": False, "yaxis.range": listed(np.array([axis.low, axis.high]))}
+    of_log = {**ends, "yaxis.type": "log", "yaxis.range": listed(np.log10([axis.low, axis.high]))}
+    ticks = _ticks(axis if axis.log else replace(axis, ticks=log_ticks(axis.low, axis.high)))
+    kinds = {
+        "log": {**of_log, **words, **_at_axis(ticks)},
+        "linear": {**ends, **words, "yaxis.type": "linear", "yaxis.tickmode": "auto"},
+    }
+    if axis.levels:
+        re_unit = axis.label.replace("\nin ", "\nin dB re 1 ")
+        kinds["dB"] = {**of_log, "yaxis.title.text": label(re_unit), **_at_axis(_levels(axis))}
+    buttons = [{"label": kind, "method": "relayout", "args": [how]} for kind, how in kinds.items()]
+    place = {"x": 1.0, "xanchor": "right", "y": 1.0, "yanchor": "bottom", "pad": {"b": 4}}
+    return {"buttons": buttons, "active": 0 if axis.log else 1, **place}
+
+
+def _at_axis(ticks: Chart) -> Chart:
+    return {f"yaxis.{name}": value for name, value in ticks.items()}
+
+
+def _levels(axis: Axis) -> Chart:
+    """Return ticks of 20 lg of the values, on a logarithmic axis."""
+    low, high = 20.0 * np.log10([axis.low, axis.high])
+    names = linear_ticks(float(low), float(high))
+    return _ticks(replace(axis, ticks=tuple((10.0 ** (level / 20.0), name) for level, name in names)))
 
 
 def _once(data: list[Any]) -> None:
@@ -199,7 +231,7 @@ def _traces(series: Series, panel: Panel, x: str, y: str) -> list[Any]:
     place = {"xaxis": x, "yaxis": y, "name": plotly(in_a_line(series.label))}
     if series.kind == "columns":
         assert series.half is not None
-        look = {"color": _BAND, "line": {"color": BLUE, "width": 1 if series.look.width else 0}}
+        look = {"color": _faint(SKY), "line": {"color": BLUE, "width": 1 if series.look.width else 0}}
         bars = {"type": "bar", "x": listed(series.x), "y": listed(series.y), "width": listed(2 * series.half)}
         return [{**place, **bars, "marker": look, "hovertemplate": "%{x:.2f}: %{y}<extra></extra>"}]
     if series.kind == "line":
@@ -215,7 +247,7 @@ def _line(series: Series, panel: Panel, place: Chart) -> list[Any]:
         hidden = {**_x(series.x, panel.x), "mode": "lines", "line": {"width": 0}, "hoverinfo": "skip", **place}
         hidden["name"] = plotly(in_a_line(series.band))
         found.append({**hidden, "y": listed(high), "showlegend": False})
-        found.append({**hidden, "y": listed(low), "fill": "tonexty", "fillcolor": _BAND})
+        found.append({**hidden, "y": listed(low), "fill": "tonexty", "fillcolor": _faint(band_colour(look))})
     if look.width:
         mode = "lines+markers" if look.marker else "lines"
         line = {"color": look.colour, "width": 1.3 * look.width, "dash": _DASHES[look.dash]}
@@ -223,6 +255,12 @@ def _line(series: Series, panel: Panel, place: Chart) -> list[Any]:
         drawn = {**_x(series.x, panel.x), "y": listed(series.y, 9 if panel.x.log else 6), "mode": mode, "line": line}
         found.append({**place, **drawn, **marker, **_said(series)})
     return found
+
+
+def _faint(colour: str) -> str:
+    """Return a colour of six hexadecimal digits with the opacity of a band."""
+    red, green, blue = bytes.fromhex(colour[1:])
+    return f"rgba({red}, {green}, {blue}, {_OPACITY:.2f})"
 
 
 def _points(series: Series, panel: Panel, place: Chart) -> list[Any]:

@@ -20,7 +20,7 @@ import numpy as np
 
 from vibrident.show.curves import envelope, spread
 from vibrident.show.formulas import in_a_line
-from vibrident.show.views import BLACK, BLUE, CROWD, GREY, SKY, Axis, Figure, Panel, Series, Stack
+from vibrident.show.views import BLACK, BLUE, CROWD, GREY, Axis, Figure, Panel, Series, Stack, band_colour
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -280,7 +280,7 @@ def _line(axes: Axes, series: Series) -> None:
         low, high = series.y - series.half, series.y + series.half
         if axes.get_yscale() == "log":
             low = np.maximum(low, 1e-3 * series.y)
-        axes.fill_between(series.x, low, high, color=SKY, alpha=0.45, lw=0, label=series.band or None)
+        axes.fill_between(series.x, low, high, color=band_colour(look), alpha=0.45, lw=0, label=series.band or None)
     if look.width:
         how: dict[str, Any] = {"color": look.colour, "lw": look.width, "label": series.label or None}
         how |= {"marker": look.marker, "markersize": 3.2} if look.marker else {}

@@ -2,43 +2,16 @@
 
 from __future__ import annotations
 
-import itertools
-from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 from vibrident.app.cli import options
-from vibrident.app.cli.console import distinct, note, show, wrote
+from vibrident.app.cli.console import distinct, show_made, wrote
 from vibrident.app.cli.options import argument, flag, option
 from vibrident.app.cli.progress import Busy
-from vibrident.app.workflow.estimators import estimator, estimators_with, misfit
-from vibrident.app.workflow.folder import load_result, write_json, written_whole
-from vibrident.base.errors import InputError, ModelError, NotConverged
+from vibrident.app.workflow.estimators import estimators_with, misfit
+from vibrident.app.workflow.folder import load_result, written_whole
+from vibrident.base.errors import InputError
 from vibrident.fit.registry import ESTIMATORS
-
-if TYPE_CHECKING:
-    from vibrident.data.records import Calibration
-    from vibrident.fit.estimators import Estimator
-    from vibrident.result import Result
-
-
-@dataclass(frozen=True)
-class Method:
-    """One way to identify the same data; None: the model of the calibration file, the usual discretisation."""
-
-    estimator: str
-    model: str | None = None
-    discretisation: str | None = None
-
-    @property
-    def name(self) -> str:
-        """What distinguishes it, in a line."""
-        return " ".join(part for part in (self.estimator, self.discretisation, self.model) if part)
-
-    @property
-    def chosen(self) -> str | Estimator:
-        """The estimator, with its setting where there is one."""
-        return estimator(self.estimator, {"discretisation": self.discretisation})
 
 
 def compare(
@@ -65,7 +38,7 @@ def compare(
         wanted = f"--estimators with {' or '.join(estimators_with('discretisation'))}"
         raise misfit("--discretisations", wanted, f"--estimators {','.join(named)}")
     from vibrident.physics.models import parse
-    from vibrident.use.comparison import document, read_truth
+    from vibrident.use.comparison import read_truth
 
     known = read_truth(truth) if truth else {}
     for name in names or ():
@@ -81,75 +54,28 @@ def compare(
                 remedy="compare one calibration file at a time, or the results of several",
             )
         if calibrations:
+            from vibrident.app.workflow.comparison import compare as run
             from vibrident.data.io import read_guarded
-            from vibrident.fit.estimators import ranked
 
             calibration = read_guarded(files[0])
-            methods = _methods(
-                named or [one.name for one in ranked(ESTIMATORS.built_in())], names or (None,), steps or (None,)
-            )
-            results = _identified(calibration, methods, must=bool(named))
-            scores = _cross_validated(calibration, methods, results) if validate and len(results) > 1 else {}
-            for name, result in results.items():
-                result.save(output.path / f"{name.replace(' ', '-').replace('+', '-')}.json")
+            with Busy("Identifying") as tell:
+                made, _ = run(
+                    calibration,
+                    output.path,
+                    estimators=named or (),
+                    models=names or (),
+                    discretisations=steps or (),
+                    validate=validate,
+                    truth=known,
+                    tell=tell,
+                )
         else:
             for option_name, value in {"--estimators": named, "--models": names, "--discretisations": steps}.items():
                 if value:
                     raise misfit(option_name, "a calibration file (.toml)", "results, which exist already")
-            results, scores = {name: load_result(file) for name, file in zip(distinct(files), files, strict=True)}, {}
-        write_json(output.path / "comparison.json", document(results, known, scores))
-    from vibrident.show import methods
-    from vibrident.show.views import Sentence
+            from vibrident.app.workflow.comparison import compared
 
-    show(*methods.compared(list(results.values()), list(results), known))
-    if len({result.model for result in results.values()}) > 1:
-        show(*methods.models(results, scores), Sentence(""))
+            results = {name: load_result(file) for name, file in zip(distinct(files), files, strict=True)}
+            made = compared(results, output.path, known)
+    show_made(made)
     wrote(output.files)
-
-
-def _methods(estimators: list, models: tuple | list, steps: tuple | list) -> list[Method]:
-    """Every valid combination: not every estimator has a discretisation."""
-    stepping = estimators_with("discretisation", estimators) if steps != (None,) else ()
-    return [
-        Method(name, model, step)
-        for model, name in itertools.product(models, estimators)
-        for step in (steps if name in stepping else (None,))
-    ]
-
-
-def _identified(calibration: Calibration, methods: list[Method], *, must: bool) -> dict[str, Result]:
-    """Results by name. Methods that do not suit the data are left out, except those named: ``must`` for estimators."""
-    from vibrident.use.identification import identify
-
-    results: dict[str, Result] = {}
-    failures: dict[str | None, ModelError | NotConverged] = {}
-    for method in methods:
-        try:
-            with Busy(f"Identifying by {method.name}") as progress:
-                results[method.name] = identify(calibration, method.model, method.chosen, progress=progress)
-        except (ModelError, NotConverged) as failure:
-            if must or method.discretisation:
-                raise
-            failures.setdefault(method.model, failure)
-            problem = failure.problem if isinstance(failure, ModelError) else str(failure)
-            note(f"Left out: {method.name}. {problem}")
-    for model, failure in failures.items():
-        if not any(method.model == model and method.name in results for method in methods):
-            raise failure
-    return results
-
-
-def _cross_validated(
-    calibration: Calibration, methods: list[Method], results: dict[str, Result]
-) -> dict[str, dict[str, Any]]:
-    from vibrident.use.validation import cross_validate
-
-    scores = {}
-    for method in methods:
-        if method.name not in results:
-            continue
-        with Busy(f"Cross-validating {method.name}") as progress:
-            score = cross_validate(calibration, results[method.name], method.chosen, progress=progress)
-        if score is not None:
-            scores[method.name] = asdict(score)
-    return scores

@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from vibrident.app.cli import options
-from vibrident.app.cli.console import show_rows, warn, write_samples, wrote
+from vibrident.app.cli.console import show_made, warn, wrote
 from vibrident.app.cli.options import argument, flag, option
 from vibrident.app.cli.progress import Busy
-from vibrident.app.workflow.folder import load_result, write_json, written_whole
+from vibrident.app.workflow.folder import load_result, written_whole
 
 
 def correct(
@@ -47,32 +47,18 @@ def correct(
         _own_table(load_result(result), calibration, folder, limits, noise, (column, time, rate, scale))
         return
     from vibrident.data.io import read_guarded
-    from vibrident.data.io.writer import record_files
 
     known = load_result(result)
     data = read_guarded(calibration)
     with written_whole(folder) as output, Busy("Correcting"):
-        from vibrident.use.correction import correct as run
-        from vibrident.use.correction import correction_document
+        from vibrident.app.workflow.uses import correct as run
 
-        if track:
-            from vibrident.use.tracking.adaptive import correct_tracked
-
-            corrections = correct_tracked(known, data, band_hz=limits, noise=noise)
-        else:
-            corrections = run(known, data, band_hz=limits, noise=noise)
-        files = record_files([c.record.name for c in corrections.corrections])
-        for file, correction in zip(files, corrections.corrections, strict=True):
-            a, u = correction.acceleration, correction.standard_uncertainty
-            write_samples(output.path / file, correction.record, acceleration=a, standard_uncertainty=u)
-        document = correction_document(corrections, files)
-        write_json(output.path / "correction.json", document)
+        made = run(known, data, output.path, band_hz=limits, noise=noise, track=track)
         if not no_plots:
             from vibrident.show import plots
 
-            plots.save(plots.correction(corrections, dict(known.sensor)), output.path / "correction.png")
-    warn(corrections.findings)
-    _show(document, corrections.motion)
+            plots.save(made.figures[0], output.path / "correction.png")
+    show_made(made)
     wrote([folder / "correction.json", folder / "*.csv", *([] if no_plots else [folder / "correction.png"])])
 
 
@@ -103,33 +89,3 @@ def _own_table(known: Any, path: Path, folder: Path, limits: Any, noise: float |
         with_columns(path, output.path / path.name, new)
     warn(corrections.findings)
     wrote(output.files)
-
-
-def _show(document: dict[str, Any], motion: str) -> None:
-    from vibrident.base.amounts import pretty
-
-    unit = pretty(document["unit"])
-    rows = []
-    for row in document["records"]:
-        band, reference = row["band"], row["reference"]
-        peak, interval, share = (None, None, None) if row["peak"] is None else _peak(row["peak"])
-        rows.append(
-            {
-                "record": row["name"],
-                "band / Hz": f"{band['low_hz']:.4g} to {band['high_hz']:.4g}",
-                f"peak / {unit}": peak,
-                "95 % interval": interval,
-                "u / peak": share,
-                f"rmse / {unit}": None if reference is None else reference["rmse"],
-            }
-        )
-    show_rows(rows, f"Restored {motion}")
-
-
-def _peak(peak: dict[str, Any]) -> tuple[float, str, str]:
-    """Its value, both ends of its interval to the second digit of u, and u over the value."""
-    from vibrident.show.numbers import NONE, pair, uncertainty
-
-    value, u = peak["value"], peak["standard_uncertainty"]
-    interval = " … ".join(pair(end, u)[0] for end in peak["interval_95"])
-    return value, interval, f"{uncertainty(100 * abs(u / value))} %" if value else NONE

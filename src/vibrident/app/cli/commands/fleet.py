@@ -97,7 +97,7 @@ def _run(asked: Any, workers: int | None, scheduler: str | None, *, quiet: bool)
             """Move the bar, or say it in a line now and then where there is none."""
             nonlocal said
             text = _progress_text(progress)
-            bar.tell(f"Identifying: {text}", progress.done, progress.total)
+            bar.share(f"Identifying: {text}", progress.done, progress.total)
             if not quiet and not bar.shown and time.monotonic() - said >= _LINE_S:
                 said = time.monotonic()
                 note(text)

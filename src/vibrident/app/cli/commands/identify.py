@@ -15,7 +15,7 @@ from vibrident.app.cli.progress import Busy
 from vibrident.app.cli.words import shell_word
 from vibrident.app.workflow.estimators import AUTO, estimator_names
 from vibrident.app.workflow.folder import written_whole
-from vibrident.app.workflow.identification import Request, run
+from vibrident.app.workflow.identification import Request, places, run
 
 _DETAILS = "Settings of an estimator"
 _detail = partial(option, panel=_DETAILS)
@@ -126,7 +126,7 @@ def _identified(request: Request, files: list[Path], place: Path, plots: bool, e
     with painter(wanted=plots) as artist:
         with Busy("Identifying") as progress:
             results = run(request, calibrations, progress)
-        for result, folder in zip(results, _places(files, place), strict=True):
+        for result, folder in zip(results, places(files, place), strict=True):
             saved = result.save(folder / "result.json")
             if plots:
                 with Busy("Drawing"):
@@ -134,17 +134,6 @@ def _identified(request: Request, files: list[Path], place: Path, plots: bool, e
             if not excerpts:  # the pictures were drawn with them
                 result.save(saved, excerpts=False)
     return results
-
-
-def _places(files: list[Path], place: Path) -> list[Path]:
-    """Folder of each result: the first in ``place``, each other in a folder of its file's name."""
-    places = [place]
-    for file in files[1:]:
-        name, number = file.stem, 2
-        while place / name in places:
-            name, number = f"{file.stem}-{number}", number + 1
-        places.append(place / name)
-    return places
 
 
 def _show(results: list[Any], files: list[Path], context: typer.Context, *, quiet: bool, weights: bool) -> None:

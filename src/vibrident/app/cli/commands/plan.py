@@ -8,15 +8,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vibrident.app.cli import options
-from vibrident.app.cli.console import note, say, show, wrote
+from vibrident.app.cli.console import show_made, wrote
 from vibrident.app.cli.options import choice, flag, option
 from vibrident.app.cli.progress import Busy
-from vibrident.app.workflow.folder import load_result, write_json, written_whole
+from vibrident.app.workflow.folder import load_result, written_whole
 from vibrident.base.errors import InputError
 
 if TYPE_CHECKING:
     from vibrident.result import Result
-    from vibrident.use.planning import Plan, Recording
+    from vibrident.use.planning import Recording
 
 # Panels of the help.
 _SENSOR = "Sensor"
@@ -96,9 +96,18 @@ def plan(
         from vibrident.use.planning import plan as run
 
         planned = run(sensor, values or None, **settings)
-    _show(planned)
+    from vibrident.app.workflow.uses import planned as said
+    from vibrident.app.workflow.uses import write_plan
+
+    made = said(planned)
+    show_made(made)
     if folder is not None:
-        _write(planned, folder)
+        from vibrident.show import plots
+
+        with written_whole(folder) as output:
+            write_plan(planned, output.path)
+            plots.save(made.figures[0], output.path / "plan.png")
+        wrote(output.files)
 
 
 def _planned_for(model: str | None, source: Path | None, values: dict[str, float]) -> str | Result:
@@ -139,29 +148,3 @@ def _recording(rate: float | None, samples: int | None, *noise: float) -> Record
     from vibrident.use.planning import Recording
 
     return Recording(rate, samples, *noise)
-
-
-def _show(planned: Plan) -> None:
-    from vibrident.show import methods
-
-    show(methods.planned(planned))
-    pairs = zip(planned.frequency_hz, planned.uses, strict=True)
-    listed = ", ".join(f"{f:.5g}" + (f" (×{n})" if n > 1 else "") for f, n in pairs)
-    say(f"Frequencies in Hz: {listed}")
-    if planned.efficiency is not None:
-        say(
-            f"{planned.criterion}-optimal choice of {sum(planned.uses)} out of {planned.candidates_hz.size}; "
-            f"efficiency {100 * planned.efficiency:.0f} % of the best possible in the same measuring time."
-        )
-    for warning in planned.warnings:
-        note(f"Warning: {warning}")
-
-
-def _write(planned: Plan, folder: Path) -> None:
-    from vibrident.show import plots
-    from vibrident.use.planning import plan_document
-
-    with written_whole(folder) as output:
-        write_json(output.path / "plan.json", plan_document(planned))
-        plots.save(plots.plan(planned), output.path / "plan.png")
-    wrote(output.files)

@@ -1,20 +1,19 @@
-"""What a certificate states: a form below the result; the laboratory's part is remembered."""
+"""What a certificate states: a form below the result; the laboratory's part is its profile's."""
 
 from __future__ import annotations
 
-import base64
-import binascii
 import json
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
-from nicegui import events, ui
+from nicegui import ui
 
 from vibrident.app.web import frame
 from vibrident.app.web.form.entries import PLAIN, Rows, entry, filled
 from vibrident.app.web.held import Named
+from vibrident.app.web.laboratories import OWN
 from vibrident.app.web.users import User
 from vibrident.app.web.words import LABELS
 from vibrident.base.errors import InputError
@@ -31,22 +30,9 @@ from vibrident.show.issue import FormField, form, lacking
 from vibrident.show.language import ENGLISH
 from vibrident.show.report import name_of_sensor
 
-_MOST_OWN = 200_000  # most bytes of a logo or a template
 _MOST_TEXT = 100_000  # most characters of all entries
-#: The laboratory's own files: what they are, and their endings.
-_OWN = {
-    "logo": ("PNG, JPEG or SVG", ".png,.jpg,.jpeg,.svg"),
-    "template": ("a typst file in place of ours", ".typ"),
-}
 _KEYS = keys_of(CertificateSection)
 _SENSOR = [key for name, key in keys_of(SensorSection).items() if name != "model"]
-#: What is the same on every certificate of a laboratory: kept by the browser, and offered where
-#: nothing else is stated.
-_PROFILE = (
-    *("laboratory", "laboratory_address", "accreditation", "country", "operator", "approved_by"),
-    *("place", "procedure", "traceability", "instruments", "language", "second_language"),
-    "decision_rule",
-)
 
 
 class CertificateForm:
@@ -58,8 +44,17 @@ class CertificateForm:
 
     def __init__(self, user: User, named: Named, known: Mapping[str, Any]) -> None:
         self.user, self.named, self.known = user, named, known
+        self._begin()
         self.entries: dict[str, Any] = {}
         self.of_sensor: dict[str, Any] = {}
+
+    def _begin(self) -> None:
+        """State what the profile does of a calibration that was made here with it."""
+        if self.named.stated is None and self.named.choices is not None and self.user.profile:
+            known = self.known["certificate"]
+            stated = {key: v for key, v in self._laboratory().items() if key not in known}
+            self.named.stated = CertificateData(stated)
+            self.user.changed()
 
     def build(self) -> None:
         """Build a line that says what is missing, and the form, which is made when it is opened."""
@@ -76,7 +71,7 @@ class CertificateForm:
         """What is stated beside the result, with logo and template."""
         own = self.named.stated or CertificateData()
         before = own.before if own.before and own.before.exists() else None
-        return replace(own, before=before, **{kind: self.user.session.own(kind) for kind in _OWN})
+        return replace(own, before=before, **{kind: self.user.session.own(kind) for kind in OWN})
 
     def name_of_file(self, name: str) -> str:
         """Return the name under which the browser saves a document, with sensor and date."""
@@ -103,12 +98,13 @@ class CertificateForm:
         if not self.place.value or self.entries:
             return
         stated, sensor = self._stated()
-        kept = await self._remembered()
-        stated = kept | {key: value for key, value in stated.items() if value is not None}
+        stated = self._laboratory() | {
+            key: value for key, value in stated.items() if value is not None
+        }
         with self.place:
             ui.label(
-                "* is asked for by ISO/IEC 17025:2017, 7.8. The browser remembers what is the same "
-                "on each of the laboratory's certificates."
+                "* is asked for by ISO/IEC 17025:2017, 7.8. What is the same on each of the "
+                "laboratory's certificates comes from its profile."
             ).classes("hint")
             with frame.group("Object", 4):
                 for key in _SENSOR:
@@ -119,7 +115,7 @@ class CertificateForm:
             self._more()
             with ui.element("div").classes("actions"):
                 ui.button("Save", on_click=self._save).props("id=save-certificate")
-                file = ui.button("certificate.toml", on_click=self._file)
+                file = ui.button("Save as a file", on_click=self._file)
                 file.props("outline id=get-certificate-toml")
             self.said = ui.label("").classes("hint").props("role=status")
             self.errors = ui.element("div").props("aria-live=assertive")
@@ -144,58 +140,20 @@ class CertificateForm:
             )
 
     def _more(self) -> None:
-        """The result before an adjustment, and the laboratory's own files."""
+        """The result before an adjustment."""
         others = {
             str(one.path): one.name for one in self.user.results if one.path != self.named.path
         }
         own = self.named.stated
         value = str(own.before) if own and str(own.before) in others else None
-        with frame.group("Adjustment, logo and template", 4):
+        with frame.group("Adjustment", 4):
             choices = {None: "none", **others}
             self.before = ui.select(choices, value=value, label="Before adjustment").props(PLAIN)
-            for kind in _OWN:
-                self._own(kind)
 
-    def _own(self, kind: str) -> None:
-        """One of the laboratory's own files: to choose, and to remove."""
-        words, endings = _OWN[kind]
-
-        async def keep(event: events.UploadEventArguments) -> None:
-            self.user.session.keep_own(kind, await event.file.read())
-            here.visible = True
-
-        def remove() -> None:
-            self.user.session.keep_own(kind, b"")
-            here.visible = False
-
-        with ui.element("div"):
-            chosen = ui.upload(
-                label=f"{kind.capitalize()}: {words}",
-                auto_upload=True,
-                max_file_size=_MOST_OWN,
-                on_upload=keep,
-            )
-            chosen.classes("uploader").props(f'flat bordered accept="{endings}"')
-            chosen.on("uploaded", js_handler=f"() => vibrident.sent({chosen.id})")
-            with ui.element("div").classes("actions") as here:
-                ui.label(f"The {kind} is here.").classes("hint").props("role=status")
-                ui.button(f"Remove the {kind}", on_click=remove).props("flat")
-            here.visible = self.user.session.own(kind) is not None
-        name = f"'Choose the {kind}', '{kind.capitalize()}'"
-        ui.run_javascript(f"vibrident.name({chosen.id}, {name})")
-
-    async def _remembered(self) -> dict[str, Any]:
-        """The laboratory's part as the browser has it; its files where there are none."""
-        with suppress(TimeoutError, ValueError, binascii.Error, InputError):
-            stored = "localStorage.vibridentLaboratory ?? '{}'"
-            kept = json.loads(await ui.run_javascript(stored, timeout=5.0))
-            if isinstance(kept, dict):
-                for kind in _OWN:
-                    content = base64.b64decode(str(kept.pop(kind, "")), validate=True)
-                    if 0 < len(content) <= _MOST_OWN and self.user.session.own(kind) is None:
-                        self.user.session.keep_own(kind, content)
-                profile = {key: value for key, value in kept.items() if key in _PROFILE}
-                return dict(certificate_section(profile, "remembered profile"))
+    def _laboratory(self) -> dict[str, Any]:
+        """Return what the chosen profile states."""
+        with suppress(InputError):  # said where the profile is chosen
+            return dict(self.user.users.laboratories.read(self.user.profile)["certificate"])
         return {}
 
     def _read(self) -> CertificateData:
@@ -230,17 +188,12 @@ class CertificateForm:
         self.said.text = ""
         try:
             self.user.require("identify", "state what a certificate says")
-            self.named.stated = stated = self._read()
+            self.named.stated = self._read()
         except Exception as error:
             frame.show_error(self.errors, error, self.user.session)
             return False
         self.user.changed()
         self._say()
-        profile = {key: stated.certificate[key] for key in _PROFILE if stated.certificate.get(key)}
-        for kind in _OWN:
-            if path := self.user.session.own(kind):
-                profile[kind] = base64.b64encode(path.read_bytes()).decode()
-        ui.run_javascript(f"localStorage.vibridentLaboratory = {json.dumps(json.dumps(profile))}")
         self.said.text = "Saved: reports and exports of this result state it."
         return True
 

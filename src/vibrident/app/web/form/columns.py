@@ -14,6 +14,7 @@ from vibrident.app.web.data import DataStep
 from vibrident.app.web.fit import FitStep
 from vibrident.app.web.form.description import (
     ENTRIES,
+    ENTRY_NAMES,
     KEYS,
     NEEDED,
     ROLES,
@@ -22,6 +23,7 @@ from vibrident.app.web.form.description import (
     described,
 )
 from vibrident.app.web.form.entries import PLAIN, Rows, entry, filled
+from vibrident.app.web.form.laboratory import LaboratoryStep
 from vibrident.app.web.form.written import edited
 from vibrident.app.web.held import Confirmed, Form
 from vibrident.app.web.looks import MOST_TEXT, Guess, calibration, chart, faults, guess, readable
@@ -41,12 +43,6 @@ _GROUPS = (
     ("sensor",),
 )
 _PART = "Reference files: more in names"
-#: Lists of entries: their section, what they are called, and what one is.
-_ENTRIES = {
-    "different": ("records", "Records that differ", "Record"),
-    "uncertainty": ("uncertainty", SECTIONS["uncertainty"].label, "Uncertainty"),
-    "cmc": ("cmc", SECTIONS["cmc"].label, "Capability"),
-}
 
 
 class _Outdated(Exception):
@@ -56,8 +52,10 @@ class _Outdated(Exception):
 class ColumnsStep:
     """From files to a calibration file in the user's folder."""
 
-    def __init__(self, user: User, data: DataStep, fit: FitStep) -> None:
-        self.user, self.data, self.fit = user, data, fit
+    def __init__(
+        self, user: User, data: DataStep, laboratory: LaboratoryStep, fit: FitStep
+    ) -> None:
+        self.user, self.data, self.laboratory, self.fit = user, data, laboratory, fit
         self.turn = 0
 
     def build(self) -> None:
@@ -79,7 +77,13 @@ class ColumnsStep:
         await self._look(again=False)
 
     async def _look(self, *, again: bool) -> bool:
-        """Update the form; returns whether there is something to confirm."""
+        """Update the form and the sources; returns whether there is something to confirm."""
+        confirmable = await self._guess(again=again)
+        if not self.body.is_deleted:
+            self.laboratory.show()
+        return confirmable
+
+    async def _guess(self, *, again: bool) -> bool:
         self.turn += 1
         turn, session = self.turn, self.user.session
         self.body.clear()
@@ -280,15 +284,15 @@ class ColumnsStep:
             )
 
     def _rows(self) -> None:
-        """Ask for lists: entries of single files, uncertainties, capabilities."""
+        """Ask for entries of single files."""
         files = {file: file for file in self.user.session.files}
-        for name, (section, title, one) in _ENTRIES.items():
-            keys = [key for key in ENTRIES[section] if key.name != "reference_file"]
-            with ui.element("div").classes("w-full") as place:
-                ui.html(f"<h4>{title}</h4>", sanitize=False)
-                rows = Rows(one, keys, self.form.get(name) or [], options={"file": files})
-                rows.on_change = lambda name=name, rows=rows: self._edited(name, rows.value)
-            self.groups.append((place, [section]))
+        keys = [key for key in ENTRIES["records"] if key.name != "reference_file"]
+        values = self.form.get("different") or []
+        with ui.element("div").classes("w-full") as place:
+            ui.html("<h4>Records that differ</h4>", sanitize=False)
+            rows = Rows(ENTRY_NAMES["records"], keys, values, options={"file": files})
+            rows.on_change = lambda: self._edited("different", rows.value)
+        self.groups.append((place, ["records"]))
         self._visible()
 
     async def _plot(self) -> None:
@@ -325,6 +329,8 @@ class ColumnsStep:
             frame.show_error(self.errors, error, session)
             return
         await self.fit.show(Confirmed(CALIBRATION, True))
+        if self.laboratory.states_nothing:
+            frame.go(self.laboratory.section)
 
 
 def merged(before: Form | None, guessed: Guess) -> Form:

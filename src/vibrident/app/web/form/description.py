@@ -42,7 +42,12 @@ def _asked() -> Iterator[tuple[str, Key]]:
 KEYS = dict(_asked())
 ROLES = [path for path, key in KEYS.items() if key.kind == "column"]
 #: Keys that a calibration file need not have in every case, and has where they apply.
-NEEDED = ("reference.column", "response.column", "interferometer.carrier_hz")
+NEEDED = (
+    *("reference.column", "response.column", "interferometer.carrier_hz"),
+    *("uncertainty.standard_uncertainty", "uncertainty.frequency_hz"),
+)
+#: What one entry of a list of sections is called.
+ENTRY_NAMES = {"records": "Record", "uncertainty": "Source", "cmc": "Capability"}
 
 
 @dataclass
@@ -173,9 +178,23 @@ def _document(given: Description, files: Sequence[str]) -> Iterator[tuple[str, A
                 each.get(entry["file"], {}).update(entry)
             yield section, [*each.values()]
         elif heading.kind == "entries":
-            yield section, given.get(section) or []
+            entries = given.get(section) or []
+            for number, entry in enumerate(entries, start=1):
+                _require_filled(section, number, entry)
+            yield section, entries
         elif filled := _filled(given, section):
             yield section, filled
+
+
+def _require_filled(section: str, number: int, entry: dict[str, Any]) -> None:
+    """Refuse an entry that lacks what it must have, in the words of the form."""
+    for key in ENTRIES[section]:
+        path = f"{section}.{key.name}"
+        if entry.get(key.name) is None and (key.default is ... or path in NEEDED):
+            row = {other.name: other.default for other in ENTRIES[section]} | entry
+            if key.applies(row):
+                problem = f"“{key.label}” of {ENTRY_NAMES[section].lower()} {number} is empty."
+                raise _refused(problem, key.expected, "nothing", "fill it in, or remove the row")
 
 
 def _filled(given: Description, section: str) -> dict[str, Any]:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import partial
 from typing import Any
 
-from nicegui import ui
+from nicegui import events, ui
 
 from vibrident.app.web import frame
 from vibrident.data.io.keys import Key
@@ -15,11 +15,17 @@ PLAIN = "dense outlined stack-label"  # the style of all entries
 
 
 def entry(
-    key: Key, value: Any, *, label: str = "", options: Mapping[Any, str] | None = None
+    key: Key,
+    value: Any,
+    *,
+    label: str = "",
+    options: Mapping[Any, str] | None = None,
+    unit: tuple[str, float] | None = None,
 ) -> Any:
-    """Return an element to fill a key in; ``label`` and ``options`` go before the key's own.
+    """Return an element to fill a key in; ``label``, ``options`` and ``unit`` go before its own.
 
-    ``value``: what is in it, None for nothing; ``options``: value → words.
+    ``value``: what is in it, None for nothing; ``options``: value → words; ``unit``: as
+    ``in_form`` of a key.
     """
     label, kind, usual = label or key.label, key.kind, key.default
     options = options if options is not None else key.options if kind == "choice" else None
@@ -33,7 +39,7 @@ def entry(
     if kind == "flag":
         return ui.checkbox(label, value=bool(value))
     if kind in ("number", "whole"):
-        shown = None if value is None else value * key.in_form[1]
+        shown = None if value is None else value * (unit or key.in_form)[1]
         usual = f"{usual:g}" if isinstance(usual, int | float) else ""
         element = ui.number(label, value=shown, placeholder=usual, format="%.12g")
         return element.props(f"{PLAIN} step=any")
@@ -45,8 +51,11 @@ def entry(
     return element.props(f"{PLAIN} type=date" if kind == "date" else PLAIN)
 
 
-def filled(key: Key, entered: Any) -> Any:
-    """Return what is in the element of a key as its file holds it; None for nothing."""
+def filled(key: Key, entered: Any, unit: tuple[str, float] | None = None) -> Any:
+    """Return what is in the element of a key as its file holds it; None for nothing.
+
+    ``unit``: in which it was asked for, as ``in_form`` of a key; None for the key's own.
+    """
     value = entered.strip() if isinstance(entered, str) else entered
     if value in (None, "", []):
         return None
@@ -56,7 +65,9 @@ def filled(key: Key, entered: Any) -> Any:
         return int(value)
     if key.kind == "whole":
         return int(value) if float(value).is_integer() else value
-    return float(value) / key.in_form[1] if key.kind == "number" else value
+    if key.kind == "number":
+        return float(f"{float(value) / (unit or key.in_form)[1]:.15g}")  # 0.7 % is 0.007
+    return value
 
 
 class Rows:
@@ -69,29 +80,64 @@ class Rows:
         values: Sequence[Mapping[str, Any]],
         *,
         options: Mapping[str, Mapping[Any, str]] | None = None,
+        rare: Collection[str] = (),
         on_change: Callable[[], Any] = lambda: None,
     ) -> None:
+        """Build the rows of ``values``.
+
+        ``options``: key → value → words, before its own; ``rare``: keys that are shown where
+        somebody has stated one, or wants them all.
+        """
         self.name, self.options, self.on_change = name, options or {}, on_change
         self.keys = {key.name: key for key in keys}
+        self.rare = {key for key in rare if key in self.keys}
+        self.with_all = any(self.rare & {*value} for value in values)
         self.rows: list[dict[str, Any]] = []
         self.place = ui.element("div").classes("w-full")
         for value in values:
             self.add(value)
-        ui.button(f"Add {name.lower()}", on_click=lambda: self.add({})).props("outline")
+        with ui.element("div").classes("actions"):
+            ui.button(f"Add {name.lower()}", on_click=lambda: self.add({})).props("outline")
+            if self.rare and not self.with_all:
+                ui.checkbox("By temperature", on_change=self._reveal).props("dense")
+
+    def _reveal(self, event: events.ValueChangeEventArguments) -> None:
+        """Show or hide the rare keys."""
+        self.with_all = bool(event.value)
+        for row in self.rows:
+            self._fit(row)
 
     def add(self, value: Mapping[str, Any]) -> None:
         """Add a row."""
         row: dict[str, Any] = {}
         number = len(self.rows) + 1
-        with self.place, frame.group(f"{self.name} {number}", 0):
+        usual = {name: key.default for name, key in self.keys.items() if key.default is not ...}
+        with self.place, frame.group(f"{self.name} {number}", 0) as place:
+            place.classes(remove="fields", add="entries-row")
             for name, key in self.keys.items():
-                row[name] = entry(key, value.get(name), options=self.options.get(name))
-                row[name].on_value_change(lambda: self.on_change())
+                unit = key.asked_in({**usual, **value})
+                options = self.options.get(name)
+                row[name] = entry(key, value.get(name), options=options, unit=unit)
+                row[name].classes("long" if key.kind == "text" else "")
+                row[name].on_value_change(lambda: self._edited(row))
             button = ui.button(icon="close", on_click=partial(self._remove, row))
             button.props("flat round size=sm").props["aria-label"] = (
                 f"remove {self.name.lower()} {number}"
             )
         self.rows.append(row)
+        self._fit(row)
+
+    def _edited(self, row: Mapping[str, Any]) -> None:
+        self._fit(row)
+        self.on_change()
+
+    def _fit(self, row: Mapping[str, Any]) -> None:
+        """Show the keys that apply beside the others, in their units."""
+        entered = {name: element.value for name, element in row.items()}
+        for name, key in self.keys.items():
+            row[name].visible = key.applies(entered) and (self.with_all or name not in self.rare)
+            if key.in_form_by is not None:
+                row[name].props["suffix"] = key.asked_in(entered)[0]
 
     def _remove(self, row: dict[str, Any]) -> None:
         self.rows.remove(row)
@@ -100,9 +146,14 @@ class Rows:
 
     @property
     def value(self) -> list[dict[str, Any]]:
-        """The rows that are filled in."""
-        found = [{n: filled(self.keys[n], e.value) for n, e in row.items()} for row in self.rows]
-        stated = [
-            {n: v for n, v in row.items() if v not in (None, self.keys[n].default)} for row in found
-        ]
-        return [row for row in stated if row]
+        """The rows that are filled in, with the keys that apply."""
+        return [row for row in map(self._value, self.rows) if row]
+
+    def _value(self, row: Mapping[str, Any]) -> dict[str, Any]:
+        entered = {name: element.value for name, element in row.items()}
+        stated = {}
+        for name, key in self.keys.items():
+            value = filled(key, entered[name], key.asked_in(entered))
+            if key.applies(entered) and value not in (None, key.default):
+                stated[name] = value
+        return stated

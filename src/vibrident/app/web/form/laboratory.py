@@ -1,0 +1,239 @@
+"""Third step: the laboratory, its instruments, and the sources of the uncertainty, as a profile."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from nicegui import events, ui
+
+from vibrident.app.web import frame
+from vibrident.app.web.fit import FitStep
+from vibrident.app.web.form.description import ENTRIES, ENTRY_NAMES, SECTIONS
+from vibrident.app.web.form.entries import PLAIN, Rows, entry, filled
+from vibrident.app.web.laboratories import MAX_OWN_BYTES, OWN
+from vibrident.app.web.users import User
+from vibrident.data.io.certificate import CertificateSection
+from vibrident.data.io.keys import keys_of
+from vibrident.data.io.laboratory import LABORATORY_KEYS
+from vibrident.show.issue import form
+
+_KEYS = keys_of(CertificateSection)
+#: Lists of a calibration file that a profile holds, too.
+_LISTS = ("uncertainty", "cmc")
+#: The laboratory's own files: what they are, and their endings.
+_OWN_KINDS = {
+    "logo": ("PNG, JPEG or SVG", ".png,.jpg,.jpeg,.svg"),
+    "template": ("a typst file in place of ours", ".typ"),
+}
+_SOON_DAYS = 30  # days before an instrument is due from which it is named
+
+
+class LaboratoryStep:
+    """The sources of the present calibration, and the profile from which they come."""
+
+    def __init__(self, user: User, fit: FitStep) -> None:
+        self.user, self.fit = user, fit
+
+    def build(self) -> None:
+        """Build the section, hidden until there are data or results."""
+        self.section = frame.step("Laboratory and uncertainty", "laboratory")
+        with self.section:
+            self.body = ui.element("div")
+        self.section.visible = False
+
+    @property
+    def states_nothing(self) -> bool:
+        """Whether the form is used, and states no uncertainty of the measuring chain."""
+        given = self.user.asked
+        return given is not None and not (
+            given.get("uncertainty") or given.get("reference.standard_uncertainty")
+        )
+
+    def show(self) -> None:
+        """Show the profile and the sources for the data that there are now."""
+        self.section.visible = not self.user.empty
+        self.body.clear()
+        if self.user.empty or not self.user.may("identify"):
+            self.section.visible = False
+            return
+        with self.body:
+            self.errors = ui.element("div").props("aria-live=assertive")
+            profile = self._profile()
+            self._state(profile)
+            self._choice()
+            self._due(profile["certificate"].get("instruments") or ())
+            self._sources(profile)
+            self._laboratory(profile["certificate"])
+            self._keeping()
+
+    def _profile(self) -> dict[str, Any]:
+        laboratories = self.user.users.laboratories
+        try:
+            return laboratories.read(self.user.profile)
+        except Exception as error:
+            frame.show_error(self.errors, error, self.user.session)
+            return laboratories.read("")
+
+    def _state(self, profile: Mapping[str, Any]) -> None:
+        """Put the profile's lists into a form where nobody has stated others."""
+        if (asked := self.user.asked) is None or not self.user.profile:
+            return
+        for name in _LISTS:
+            if name not in asked.touched and asked.get(name) != profile[name]:
+                asked.given.set(name, profile[name])
+                self.fit.refresh()
+
+    def _choice(self) -> None:
+        names = {"": "none", **{name: name for name in self.user.users.laboratories.names}}
+        chosen = self.user.profile if self.user.profile in names else ""
+        with ui.element("div").classes("fields wide"):
+            choice = ui.select(names, value=chosen, label="Laboratory profile")
+            choice.props(f"{PLAIN} id=profile").on_value_change(self._chosen)
+        ui.label(
+            "A profile keeps what is the same on each calibration: sources of uncertainty, name "
+            "and address, instruments. It lies on the server, for all who use this page."
+        ).classes("hint")
+
+    def _chosen(self, event: events.ValueChangeEventArguments) -> None:
+        """Take the sources and files of a profile in place of those that there are."""
+        user, name = self.user, str(event.value or "")
+        user.profile = name
+        if user.form is not None:
+            user.form.touched -= {*_LISTS}
+        for kind in OWN:
+            user.session.keep_own(kind, user.users.laboratories.own(name, kind))
+        user.changed()
+        self.show()
+
+    def _due(self, instruments: Any) -> None:
+        """Name the instruments whose calibration has ended, or ends soon."""
+        today = datetime.date.today()
+        dates = [
+            (datetime.date.fromisoformat(one["calibrated_until"]), one["name"])
+            for one in instruments
+            if one.get("calibrated_until")
+        ]
+        for date, name in sorted(dates):
+            days = (date - today).days
+            if days < 0:
+                said = ui.label(f"{name}: its calibration ended on {date}.")
+                said.classes("warning").props("role=status")
+            elif days <= _SOON_DAYS:
+                ui.label(f"{name}: to be calibrated by {date}.").classes("hint")
+
+    def _sources(self, profile: Mapping[str, Any]) -> None:
+        """Ask for the lists of a calibration file, of the data that there are or of the profile."""
+        asked = self.user.asked
+        if self.user.session.names and asked is None:
+            ui.label("The sources are those of the calibration file that came with the data.")
+        self.lists: dict[str, Rows] = {}
+        for name in _LISTS:
+            values = profile[name] if asked is None else asked.get(name) or []
+            with ui.element("div").classes("w-full").props(f"id={name}"):
+                ui.html(f"<h3>{SECTIONS[name].label}</h3>", sanitize=False)
+                rows = Rows(ENTRY_NAMES[name], ENTRIES[name], values, rare=("from_c", "to_c"))
+                rows.on_change = lambda name=name, rows=rows: self._edited(name, rows.value)
+            self.lists[name] = rows
+
+    def _edited(self, name: str, value: Any) -> None:
+        if (asked := self.user.asked) is None or asked.get(name) == value:
+            return
+        asked.set(name, value)
+        self.user.changed()
+        self.fit.refresh()
+
+    def _laboratory(self, stated: Mapping[str, Any]) -> None:
+        """Ask for what the certificates of a laboratory have in common."""
+        self.entries: dict[str, Any] = {}
+        place = ui.expansion("Name, address, instruments, logo").classes("w-full")
+        place.props("id=laboratory-data")
+        asked = {one.key: one for one in form() if one.key in LABORATORY_KEYS}
+        with place:
+            with frame.group("Name and address"):
+                for name in (name for name in asked if _KEYS[name].kind != "entries"):
+                    key = replace(_KEYS[name], title=asked[name].label)
+                    self.entries[name] = entry(key, stated.get(name))
+            section = _KEYS["instruments"].section
+            assert section is not None
+            ui.html("<h3>Instruments</h3>", sanitize=False)
+            instruments = stated.get("instruments") or []
+            rows = Rows("Instrument", [*keys_of(section).values()], instruments)
+            self.entries["instruments"] = rows
+            for kind in OWN:
+                self._own(kind)
+
+    def _own(self, kind: str) -> None:
+        """One of the laboratory's own files: to choose, and to remove."""
+        words, endings = _OWN_KINDS[kind]
+
+        async def keep(event: events.UploadEventArguments) -> None:
+            self.user.session.keep_own(kind, await event.file.read())
+            here.visible = True
+
+        def remove() -> None:
+            self.user.session.keep_own(kind, b"")
+            here.visible = False
+
+        with ui.element("div"):
+            chosen = ui.upload(
+                label=f"{kind.capitalize()}: {words}",
+                auto_upload=True,
+                max_file_size=MAX_OWN_BYTES,
+                on_upload=keep,
+            )
+            chosen.classes("uploader").props(f'flat bordered accept="{endings}"')
+            chosen.on("uploaded", js_handler=f"() => vibrident.sent({chosen.id})")
+            with ui.element("div").classes("actions") as here:
+                ui.label(f"The {kind} is here.").classes("hint").props("role=status")
+                ui.button(f"Remove the {kind}", on_click=remove).props("flat")
+            here.visible = self.user.session.own(kind) is not None
+        name = f"'Choose the {kind}', '{kind.capitalize()}'"
+        ui.run_javascript(f"vibrident.name({chosen.id}, {name})")
+
+    def _keeping(self) -> None:
+        with ui.element("div").classes("actions"):
+            self.name = ui.input("Name of the profile", value=self.user.profile).props(PLAIN)
+            ui.button("Save the profile", on_click=self._save).props("outline id=save-profile")
+            if self.user.profile:
+                remove = ui.button("Remove the profile", on_click=self._remove)
+                remove.props("flat id=remove-profile")
+        self.said = ui.label("").classes("hint").props("role=status id=profile-said")
+
+    async def _save(self) -> None:
+        user, laboratories = self.user, self.user.users.laboratories
+        self.errors.clear()
+        try:
+            user.require("identify", "change a laboratory's profile")
+            values = {
+                name: made.value if isinstance(made, Rows) else filled(_KEYS[name], made.value)
+                for name, made in self.entries.items()
+            }
+            certificate = {name: value for name, value in values.items() if value not in (None, [])}
+            lists = {name: rows.value for name, rows in self.lists.items()}
+            own = {kind: user.session.own(kind) for kind in OWN}
+            files = {kind: path.read_bytes() for kind, path in own.items() if path is not None}
+            wanted = (self.name.value or "").strip() or str(certificate.get("laboratory") or "")
+            user.profile = laboratories.write(wanted, {"certificate": certificate, **lists}, files)
+            await user.note("saved a laboratory's profile", name=user.profile)
+        except Exception as error:
+            frame.show_error(self.errors, error, user.session)
+            return
+        user.changed()
+        name = user.profile
+        self.show()
+        self.said.text = f"Saved as “{name}”: new calibrations and certificates begin with it."
+
+    async def _remove(self) -> None:
+        try:
+            self.user.require("identify", "remove a laboratory's profile")
+            self.user.users.laboratories.remove(self.user.profile)
+            await self.user.note("removed a laboratory's profile", name=self.user.profile)
+        except Exception as error:
+            frame.show_error(self.errors, error, self.user.session)
+            return
+        self.user.profile = ""
+        self.user.changed()
+        self.show()

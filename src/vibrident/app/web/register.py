@@ -1,0 +1,78 @@
+"""The sensors of a laboratory and its open work, read in a process of their own as ``looks`` does."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from vibrident.data.io.certificate import CertificateData
+from vibrident.result import Result
+from vibrident.show.issue import lacking
+from vibrident.show.issue import stated as with_statements
+from vibrident.show.media import html
+from vibrident.show.views import Column, Table, columns
+
+MAX_SENSORS = 500  # rows of the table
+
+
+@dataclass(frozen=True)
+class Draft:
+    """A result whose certificate can be written."""
+
+    serial_number: str
+    missing: int  # entries that a certificate must state and this one does not
+
+
+def sensors(store: str, wanted: str) -> dict[str, Any]:
+    """Return the sensors of a store with last calibration and next due date, the soonest first.
+
+    ``wanted``: a part of the serial number. ``table`` is HTML, ``count`` the number of sensors.
+    """
+    from vibrident.lab.history.document import Question, all_due
+    from vibrident.lab.history.store import Store
+
+    with Store(store) as opened:
+        rows = all_due(opened, Question())
+    part = wanted.strip().casefold()
+    named = [row for row in rows if part in str(row["serial_number"]).casefold()]
+    return {"count": len(named), "table": html.fragment(_table(named)) if named else ""}
+
+
+def _table(rows: Sequence[dict[str, Any]]) -> Table:
+    today = datetime.date.today().isoformat()
+    cells, overdue = [], []
+    for number, row in enumerate(rows[:MAX_SENSORS]):
+        due = "" if row["recalled"] else row["by_interval"] or ""
+        if due and due < today:
+            overdue.append(number)
+        sensor = " ".join(filter(None, (row.get("manufacturer"), row.get("type"))))
+        remark = row["recalled"] or ("overdue" if due and due < today else "")
+        cells.append(
+            (
+                str(row["serial_number"]),
+                sensor,
+                row["last"] or "–",
+                str(row["calibrations"]),
+                due or "–",
+                remark,
+            )
+        )
+    heads = (
+        *columns("serial number", "sensor", "last calibration"),
+        Column("calibrations", "number"),
+        *columns("next due", "remark"),
+    )
+    return Table(heads, tuple(cells), doubtful=tuple(overdue))
+
+
+def drafts(paths: Sequence[Path], stated: Sequence[CertificateData]) -> list[Draft]:
+    """Return serial number and missing entries of each result with what is stated beside it."""
+    found = []
+    for path, data in zip(paths, stated, strict=True):
+        result = with_statements(Result.load(path), data)
+        missing = lacking(result.certificate, result.sensor)
+        found.append(Draft(str(result.sensor.get("serial_number") or ""), len(missing)))
+    return found

@@ -1,0 +1,101 @@
+"""The sensors of the history with their dates, and this user's open work, found by serial number."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+from functools import partial
+from typing import Any
+
+from nicegui import ui
+
+from vibrident.app.web import frame, register
+from vibrident.app.web.form.entries import PLAIN
+from vibrident.app.web.held import Named
+from vibrident.app.web.outcome import ANY_SIZE
+from vibrident.app.web.users import User
+from vibrident.base.escaping import html
+from vibrident.data.io.certificate import CertificateData
+from vibrident.show.views import count
+
+_MAX_WORK = 40  # results listed of this user
+
+
+class SensorsStep:
+    """A list of sensors, and of the results whose certificates are not issued."""
+
+    def __init__(self, user: User) -> None:
+        self.user = user
+        self.turn = 0
+
+    def build(self, on_open: Callable[[str], Awaitable[Any]]) -> None:
+        """Build the section; ``on_open`` is called with the name of a result of this tab."""
+        self.on_open = on_open
+        with frame.step("Sensors and open work", "sensors", mark="≡") as self.section:
+            self.wanted = ui.input("Find a serial number").props(f"{PLAIN} id=serial-wanted")
+            self.wanted.style("max-width: 20rem")
+            self.wanted.on("keydown.enter", lambda: self.show())
+            with ui.element("div").classes("actions"):
+                ui.button("Search", on_click=lambda: self.show()).props("outline id=find-serial")
+            self.errors = ui.element("div").props("aria-live=assertive")
+            self.words = ui.label("").classes("hint").props("role=status id=sensors-words")
+            self.body = ui.element("div").props("id=sensors-body")
+        self.section.visible = False
+
+    def _work(self) -> list[tuple[User, Named]]:
+        """Return the results of this user in all tabs, those of this tab first."""
+        left = self.user.users.left_by(self.user.owner)
+        each = [(user, named) for user in (self.user, *left) for named in reversed(user.results)]
+        return each[:_MAX_WORK]
+
+    async def show(self) -> None:
+        """Show what the store and this user's tabs hold of the serial number that is asked for."""
+        user, work = self.user, self._work()
+        store, wanted = user.users.store, self.wanted.value or ""
+        self.section.visible = bool(store or work)
+        if not self.section.visible:
+            return
+        self.turn += 1
+        turn = self.turn
+        self.errors.clear()
+        known: dict[str, Any] = {"count": 0, "table": ""}
+        if store:
+            asked = (register.sensors, store, wanted)
+            known = await frame.looked(user, self.errors, *asked, file_bytes=ANY_SIZE) or known
+        paths = [named.path for _, named in work]
+        stated = [named.stated or CertificateData() for _, named in work]
+        drafts = await frame.looked(user, self.errors, register.drafts, paths, stated) or []
+        if turn != self.turn or self.body.is_deleted:
+            return
+        part = wanted.strip().casefold()
+        open_work = [
+            (draft, *one) for draft, one in zip(drafts, work, strict=False) if part in draft.serial_number.casefold()
+        ]
+        said = [f"{count(known['count'], 'sensor')} in the history"] if store else []
+        self.words.text = ", ".join([*said, f"{count(len(open_work), 'open draft')}"]) + "."
+        self.body.clear()
+        with self.body:
+            if open_work:
+                ui.html("<h3>Open drafts</h3>", sanitize=False)
+                with ui.element("div").props('role=list aria-label="Open drafts"'):
+                    for draft, owner, named in open_work:
+                        self._draft(draft, owner, named)
+            if known["table"]:
+                ui.html("<h3>Sensors</h3>", sanitize=False)
+                ui.html(known["table"], sanitize=False)  # escaped in the process that made it
+
+    def _draft(self, draft: register.Draft, owner: User, named: Named) -> None:
+        entries = "entry" if draft.missing == 1 else "entries"
+        missing = f"{draft.missing} {entries} missing" if draft.missing else "complete"
+        serial = html(draft.serial_number or "no serial number")
+        with ui.element("div").classes("actions").props("role=listitem"):
+            ui.html(f"<b>{serial}</b> · {html(named.name)} · {missing}", sanitize=False)
+            name = f"Open {draft.serial_number} {named.name}"
+            button = ui.button("Open", on_click=partial(self._open, owner, named))
+            button.props("outline dense").props["aria-label"] = name
+
+    async def _open(self, owner: User, named: Named) -> None:
+        """Go to a result of this tab, or take over the tab that has it."""
+        if owner is self.user:
+            await self.on_open(named.name)
+        elif self.user.users.hand_over(owner, self.user):
+            ui.navigate.reload()

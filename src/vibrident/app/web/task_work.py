@@ -1,0 +1,210 @@
+"""Further tasks of the page, in a process of their own: the library's functions, shown as HTML and charts."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from vibrident.app.web.session import refuse_outside
+from vibrident.app.workflow.made import Made, Teller
+
+#: The folder of the files of a task, the archive of them, and the result that it works with.
+OUT, ARCHIVE, CHOSEN = "files", "files.zip", "chosen-result.json"
+_MAX_CHART_BYTES = 4_000_000
+
+
+class Told(Teller):
+    """Hands the progress on as values: words, share done, and points of a growing chart by name."""
+
+    def __init__(self, progress: Callable[..., object]) -> None:
+        self._progress, self._words = progress, ""
+
+    def step(self, words: str) -> None:
+        """Tell the name of the step that begins; its line in the chart is new."""
+        self._words = words
+        self._progress(words, -1.0, "", {})
+
+    def __call__(self, iteration: int, most: int, cost: float) -> None:
+        """Tell an iteration: its cost is a point of the chart."""
+        words = f"{self._words}: iteration {iteration} of at most {most}"
+        point = {self._words or "cost": [float(iteration), float(cost)]}
+        self._progress(words, iteration / most if most else -1.0, "cost", point)
+
+    def share(self, words: str, done: int, most: int) -> None:
+        """Tell how many parts of the whole are done."""
+        self._progress(words, done / most if most else -1.0, "", {})
+
+    def estimate(self, row: Any, units: Mapping[str, str]) -> None:
+        """Tell a tracked sensor: the natural frequency, or the first parameter, is the chart's."""
+        name = "natural_frequency" if "natural_frequency" in row.values else next(iter(row.values))
+        point = {f"{name} / {units[name]}": [float(row.time_s), float(row.values[name])]}
+        self._progress("", -1.0, "time", point)
+
+    def note(self, words: str) -> None:
+        """Tell a remark."""
+        self._progress(words, -1.0, "note", {})
+
+
+def work(
+    task: str, options: dict[str, Any], files: Sequence[str], *, progress: Callable[..., object]
+) -> dict[str, Any]:
+    """Do a task on the files of the folder; the files that it makes lie in ``OUT``.
+
+    Returns:
+        ``tables`` as HTML, ``charts`` as JSON with their heights, ``notes``, names of the
+        ``files``, and of the ``results`` among them.
+    """
+    for name in files:
+        refuse_outside(Path(name))
+    folder = Path(OUT)
+    folder.mkdir(exist_ok=True)
+    made = _TASKS[task](options, files, folder, Told(progress))
+    written = [path for path in sorted(folder.rglob("*")) if path.is_file()]
+    with zipfile.ZipFile(ARCHIVE, "w", zipfile.ZIP_DEFLATED) as packed:
+        for path in written:
+            packed.write(path, path.relative_to(folder))
+    names = [str(path.relative_to(folder)) for path in written]
+    results = [name for name in names if Path(name).name == "result.json"]
+    return {**_shown(made), "files": names, "results": results}
+
+
+def _shown(made: Made) -> dict[str, Any]:
+    from vibrident.show.media import charts, html
+
+    drawn = []
+    for figure in made.figures:
+        for title, chart in charts.charts(figure):
+            text = json.dumps(chart, separators=(",", ":"), allow_nan=False).encode()
+            if len(text) < _MAX_CHART_BYTES:
+                drawn.append((title or figure.title, text, chart["layout"]["height"]))
+    return {
+        "tables": html.fragment(*made.blocks),
+        "charts": drawn,
+        "notes": [*(f"{one.message}" for one in made.findings), *made.notes],
+    }
+
+
+def _compare(options: dict[str, Any], files: Sequence[str], folder: Path, tell: Told) -> Made:
+    from vibrident.app.workflow.comparison import compare
+    from vibrident.data.io import read
+
+    made, _ = compare(
+        read(files[0]),
+        folder,
+        estimators=options.get("estimators") or (),
+        models=options.get("models") or (),
+        validate=bool(options.get("validate")),
+        tell=tell,
+    )
+    return made
+
+
+def _predict(options: dict[str, Any], files: Sequence[str], folder: Path, tell: Told) -> Made:
+    from vibrident.app.workflow.folder import load_result
+    from vibrident.app.workflow.uses import predict
+    from vibrident.data.io import read
+
+    tell.step("Predicting")
+    return predict(load_result(Path(CHOSEN)), read(files[0]), folder)
+
+
+def _correct(options: dict[str, Any], files: Sequence[str], folder: Path, tell: Told) -> Made:
+    from vibrident.app.workflow.folder import load_result
+    from vibrident.app.workflow.uses import correct
+    from vibrident.data.io import read
+
+    tell.step("Correcting")
+    return correct(
+        load_result(Path(CHOSEN)),
+        read(files[0]),
+        folder,
+        band_hz=_band(options),
+        noise=options.get("noise"),
+        track=bool(options.get("track")),
+    )
+
+
+def _track(options: dict[str, Any], files: Sequence[str], folder: Path, tell: Told) -> Made:
+    from vibrident.app.workflow.tracked import TrackRequest, track
+    from vibrident.app.workflow.tracking import FALSE_ALARMS
+
+    tell.step("Tracking")
+    asked = TrackRequest(
+        Path(CHOSEN),
+        Path(files[0]),
+        folder,
+        every_s=options.get("every"),
+        false_alarms_per_day=options.get("false_alarms_per_day") or FALSE_ALARMS,
+    )
+    made, _ = track(asked, tell)
+    return made
+
+
+def _plan(options: dict[str, Any], files: Sequence[str], folder: Path, tell: Told) -> Made:
+    from vibrident.app.workflow.folder import load_result
+    from vibrident.app.workflow.uses import planned, write_plan
+    from vibrident.physics.simulation import one_third_octave
+    from vibrident.use.planning import plan
+
+    tell.step("Planning")
+    band = _band(options)
+    made = plan(
+        load_result(Path(CHOSEN)),
+        frequencies_hz=None if band is None else one_third_octave(*band).tolist(),
+        best=options.get("best"),
+        times_as_long=options.get("times_as_long") or 1.0,
+    )
+    write_plan(made, folder)
+    return planned(made)
+
+
+def _joint(options: dict[str, Any], files: Sequence[str], folder: Path, tell: Told) -> Made:
+    from vibrident.app.workflow.identification import Request, places, run
+    from vibrident.data.io import read
+    from vibrident.show import methods
+
+    model, shared = options.get("model"), options.get("share")
+    request = Request(models=[model] if model else None, share=shared or None)
+    request.check(len(files))
+    tell.step("Identifying together")
+    results = run(request, [read(file) for file in files], tell)
+    for result, place in zip(results, places([*map(Path, files)], folder), strict=True):
+        place.mkdir(parents=True, exist_ok=True)
+        result.save(place / "result.json")
+    return Made(methods.joint(results[0]) if len(results) > 1 else ())
+
+
+def _fleet(options: dict[str, Any], files: Sequence[str], folder: Path, tell: Told) -> Made:
+    from vibrident.base.process import processors
+    from vibrident.lab.fleet import Asked, Local, Orders, run
+    from vibrident.lab.fleet.parts import load_arrow
+    from vibrident.lab.fleet.summary import overview
+
+    load_arrow()
+    orders = Orders(str(folder), options.get("model"))
+    patterns = [f"./{file}" for file in files]
+    outcome = run(
+        Asked(patterns, orders),
+        Local(processors()),
+        lambda now: tell.share(f"{now.done} of {now.total} sensors", now.done, now.total),
+    )
+    return Made(overview(outcome))
+
+
+_TASKS: Mapping[str, Callable[[dict[str, Any], Sequence[str], Path, Told], Made]] = {
+    "compare": _compare,
+    "predict": _predict,
+    "correct": _correct,
+    "track": _track,
+    "plan": _plan,
+    "joint": _joint,
+    "fleet": _fleet,
+}
+
+
+def _band(options: Mapping[str, Any]) -> tuple[float, float] | None:
+    """Return both ends of a band, which were checked to be there together; None for neither."""
+    return None if "low_hz" not in options else (options["low_hz"], options["high_hz"])

@@ -1,0 +1,188 @@
+"""A sensor tracked through samples, as a shell or a page asks for it: rows, alarms, the sensor as it is now."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vibrident.app.workflow.folder import load_result
+from vibrident.app.workflow.made import SILENT, Made, Teller
+from vibrident.app.workflow.tracking import EVERY_S, FALSE_ALARMS, RECORDS, WALK, Files
+from vibrident.base.errors import InputError
+from vibrident.show.rows import table_of
+from vibrident.show.views import Sentence
+
+if TYPE_CHECKING:
+    from vibrident.data.records import Record
+    from vibrident.data.sources.source import Chunk
+    from vibrident.result import Result
+    from vibrident.use.tracking.session import Session
+
+
+@dataclass(frozen=True)
+class TrackRequest:
+    """What is tracked, by what, and where the files go."""
+
+    result: Path
+    calibration: Path
+    folder: Path
+    source: str = RECORDS
+    address: str = ""  # of the source
+    idle_s: float | None = None  # without samples after which a stream ends; None to wait
+    every_s: float | None = None  # between rows; None for a hundredth of the records
+    false_alarms_per_day: float = FALSE_ALARMS
+    store: str | None = None  # history by whose random walk u grows
+
+
+def track(asked: TrackRequest, tell: Teller = SILENT) -> tuple[Made, list[Path]]:
+    """Track, and return what that says, and the files written: track.csv, track.json, result.json.
+
+    InputError where no sampling rate is stated, or the samples are in another unit.
+    """
+    from vibrident.data.io.calibration_file import read_calibration_file
+    from vibrident.data.registry import SOURCES
+    from vibrident.data.sources.source import Wanted
+    from vibrident.use.tracking.outcome import tracked_result
+    from vibrident.use.tracking.session import Session
+    from vibrident.use.tracking.state import Settings
+
+    known, folder = load_result(asked.result), asked.folder
+    described = read_calibration_file(asked.calibration)
+    kind = SOURCES[asked.source]
+    rates = [described.sampling.rate_hz, *(entry.rate_hz for entry in described.records)]
+    rate_hz, length_s = next(filter(None, rates), None), 0.0
+    if asked.source == RECORDS:
+        records = _records(asked.calibration, known)
+        rate_hz = records[0].sampling_rate_hz
+        length_s = sum(record.duration_s for record in records)
+    if rate_hz is None:
+        raise InputError(
+            "The sampling rate is not given.",
+            expected="rate_hz under [sampling], or under [[records]] beside a time_column",
+            found="none",
+            where=str(asked.calibration),
+            remedy="add rate_hz = … (samples per second)",
+        )
+    settings = Settings(
+        asked.false_alarms_per_day,
+        _walks(asked.store, known, tell),
+        described.reference.standard_uncertainty,
+    )
+    shortest_s = settings.block / rate_hz
+    every_s = asked.every_s or (max(shortest_s, min(EVERY_S, length_s / 100)) if length_s else EVERY_S)
+    session = Session.of(known, rate_hz, described.reference.quantity, every_s, settings)
+    key = {
+        "result": known.to_json(),
+        "file": asked.calibration.read_text(encoding="utf-8"),
+        "source": [asked.source, asked.address],
+    }
+    files = Files(folder, session, {**key, "settings": vars(settings), "every": every_s})
+    position = files.begin(resumable=kind.resumable)
+    wanted = Wanted(described, asked.calibration, rate_hz, asked.address, position, asked.idle_s)
+    with files.rows:
+        _run(kind.open(wanted), session, files, tell, resumable=kind.resumable, length_s=length_s)
+        document = files.end()
+    result = tracked_result(known, session).save(folder / "result.json")
+    return _said(document, folder, dict(known.sensor)), [
+        folder / "track.csv",
+        folder / "track.json",
+        result,
+    ]
+
+
+def parameter_rows(
+    values: Mapping[str, float], u: Mapping[str, float], units: Mapping[str, str]
+) -> list[dict[str, Any]]:
+    """Return parameters by name, to the second digit of u."""
+    from vibrident.show.numbers import pair
+
+    numbers = {name: pair(value, u[name]) for name, value in values.items()}
+    return [
+        {"parameter": name, "value": value, "u": rounded, "unit": units[name]}
+        for name, (value, rounded) in numbers.items()
+    ]
+
+
+def _walks(store: str | None, known: Result, tell: Teller) -> float | tuple[float, ...]:
+    """Return the relative random walk of each parameter in a year, as the history tells it."""
+    if store is None:
+        return WALK
+    from vibrident.lab.history.document import random_walks
+    from vibrident.lab.history.store import Store
+
+    with Store(store) as opened:
+        told = random_walks(opened, known)
+    names = known.to_sensor().model.parameter_names
+    if untold := [name for name in names if name not in told]:
+        walk = f"{WALK:.0%} a year is taken."
+        tell.note(f"The history tells no random walk of {', '.join(untold)}: {walk}")
+    return tuple(told.get(name, WALK) for name in names)
+
+
+def _records(calibration: Path, known: Result) -> Sequence[Record]:
+    """Return the records, which must be in the unit of the result."""
+    from vibrident.data.io import read_guarded
+
+    data = read_guarded(calibration)
+    data.require_response(known.response_unit, "A table has no samples to track a sensor by.")
+    return data.records
+
+
+def _run(
+    chunks: Iterator[Chunk],
+    session: Session,
+    files: Files,
+    tell: Teller,
+    *,
+    resumable: bool,
+    length_s: float,
+) -> None:
+    said, changing = (len(session.alarms), len(session.troubles)), session.changing
+    start_s: float | None = None
+    for chunk in chunks:
+        rows = session.take(chunk)
+        files.write(rows)
+        if session.changing not in (changing, None):
+            changing = session.changing
+            tell.note(f"Something changed at {changing[0]:.12g} s; what it was is said when it is learned.")
+        for alarm in session.alarms[said[0] :]:
+            change = f"{alarm.parameter} {alarm.before:.6g} → {alarm.after:.6g}"
+            tell.note(f"Alarm at {alarm.time_s:.12g} s: {change}: {alarm.what}")
+        for trouble in session.troubles[said[1] :]:
+            tell.note(f"{trouble.samples} samples {trouble.what} at {trouble.time_s:.12g} s")
+        said = len(session.alarms), len(session.troubles)
+        if resumable and chunk.position:
+            files.keep(chunk.position)
+        for row in rows:
+            tell.estimate(row, session.units)
+        if rows and length_s:
+            start_s = rows[0].time_s if start_s is None else start_s
+            done_s = min(rows[-1].time_s - start_s, length_s)
+            tell.share(f"Tracking, {done_s:.4g} of {length_s:.4g} s", round(1000 * done_s), round(1000 * length_s))
+
+
+def _said(document: dict[str, Any], folder: Path, sensor: dict[str, object]) -> Made:
+    """Return the sensor at the end, the alarms, and the chart of track.csv."""
+    from pandas import read_csv
+
+    from vibrident.show.use_figures import tracking as figure
+
+    value, u, units = (
+        {name: each[key] for name, each in document["parameters"].items()}
+        for key in ("value", "standard_uncertainty", "unit")
+    )
+    title = f"Tracked sensor, {document['time_s']:.12g} s"
+    blocks: list[Any] = [table_of(parameter_rows(value, u, units), title)]
+    shown = ("time_s", "parameter", "from", "to", "what")
+    if alarms := [{key: alarm[key] for key in shown} for alarm in document["alarms"]]:
+        blocks.append(table_of(alarms, "Alarms"))
+    if changing := document["changing"]:
+        at_s = f"{changing['time_s']:.12g} s"
+        blocks.append(Sentence(f"something changed at {at_s}; too little motion followed to tell what"))
+    elif not alarms:
+        blocks.append(Sentence("no alarm"))
+    table = read_csv(folder / "track.csv")
+    columns = {name: table[name].to_numpy(dtype=float) for name in table.columns if name != "excited"}
+    return Made(tuple(blocks), (figure(columns, document, sensor),))

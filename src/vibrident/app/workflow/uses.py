@@ -1,0 +1,144 @@
+"""Uses of a result as a shell or a page asks for them: predict, correct, plan."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vibrident.app.workflow.folder import write_json, write_samples
+from vibrident.app.workflow.made import Made
+from vibrident.show.rows import table_of
+from vibrident.show.views import Sentence
+
+if TYPE_CHECKING:
+    from vibrident.data.records import Calibration
+    from vibrident.result import Result
+    from vibrident.use.planning import Plan
+
+
+def predict(known: Result, data: Calibration, folder: Path) -> Made:
+    """Write the predicted response of each record as CSV, and their rmse in prediction.json."""
+    from vibrident.data.io.writer import record_files
+    from vibrident.use.prediction import predict as run
+    from vibrident.use.prediction import prediction_document
+
+    predictions = run(known, data)
+    files = record_files([p.record.name for p in predictions.predictions])
+    for file, prediction in zip(files, predictions.predictions, strict=True):
+        record = prediction.record
+        write_samples(folder / file, record, response=record.response, predicted=prediction.predicted)
+    document = {
+        "model": known.model,
+        **prediction_document(predictions, files, data.response_unit),
+    }
+    write_json(folder / "prediction.json", document)
+    unit = document["unit"]
+    rows = [
+        {
+            "record": row["name"],
+            "samples": row["samples"],
+            "compared": row["samples_compared"],
+            f"rmse / {unit}": row["rmse"],
+            "rmse / sd": row["nrmse"],
+        }
+        for row in document["records"]
+    ]
+    blocks: tuple[Any, ...] = (table_of(rows, "Predicted response"),)
+    if predictions.rmse is not None:
+        blocks += (Sentence(f"rmse of all records: {predictions.rmse:.5g} {unit}"),)
+    return Made(blocks, findings=tuple(predictions.findings))
+
+
+def correct(
+    known: Result,
+    data: Calibration,
+    folder: Path,
+    *,
+    band_hz: tuple[float, float] | None = None,
+    noise: float | None = None,
+    track: bool = False,
+) -> Made:
+    """Write the restored motion of each record as CSV, with an uncertainty for every sample.
+
+    ``band_hz``, ``noise``: as of :func:`vibrident.use.correction.correct`; ``track``: whether the
+    sensor is tracked through the records. The document is correction.json.
+    """
+    from vibrident.data.io.writer import record_files
+    from vibrident.show.use_figures import correction as figure
+    from vibrident.use.correction import correct as run
+    from vibrident.use.correction import correction_document
+
+    if track:
+        from vibrident.use.tracking.adaptive import correct_tracked
+
+        corrections = correct_tracked(known, data, band_hz=band_hz, noise=noise)
+    else:
+        corrections = run(known, data, band_hz=band_hz, noise=noise)
+    files = record_files([c.record.name for c in corrections.corrections])
+    for file, correction in zip(files, corrections.corrections, strict=True):
+        a, u = correction.acceleration, correction.standard_uncertainty
+        write_samples(folder / file, correction.record, acceleration=a, standard_uncertainty=u)
+    document = correction_document(corrections, files)
+    write_json(folder / "correction.json", document)
+    return Made(
+        (table_of(_corrected(document), f"Restored {corrections.motion}"),),
+        (figure(corrections, dict(known.sensor)),),
+        tuple(corrections.findings),
+    )
+
+
+def _corrected(document: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return a row a record: band, peak with its interval, and rmse from a reference."""
+    from vibrident.base.amounts import pretty
+
+    unit = pretty(document["unit"])
+    rows = []
+    for row in document["records"]:
+        band, reference = row["band"], row["reference"]
+        peak, interval, share = (None, None, None) if row["peak"] is None else _peak(row["peak"])
+        rows.append(
+            {
+                "record": row["name"],
+                "band / Hz": f"{band['low_hz']:.4g} to {band['high_hz']:.4g}",
+                f"peak / {unit}": peak,
+                "95 % interval": interval,
+                "u / peak": share,
+                f"rmse / {unit}": None if reference is None else reference["rmse"],
+            }
+        )
+    return rows
+
+
+def _peak(peak: dict[str, Any]) -> tuple[float, str, str]:
+    """Return its value, both ends of its interval to the second digit of u, and u over the value."""
+    from vibrident.show.numbers import NONE, pair, uncertainty
+
+    value, u = peak["value"], peak["standard_uncertainty"]
+    interval = " … ".join(pair(end, u)[0] for end in peak["interval_95"])
+    return value, interval, f"{uncertainty(100 * abs(u / value))} %" if value else NONE
+
+
+def planned(plan: Plan) -> Made:
+    """Return what a plan says: expected uncertainties, frequencies, efficiency, warnings."""
+    from vibrident.show import methods
+    from vibrident.show.use_figures import plan as figure
+
+    pairs = zip(plan.frequency_hz, plan.uses, strict=True)
+    listed = ", ".join(f"{f:.5g}" + (f" (×{n})" if n > 1 else "") for f, n in pairs)
+    said = [f"Frequencies in Hz: {listed}"]
+    if plan.efficiency is not None:
+        said.append(
+            f"{plan.criterion}-optimal choice of {sum(plan.uses)} out of "
+            f"{plan.candidates_hz.size}; efficiency {100 * plan.efficiency:.0f} % of the best "
+            "possible in the same measuring time."
+        )
+    notes = tuple(f"Warning: {warning}" for warning in plan.warnings)
+    sentences = tuple(map(Sentence, said))
+    return Made((methods.planned(plan), *sentences), (figure(plan),), notes=notes)
+
+
+def write_plan(plan: Plan, folder: Path) -> None:
+    """Write plan.json."""
+    from vibrident.use.planning import plan_document
+
+    write_json(folder / "plan.json", plan_document(plan))
