@@ -130,7 +130,7 @@ class IssueStep:
     async def _give(self, number: int, form: str) -> None:
         self.errors.clear()
         asked = (certificates.document, self.user.users.store, number, form)
-        await give(self.user, self.errors, None, *asked, file_bytes=_ANY_SIZE)
+        await give(self.user, self.errors, str, *asked, file_bytes=_ANY_SIZE)
 
 
 def _history(draft: dict[str, Any], replaced_by: str | None) -> str:
