@@ -29,12 +29,15 @@ class Draft:
 def sensors(store: str, wanted: str) -> dict[str, Any]:
     """Return the sensors of a store with last calibration and next due date, the soonest first.
 
-    ``wanted``: a part of the serial number. ``table`` is HTML, ``count`` the number of sensors.
+    ``wanted``: a part of the serial number. ``table`` is HTML, ``count`` the number of sensors,
+    None where there is no store yet.
     """
     from vibrident.lab.history.document import Question, all_due
     from vibrident.lab.history.store import Store
 
     with Store(store) as opened:
+        if opened.revision() is None:
+            return {"count": None, "table": ""}
         rows = all_due(opened, Question())
     part = wanted.strip().casefold()
     named = [row for row in rows if part in str(row["serial_number"]).casefold()]

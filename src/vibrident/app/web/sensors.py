@@ -51,16 +51,19 @@ class SensorsStep:
         """Show what the store and this user's tabs hold of the serial number that is asked for."""
         user, work = self.user, self._work()
         store, wanted = user.users.store, self.wanted.value or ""
-        self.section.visible = bool(store or work)
-        if not self.section.visible:
+        if not (store or work):
+            self.section.visible = False
             return
         self.turn += 1
         turn = self.turn
         self.errors.clear()
-        known: dict[str, Any] = {"count": 0, "table": ""}
+        known: dict[str, Any] = {"count": None, "table": ""}
+        failed = False
         if store:
             asked = (register.sensors, store, wanted)
-            known = await frame.looked(user, self.errors, *asked, file_bytes=ANY_SIZE) or known
+            read = await frame.looked(user, self.errors, *asked, file_bytes=ANY_SIZE)
+            failed = read is None
+            known = read or known
         paths = [named.path for _, named in work]
         stated = [named.stated or CertificateData() for _, named in work]
         drafts = await frame.looked(user, self.errors, register.drafts, paths, stated) or []
@@ -70,7 +73,9 @@ class SensorsStep:
         open_work = [
             (draft, *one) for draft, one in zip(drafts, work, strict=False) if part in draft.serial_number.casefold()
         ]
-        said = [f"{count(known['count'], 'sensor')} in the history"] if store else []
+        begun = known["count"] is not None
+        self.section.visible = begun or failed or bool(work)
+        said = [f"{count(known['count'], 'sensor')} in the history"] if begun else []
         self.words.text = ", ".join([*said, f"{count(len(open_work), 'open draft')}"]) + "."
         self.body.clear()
         with self.body:

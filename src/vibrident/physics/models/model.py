@@ -174,11 +174,14 @@ def _floats(coefficients: Coefficients) -> Coefficients:
 
 
 def _scale(denominator: Coefficients) -> Any:
-    """Return the geometric mean of the sizes of the poles that are not zero, rad/s."""
+    """Return the geometric mean of the sizes of the poles that are not zero, rad/s.
+
+    Of a complex step, too: |c| would take its derivative away.
+    """
     order = len(denominator) - 1
     for power, coefficient in enumerate(denominator[:-1]):
         if not (type(coefficient) is int and coefficient == 0):
-            return abs(coefficient) ** (1.0 / (order - power))
+            return (coefficient * coefficient) ** (0.5 / (order - power))
     return float(_CANCELLED[0])
 
 
