@@ -2,7 +2,7 @@
 # # A laboratory's certificate
 #
 # A laboratory has moved an accelerometer sinusoidally at the one-third octaves from 40 Hz
-# to 1 kHz, with a laser beside it ([ISO 16063-11](choices.md)). The customer wants a
+# to 1 kHz, with a laser beside it ([ISO 16063-11](interferometer.md)). The customer wants a
 # certificate, and to know whether the sensor is still what it was last year. All data are
 # simulated here: a reference with 0.1 % of noise and a sensor with 0.2 %.
 
