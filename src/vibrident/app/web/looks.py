@@ -176,7 +176,8 @@ def facts(path: Path) -> tuple[str, str]:
 
 def outcome(path: Path) -> dict[str, Any]:
     """The view of a result: verdict, numbers, warnings and findings as HTML, charts as JSON."""
-    result = raised_to_measured(Result.load(path))
+    fitted = Result.load(path)  # warnings and findings count in its own u, as their sentences do
+    result = raised_to_measured(fitted)
     drawn = figures.sensitivity(result), from_reference(result), figures.deviation(result)
     shown, left = _fitting(_named(*drawn), MOST_BYTES)
     found, left = _fitting(_named(figures.training(result)), left)
@@ -186,7 +187,7 @@ def outcome(path: Path) -> dict[str, Any]:
         "pdf": (certificate.title(result), file_name(result, "pdf")),
         "states": {"certificate": result.certificate, "sensor": result.sensor, "parameters": [*result.parameters]},
         "parameters": html.fragment(tables.parameters(result), *map(Sentence, said_of_raised(result))),
-        "warnings": html.fragment(*told(result, page_word())),
+        "warnings": html.fragment(*told(fitted, page_word())),
         "charts": shown,
         "found": found,
         "signals": signals,

@@ -38,8 +38,8 @@ class Told(Teller):
         self._progress(words, done / most if most else -1.0, "", {})
 
     def estimate(self, row: Any, units: Mapping[str, str]) -> None:
-        """Tell a tracked sensor: the natural frequency, or the first parameter, is the chart's."""
-        name = "natural_frequency" if "natural_frequency" in row.values else next(iter(row.values))
+        """Tell a tracked sensor: its first frequency, or its first parameter, is the chart's."""
+        name = next((name for name in row.values if units[name] == "Hz"), next(iter(row.values)))
         point = {f"{name} / {units[name]}": [float(row.time_s), float(row.values[name])]}
         self._progress("", -1.0, "time", point)
 

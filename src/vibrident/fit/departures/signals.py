@@ -13,6 +13,7 @@ from vibrident.data.records import BoolArray, FloatArray, Record
 from vibrident.fit.departures.group import WhitenedGroup, orthonormal, rank_of, without
 from vibrident.fit.departures.sums import Errors
 from vibrident.fit.descent.weighed import freed
+from vibrident.fit.noise.leakage import beside_leakage
 from vibrident.fit.noise.reading import DOUBT_DEVIATIONS, HEARD_RATIO
 from vibrident.fit.noise.spectrum import Motion, NoiseSpectrum, noise_spectrum
 from vibrident.fit.response.response import ComplexArray
@@ -96,6 +97,8 @@ class Signals:
         beside = np.concatenate([self.nuisance, known, self.jacobian])
         left = freed(self.rest, beside, self.one_sided / self.level)
         spectrum = replace(noise_spectrum(left, self.seen, self.floor), tones=self.spectrum.tones)
+        if self.pull is not None:
+            spectrum = replace(spectrum, psd=beside_leakage(spectrum.psd))
         return replace(self, spectrum=spectrum)
 
     @functools.cached_property

@@ -7,6 +7,7 @@ Noise, hum and the most likely motion are read as those that the fit is weighted
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import chain
 from typing import NamedTuple
@@ -25,6 +26,7 @@ from vibrident.fit.descent.weighed import MAX_LOST, freed
 from vibrident.fit.descent.weighting import is_steep
 from vibrident.fit.estimators import Estimate
 from vibrident.fit.information import inverse_normal
+from vibrident.fit.noise.leakage import beside_leakage
 from vibrident.fit.noise.spectrum import Motion, NoiseSpectrum, noise_spectrum
 from vibrident.fit.noise.tones import with_tones
 from vibrident.fit.problem import Evidence
@@ -297,6 +299,8 @@ def _at_bins(
     beside = nuisance if pull is None else np.concatenate([nuisance, columns])  # a misfit of the tone is no noise
     floor = (np.finfo(float).eps * float(np.max(np.abs(record.response[span])))) ** 2
     left, hum, spectrum = _read(rest, beside, used, one_sided, seen, floor)
+    if pull is not None:
+        spectrum = replace(spectrum, psd=beside_leakage(spectrum.psd))
     if pull is None and evidence.model.is_linear:
         share = spectrum.input_noise_at * power_of(transfer) / spectrum.psd
         likelier = np.asarray(share * left, dtype=complex)

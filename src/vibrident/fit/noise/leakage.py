@@ -1,0 +1,38 @@
+"""What noise leaks into quieter bins: alike in many of them, and so little information."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy import fft
+
+from vibrident.base.fft_lengths import fast_length
+from vibrident.data.records import FloatArray
+
+
+def beside_leakage(psd: FloatArray) -> FloatArray:
+    """Return the noise by which quiet bins tell no more than they do together, shape (K,).
+
+    A record cut out of noise leaks from bin m to bin k a power of S(m)/(2π² (k − m)²), and that is
+    alike in about |k − m| bins. Where the noise of a bin is what leaks, it counts as many times.
+
+    Args:
+        psd: noise at each bin, leakage included, shape (K,).
+    """
+    distance = np.maximum(np.abs(np.arange(1 - len(psd), len(psd))), 1).astype(float)
+    kernel = 1.0 / (2.0 * np.pi**2 * distance)
+    kernel[len(psd) - 1] = 0.0
+    both = np.stack([psd, np.ones_like(psd)])
+    # Bins of one level leak into each other what they lack themselves.
+    sums = (_around(both, each) for each in (kernel, kernel / distance))
+    alike, leaked = (np.maximum(of_psd - psd * of_one, 0.0) for of_psd, of_one in sums)
+    share = np.minimum(leaked / np.maximum(psd, np.finfo(float).tiny), 1.0)
+    return np.asarray(psd + share * alike)
+
+
+def _around(rows: FloatArray, kernel: FloatArray) -> FloatArray:
+    """Return sums over all bins by a kernel of their distance; (R, K) and (2 K − 1,) to (R, K)."""
+    bins = rows.shape[1]
+    length = fast_length(3 * bins)
+    product = fft.rfft(rows, length, axis=1) * fft.rfft(kernel, length)
+    sums = np.asarray(fft.irfft(product, length, axis=1)[:, bins - 1 : 2 * bins - 1])
+    return np.maximum(sums, 0.0)
