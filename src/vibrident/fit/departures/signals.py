@@ -98,7 +98,7 @@ class Signals:
         left = freed(self.rest, beside, self.one_sided / self.level)
         spectrum = replace(noise_spectrum(left, self.seen, self.floor), tones=self.spectrum.tones)
         if self.pull is not None:
-            spectrum = replace(spectrum, psd=beside_leakage(spectrum.psd))
+            spectrum = replace(spectrum, psd=beside_leakage(spectrum.psd, self.seen.lines))
         return replace(self, spectrum=spectrum)
 
     @functools.cached_property

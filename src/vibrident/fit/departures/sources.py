@@ -300,7 +300,7 @@ def _at_bins(
     floor = (np.finfo(float).eps * float(np.max(np.abs(record.response[span])))) ** 2
     left, hum, spectrum = _read(rest, beside, used, one_sided, seen, floor)
     if pull is not None:
-        spectrum = replace(spectrum, psd=beside_leakage(spectrum.psd))
+        spectrum = replace(spectrum, psd=beside_leakage(spectrum.psd, seen.lines))
     if pull is None and evidence.model.is_linear:
         share = spectrum.input_noise_at * power_of(transfer) / spectrum.psd
         likelier = np.asarray(share * left, dtype=complex)

@@ -59,12 +59,8 @@ def common_noise(
     through: FloatArray,
     count: FloatArray,
     last: int,
-    likely: FloatArray,
 ) -> CommonNoise:
     """Estimate noise of the reference.
-
-    A bin says no more of noise than that scatters itself, so the weights begin with what is likely:
-    one in which next to nothing is, as a filter took it away, would outweigh all others.
 
     Args:
         noise: what of the residual is locally incoherent with the motion, shape (R, K).
@@ -72,7 +68,6 @@ def common_noise(
         through: power of such noise of variance one behind the sensor, shape (R, K) or (1, K).
         count: samples used, shape (R, 1).
         last: bins from here on are not looked at.
-        likely: variance of that noise by other evidence, zero of none, shape (R,).
     """
     bins = slice(0, last + 1)
     rest, moved = windowed(noise[:, bins]), windowed(predicted[:, bins])
@@ -85,7 +80,7 @@ def common_noise(
     loud = own * (own >= QUIET_RATIO * level)
     chance = (power < FAR_RATIO * own) * (2.0 / WINDOWED_VARIANCE)
     product = own * level
-    made = share * likely[:, None]
+    made: FloatArray | float = 0.0
     amounts, variances, normal = np.zeros((len(noise), 2)), np.zeros(0), np.zeros(0)
     for _ in range(2):
         weight = chance / np.maximum(np.square(made) + product, 1e-300)

@@ -6,10 +6,10 @@ import numpy as np
 from numpy import fft
 
 from vibrident.base.fft_lengths import fast_length
-from vibrident.data.records import FloatArray
+from vibrident.data.records import BoolArray, FloatArray
 
 
-def beside_leakage(psd: FloatArray) -> FloatArray:
+def beside_leakage(psd: FloatArray, lines: BoolArray | None = None) -> FloatArray:
     """Return the noise by which quiet bins tell no more than they do together, shape (K,).
 
     A record cut out of noise leaks from bin m to bin k a power of S(m)/(2π² (k − m)²), and that is
@@ -17,11 +17,17 @@ def beside_leakage(psd: FloatArray) -> FloatArray:
 
     Args:
         psd: noise at each bin, leakage included, shape (K,).
+        lines: bins that lines of the motion are in, shape (K,): of these and below them no noise
+            leaks, but what is left of the motion; None: none.
     """
     distance = np.maximum(np.abs(np.arange(1 - len(psd), len(psd))), 1).astype(float)
     kernel = 1.0 / (2.0 * np.pi**2 * distance)
     kernel[len(psd) - 1] = 0.0
-    both = np.stack([psd, np.ones_like(psd)])
+    noise = np.ones(len(psd))
+    if lines is not None:
+        noise[lines] = 0.0
+        noise[: np.argmax(lines)] = 0.0
+    both = np.stack([psd, np.ones_like(psd)]) * noise
     # Bins of one level leak into each other what they lack themselves.
     sums = (_around(both, each) for each in (kernel, kernel / distance))
     alike, leaked = (np.maximum(of_psd - psd * of_one, 0.0) for of_psd, of_one in sums)
