@@ -40,7 +40,7 @@ NEEDS_JAX = (
 NEEDS = {
     "network": NEEDS_JAX,
     "fleet": ("vibrident.lab.fleet.",),
-    "history": ("vibrident.lab.history.",),
+    "history": ("vibrident.lab.history.", "vibrident.lab.issue."),
     "web": ("vibrident.app.web.",),
 }
 

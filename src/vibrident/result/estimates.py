@@ -96,7 +96,7 @@ def _covariance(result: Any, model: SensorModel) -> FloatArray:
 
 
 def _band(result: Any) -> tuple[float, float] | None:
-    """Range of the data; the curve's range if the result holds no measured points."""
+    """Return the range of the data; the curve's range if the result holds no measured points."""
     for curve in (result.measured, result.response):
         known = curve.frequency_hz[np.isfinite(curve.frequency_hz) & (curve.frequency_hz > 0)]
         if known.size:

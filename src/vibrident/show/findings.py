@@ -23,7 +23,7 @@ _NOTES = (
 
 
 def told(result: Result, word: Word = python_word) -> tuple[Block, ...]:
-    """Every warning in plain words, a line on the findings that are no warnings, and the table of all, folded.
+    """Return every warning in plain words, a line on the findings that are no warnings, and the table of all, folded.
 
     ``word``: the words of a surface for settings.
     """

@@ -33,7 +33,10 @@ def _numeric(rows: Sequence[Mapping[str, object]], key: str) -> bool:
 
 
 def _same_everywhere(rows: Sequence[Mapping[str, object]], keys: Sequence[str]) -> list[str]:
-    """Columns that say the same in each of several rows: they go to the caption, to leave room for the others."""
+    """Return the columns that say the same in each of several rows.
+
+    They go to the caption, to leave room for the others.
+    """
     if len(rows) < 3 or len(keys) < 6:
         return []
     return [key for key in keys[1:] if len({_cell(row.get(key)) for row in rows}) == 1 and rows[0].get(key) is not None]

@@ -67,7 +67,7 @@ def _band(measured: MeasuredCurve) -> str:
 
 
 def doubts(result: Result, word: Word = python_word) -> tuple[Doubt, ...]:
-    """Every warning in plain words; settings in those of a surface."""
+    """Return every warning in plain words; settings in those of a surface."""
     found = []
     for code in result.warning_codes:
         kind = words.explain(code)

@@ -75,7 +75,7 @@ def show_rows(rows: Sequence[Mapping[str, object]], title: str) -> None:
 
 
 def show_made(made: Made) -> None:
-    """What a task made: warnings and remarks on stderr, tables and sentences on stdout."""
+    """Print what a task made: warnings and remarks on stderr, tables and sentences on stdout."""
     warn(made.findings)
     for text in made.notes:
         note(text)

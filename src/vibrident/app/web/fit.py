@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Awaitable, Callable
 from functools import partial
 from typing import Any
@@ -33,8 +32,6 @@ class FitStep:
 
     def __init__(self, user: User) -> None:
         self.user = user
-        self.curve: Any = None
-        self.drawn = 0
         self.over: Job | None = user.job if user.job and user.job.over else None
 
     def build(self, on_result: Callable[[], Awaitable[Any]]) -> None:
@@ -68,7 +65,7 @@ class FitStep:
             self.share = ui.linear_progress(0.0, show_value=False, size="8px")
             self.share.props('id=share aria-label="share of the iterations"')
             self.errors = ui.element("div").props("aria-live=assertive")
-            self.place = ui.element("div").classes("chart")
+            self.curve = frame.GrowingChart(ui.element("div").classes("chart"), HEIGHT)
         self.timer = ui.timer(_PACE_S, self._follow, active=False)
         self.stop.visible = self.spinner.visible = self.section.visible = self.share.visible = False
 
@@ -153,7 +150,7 @@ class FitStep:
         if self.user.busy:
             return
         self.errors.clear()
-        self._forget_curve()
+        self.curve.forget()
         try:
             begin()
         except Exception as error:
@@ -172,9 +169,8 @@ class FitStep:
         self.status.text = job.status
         self.share.visible = job.share is not None and not job.over
         self.share.value = job.share or 0.0
-        if (iterations := sum(map(len, job.starts))) != self.drawn:
-            self.drawn = iterations
-            self._draw(job.starts)
+        if self.curve.grows_to(sum(map(len, job.starts))):
+            self.curve.show(_curve(job.starts))
         if not job.over:
             return
         self.over = job
@@ -182,7 +178,7 @@ class FitStep:
         self._renew()
         self._tell(job)
         if job.error is None and job.words == Job.DONE:
-            self._forget_curve()  # the result shows the whole curve
+            self.curve.forget()  # the result shows the whole curve
             await self.on_result()
 
     def _tell(self, job: Job) -> None:
@@ -196,21 +192,9 @@ class FitStep:
                 ask = partial(self._repeat, job.choices)
                 ui.button("Repeat", on_click=ask).props("outline id=repeat")
 
-    def _draw(self, starts: list[list[float]]) -> None:
-        drawn = json.dumps(_curve(starts)).encode()
-        if self.curve is None:  # plotly draws nothing in a hidden element
-            with self.place:
-                self.curve = frame.Chart(drawn, HEIGHT)
-        else:
-            self.curve.show(drawn)
-
-    def _forget_curve(self) -> None:
-        self.place.clear()
-        self.curve, self.drawn = None, 0
-
 
 def _curve(starts: list[list[float]]) -> dict[str, Any]:
-    """The cost over the iterations, a line for each start."""
+    """Return the chart of the cost over the iterations, a line for each start."""
     left, series = _MOST_DRAWN, []
     for number, costs in reversed(list(enumerate(starts, 1))):
         points = [(i, cost) for i, cost in enumerate(costs, 1) if np.isfinite(cost) and cost > 0][-max(left, 1) :]

@@ -139,6 +139,37 @@ class Chart:
         self.place.client.run_javascript(f"vibrident.draw('{self.place.html_id}', {text})")
 
 
+class GrowingChart:
+    """A chart that is made with its first points and drawn anew as they grow; so far none."""
+
+    def __init__(self, place: ui.element, height: int) -> None:
+        self.place = place
+        self.height = height
+        self.chart: Chart | None = None
+        self.points = 0
+
+    def grows_to(self, points: int) -> bool:
+        """Return whether there are other points than those drawn, and count them as drawn."""
+        grows = points != self.points
+        self.points = points
+        return grows
+
+    def show(self, figure: dict[str, Any]) -> None:
+        """Draw, or draw anew: plotly draws nothing in a hidden element, so none is made before."""
+        drawn = json.dumps(figure).encode()
+        if self.chart is None:
+            with self.place:
+                self.chart = Chart(drawn, self.height)
+        else:
+            self.chart.show(drawn)
+
+    def forget(self) -> None:
+        """Take the chart away."""
+        self.place.clear()
+        self.chart = None
+        self.points = 0
+
+
 def _for_page(error: InputError, session: Session | None, labels: Mapping[str, str] = LABELS) -> InputError:
     """Return the error in the words of the page, without the server's folders."""
     said = error.in_words(page_word(labels))

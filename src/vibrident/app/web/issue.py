@@ -27,7 +27,7 @@ class IssueStep:
 
     @property
     def offered(self) -> bool:
-        """Whether the page has accounts and a store: one account cannot review its own draft."""
+        """Return whether the page has accounts and a store: one account cannot review its own draft."""
         return self.user.users.door is not None and bool(self.user.users.store)
 
     def build(self) -> None:

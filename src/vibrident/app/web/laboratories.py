@@ -27,7 +27,7 @@ class Laboratories:
 
     @property
     def names(self) -> list[str]:
-        """The names of the profiles, sorted."""
+        """Return the names of the profiles, sorted."""
         return sorted(path.stem for path in self.folder.glob("*.toml"))
 
     def read(self, name: str) -> dict[str, Any]:

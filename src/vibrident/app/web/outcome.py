@@ -30,7 +30,7 @@ class HandIn(Protocol):
 
     @property
     def offered(self) -> bool:
-        """Whether drafts can be handed in."""
+        """Return whether drafts can be handed in."""
         ...
 
     async def hand_in(self, named: Named, stated: CertificateData, errors: ui.element) -> None:

@@ -53,7 +53,7 @@ class TaskProgress:
 
     @property
     def status(self) -> str:
-        """The status, with the elapsed seconds."""
+        """Return the status, with the elapsed seconds."""
         return self.words if self.over else f"{self.words} ({time.monotonic() - self.began:.0f} s)"
 
 
@@ -66,12 +66,12 @@ class TaskRun:
 
     @property
     def busy(self) -> bool:
-        """Whether a task is under way."""
+        """Return whether a task is under way."""
         return self.progress is not None and not self.progress.over
 
     @property
     def state(self) -> TaskRequest | None:
-        """What a server that follows has to say was broken off."""
+        """Return what a server that follows has to call broken off."""
         now = self.progress
         broken_off = now is not None and (not now.over or isinstance(now.error, Stopped))
         return now.request if now is not None and broken_off else None

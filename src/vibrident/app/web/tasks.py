@@ -20,7 +20,7 @@ class Field:
 
     @property
     def is_number(self) -> bool:
-        """Whether a number is filled in."""
+        """Return whether a number is filled in."""
         return self.kind in ("number", "whole")
 
 

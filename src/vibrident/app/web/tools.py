@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Awaitable, Callable, Mapping
 from typing import Any
 
@@ -20,6 +19,7 @@ from vibrident.fit.registry import ESTIMATORS
 from vibrident.physics.models import ADD_ONS, CORES
 
 _PACE_S = 0.25  # seconds between two looks at the progress
+_LIVE_HEIGHT = 230  # of the growing chart, pixels
 
 
 class ToolsStep:
@@ -27,7 +27,6 @@ class ToolsStep:
 
     def __init__(self, user: User) -> None:
         self.user = user
-        self.drawn = 0
         self.over: TaskProgress | None = None
 
     def build(self, on_result: Callable[..., Awaitable[Any]]) -> None:
@@ -51,7 +50,8 @@ class ToolsStep:
             self.share = ui.linear_progress(0.0, show_value=False, size="8px")
             self.share.props('id=task-share aria-label="share of the task"')
             self.errors = ui.element("div").props("aria-live=assertive")
-            self.live = ui.element("div").classes("chart").props("id=task-live")
+            place = ui.element("div").classes("chart").props("id=task-live")
+            self.live = frame.GrowingChart(place, _LIVE_HEIGHT)
             self.body = ui.element("div").props('aria-live=polite id="said"')
         self.timer = ui.timer(_PACE_S, self._follow, active=now is not None)
         self._ask()
@@ -117,7 +117,7 @@ class ToolsStep:
             return
         self.errors.clear()
         self.body.clear()
-        self._forget_chart()
+        self.live.forget()
         try:
             request = chosen()
             self.user.write_form()
@@ -143,15 +143,14 @@ class ToolsStep:
         self.status.text = now.status
         self.share.visible = now.share is not None and not now.over
         self.share.value = now.share or 0.0
-        if (points := sum(map(len, now.lines.values()))) != self.drawn and not now.over:
-            self.drawn = points
-            self._draw(now)
+        if not now.over and self.live.grows_to(sum(map(len, now.lines.values()))):
+            self.live.show(live_chart(now.lines, now.across))
         if not now.over:
             return
         self.over = now
         self.timer.deactivate()
         self._renew()
-        self._forget_chart()
+        self.live.forget()
         self._tell(now)
         if now.kept:
             now.kept = 0
@@ -182,22 +181,6 @@ class ToolsStep:
                 name = f"{now.request.task}.zip"
                 get = ui.button(label, on_click=lambda: ui.download.file(archive, name))
                 get.props("outline id=get-all")
-
-    def _draw(self, now: TaskProgress) -> None:
-        drawn = json.dumps(live_chart(now.lines, now.across)).encode()
-        if self.chart is None:
-            with self.live:
-                self.chart = frame.Chart(drawn, _LIVE_HEIGHT)
-        else:
-            self.chart.show(drawn)
-
-    def _forget_chart(self) -> None:
-        self.live.clear()
-        self.chart: frame.Chart | None = None
-        self.drawn = 0
-
-
-_LIVE_HEIGHT = 230  # of the growing chart, pixels
 
 
 def live_chart(lines: dict[str, list[list[float]]], across: str) -> dict[str, Any]:

@@ -112,7 +112,7 @@ class User:
 
     @property
     def asked(self) -> Form | None:
-        """The form, where it describes the data; None where a calibration file came with them."""
+        """Return the form, where it describes the data; None where a calibration file came with them."""
         own = any(name.lower().endswith(".toml") for name in self.session.names)
         return None if own else self.form
 

@@ -30,12 +30,12 @@ class Method:
 
     @property
     def name(self) -> str:
-        """What distinguishes it, in a line."""
+        """Return what distinguishes it, in a line."""
         return " ".join(part for part in (self.estimator, self.discretisation, self.model) if part)
 
     @property
     def chosen(self) -> str | Estimator:
-        """The estimator, with its setting where there is one."""
+        """Return the estimator, with its setting where there is one."""
         return estimator(self.estimator, {"discretisation": self.discretisation})
 
 

@@ -142,7 +142,7 @@ class RecordsEntry(FileSection):
 
     @property
     def band_hz(self) -> tuple[float, float] | None:
-        """The band that a fit takes; None: all."""
+        """Return the band that a fit takes; None: all."""
         return stated_band(self)
 
     @property
@@ -179,7 +179,7 @@ class TableSection(FileSection):
 
     @property
     def band_hz(self) -> tuple[float, float] | None:
-        """The band that a fit takes; None: all."""
+        """Return the band that a fit takes; None: all."""
         return stated_band(self)
 
     @property

@@ -22,7 +22,7 @@ from vibrident.fit.bins.segments import (
     unbroken,
     usable_steps,
 )
-from vibrident.fit.bins.transfer import DiscreteTransfer, Trained, horner, transfer_of
+from vibrident.fit.bins.transfer import DiscreteTransfer, Trained, transfer_of
 
 __all__ = [
     "DiscreteTransfer",
@@ -31,7 +31,6 @@ __all__ = [
     "Segment",
     "Trained",
     "driven_by",
-    "horner",
     "segment_of",
     "transfer_of",
     "transformable",

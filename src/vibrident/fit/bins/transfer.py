@@ -138,7 +138,7 @@ class Trained:
 
 
 def horner(coefficients: FloatArray, w: ComplexArray) -> ComplexArray:
-    """Value of a polynomial with ascending coefficients, in the shape of ``w``."""
+    """Return the value of a polynomial with ascending coefficients, in the shape of ``w``."""
     value = np.full(w.shape, coefficients[-1], dtype=complex)
     for coefficient in coefficients[-2::-1]:
         value *= w

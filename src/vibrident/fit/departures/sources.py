@@ -287,7 +287,10 @@ def _at_bins(
     pull: FloatArray | None = None,
     turns: float | None = None,
 ) -> Signals:
-    """Of bins: residual and motion, shape (K,), Jacobian, shape (p, K), and nuisances; ``motion``: in time."""
+    """Make signals of bins: residual and motion, shape (K,), Jacobian, shape (p, K), and nuisances.
+
+    ``motion``: in time.
+    """
     n, count = used.size, rest.size
     hz = line_frequencies(n, record.sampling_rate_hz)[:count]
     values, model = estimate.coordinates.values(estimate.z), evidence.model.linear
@@ -359,7 +362,7 @@ def _free_motion(model: SensorModel, values: dict[str, float], rate_hz: float, u
 
 
 def _harmonics(samples: int, turns: float | None, count: int) -> BoolArray | None:
-    """Bins of a sine's harmonics, which are the sensor's and no hum, shape (K,); None of other motion."""
+    """Return the bins of a sine's harmonics, which are the sensor's and no hum, shape (K,); None of other motion."""
     if turns is None:
         return None
     place = turns * samples

@@ -122,7 +122,7 @@ class GroupAt:
 
     @functools.cached_property
     def fitted_in_all_bins(self) -> tuple[ComplexArray, ComplexArray]:
-        """Residual and prediction with the nuisances that fit all bins best, shape (R, K).
+        """Return residual and prediction with the nuisances that fit all bins best, shape (R, K).
 
         Those of the fit follow from the bins that show motion. What these do not determine of the
         initial states is no noise of the others.

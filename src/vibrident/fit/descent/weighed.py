@@ -53,17 +53,17 @@ class Weighed:
 
     @property
     def samples(self) -> int:
-        """Number of samples."""
+        """Return the number of samples."""
         return int(self.used.size)
 
     @property
     def count(self) -> float:
-        """Number of samples that are used."""
+        """Return the number of samples that are used."""
         return float(self.used.sum())
 
     @property
     def passed_noise(self) -> FloatArray:
-        """Noise of the reference behind the sensor at each bin, shape (K,)."""
+        """Return the noise of the reference behind the sensor at each bin, shape (K,)."""
         if self.passed is None:
             return np.zeros(self.residual.size)
         return self.spectrum.input_noise_at * self.passed

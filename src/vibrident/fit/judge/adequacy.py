@@ -143,14 +143,14 @@ def weighed_records(evidence: Evidence, estimate: Estimate, predicted: Sequence[
 
 
 def _of_rounding(record: Record, bins: Weighed, response: Response) -> FloatArray | float:
-    """Variance a sample of the converters' rounding, which noise is not believed to be below, shape (bins,)."""
+    """Return the variance a sample of the converters' rounding, shape (bins,); noise is not below it."""
     hz = line_frequencies(bins.samples, record.sampling_rate_hz)[: bins.residual.size]
     found = rounding_variance(record, lambda: power_of(response(hz)))
     return 0.0 if found is None else found
 
 
 def _powers(evidence: Evidence, record: Record, bins: Weighed, delay_s: float) -> FloatArray:
-    """What a record says of the shares of the response's power, in the band of the motion."""
+    """Return what a record says of the shares of the response's power, in the band of the motion."""
     assert record.reference is not None
     used = record.reference_mask[bins.span] & bins.used
     low, high = (int(hz * bins.samples / record.sampling_rate_hz) for hz in evidence.band_hz)

@@ -189,6 +189,6 @@ def require_rational(model: SensorModel) -> None:
 
 
 def network_objective(z: FloatArray, args: tuple[Coordinates, Any, FloatArray]) -> Any:
-    """The residual in the form of the optimisers; args: coordinates, network in time, noise of each record."""
+    """Return the residual in the form of the optimisers; args: coordinates, network in time, noise of each record."""
     coordinates, problem, noise = args
     return problem.normal(np.asarray(z, dtype=float), coordinates, noise)

@@ -136,7 +136,10 @@ class TimeProblem(NetworkProblem):
         return np.bincount(self.record_of_segment, squares, len(self.records)).astype(float)
 
     def record_noise(self, normal: Any, noise: FloatArray) -> FloatArray:
-        """Standard deviation of each record's residual, shape (records,), of normal equations weighted by ``noise``."""
+        """Return the standard deviation of each record's residual, shape (records,).
+
+        ``normal``: equations that are weighted by ``noise``.
+        """
         mean = self.squares(normal, noise) / np.maximum(self.degrees_of_freedom, 1.0)
         return np.maximum(np.sqrt(mean), self.noise_floor)
 

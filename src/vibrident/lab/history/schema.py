@@ -91,7 +91,7 @@ event = sa.Table(
 
 
 def _stamped() -> list[sa.Column[Any]]:
-    """Who made a row, and when."""
+    """Return the columns of who made a row, and when."""
     return [*_filled(sa.Text, "by"), *_filled(sa.String(32), "recorded")]
 
 

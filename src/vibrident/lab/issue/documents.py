@@ -36,7 +36,7 @@ class Documents:
 
     @property
     def certified(self) -> Result:
-        """The result as it was certified."""
+        """Return the result as it was certified."""
         return Result.from_dict(json.loads(self.result))
 
     def write(self, folder: Path, stem: str) -> list[Path]:

@@ -9,12 +9,13 @@ from typing import Any
 
 from vibrident.base import extras
 from vibrident.base.errors import InputError
+from vibrident.base.escaping import one_line
 
 #: Variable of the environment with the pass phrase.
 PASSPHRASE = "VIBRIDENT_KEY_PASSPHRASE"
 _CURVES = ("secp256r1", "secp384r1", "secp521r1")
-_LEAST_RSA_BITS = 2048
-_MOST_BYTES = 1_000_000
+_MIN_RSA_BITS = 2048
+_MAX_BYTES = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,7 @@ class SigningKey:
 
     @property
     def is_elliptic(self) -> bool:
-        """Whether it is a key of an elliptic curve; else one of RSA."""
+        """Return whether it is a key of an elliptic curve; else one of RSA."""
         return hasattr(self.private, "curve")
 
 
@@ -76,7 +77,7 @@ def load_key(file: Path, phrase: str) -> SigningKey:
     """
     pkcs12 = library("cryptography.hazmat.primitives.serialization.pkcs12")
     try:
-        if file.stat().st_size > _MOST_BYTES:
+        if file.stat().st_size > _MAX_BYTES:
             raise ValueError("a file that is too large")
         content = file.read_bytes()
         private, certificate, chain = pkcs12.load_key_and_certificates(content, phrase.encode())
@@ -85,7 +86,7 @@ def load_key(file: Path, phrase: str) -> SigningKey:
     if private is None or certificate is None:
         raise _unusable("The laboratory's key cannot be read.", file, "no key with a certificate")
     curve = getattr(getattr(private, "curve", None), "name", None)
-    strong = getattr(private, "key_size", 0) >= _LEAST_RSA_BITS if curve is None else curve in _CURVES
+    strong = getattr(private, "key_size", 0) >= _MIN_RSA_BITS if curve is None else curve in _CURVES
     if not strong or not hasattr(private, "sign"):
         raise _unusable("The laboratory's key is of a kind that is not used.", file, curve or "RSA")
     return SigningKey(holder(certificate), private, certificate, tuple(chain))
@@ -102,9 +103,9 @@ def holder(certificate: Any) -> str:
 def _unusable(problem: str, file: Path, found: object) -> InputError:
     return InputError(
         problem,
-        expected=f"PKCS#12 with an RSA key of {_LEAST_RSA_BITS} bits or more, or one of {_CURVES[0]}, "
+        expected=f"PKCS#12 with an RSA key of {_MIN_RSA_BITS} bits or more, or one of {_CURVES[0]}, "
         "its certificate, and the right pass phrase",
-        found=" ".join(str(found).split())[:200],
+        found=one_line(found)[:200],
         where=str(file),
         remedy="correct ⟦issue.key⟧ or the pass phrase",
     )

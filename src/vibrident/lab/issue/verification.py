@@ -19,13 +19,15 @@ from pathlib import Path
 from typing import Any
 
 from vibrident.base.errors import InputError
+from vibrident.base.escaping import one_line
 from vibrident.lab.issue.keys import holder, library
 from vibrident.lab.issue.signing import without_loop
 
 SIGNATURE = ".p7s"  # ending of a detached signature, after the name of the signed file
 _DS = "{http://www.w3.org/2000/09/xmldsig#}"
 _XADES = "{http://uri.etsi.org/01903/v1.3.2#}"
-_MOST_BYTES = 200_000_000
+_MAX_BYTES = 200_000_000
+_MAX_SAID = 200  # characters of what a library says
 _AS_SIGNED = "the file as it was signed"
 
 
@@ -131,7 +133,7 @@ def _verified_xml(content: bytes, file: Path) -> _Found:
     try:
         made = verifier.verify(content, x509_cert=chain[0], expect_config=expected)
     except Exception as error:  # of the digest, the key, the schema, and what the parser refuses
-        raise _invalid(file, f"a file that was changed after signing ({_one_line(error)})") from error
+        raise _invalid(file, f"a file that was changed after signing ({one_line(error)[:_MAX_SAID]})") from error
     made = made if isinstance(made, list) else [made]
     signatures[0].getparent().remove(signatures[0])
     parts = [each.signed_xml for each in made if each.signed_xml is not None]
@@ -213,7 +215,7 @@ def _certificates(file: Path) -> list[Any]:
         raise InputError(
             "The certificates to trust cannot be read.",
             expected="X.509 certificates, PEM or DER",
-            found=_one_line(error),
+            found=one_line(error)[:_MAX_SAID],
             where=str(file),
             remedy="correct ⟦verify.trusted⟧",
         ) from error
@@ -263,7 +265,7 @@ def _readable(file: Path) -> Iterator[None]:
         raise InputError(
             "The signed file cannot be read.",
             expected="a PDF, a DCC, or a file with its signature FILE.p7s beside it, undamaged",
-            found=f"{type(error).__name__}: {_one_line(error)}",
+            found=f"{type(error).__name__}: {one_line(error)[:_MAX_SAID]}",
             where=str(file),
             remedy="ask the laboratory for the file again",
         ) from error
@@ -271,13 +273,9 @@ def _readable(file: Path) -> Iterator[None]:
 
 def _read(file: Path) -> bytes:
     with _readable(file):
-        if file.stat().st_size > _MOST_BYTES:
-            raise ValueError(f"more than {_MOST_BYTES} bytes")
+        if file.stat().st_size > _MAX_BYTES:
+            raise ValueError(f"more than {_MAX_BYTES} bytes")
         return file.read_bytes()
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())[:200]
 
 
 def _unsigned(file: Path) -> InputError:

@@ -58,7 +58,7 @@ class ParameterSpec:
 
     @property
     def size(self) -> float:
-        """Unit of the coordinate of a ratio: the larger of its bounds, one without any."""
+        """Return the unit of the coordinate of a ratio: the larger of its bounds, one without any."""
         return 1.0 if self.bounds is None else max(map(abs, self.bounds))
 
 

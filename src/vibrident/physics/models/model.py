@@ -96,12 +96,12 @@ class Model:
         return bound("with_add_ons")(self, add_ons)
 
     def __repr__(self) -> str:
-        """Name and parameters."""
+        """Return name and parameters."""
         return f"<Model {self.name}: {', '.join(spec.name for spec in self.parameters)}>"
 
     @functools.cached_property
     def is_rational(self) -> bool:
-        """Whether the response is a ratio of polynomials in s."""
+        """Return whether the response is a ratio of polynomials in s."""
         likely = {spec.name: 1.5 if spec.start is None else spec.start for spec in self.parameters}
         return self._ratio(likely) is not None
 
@@ -136,12 +136,12 @@ class Model:
 
     @property
     def factor(self) -> Callable[[Parameters, Any], Any] | None:
-        """(values, s) → the response at a gain of one, where it is not rational; else None."""
+        """Return (values, s) → the response at a gain of one, where it is not rational; else None."""
         return None if self.is_rational else self._filter
 
     @property
     def factor_slopes(self) -> Callable[[Parameters, Any], Mapping[str, Any]] | None:
-        """(values, s) → the derivatives of :attr:`factor` by name."""
+        """Return (values, s) → the derivatives of :attr:`factor` by name."""
         return None if self.is_rational else self._filter_slopes
 
     def _filter(self, parameters: Parameters, s: Any) -> Any:

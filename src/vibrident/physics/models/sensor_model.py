@@ -32,42 +32,42 @@ class SensorModel:
 
     @property
     def parameters(self) -> tuple[ParameterSpec, ...]:
-        """All parameters, core first."""
+        """Return all parameters, core first."""
         return (*self.core.parameters, *(spec for addon in self.add_ons for spec in addon.parameters))
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
-        """Names of all parameters, core first."""
+        """Return the names of all parameters, core first."""
         return tuple(spec.name for spec in self.parameters)
 
     @property
     def oscillators(self) -> tuple[tuple[str, str], ...]:
-        """Names of natural frequency and damping ratio of every mode, the core's first."""
+        """Return the names of natural frequency and damping ratio of every mode, the core's first."""
         parts = (self.core.oscillator, *(addon.oscillator for addon in self.add_ons))
         return tuple(pair for pair in parts if pair is not None)
 
     @property
     def shares(self) -> tuple[str, ...]:
-        """Names of the parameters that what add-ons add beside the core is proportional to."""
+        """Return the names of the parameters that what add-ons add beside the core is proportional to."""
         return tuple(addon.share for addon in self.add_ons if addon.share)
 
     @property
     def factor_names(self) -> tuple[str, ...]:
-        """Names of the parameters of the factors that are not rational."""
+        """Return the names of the parameters of the factors that are not rational."""
         return tuple(spec.name for part in self._factored for spec in part.parameters if spec.kind != "gain")
 
     @property
     def _factored(self) -> list[Model | AddOn]:
-        """The parts that are not rational."""
+        """Return the parts that are not rational."""
         return [part for part in (self.core, *self.add_ons) if part.factor is not None]
 
     @property
     def windows(self) -> tuple[str, ...]:
-        """Names of the lengths of windows over which the sensor averages."""
+        """Return the names of the lengths of windows over which the sensor averages."""
         return tuple(addon.window for addon in self.add_ons if addon.window)
 
     def fastest(self, parameters: Parameters) -> float:
-        """Largest |pole| of the core, rad/s."""
+        """Return the largest |pole| of the core, rad/s."""
         if self.core.oscillator is None:
             poles = np.roots(np.array(self.core.rational(parameters).denominator, dtype=float)[::-1])
             return float(np.max(np.abs(poles))) if poles.size else 0.0
@@ -76,7 +76,7 @@ class SensorModel:
         return float(2.0 * np.pi * natural * faster)
 
     def typical_frequency(self, parameters: Parameters) -> float:
-        """Natural frequency of the core, Hz; the frequency of its fastest pole where it is no oscillator."""
+        """Return the natural frequency of the core, Hz; the frequency of its fastest pole where it is no oscillator."""
         if self.core.oscillator is not None:
             return float(parameters[self.core.oscillator[0]])
         return self.fastest(parameters) / (2.0 * np.pi)
@@ -93,21 +93,21 @@ class SensorModel:
 
     @property
     def is_gain_alone(self) -> bool:
-        """True where the core is a gain alone: at one frequency it is what was measured there."""
+        """Return whether the core is a gain alone: at one frequency it is what was measured there."""
         return len(self.core.parameters) == 1
 
     @property
     def has_gain(self) -> bool:
-        """False for what free motion alone tells of a model."""
+        """Return whether there is a gain: what free motion alone tells of a model has none."""
         return any(spec.kind == "gain" for spec in self.parameters)
 
     @property
     def gain_name(self) -> str:
-        """Name of the parameter that the response is proportional to."""
+        """Return the name of the parameter that the response is proportional to."""
         return next(spec.name for spec in self.parameters if spec.kind == "gain")
 
     def rational(self, parameters: Parameters, quantity: Quantity = "acceleration") -> Rational:
-        """Rational part of the transfer function from the reference quantity to the response."""
+        """Return the rational part of the transfer function from the reference quantity to the response."""
         system = self.core.rational(parameters)
         for addon in self.add_ons:
             if addon.rational is not None:
@@ -116,20 +116,25 @@ class SensorModel:
         return Rational(system.gain, zeros + system.numerator, system.denominator, system.angular_scale)
 
     def poles(self, parameters: Parameters) -> Any:
-        """Poles of the rational part, rad/s, complex, shape (n,)."""
+        """Return the poles of the rational part, rad/s, complex, shape (n,)."""
         return np.roots(np.array(self.rational(parameters).denominator[::-1], dtype=float)).astype(complex)
 
     def delay_s(self, parameters: Parameters) -> Any:
-        """Delay of the response channel behind the reference channel, s; positive: the response comes later."""
+        """Return the delay of the response channel behind the reference channel, s.
+
+        It is positive where the response comes later.
+        """
         return sum(addon.delay(parameters) for addon in self.add_ons if addon.delay is not None)
 
     @property
     def has_delay(self) -> bool:
-        """True where the model has a delay parameter."""
+        """Return whether the model has a delay parameter."""
         return any(addon.delay is not None for addon in self.add_ons)
 
     def frequency_response(self, parameters: Parameters, frequency_hz: Any, quantity: Quantity = "acceleration") -> Any:
-        """Complex response per unit of the reference quantity, for e^{+jωt}; of a nonlinear model, for small signals.
+        """Return the complex response per unit of the reference quantity, for e^{+jωt}.
+
+        Of a nonlinear model it is that for small signals.
 
         Args:
             parameters: name to value.
@@ -150,24 +155,24 @@ class SensorModel:
 
     @property
     def has_network(self) -> bool:
-        """True where the model is rational up to a delay, so that it has a state space."""
+        """Return whether the model is rational up to a delay, so that it has a state space."""
         return not self._factored
 
     @property
     def is_linear(self) -> bool:
-        """True where no add-on acts back on the mass, so that there is a transfer function."""
+        """Return whether no add-on acts back on the mass, so that there is a transfer function."""
         return all(addon.force is None for addon in self.add_ons)
 
     @property
     def linear(self) -> SensorModel:
-        """The model without its nonlinear parts: its linearisation for small signals."""
+        """Return the model without its nonlinear parts: its linearisation for small signals."""
         if self.is_linear:
             return self
         kept = tuple(addon for addon in self.add_ons if addon.force is None)
         return SensorModel("+".join([self.core.name, *(addon.name for addon in kept)]), self.core, kept)
 
     def factors(self, parameters: Parameters, frequency_hz: Any) -> Any:
-        """Complex response of the parts that are not rational, the delay left out, shape (points,)."""
+        """Return the complex response of the parts that are not rational, the delay left out, shape (points,)."""
         s = 2j * np.pi * frequency_hz
         return math.prod((part.factor(parameters, s) for part in self._factored if part.factor), start=1.0)
 
@@ -187,16 +192,16 @@ class SensorModel:
         return slopes
 
     def blocks(self, parameters: Parameters, quantity: Quantity) -> tuple[Rational, ...]:
-        """The core and the parts parallel to it, from the reference quantity to their shares of the response."""
+        """Return the core and the parts parallel to it, from the reference quantity to their shares of the response."""
         core = self.core.rational(parameters)
         parts = [core, *(addon.beside(parameters, core) for addon in self.add_ons if addon.beside is not None)]
         zeros = (0.0,) * DERIVATIVES[quantity]
         return tuple(Rational(r.gain, zeros + r.numerator, r.denominator, r.angular_scale) for r in parts)
 
     def force(self, parameters: Parameters, response: Any) -> Any:
-        """F(V) of all add-ons, in the shape of ``response``, the core's response V."""
+        """Return F(V) of all add-ons, in the shape of ``response``, the core's response V."""
         return sum(addon.force(parameters, response) for addon in self.add_ons if addon.force is not None)
 
     def derived(self, parameters: Parameters) -> tuple[Derived, ...]:
-        """Derived quantities that exist for these parameters."""
+        """Return the derived quantities that exist for these parameters."""
         return tuple(quantity for quantity in self.core.derived if quantity.exists(parameters))

@@ -124,7 +124,7 @@ def _chart(stacks: Sequence[Stack]) -> Chart:
 
 
 def _scales(axis: Axis) -> Chart:
-    """A choice between a logarithmic axis, a linear one and, where the values are sizes, levels."""
+    """Return a choice between a logarithmic axis, a linear one and, where the values are sizes, levels."""
     words = {"yaxis.title.text": label(axis.label)}
     ends = {"yaxis.autorange": False, "yaxis.range": listed(np.array([axis.low, axis.high]))}
     of_log = {**ends, "yaxis.type": "log", "yaxis.range": listed(np.log10([axis.low, axis.high]))}

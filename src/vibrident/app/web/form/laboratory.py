@@ -46,7 +46,7 @@ class LaboratoryStep:
 
     @property
     def states_nothing(self) -> bool:
-        """Whether the form is used, and states no uncertainty of the measuring chain."""
+        """Return whether the form is used, and states no uncertainty of the measuring chain."""
         given = self.user.asked
         return given is not None and not (
             given.get("uncertainty") or given.get("reference.standard_uncertainty")
@@ -166,7 +166,7 @@ class LaboratoryStep:
                 self._own(kind)
 
     def _own(self, kind: str) -> None:
-        """One of the laboratory's own files: to choose, and to remove."""
+        """Let one of the laboratory's own files be chosen and removed."""
         words, endings = _OWN_KINDS[kind]
 
         async def keep(event: events.UploadEventArguments) -> None:

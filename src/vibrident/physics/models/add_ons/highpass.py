@@ -35,7 +35,7 @@ def _others(core: Model, values: Values) -> tuple[Relabelling, ...]:
 
 
 def _exchanged(core: Model, side: float) -> Relabelling:
-    """The corner for the sensor's lower (``side`` −1) or upper real pole."""
+    """Return the corner for the sensor's lower (``side`` −1) or upper real pole."""
     assert core.oscillator is not None
     frequency, ratio = core.oscillator
     gain = core.parameters[0].name if core.output == "displacement" else None
