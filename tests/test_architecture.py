@@ -14,9 +14,9 @@ import vibrident
 #: files, these have an order as well, and those joined by | do not know each other.
 ROOMS = {
     "base": "",
-    "data": "registry effects interferometer records resampling screening io sources",
+    "data": "registry effects known interferometer records resampling screening io sources",
     "physics": "registry naming models discretisation network simulation",
-    "result": "document earlier parts sensor estimates result",
+    "result": "document earlier parts sensor estimates result known",
     "fit": "registry information optimise response bins group problem noise start descent estimators decay uncertainty "
     "departures judge identification joint",
     "use": "",
@@ -76,7 +76,7 @@ def test_there_are_eleven_rooms_and_two_doors():
 
 def test_the_public_names_are_these():
     assert sorted(vibrident.__all__) == [
-        *("Calibration", "IdentifiedSensor", "InputError", "Ipnn", "LeastSquares", "MaximumLikelihood", "Model"),
+        *("Calibration", "IdentifiedSensor", "InputError", "Ipnn", "KnownResponse", "LeastSquares", "MaximumLikelihood", "Model"),
         *("ModelError", "NotConverged", "ParameterSpec", "Provenance", "Record", "ResponseTable", "Result"),
         *("VibridentError", "__version__"),
         *("correct", "identify", "identify_many", "identify_together", "plan", "predict", "read", "simulate"),

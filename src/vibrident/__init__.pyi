@@ -6,6 +6,7 @@ from vibrident.base.errors import NotConverged as NotConverged
 from vibrident.base.errors import VibridentError as VibridentError
 from vibrident.base.version import __version__ as __version__
 from vibrident.data.io import read as read
+from vibrident.data.known import KnownResponse as KnownResponse
 from vibrident.data.records import Calibration as Calibration
 from vibrident.data.records import Provenance as Provenance
 from vibrident.data.records import Record as Record

@@ -19,6 +19,7 @@ from vibrident.base.memory import in_one_thread
 from vibrident.data.records import BoolArray, Calibration, FloatArray, Record
 from vibrident.data.screening import Finding, screen
 from vibrident.fit.problem import Coordinates, network_of
+from vibrident.fit.response.deconvolution import chain_of, deconvolved
 from vibrident.physics.discretisation import method
 from vibrident.result import Result
 
@@ -89,6 +90,8 @@ def predict(result: Result, calibration: Calibration) -> Predictions:
     model, values = sensor.model, dict(sensor.values)
     _check_units(result, calibration)
     records, findings = screen(calibration.records, calibration.units)
+    chain = chain_of(calibration)
+    records = records if chain is None else tuple(deconvolved(record, chain) for record in records)
     name = str(result.settings.get("discretisation") or "bandlimited")
     if result.settings.get("residual_network"):  # which is JAX's
         from vibrident.fit.estimators.residual_network import saved_model

@@ -15,6 +15,7 @@ from vibrident.base.amounts import pretty
 from vibrident.base.brief import brief
 from vibrident.base.errors import InputError, unknown
 from vibrident.data.effects import Capability, SystematicEffect
+from vibrident.data.known import KnownResponse
 from vibrident.data.records.basis import QUANTITIES, REFERENCE_UNITS, USUAL_MODEL, Excitation, FloatArray, Quantity
 from vibrident.data.records.record import Record, ResponseTable
 
@@ -37,6 +38,9 @@ class Calibration:
         certificate: what a certificate needs besides the data (customer, laboratory, conditions, …), as given; keys as
             in the calibration file, plain values, dates as ISO text.
         capabilities: below which no U of the sensitivity is stated.
+        reference_known_response: what is known of the reference's channel. The records then hold what that channel
+            says, a table what the response says per unit of it; ``quantity`` and ``reference_unit`` are of the motion.
+        response_known_response: what is known of the response's channel; ``response_unit`` is of the sensor's output.
 
     Raises:
         InputError: neither or both of records and table are given, or the quantity is unknown.
@@ -54,6 +58,8 @@ class Calibration:
     certificate: Mapping[str, Any] = field(default_factory=dict)
     effects: tuple[SystematicEffect, ...] = ()
     capabilities: tuple[Capability, ...] = ()
+    reference_known_response: KnownResponse | None = None
+    response_known_response: KnownResponse | None = None
 
     __repr__ = brief
 
@@ -126,7 +132,8 @@ class Calibration:
             quantity: what the reference is.
             excitation: kind of motion, of all records or one word a record.
             names: of the records; by default ``record 1``, ….
-            more: further fields of a calibration, such as ``model``, ``response_unit``, ``sensor`` and ``effects``.
+            more: further fields of a calibration, such as ``model``, ``response_unit``, ``sensor``, ``effects`` and
+                ``reference_known_response``.
 
         Raises:
             InputError: the arguments are of different numbers of records, or a record cannot be used.
@@ -156,8 +163,24 @@ class Calibration:
 
     @property
     def units(self) -> dict[str, str]:
-        """Unit of each channel, by its label."""
-        return {"reference": self.reference_unit, "response": self.response_unit}
+        """Unit of each channel, by its label: of what it holds."""
+        known = (self.reference_known_response, self.response_known_response)
+        stated = (self.reference_unit, self.response_unit)
+        held = [unit if one is None else one.channel_unit for one, unit in zip(known, stated, strict=True)]
+        return dict(zip(("reference", "response"), held, strict=True))
+
+    def refuse_known_responses(self, where: str) -> None:
+        """Refuse a calibration that states known responses where they are not taken out of the data."""
+        stated = {"reference": self.reference_known_response, "response": self.response_known_response}
+        channels = [f"[{name}]" for name, known in stated.items() if known is not None]
+        if channels:
+            raise InputError(
+                f"{where} takes no known response out of the channels.",
+                expected="records in the units of the sensor and of the motion",
+                found=f"known_response in {' and '.join(channels)}",
+                where=self.source or "calibration in memory",
+                remedy="remove known_response, and give records without the channel's response",
+            )
 
     def require_response(self, unit: str, without_records: str) -> None:
         """Check that there are records, and that their response is in the unit of a result that is applied to them.
@@ -205,8 +228,8 @@ def _record_row(record: Record, calibration: Calibration) -> dict[str, Any]:
         "left out": int(np.sum(~record.mask)),
         "rate / Hz": record.sampling_rate_hz,
         "duration / s": record.duration_s,
-        **_channel("reference", record.reference, calibration.reference_unit),
-        **_channel("response", record.response, calibration.response_unit),
+        **_channel("reference", record.reference, calibration.units["reference"]),
+        **_channel("response", record.response, calibration.units["response"]),
     }
 
 

@@ -20,6 +20,7 @@ from vibrident.fit.response import MeasuredResponse, find_tones, measure_bands
 from vibrident.fit.response.bands import uncorrelated_records
 from vibrident.fit.response.clock import judge_clocks
 from vibrident.fit.response.clock_ratio import at_reference_clock, clock_offset
+from vibrident.fit.response.deconvolution import chain_of, deconvolved, without_chain
 from vibrident.fit.response.tone_quality import (
     nothing_in_common,
     refuse_other_motion,
@@ -65,12 +66,14 @@ class Evidence:
         Raises:
             InputError: no record can be used, or a record stated to be a sine is not a sine.
         """
+        chain = chain_of(calibration)
         if calibration.table is not None:
-            return cls(calibration, model, (), None, None, ())
+            return cls(calibration if chain is None else without_chain(calibration, chain), model, (), None, None, ())
         optical = [f for r in calibration.records if r.optical is not None for f in r.optical.findings]
         records, findings = screen(without_copies(calibration.records), calibration.units)
         findings = (*(Finding(f.code, f.message) for f in optical), *findings)
         records, steady = without_steady_decays(records)
+        records = records if chain is None else tuple(deconvolved(record, chain) for record in records)
         records, more = judge_clocks(records)
         offset, findings = clock_offset(records), (*findings, *steady, *more)
         if offset == 0.0:

@@ -122,10 +122,11 @@ def effective_degrees_of_freedom(rows: Sequence[BudgetRow]) -> FloatArray:
 
 
 def effects_of(calibration: Calibration) -> list[SystematicEffect]:
-    """The systematic effects stated, the calibration of the reference first."""
+    """The systematic effects stated, the calibration of the reference and what is known of the channels first."""
     relative = calibration.reference_standard_uncertainty
     reference = [SystematicEffect("calibration of the reference", "gain", relative)] if relative > 0 else []
-    return [*reference, *calibration.effects]
+    known = (calibration.reference_known_response, calibration.response_known_response)
+    return [*reference, *(effect for one in known if one is not None for effect in one.effects), *calibration.effects]
 
 
 def covered_kinds(kinds: set[str]) -> list[str]:

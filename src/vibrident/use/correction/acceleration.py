@@ -115,6 +115,7 @@ def correct(
     sensor.require_uncertainty()
     quantity: Quantity = "acceleration"
     if isinstance(records, Calibration):
+        records.refuse_known_responses("A correction")
         records.require_response(result.response_unit, "A table holds no response in time.")
         quantity, given = records.quantity, records.records
     else:

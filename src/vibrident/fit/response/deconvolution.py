@@ -1,0 +1,318 @@
+"""Records and tables without the known responses of their channels.
+
+A reference that holds r = K_ref x, and a response channel that holds y = K_resp S x, are related by
+
+    W y = S (W K_resp / K_ref r),
+
+exactly, for any motion and any filter W. K_resp goes to the reference's side, so that the response
+keeps its noise; W is one in the band where both are known, falls to zero outside, and acts on both
+channels: what moves the sensor outside the band is in neither. At the bins of the band, noise and
+its weight are multiplied alike, so dividing there amplifies nothing. Samples nearer to an end of
+a record than the filters reach are left out. A sine needs one value: the reference is scaled and
+delayed by what holds at its frequency.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy import fft
+
+from vibrident.base.errors import InputError
+from vibrident.base.fft_lengths import fast_length
+from vibrident.data.known import KnownResponse
+from vibrident.data.known.shapes import ComplexArray
+from vibrident.data.records import BoolArray, Calibration, FloatArray, Record, ResponseTable
+from vibrident.data.records.basis import span_of
+from vibrident.fit.response.tones import tone_frequency
+from vibrident.physics.discretisation.inputs import filtered
+
+#: What lies beyond an end of a record may change a sample by this part of the channel's rms.
+TOLERANCE = 1e-4
+#: Standard deviations of W's edges, as parts of the ends of the band, and their middles.
+EDGE_WIDTH = 0.1
+LOW_MIDDLE, HIGH_MIDDLE = 0.6, 1.25
+#: Part of the lower end below which nothing is left, as a ratio may be infinite at rest.
+AT_REST = 0.05
+#: Highest frequency that a record tells, and W's middle above it, as parts of the sampling rate.
+HIGHEST, HIGHEST_MIDDLE, HIGHEST_WIDTH = 0.44, 0.47, 0.007
+#: Part of a record that the filters may take at its ends, together.
+MAX_LOST = 1.0 / 3.0
+#: Part of a record from whose motion the size of what lies beyond its end is taken.
+END_PART = 0.02
+#: Lower end of a band that begins at rest.
+LOWEST_HZ = 1e-12
+#: Rounds in which the lower end of the band is raised for a short record.
+MAX_ROUNDS = 12
+
+
+@dataclass(frozen=True, eq=False)
+class Chain:
+    """The known responses of both channels.
+
+    Attributes:
+        reference, response: of each channel; None where nothing is known of it.
+    """
+
+    reference: KnownResponse | None
+    response: KnownResponse | None
+
+    @property
+    def band_hz(self) -> tuple[float, float]:
+        """Return the band in which both are known."""
+        bands = [known.band_hz for known in (self.reference, self.response) if known is not None]
+        return max(low for low, _ in bands), min(high for _, high in bands)
+
+    @property
+    def scale(self) -> float:
+        """Return the gain of the response's channel, by which its samples are divided."""
+        if self.response is None:
+            return 1.0
+        low, high = self.response.band_hz
+        middle = math.sqrt(max(low, 1e-3 * min(high, 1e3)) * min(high, 1e3 * max(low, 1.0)))
+        return float(np.abs(self.response.value([middle])[0])) or 1.0
+
+    def ratio(self, frequency_hz: FloatArray) -> ComplexArray:
+        """Return K_resp / K_ref over the scale, of the shape of the frequencies, all above zero."""
+        value = np.ones(frequency_hz.shape, dtype=complex)
+        if self.reference is not None:
+            value = value / self.reference.value(frequency_hz)
+        if self.response is not None:
+            value = value * self.response.value(frequency_hz) / self.scale
+        return np.asarray(value)
+
+
+def chain_of(calibration: Calibration) -> Chain | None:
+    """Return the known responses that are still in a calibration's data; None without any."""
+    stated = (calibration.reference_known_response, calibration.response_known_response)
+    reference, response = (known if known is not None and known.shapes else None for known in stated)
+    return None if reference is None and response is None else Chain(reference, response)
+
+
+def deconvolved(record: Record, chain: Chain) -> Record:
+    """Return a screened record as its sensor's own motion and output.
+
+    Raises:
+        InputError: the band of the fit reaches beyond what is known, the record is too short, or
+            it is a free decay whose channel has a response.
+    """
+    if record.reference is None or record.excitation == "decay":
+        if chain.response is None:
+            return record
+        raise InputError(
+            "A free decay cannot be freed of what its channel does to it.",
+            expected="records with a reference where [response] states a known_response",
+            found=f"excitation = {record.excitation!r}",
+            where=f"record {record.name!r}",
+            remedy="leave the decay out, or the known response",
+        )
+    band_hz = _band_of(record, chain)
+    if record.excitation == "sine":
+        return _at_its_frequency(record, chain, band_hz)
+    return _in_the_band(record, chain, band_hz)
+
+
+def without_chain(calibration: Calibration, chain: Chain) -> Calibration:
+    """Return a tabulated calibration as one of the sensor, in the band that is known of its channels."""
+    table = calibration.table
+    assert table is not None
+    inside = table.within(chain.band_hz)
+    ratio = chain.ratio(inside.frequency_hz) * chain.scale
+    size, u = np.abs(ratio), inside.magnitude_uncertainty
+    sensors = replace(
+        inside,
+        magnitude=inside.magnitude / size,
+        phase_rad=None if inside.phase_rad is None else inside.phase_rad - np.angle(ratio),
+        magnitude_uncertainty=None if u is None else u / size,
+        provenance=inside.provenance.then(_said(chain, chain.band_hz)),
+    )
+    known = {"reference_known_response": chain.reference, "response_known_response": chain.response}
+    return replace(calibration, table=sensors, **{n: k.taken_out() for n, k in known.items() if k is not None})
+
+
+def _band_of(record: Record, chain: Chain) -> tuple[float, float]:
+    """Return the band of a record's fit that is known: where none is stated it is cut to it."""
+    low, high = chain.band_hz
+    top = HIGHEST * record.sampling_rate_hz
+    if record.band_hz is None:
+        return low, min(high, top)
+    first, last = record.band_hz
+    last = min(last, 0.5 * record.sampling_rate_hz)
+    if first < low * (1.0 - 1e-9) or last > high * (1.0 + 1e-9):
+        raise InputError(
+            "The band of the fit reaches beyond what is known of the channels.",
+            expected=f"a band within {low:g} to {high:g} Hz",
+            found=f"{first:g} to {record.band_hz[1]:g} Hz",
+            where=f"record {record.name!r}",
+            remedy="narrow from_hz and to_hz, or ⟦identify.band_hz⟧; or leave the band to what is known",
+        )
+    return first, min(last, top)
+
+
+def _said(chain: Chain, band_hz: tuple[float, float]) -> str:
+    pairs = (("reference", chain.reference), ("response", chain.response))
+    parts = [f"{name}: {known.source}" for name, known in pairs if known is not None]
+    return f"known response taken out ({'; '.join(parts)}), {band_hz[0]:.5g} to {band_hz[1]:.5g} Hz"
+
+
+def _at_its_frequency(record: Record, chain: Chain, band_hz: tuple[float, float]) -> Record:
+    """Return a sine with its reference scaled and delayed by the ratio at its frequency."""
+    assert record.reference is not None
+    low, high = band_hz
+    frequency_hz = tone_frequency(record)
+    ratio = complex(chain.ratio(np.array([min(max(frequency_hz, low), high)]))[0])
+    sign = -1.0 if ratio.real < 0.0 else 1.0  # which keeps the delay within a quarter of a period
+    delay_s = -np.angle(sign * ratio) / (2.0 * np.pi * frequency_hz)
+
+    def late(turns: FloatArray) -> ComplexArray:
+        return np.asarray(np.exp(-2j * np.pi * turns * delay_s * record.sampling_rate_hz))
+
+    reference, valid = filtered(record.reference, record.reference_mask, late)
+    inside = span_of(valid)
+    return replace(
+        record,
+        reference=sign * abs(ratio) * reference[inside],
+        reference_valid=valid[inside],
+        response=record.response[inside] / chain.scale,
+        valid=record.mask[inside],
+        start_time_s=record.start_time_s + inside.start / record.sampling_rate_hz,
+        band_hz=(max(low, LOWEST_HZ), high),
+        provenance=record.provenance.then(_said(chain, band_hz)),
+        reference_full_scale=None,
+        response_full_scale=None,
+    )
+
+
+def _in_the_band(record: Record, chain: Chain, band_hz: tuple[float, float]) -> Record:
+    """Return a record with both channels filtered to the band, its reference by the ratio too."""
+    assert record.reference is not None
+    low, high = band_hz
+    samples, rate_hz = record.samples, record.sampling_rate_hz
+    bounded = low > 0.0 or not _finite_at_rest(chain)
+    low = max(low, 1.0 / record.duration_s) if bounded else 0.0
+    for _ in range(MAX_ROUNDS):
+        window = _window(low, high, rate_hz)
+        reference = _Filter.of(record.reference, record.reference_mask, rate_hz, lambda f: window(f) * chain.ratio(f))
+        response = _Filter.of(record.response, record.mask, rate_hz, lambda f: window(f) + 0j)
+        begin = max(reference.begin, response.begin)
+        end = max(reference.end, response.end)
+        lost = begin + end
+        if lost <= MAX_LOST * samples or not bounded:
+            break
+        low *= min(max(1.1, lost / (MAX_LOST * samples)), 4.0)
+    if lost > MAX_LOST * samples or not low < 0.5 * high:
+        raise InputError(
+            "The record is too short for the known response of its channels.",
+            expected="a record many times as long as the response's memory, or as a period at the lower end of "
+            "its band",
+            found=f"{record.duration_s:.4g} s, of which {lost / rate_hz:.4g} s would be left out",
+            where=f"record {record.name!r}",
+            remedy="use a longer record, or a higher from_hz",
+        )
+    inside = slice(begin, samples - end)
+    stated = bounded or math.isfinite(chain.band_hz[1]) or record.band_hz is not None
+    return replace(
+        record,
+        reference=reference.samples[inside],
+        response=response.samples[inside] / chain.scale,
+        valid=response.valid[inside],
+        reference_valid=reference.valid[inside],
+        start_time_s=record.start_time_s + begin / rate_hz,
+        band_hz=(low or LOWEST_HZ, high) if stated else None,
+        provenance=record.provenance.then(f"{_said(chain, (low, high))}; {lost} samples at the ends left out"),
+        reference_full_scale=None,
+        response_full_scale=None,
+    )
+
+
+def _finite_at_rest(chain: Chain) -> bool:
+    """Tell whether the ratio stays what it is as the frequency falls to zero."""
+    near, at = np.abs(chain.ratio(np.array([1e-9, 1e-8])))
+    return bool(np.isfinite(near) and near < 1.01 * at)
+
+
+def _window(low: float, high: float, rate_hz: float) -> Callable[[FloatArray], FloatArray]:
+    """Return W by frequency: smooth edges outside the band, one within."""
+    from scipy.special import ndtr  # slow to load
+
+    middle, width = HIGH_MIDDLE * high, EDGE_WIDTH * high
+    if middle > HIGHEST_MIDDLE * rate_hz:
+        middle, width = HIGHEST_MIDDLE * rate_hz, HIGHEST_WIDTH * rate_hz
+
+    def window(frequency_hz: FloatArray) -> FloatArray:
+        value = ndtr((middle - frequency_hz) / width)
+        if low > 0.0:
+            rising = ndtr((frequency_hz - LOW_MIDDLE * low) / (EDGE_WIDTH * low))
+            value = value * np.where(frequency_hz > AT_REST * low, rising, 0.0)
+        return np.asarray(value)
+
+    return window
+
+
+@dataclass(frozen=True, eq=False)
+class _Filter:
+    """A filtered channel, and how far from its ends what lies beyond them is felt.
+
+    Attributes:
+        samples: shape (N,).
+        valid: where no invalid sample is felt, shape (N,).
+        begin, end: samples at either end that what lies beyond may change.
+    """
+
+    samples: FloatArray
+    valid: BoolArray
+    begin: int
+    end: int
+
+    @classmethod
+    def of(
+        cls,
+        values: FloatArray,
+        valid: BoolArray,
+        rate_hz: float,
+        response: Callable[[FloatArray], ComplexArray],
+    ) -> _Filter:
+        """Filter a channel; ``response``: by frequencies above zero, Hz."""
+        count = values.shape[0]
+        size = fast_length(2 * count)
+        at = np.arange(size // 2 + 1) * rate_hz / size
+        at[0] = 1e-6 * at[1]
+        spectrum = response(at)
+        places = np.arange(count)
+        whole = values if valid.all() else np.interp(places, places[valid], values[valid])
+        part = max(int(END_PART * count), 4)
+        ends = whole[:part], whole[-part:]
+        rest = 0.5 * float(ends[0].mean() + ends[1].mean())
+        moving = whole - rest
+        behind_filter = np.asarray(fft.irfft(fft.rfft(moving, size) * spectrum, size))[:count]
+        kernel = np.asarray(fft.irfft(spectrum, size))
+        behind = _tail(kernel[: size // 2])  # of a sample that is so much earlier
+        ahead = _tail(kernel[: size // 2 : -1])
+        rms = float(np.std(behind_filter)) or 1.0
+        begin, end = (
+            int(np.searchsorted(-tail, -TOLERANCE * rms / max(float(np.std(beyond)), 1e-300)))
+            for tail, beyond in zip((behind, ahead), ends, strict=True)
+        )
+        felt = valid
+        if not valid.all():
+            usual = float(np.std(moving)) or 1.0
+            late, early = (int(np.searchsorted(-tail, -TOLERANCE * rms / usual)) for tail in (behind, ahead))
+            felt = _apart(valid, early, late)
+        return cls(behind_filter + rest * float(spectrum[0].real), felt, min(begin, count), min(end, count))
+
+
+def _tail(kernel: FloatArray) -> FloatArray:
+    """Return the root of the sum of squares of a kernel from each sample on, falling."""
+    return np.sqrt(np.cumsum(kernel[::-1] ** 2)[::-1])
+
+
+def _apart(valid: BoolArray, early: int, late: int) -> BoolArray:
+    """Return where no invalid sample lies within ``early`` samples ahead or ``late`` behind."""
+    edges = np.zeros(valid.size + 1)
+    bad = np.flatnonzero(~valid)
+    np.add.at(edges, np.maximum(bad - early, 0), 1.0)
+    np.add.at(edges, np.minimum(bad + late + 1, valid.size), -1.0)
+    return np.cumsum(edges[:-1]) < 0.5

@@ -1,0 +1,66 @@
+"""A result as what is known of a channel: the sensor that it is of is the reference of another."""
+
+from __future__ import annotations
+
+import os
+
+import numpy as np
+
+from vibrident.data.known import KnownResponse, PolesZeros, Shape, Tabulated
+from vibrident.data.known.unsure import effects_of_covariance, flat_effects
+from vibrident.data.records import FloatArray, Quantity
+from vibrident.result.result import Result
+from vibrident.result.sensor import IdentifiedSensor
+
+#: Frequencies at which the changes with the parameters are tabulated, and a response that is not
+#: rational.
+POINTS = 2000
+
+
+def known_response(
+    result: Result | str | os.PathLike[str], quantity: Quantity | None = None
+) -> KnownResponse:
+    """Return the response of an identified sensor, known in the band of its data.
+
+    Its parameters' covariance is its uncertainty, correlated over frequency as they make it.
+
+    Args:
+        result: of an identification, or the path of its file.
+        quantity: of the motion that the sensor measures as a reference; None: as it was identified.
+
+    Raises:
+        InputError: the file cannot be read, the model is not linear, or the uncertainty of a
+            parameter is not stated.
+    """
+    source = "a result"
+    if not isinstance(result, Result):
+        source = os.fspath(result)
+        result = Result.load(result)
+    result.require_linear()
+    sensor = result.to_sensor("a known response")
+    sensor.require_uncertainty()
+    wanted = quantity or sensor.quantity
+    band_hz = sensor.band_hz or (0.0, np.inf)
+    low = max(band_hz[0], 1e-9)
+    at = np.geomspace(low, min(band_hz[1], 1e9 * low), POINTS)
+    slopes = sensor.slopes(at, wanted) / sensor.frequency_response(at, wanted)
+    effects = effects_of_covariance(source, at, slopes, sensor.covariance)
+    effects += flat_effects(f"{source}, whose model was rejected", sensor.misfit, sensor.misfit)
+    return KnownResponse(
+        (_shape(sensor, wanted, at),), sensor.response_unit, band_hz, effects, source
+    )
+
+
+def _shape(sensor: IdentifiedSensor, quantity: Quantity, at: FloatArray) -> Shape:
+    model, values = sensor.model, dict(sensor.values)
+    if not model.has_network:  # a part of it is not rational
+        response = sensor.frequency_response(at, quantity)
+        return Tabulated(at, np.abs(response), np.angle(response))
+    system = model.rational(values, quantity)
+    numerator, denominator = (
+        np.trim_zeros(np.array(c, dtype=float)[::-1], "f")
+        for c in (system.numerator, system.denominator)
+    )
+    gain = float(system.gain) * numerator[0] / denominator[0]
+    delay_s = float(model.delay_s(values)) if model.has_delay else 0.0
+    return PolesZeros(np.roots(denominator), np.roots(numerator), gain, delay_s)
