@@ -54,7 +54,7 @@ def _table(calibration: Calibration, table: ResponseTable) -> Figure:
     )
     u = absent if table.magnitude_uncertainty is None else table.magnitude_uncertainty
     points = Curve(table.frequency_hz, table.magnitude, phase, u, u_phase)
-    unit = sensitivity_unit(calibration.response_unit, calibration.reference_unit)
+    unit = sensitivity_unit(calibration.units["response"], calibration.units["reference"])
     panels = response_panels(None, points, magnitude_scale(unit, points.magnitude), calibration.quantity, "table")
     bars = "Bars: expanded uncertainty U, k = 2. " if table.magnitude_uncertainty is not None else ""
     caption = Words(f"{bars}{ENGLISH('text', 'phase') if table.phase_rad is not None else ''}")
@@ -76,8 +76,8 @@ def _record(record: Record, calibration: Calibration) -> Stack:
     x = axes.linear(clock, time, most=4, margin=0.02)
     panels = []
     channels = (
-        ("Reference", record.reference, calibration.reference_unit, BLUE),
-        ("Response", record.response, calibration.response_unit, VERMILION),
+        ("Reference", record.reference, calibration.units["reference"], BLUE),
+        ("Response", record.response, calibration.units["response"], VERMILION),
     )
     for word, values, unit, colour in channels:
         if values is None:

@@ -42,6 +42,7 @@ def track(asked: TrackRequest, tell: Teller = SILENT) -> tuple[Made, list[Path]]
     InputError where no sampling rate is stated, or the samples are in another unit.
     """
     from vibrident.data.io.calibration_file import read_calibration_file
+    from vibrident.data.known import refuse_known
     from vibrident.data.registry import SOURCES
     from vibrident.data.sources.source import Wanted
     from vibrident.use.tracking.outcome import tracked_result
@@ -50,6 +51,8 @@ def track(asked: TrackRequest, tell: Teller = SILENT) -> tuple[Made, list[Path]]
 
     known, folder = load_result(asked.result), asked.folder
     described = read_calibration_file(asked.calibration)
+    channels = {name: getattr(described, name).known_response for name in ("reference", "response")}
+    refuse_known(channels, "Tracking", str(asked.calibration))
     kind = SOURCES[asked.source]
     rates = [described.sampling.rate_hz, *(entry.rate_hz for entry in described.records)]
     rate_hz, length_s = next(filter(None, rates), None), 0.0

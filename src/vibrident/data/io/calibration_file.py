@@ -14,6 +14,7 @@ from vibrident.base.errors import InputError
 from vibrident.data.effects import Circumstances
 from vibrident.data.io.certificate import CertificateSection
 from vibrident.data.io.keys import basic, expert, key
+from vibrident.data.io.known_section import KnownResponseEntry, check_known
 from vibrident.data.io.schema_errors import validated
 from vibrident.data.io.sections import (
     CapabilityEntry,
@@ -58,6 +59,7 @@ _File = Annotated[
 #: Lower end of a band that states the upper one alone: below every frequency that is measured.
 LOWEST_HZ = 1e-12
 _FULL_SCALE = "The most that the recorder holds, in units of the file."
+_KNOWN = "Of the channel; the column is then in the channel's own unit (unit, else V)."
 _SCALE = "Multiplies what is there after the unit that the file states."
 _STANDARD = "Standard uncertainty (k = 1)."
 
@@ -94,6 +96,7 @@ class ReferenceSection(FileSection):
         "Reference: u, relative", default=0.0, about="Systematic: of its calibration."
     )
     full_scale: Positive | None = key("Reference: full scale", about=_FULL_SCALE)
+    known_response: list[KnownResponseEntry] = expert(default=[], about=_KNOWN)
 
 
 class ResponseSection(FileSection):
@@ -103,6 +106,7 @@ class ResponseSection(FileSection):
     scale: _Scale = basic("Response: scale", default=1.0, about=_SCALE)
     unit: Text = basic("Response: unit", default="V")
     full_scale: Positive | None = key("Response: full scale", about=_FULL_SCALE)
+    known_response: list[KnownResponseEntry] = expert(default=[], about=_KNOWN)
 
 
 class SamplingSection(FileSection):
@@ -174,6 +178,9 @@ class TableSection(FileSection):
         about="Where no header says dB: 20 lg, re 1 unit of the column.",
     )
 
+    coverage_factor: Positive = key(
+        "k of these uncertainties", default=1.0, about="2 where the table states U = k u."
+    )
     from_hz: Positive | None = key("Band of the fit: from", "Hz")
     to_hz: Positive | None = key("Band of the fit: to", "Hz", about="Included.")
 
@@ -246,6 +253,9 @@ def checked_calibration(document: Mapping[str, Any], where: str) -> CalibrationF
     calibration = validated(CalibrationFile, document, where)
     _check_sensor(calibration, where)
     check_uncertainties(calibration.uncertainty, where)
+    for section in ("reference", "response"):
+        entries = getattr(calibration, section).known_response
+        check_known(entries, f"{where}, [[{section}.known_response]]")
     _check_content(calibration, where)
     return calibration
 

@@ -12,6 +12,7 @@ from vibrident.data.effects import SystematicEffect
 from vibrident.data.io.calibration_file import CalibrationFile, read_calibration_file
 from vibrident.data.io.columns import memory_for
 from vibrident.data.io.header_units import file_unit, reference_unit, response_unit
+from vibrident.data.io.known_files import as_channels, known_channel, known_files
 from vibrident.data.io.reader import by_ending, open_columns
 from vibrident.data.io.record_files import (
     Part,
@@ -40,7 +41,8 @@ def read_guarded(path: str | os.PathLike[str]) -> Calibration:
         InputError: as ``read`` does; or reading takes more than it may, or crashed.
     """
     file = Path(path)
-    names = data_files(read_calibration_file(file), file.parent, str(file))
+    document = read_calibration_file(file)
+    names = [*data_files(document, file.parent, str(file)), *known_files(document)]
     readers = (by_ending().get(Path(name).suffix.lower()) for name in names)
     if all(reader is not None and reader.plain for reader in readers):
         return read(file)
@@ -79,15 +81,19 @@ def read(path: str | os.PathLike[str]) -> Calibration:
 def calibration_of(document: CalibrationFile, folder: Path, where: str) -> Calibration:
     """Return the calibration of a checked file, whose relative paths start at ``folder``."""
     quantity = document.reference.quantity
+    described, document = document, as_channels(document)
     records: tuple[Record, ...] = ()
     table = None
     more: tuple[SystematicEffect, ...] = ()
     document = _with_response_unit(document, folder, where)
+    described = described.model_copy(update={"response": document.response})
     if document.interferometer is not None:
         # loads SciPy, which others do not need
         from vibrident.data.io.optical_files import read_optical
 
         records, quantity, unit, more = read_optical(document, folder, where)
+        light = described.reference.model_copy(update={"quantity": quantity, "unit": unit})
+        described = described.model_copy(update={"reference": light})
     elif document.table:
         unit = reference_unit(document.reference, "")
         table = read_table(document, folder, where)
@@ -102,19 +108,23 @@ def calibration_of(document: CalibrationFile, folder: Path, where: str) -> Calib
     ]
     if not temperatures and document.certificate.temperature_c is not None:
         temperatures = [document.certificate.temperature_c]
+    reference = known_channel(described, "reference", folder, where)
+    response = known_channel(described, "response", folder, where)
     return Calibration(
         records=records,
         table=table,
         model=document.sensor.model,
         quantity=quantity,
-        reference_unit=unit,
+        reference_unit=unit if reference.response is None else reference.measured,
         reference_standard_uncertainty=document.reference.standard_uncertainty,
-        response_unit=document.response.unit,
+        response_unit=response.measured,
         sensor=document.sensor_text,
         source=where,
         certificate=document.certificate.stated(),
         effects=(*effects_at(document.uncertainty, temperatures, where), *more),
         capabilities=tuple(entry.capability for entry in document.cmc),
+        reference_known_response=reference.response,
+        response_known_response=response.response,
     )
 
 

@@ -70,6 +70,8 @@ def named_parts(calibration: CalibrationFile, folder: Path, where: str) -> list[
 def data_files(calibration: CalibrationFile, folder: Path, where: str) -> list[str]:
     """Return the names of all data files of a calibration, relative to its folder.
 
+    Those that state known responses are not among them.
+
     Raises:
         InputError: a glob matches nothing.
     """

@@ -26,7 +26,7 @@ _PER = re.compile(r"(?:^|[_\s])([^\W_]+)_per_(\w+)$")
 _NUMBER_BEFORE = re.compile(
     r"[x×*]?\s*\d+(?:[.,]\d+)?(?:\^?[eE]?[+-−⁻]?[\d⁰¹²³⁴-⁹]+)?\s*[x×*·]?\s*"
 )
-_COVERAGE_OF_ONE = re.compile(r"[,;\s]*\(?\bk\s*=\s*1(?:[.,]0+)?\b\)?\s*$", re.IGNORECASE)
+_COVERAGE = re.compile(r"[,;\s]*\(?\bk\s*=\s*\d+(?:[.,]\d+)?\b\)?\s*$", re.IGNORECASE)
 _LEVEL = re.compile(r"(?:^|(?<=[\s_(\[/,]))(?:dB|db(?![a-z])).*$")
 _REFERENCE_OF_LEVEL = re.compile(
     r"d[bB][\s,:]*\(?\s*(?:(?:re|ref|rel|bez)\b\.?:?|//)?\s*"
@@ -58,8 +58,8 @@ class TableColumn:
 
     @property
     def name(self) -> str:
-        """Name without its path and without "k = 1"; "" for a very long one."""
-        return _COVERAGE_OF_ONE.sub("", short_name(last_name(self.source, self.position)))
+        """Name without its path and without "k = 2"; "" for a very long one."""
+        return _COVERAGE.sub("", short_name(last_name(self.source, self.position)))
 
     @property
     def stated_unit(self) -> str:

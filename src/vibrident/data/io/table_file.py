@@ -16,8 +16,8 @@ from vibrident.data.io.table_units import (
     Conversion,
     frequency_conversion,
     phase_conversion,
+    require_coverage,
     require_same_unit,
-    require_standard_uncertainty,
     sensitivity_conversion,
     stated_sensitivity,
     uncertainty_conversion,
@@ -87,6 +87,9 @@ def read_table(calibration: CalibrationFile, folder: Path, where: str) -> Respon
     history = _history(calibration, source, positions, conversions)
     if left_out:
         history.append(f"left out: {left_out} row at 0 Hz")
+    magnitude_u, phase_u = (
+        None if u is None else u / section.coverage_factor for u in (magnitude_u, phase_u)
+    )
     table = ResponseTable(
         frequency_hz=values["frequency"],
         magnitude=values["magnitude"],
@@ -177,7 +180,7 @@ def _conversions(
             found[key] = uncertainty_conversion(columns[key], calibration, of)
     if "phase_uncertainty" in columns:
         column = columns["phase_uncertainty"]
-        require_standard_uncertainty(column)
+        require_coverage(column, section.coverage_factor)
         found[column.key] = phase_conversion(column, section, found.get("phase"))
     return found
 

@@ -179,7 +179,8 @@ def uncertainty_conversion(
 
     In %, ppm and dB they are relative; without a unit they have that of the values.
     """
-    require_standard_uncertainty(column)
+    assert calibration.table is not None
+    require_coverage(column, calibration.table.coverage_factor)
     if level := column.level():
         return Conversion(1.0, "level", level.text)
     text = sensitivity_unit(column)
@@ -202,15 +203,18 @@ def require_same_unit(column: TableColumn, conversion: Conversion, of: Conversio
         raise column.refused("a response with its unit", conversion.unit, remedy)
 
 
-def require_standard_uncertainty(column: TableColumn) -> None:
-    """Refuse uncertainties that are expanded ones, U = k u, by their header."""
+def require_coverage(column: TableColumn, stated: float) -> None:
+    """Refuse uncertainties of another coverage factor than the one that is stated.
+
+    A header that says "expanded" alone fits any factor but 1.
+    """
     name = column.header[: 2 * MAX_NAME_LENGTH].translate(PLAIN_BRACKETS)
-    factor = _COVERAGE.search(name)
-    if factor is not None and float(factor.group(1).replace(",", ".")) != 1.0:
-        found, divisor = f"k = {factor.group(1)}", factor.group(1)
-    elif expanded := _EXPANDED.search(name):
-        found, divisor = expanded.group(0), "its coverage factor k, usually 2"
+    factor, expanded = _COVERAGE.search(name), _EXPANDED.search(name)
+    if factor is not None and float(factor.group(1).replace(",", ".")) != stated:
+        found, number = f"k = {factor.group(1)}", factor.group(1)
+    elif factor is None and expanded is not None and stated == 1.0:
+        found, number = expanded.group(0), "k"
     else:
         return
-    remedy = f"divide it by {divisor}; and correct the header"
-    raise column.refused("standard uncertainties (k = 1)", found, remedy)
+    remedy = f"state coverage_factor = {number}; or divide by {number}, and correct the header"
+    raise column.refused(f"uncertainties of k = {stated:g}", found, remedy)

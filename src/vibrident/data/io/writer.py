@@ -83,6 +83,7 @@ def write_calibration(folder: str | os.PathLike[str], calibration: Calibration) 
 
 
 def _refuse_unwritable(calibration: Calibration) -> None:
+    calibration.refuse_known_responses("A written calibration")
     names = [record.name for record in calibration.records]
     for record in calibration.records:
         if not record.mask.all():

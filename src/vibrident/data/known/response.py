@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -136,9 +136,13 @@ class KnownResponse:
         Raises:
             InputError: the frequencies do not rise, or a column cannot be used.
         """
-        table = Tabulated(*(np.asarray(c, dtype=float) for c in (frequency_hz, magnitude, phase_rad)))
+        table = Tabulated(
+            *(np.asarray(c, dtype=float) for c in (frequency_hz, magnitude, phase_rad))
+        )
         sizes = {
-            "gain": None if magnitude_uncertainty is None else magnitude_uncertainty / table.magnitude,
+            "gain": None
+            if magnitude_uncertainty is None
+            else magnitude_uncertainty / table.magnitude,
             "phase": phase_uncertainty_rad,
         }
         effects = tabulated_effects(source, table.frequency_hz, sizes, correlation_octaves)
@@ -206,7 +210,9 @@ class KnownResponse:
         Raises:
             InputError: the filter is unstable, or a number cannot be used.
         """
-        shape = DigitalFilter(np.asarray(numerator, float), np.asarray(denominator, float), float(rate_hz))
+        shape = DigitalFilter(
+            np.asarray(numerator, float), np.asarray(denominator, float), float(rate_hz)
+        )
         return cls((shape,), channel_unit, (0.0, shape.top_hz), source=source)
 
     @classmethod
@@ -224,7 +230,8 @@ class KnownResponse:
         """Return the response of a charge or IEPE conditioner: first-order high- and low-passes.
 
         Args:
-            highpass_hz, lowpass_hz: corner (−3 dB) frequencies.
+            highpass_hz: corner (−3 dB) frequencies.
+            lowpass_hz: the same.
             gain: in the pass-band.
             corner_uncertainty: standard uncertainty of each corner, relative.
             standard_uncertainty: of the gain, relative.
@@ -249,5 +256,20 @@ class KnownResponse:
         effects = flat_effects(source, standard_uncertainty, 0.0)
         if corner_uncertainty > 0.0:
             sides = [(hz, True) for hz in highpass_hz] + [(hz, False) for hz in lowpass_hz]
-            effects += tuple(corner_effect(source, hz, corner_uncertainty, highpass=side) for hz, side in sides)
+            effects += tuple(
+                corner_effect(source, hz, corner_uncertainty, highpass=side) for hz, side in sides
+            )
         return cls((shape,), channel_unit, effects=effects, source=source)
+
+
+def refuse_known(stated: Mapping[str, object], what: str, where: str) -> None:
+    """Refuse known responses, by channel, where ``what`` does not take them out of the data."""
+    channels = [f"[{name}]" for name, known in stated.items() if known]
+    if channels:
+        raise InputError(
+            f"{what} takes no known response out of the channels.",
+            expected="records in the units of the sensor and of the motion",
+            found=f"known_response in {' and '.join(channels)}",
+            where=where,
+            remedy="remove known_response, and give records without the channel's response",
+        )

@@ -15,7 +15,7 @@ from vibrident.base.amounts import pretty
 from vibrident.base.brief import brief
 from vibrident.base.errors import InputError, unknown
 from vibrident.data.effects import Capability, SystematicEffect
-from vibrident.data.known import KnownResponse
+from vibrident.data.known import KnownResponse, refuse_known
 from vibrident.data.records.basis import QUANTITIES, REFERENCE_UNITS, USUAL_MODEL, Excitation, FloatArray, Quantity
 from vibrident.data.records.record import Record, ResponseTable
 
@@ -164,23 +164,18 @@ class Calibration:
     @property
     def units(self) -> dict[str, str]:
         """Unit of each channel, by its label: of what it holds."""
-        known = (self.reference_known_response, self.response_known_response)
-        stated = (self.reference_unit, self.response_unit)
-        held = [unit if one is None else one.channel_unit for one, unit in zip(known, stated, strict=True)]
-        return dict(zip(("reference", "response"), held, strict=True))
+        held = {name: known.channel_unit for name, known in self.known_responses.items()}
+        return {"reference": self.reference_unit, "response": self.response_unit} | held
 
-    def refuse_known_responses(self, where: str) -> None:
-        """Refuse a calibration that states known responses where they are not taken out of the data."""
+    @property
+    def known_responses(self) -> dict[str, KnownResponse]:
+        """What is known of each channel, by its label; empty where nothing is."""
         stated = {"reference": self.reference_known_response, "response": self.response_known_response}
-        channels = [f"[{name}]" for name, known in stated.items() if known is not None]
-        if channels:
-            raise InputError(
-                f"{where} takes no known response out of the channels.",
-                expected="records in the units of the sensor and of the motion",
-                found=f"known_response in {' and '.join(channels)}",
-                where=self.source or "calibration in memory",
-                remedy="remove known_response, and give records without the channel's response",
-            )
+        return {name: known for name, known in stated.items() if known is not None}
+
+    def refuse_known_responses(self, what: str) -> None:
+        """Refuse a calibration that states known responses where ``what`` does not take them out."""
+        refuse_known(self.known_responses, what, self.source or "calibration in memory")
 
     def require_response(self, unit: str, without_records: str) -> None:
         """Check that there are records, and that their response is in the unit of a result that is applied to them.
@@ -215,7 +210,7 @@ def _each_record(channel: ArrayLike | Sequence[ArrayLike]) -> list[Any]:
 def describe(calibration: Calibration) -> list[dict[str, Any]]:
     """Return one row a record, or one row for the table; labels state the units."""
     if calibration.table is not None:
-        return [_table_row(calibration.table, pretty(f"{calibration.response_unit}/({calibration.reference_unit})"))]
+        return [_table_row(calibration.table, pretty("{response}/({reference})".format(**calibration.units)))]
     return [_record_row(record, calibration) for record in calibration.records]
 
 

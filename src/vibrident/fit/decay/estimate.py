@@ -61,9 +61,7 @@ def gathered(calibration: Calibration, model: SensorModel) -> Evidence:
     """
     _require_one_oscillator(model)
     effects = tuple(effect for effect in calibration.effects if effect.kind == "clock")
-    felt = replace(
-        calibration, effects=effects, reference_standard_uncertainty=0.0, reference_known_response=None
-    )
+    felt = replace(calibration, effects=effects, reference_standard_uncertainty=0.0, reference_known_response=None)
     return Evidence.gather(felt, oscillator_of(model))
 
 

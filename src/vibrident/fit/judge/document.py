@@ -163,6 +163,8 @@ def _seen(fitted: Fitted) -> dict[str, Any]:
     optical = {record.name: record.optical.as_settings() for record in records if record.optical is not None}
     found = {"systematic_effects_seen": amounts, "explained_by": judgement.explained_by}
     found |= {"interferometer": optical, "clock_offset": fitted.evidence.clock_offset}
+    known = fitted.evidence.calibration.known_responses
+    found |= {"known_responses": [{"channel": name, "source": one.source} for name, one in known.items()]}
     bands = {record.band_hz for record in fitted.evidence.records if record.band_hz is not None}
     found |= {"band_hz": [*bands.pop()] if len(bands) == 1 else []}
     return {name: value for name, value in found.items() if value}

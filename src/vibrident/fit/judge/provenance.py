@@ -14,6 +14,7 @@ from typing import Any
 from vibrident.base.participants import participants
 from vibrident.base.registry import Registry
 from vibrident.base.version import __version__
+from vibrident.data.records import Calibration
 from vibrident.data.registry import READERS
 from vibrident.fit.judge.attempts import Fitted
 from vibrident.fit.registry import DEPARTURES, ESTIMATORS
@@ -57,10 +58,20 @@ def provenance(fitted: Fitted) -> dict[str, Any]:
         **({"plug_ins": packages} if packages else {}),
         **({"model": source_of(model)} if MODELS.is_given(model.name) else {}),
         "calibration_file": calibration.source,
-        "files": [{"file": s.file, "sha256": s.sha256, "history": list(s.history)} for s in sources],
+        "files": [
+            *({"file": s.file, "sha256": s.sha256, "history": list(s.history)} for s in sources),
+            *_known_files(calibration),
+        ],
         "seed": None,
         "time": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
     }
+
+
+def _known_files(calibration: Calibration) -> Iterator[dict[str, Any]]:
+    """Yield the files that state known responses of the channels."""
+    for channel, known in calibration.known_responses.items():
+        for name, sha256 in known.files:
+            yield {"file": name, "sha256": sha256, "history": [f"known response of the {channel}"]}
 
 
 def _readers(files: Iterable[str]) -> tuple[str, ...]:

@@ -15,7 +15,6 @@ delayed by what holds at its frequency.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,7 +24,7 @@ from vibrident.base.errors import InputError
 from vibrident.base.fft_lengths import fast_length
 from vibrident.data.known import KnownResponse
 from vibrident.data.known.shapes import ComplexArray
-from vibrident.data.records import BoolArray, Calibration, FloatArray, Record, ResponseTable
+from vibrident.data.records import BoolArray, Calibration, FloatArray, Record
 from vibrident.data.records.basis import span_of
 from vibrident.fit.response.tones import tone_frequency
 from vibrident.physics.discretisation.inputs import filtered
@@ -194,9 +193,8 @@ def _in_the_band(record: Record, chain: Chain, band_hz: tuple[float, float]) -> 
     bounded = low > 0.0 or not _finite_at_rest(chain)
     low = max(low, 1.0 / record.duration_s) if bounded else 0.0
     for _ in range(MAX_ROUNDS):
-        window = _window(low, high, rate_hz)
-        reference = _Filter.of(record.reference, record.reference_mask, rate_hz, lambda f: window(f) * chain.ratio(f))
-        response = _Filter.of(record.response, record.mask, rate_hz, lambda f: window(f) + 0j)
+        reference = _Filter.of(record.reference, record.reference_mask, rate_hz, (low, high), chain)
+        response = _Filter.of(record.response, record.mask, rate_hz, (low, high), None)
         begin = max(reference.begin, response.begin)
         end = max(reference.end, response.end)
         lost = begin + end
@@ -234,22 +232,18 @@ def _finite_at_rest(chain: Chain) -> bool:
     return bool(np.isfinite(near) and near < 1.01 * at)
 
 
-def _window(low: float, high: float, rate_hz: float) -> Callable[[FloatArray], FloatArray]:
-    """Return W by frequency: smooth edges outside the band, one within."""
+def _window(frequency_hz: FloatArray, low: float, high: float, rate_hz: float) -> FloatArray:
+    """Return W at frequencies: smooth edges outside the band, one within."""
     from scipy.special import ndtr  # slow to load
 
     middle, width = HIGH_MIDDLE * high, EDGE_WIDTH * high
     if middle > HIGHEST_MIDDLE * rate_hz:
         middle, width = HIGHEST_MIDDLE * rate_hz, HIGHEST_WIDTH * rate_hz
-
-    def window(frequency_hz: FloatArray) -> FloatArray:
-        value = ndtr((middle - frequency_hz) / width)
-        if low > 0.0:
-            rising = ndtr((frequency_hz - LOW_MIDDLE * low) / (EDGE_WIDTH * low))
-            value = value * np.where(frequency_hz > AT_REST * low, rising, 0.0)
-        return np.asarray(value)
-
-    return window
+    value = ndtr((middle - frequency_hz) / width)
+    if low > 0.0:
+        rising = ndtr((frequency_hz - LOW_MIDDLE * low) / (EDGE_WIDTH * low))
+        value = value * np.where(frequency_hz > AT_REST * low, rising, 0.0)
+    return np.asarray(value)
 
 
 @dataclass(frozen=True, eq=False)
@@ -273,14 +267,15 @@ class _Filter:
         values: FloatArray,
         valid: BoolArray,
         rate_hz: float,
-        response: Callable[[FloatArray], ComplexArray],
+        band_hz: tuple[float, float],
+        chain: Chain | None,
     ) -> _Filter:
-        """Filter a channel; ``response``: by frequencies above zero, Hz."""
+        """Filter a channel to a band and, where it is the reference, by the ratio of a chain."""
         count = values.shape[0]
         size = fast_length(2 * count)
         at = np.arange(size // 2 + 1) * rate_hz / size
         at[0] = 1e-6 * at[1]
-        spectrum = response(at)
+        spectrum = _window(at, *band_hz, rate_hz) * (1.0 + 0j if chain is None else chain.ratio(at))
         places = np.arange(count)
         whole = values if valid.all() else np.interp(places, places[valid], values[valid])
         part = max(int(END_PART * count), 4)

@@ -125,8 +125,8 @@ def effects_of(calibration: Calibration) -> list[SystematicEffect]:
     """The systematic effects stated, the calibration of the reference and what is known of the channels first."""
     relative = calibration.reference_standard_uncertainty
     reference = [SystematicEffect("calibration of the reference", "gain", relative)] if relative > 0 else []
-    known = (calibration.reference_known_response, calibration.response_known_response)
-    return [*reference, *(effect for one in known if one is not None for effect in one.effects), *calibration.effects]
+    known = [effect for one in calibration.known_responses.values() for effect in one.effects]
+    return [*reference, *known, *calibration.effects]
 
 
 def covered_kinds(kinds: set[str]) -> list[str]:

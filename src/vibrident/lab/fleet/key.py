@@ -13,6 +13,7 @@ from typing import Any
 
 from vibrident.base.errors import InputError
 from vibrident.data.io.calibration_file import CalibrationFile, read_calibration_file
+from vibrident.data.io.known_files import known_files
 from vibrident.data.io.reader import sha256
 from vibrident.data.io.record_files import data_files
 from vibrident.data.io.toml_text import read_toml
@@ -48,6 +49,7 @@ def fingerprint(path: str, orders: Orders) -> Fingerprint:
         names = data_files(document, file.parent, path)
     except InputError:  # a glob that matches nothing
         names = []
+    names += known_files(document)
     return Fingerprint(_key(file, names, orders), _shape(document, file.parent, names))
 
 

@@ -77,6 +77,8 @@ def _show(calibration: Calibration, findings: list[Finding], files: list[Path]) 
     show_rows(_telling(io.describe(calibration)), "Tabulated response" if calibration.table else "Records")
     if light := [_light_row(record.name, record.optical) for record in calibration.records if record.optical]:
         show_rows(light, "Interferometer")
+    if known := _known_rows(calibration):
+        show_rows(known, "Known responses")
     if steps := _steps(calibration):
         console.print(Text("Read as:", "bold"))
         for step in steps:
@@ -115,6 +117,34 @@ def _understood(calibration: Calibration) -> dict[str, str]:
         "Reference": f"{reference}, relative standard uncertainty {u:.3g}" if u else reference,
         "Response": f"in {pretty(calibration.response_unit)}",
     }
+
+
+def _known_rows(calibration: Calibration) -> list[dict[str, Any]]:
+    """Return what is known of each channel: its band, and its size and uncertainty in the middle."""
+    import numpy as np
+
+    rows = []
+    for channel, known in calibration.known_responses.items():
+        low, high = known.band_hz
+        top = 0.5 * max((record.sampling_rate_hz for record in calibration.records), default=1e4)
+        middle = np.sqrt(max(low, 1e-4 * min(high, top)) * min(high, top))
+        value = complex(known.value(middle))
+        size, turn = np.sqrt(np.diag(known.covariance([middle])))
+        per = calibration.reference_unit if channel == "reference" else calibration.response_unit
+        rows.append(
+            {
+                "channel": channel,
+                "stated by": known.source,
+                "from / Hz": low,
+                "to / Hz": high,
+                "at / Hz": float(f"{middle:.2g}"),
+                "magnitude": f"{abs(value):.5g} {known.channel_unit}/({per})",
+                "phase / °": float(np.rad2deg(np.angle(value))),
+                "u / %": 100.0 * float(size),
+                "u of phase / °": float(np.rad2deg(turn)),
+            }
+        )
+    return rows
 
 
 def _light_row(name: str, optical: OpticalSummary) -> dict[str, Any]:

@@ -20,7 +20,7 @@ HERE = "columns and units"  # what messages call the form
 SECTIONS = {n: key for n, key in keys_of(CalibrationFile).items() if n != "certificate"}
 #: Section → its keys that a form can ask for.
 ENTRIES = {
-    name: [key for key in keys_of(section.section).values() if key.kind != "pairs"]
+    name: [key for key in keys_of(section.section).values() if key.kind not in ("pairs", "entries")]
     for name, section in SECTIONS.items()
     if section.section
 }

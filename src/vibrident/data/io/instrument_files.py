@@ -1,0 +1,210 @@
+"""Responses of seismic instruments: StationXML and RESP (by obspy), and SACPZ.
+
+Each stage becomes a shape: the transfer function is their product, as the files define it (SEED
+manual 2.4, appendix C), with the correction that a recorder applied for a filter's delay.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vibrident.base.errors import InputError
+from vibrident.data.io.columns import library
+from vibrident.data.known import DigitalFilter, KnownResponse, PolesZeros, Shape, Tabulated
+
+_ZEROS_AND_POLES = re.compile(r"^\s*(ZEROS|POLES|CONSTANT)\s+(\S+)", re.IGNORECASE)
+_UNIT = re.compile(r"^\s*\*+\s*(INPUT|OUTPUT)\s+UNITS?\s*:\s*(\S+)", re.IGNORECASE)
+_RESP = re.compile(r"^B05\dF\d\d", re.MULTILINE)
+#: Characters at the head of a file that tell its kind.
+_HEAD = 20_000
+_UNITS = {"M": "m", "M/S": "m/s", "M/S**2": "m/s^2", "COUNTS": "counts", "COUNT": "counts"}
+_UNITS |= {"NM": "nm", "NM/S": "nm/s", "NM/S**2": "nm/s^2"}
+
+
+def is_instrument_file(path: Path) -> bool:
+    """Tell whether a file is StationXML, RESP or SACPZ, by its head; InputError if unreadable."""
+    head = _text(path)[:_HEAD]
+    return _is_inventory(head) or _is_sacpz(head)
+
+
+def read_instrument(path: Path, channel: str | None, time: str | None) -> tuple[KnownResponse, str]:
+    """Read the response of a channel; return its unit, too, such as counts/(m/s).
+
+    Args:
+        path: of the file.
+        channel: its code, such as BHZ or GR.FUR..BHZ; None where the file has one.
+        time: a date within the epoch; None where there is one.
+
+    Raises:
+        InputError: the file cannot be read, or holds several responses, or one that is not linear.
+    """
+    text = _text(path)
+    if not _is_inventory(text[:_HEAD]):
+        return _read_sacpz(text, path)
+    obspy = library("obspy", "seismic", path)
+    try:
+        inventory = obspy.read_inventory(str(path))
+        moment = None if time is None else obspy.UTCDateTime(time)
+    except Exception as error:  # obspy raises whatever its parsers do
+        raise _refused(path, "a response that obspy reads", str(error)[:200]) from error
+    response = _one_response(inventory, channel, moment, path)
+    return _known(response, path)
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8", errors="replace")
+    except OSError as error:
+        problem = "The file of a known response cannot be read."
+        raise InputError(
+            problem,
+            expected="a file",
+            found=error.strerror or str(error),
+            where=str(path),
+            remedy="correct its name; it is relative to the calibration file",
+        ) from error
+
+
+def _is_inventory(head: str) -> bool:
+    return "FDSNStationXML" in head or _RESP.search(head) is not None
+
+
+def _is_sacpz(head: str) -> bool:
+    words = {m[1].upper() for line in head.splitlines() if (m := _ZEROS_AND_POLES.match(line))}
+    return {"POLES", "CONSTANT"} <= words or {"ZEROS", "CONSTANT"} <= words
+
+
+def _read_sacpz(text: str, path: Path) -> tuple[KnownResponse, str]:
+    roots: dict[str, list[complex]] = {"ZEROS": [], "POLES": []}
+    counts, constant, current = {"ZEROS": 0, "POLES": 0}, 1.0, ""
+    units = {"INPUT": "m", "OUTPUT": "counts"}
+    try:
+        for line in text.splitlines():
+            if match := _UNIT.match(line):
+                units[match[1].upper()] = _plain(match[2])
+            elif match := _ZEROS_AND_POLES.match(line):
+                current = match[1].upper()
+                if current == "CONSTANT":
+                    constant = float(match[2])
+                else:
+                    counts[current] = int(match[2])
+            elif current in roots and (numbers := line.split()) and not line.startswith("*"):
+                roots[current].append(complex(float(numbers[0]), float(numbers[1])))
+    except (ValueError, IndexError) as error:
+        raise _refused(path, "ZEROS, POLES and CONSTANT with numbers", str(error)[:200]) from error
+    for name, found in roots.items():  # those that are not listed lie at the origin
+        found += [0j] * (counts[name] - len(found))
+    known = KnownResponse.from_poles(roots["POLES"], roots["ZEROS"], constant)
+    return known, f"{units['OUTPUT']}/({units['INPUT']})"
+
+
+def _one_response(inventory: Any, channel: str | None, moment: Any, path: Path) -> Any:
+    """Return the only response that the file has for a channel and a time."""
+    found = []
+    for network in inventory:
+        for station in network:
+            for each in station:
+                code = f"{network.code}.{station.code}.{each.location_code}.{each.code}"
+                fits = channel is None or channel in (code, each.code)
+                begins = moment is None or each.start_date is None or each.start_date <= moment
+                goes_on = moment is None or each.end_date is None or moment <= each.end_date
+                if fits and begins and goes_on and each.response is not None:
+                    epoch = "" if each.start_date is None else f" from {each.start_date.date}"
+                    found.append((f"{code}{epoch}", each.response))
+    if len(found) != 1:
+        remedy = "name one by channel, and its epoch by time"
+        shown = ", ".join(name for name, _ in found[:8]) or "none"
+        raise _refused(path, "one response", f"{len(found)}: {shown}", remedy)
+    return found[0][1]
+
+
+def _known(response: Any, path: Path) -> tuple[KnownResponse, str]:
+    shapes: list[Shape] = []
+    for stage in response.response_stages:
+        shapes += _shapes(stage, path)
+    stated = response.instrument_sensitivity
+    ends = (
+        [response.response_stages[0], response.response_stages[-1]]
+        if response.response_stages
+        else [stated] * 2
+    )
+    if stated is None and not shapes:
+        raise _refused(path, "stages, or a sensitivity", "neither")
+    if not shapes:
+        shapes = [_gain(stated.value)]
+    unit = f"{_plain(ends[-1].output_units)}/({_plain(ends[0].input_units)})"
+    known = KnownResponse(tuple(shapes), band_hz=(0.0, min(s.top_hz for s in shapes)))
+    return known, unit
+
+
+def _shapes(stage: Any, path: Path) -> list[Shape]:
+    """Return the shapes of a stage, its gain among them."""
+    kind = type(stage).__name__
+    rate_hz = stage.decimation_input_sample_rate
+    advance_s = float(stage.decimation_correction or 0.0)
+    shapes: list[Shape] = [] if stage.stage_gain in (None, 1.0) else [_gain(stage.stage_gain)]
+    if kind == "PolesZerosResponseStage":
+        shapes.append(_poles(stage, rate_hz, advance_s))
+    elif kind == "FIRResponseStage":
+        taps = np.array([float(c) for c in stage.coefficients])
+        mirrored = {"ODD": taps[-2::-1], "EVEN": taps[::-1]}.get(stage.symmetry, taps[:0])
+        shapes.append(
+            DigitalFilter(np.concatenate([taps, mirrored]), np.ones(1), float(rate_hz), advance_s)
+        )
+    elif kind == "CoefficientsTypeResponseStage":
+        taps, below = ([float(c) for c in part] for part in (stage.numerator, stage.denominator))
+        if taps and rate_hz:
+            shapes.append(
+                DigitalFilter(np.array(taps), np.array(below or [1.0]), float(rate_hz), advance_s)
+            )
+    elif kind == "ResponseListResponseStage":
+        rows = [
+            (float(e.frequency), float(e.amplitude), float(e.phase))
+            for e in stage.response_list_elements
+        ]
+        hz, size, degrees = np.array(rows).T
+        shapes.append(Tabulated(hz, size, np.deg2rad(degrees)))
+    elif kind != "ResponseStage":
+        raise _refused(path, "stages that are linear", kind)
+    return shapes
+
+
+def _poles(stage: Any, rate_hz: Any, advance_s: float) -> Shape:
+    poles, zeros = (
+        np.array([complex(r) for r in part], dtype=complex) for part in (stage.poles, stage.zeros)
+    )
+    factor = float(stage.normalization_factor or 1.0)
+    kind = stage.pz_transfer_function_type
+    if kind == "DIGITAL (Z-TRANSFORM)":
+        later = max(poles.size - zeros.size, 0)
+        top = np.concatenate([np.zeros(later), factor * np.real(np.poly(zeros))])
+        return DigitalFilter(top, np.real(np.poly(poles)), float(rate_hz), advance_s)
+    if kind == "LAPLACE (HERTZ)":
+        turn = 2.0 * np.pi
+        factor *= turn ** (poles.size - zeros.size)
+        poles, zeros = turn * poles, turn * zeros
+    return PolesZeros(poles, zeros, factor)
+
+
+def _gain(value: Any) -> PolesZeros:
+    none = np.zeros(0, dtype=complex)
+    return PolesZeros(none, none, float(value))
+
+
+def _plain(unit: str | None) -> str:
+    text = (unit or "1").strip()
+    return _UNITS.get(text.upper(), text)
+
+
+def _refused(path: Path, expected: str, found: str, remedy: str = "") -> InputError:
+    return InputError(
+        "The response of an instrument cannot be taken from its file.",
+        expected=expected,
+        found=found,
+        where=str(path),
+        remedy=remedy or "correct the file, or give poles and zeros",
+    )

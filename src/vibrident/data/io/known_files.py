@@ -1,0 +1,245 @@
+"""The known responses of a calibration file → one for each channel, in its units.
+
+Entries are a chain from the recorder to the motion. The unit of each leads on: with the channel in
+V, ``V/pC`` leads to pC, and ``pC/(m/s^2)`` to m/s². A reference's chain ends at a unit of motion;
+what it states per velocity becomes a response per acceleration by one pole at rest.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from vibrident.base.errors import InputError
+from vibrident.data.io.calibration_file import CalibrationFile, TableSection
+from vibrident.data.io.instrument_files import is_instrument_file, read_instrument
+from vibrident.data.io.known_section import KnownResponseEntry
+from vibrident.data.io.reader import sha256
+from vibrident.data.io.table_file import read_table
+from vibrident.data.io.units import QUANTITY_UNITS, factor_between, parse_unit, quantity_of
+from vibrident.data.known import KnownResponse, PolesZeros
+from vibrident.data.known.unsure import flat_effects
+from vibrident.data.records import QUANTITIES, REFERENCE_UNITS
+
+ChannelName = Literal["reference", "response"]
+_TABLE_KEYS = (
+    *("frequency", "magnitude", "phase", "magnitude_uncertainty", "phase_uncertainty"),
+    *("phase_unit", "magnitude_unit", "coverage_factor"),
+)
+
+
+@dataclass(frozen=True)
+class KnownChannel:
+    """What is known of a channel, and the units at both ends of its chain.
+
+    Attributes:
+        response: None where nothing is stated.
+        held: unit of what the channel holds.
+        measured: unit of what it measures.
+    """
+
+    response: KnownResponse | None
+    held: str
+    measured: str
+
+
+def known_channel(
+    document: CalibrationFile, name: ChannelName, folder: Path, where: str
+) -> KnownChannel:
+    """Return what a calibration file states of a channel.
+
+    Raises:
+        InputError: a file cannot be used, or the units do not lead from the channel to the motion.
+    """
+    section = getattr(document, name)
+    quantity = document.reference.quantity
+    target = REFERENCE_UNITS[quantity] if quantity != "drive" else document.reference.unit
+    if not section.known_response:
+        return KnownChannel(None, section.unit, target if name == "reference" else section.unit)
+    held = unit = section.unit or "V"
+    whole: KnownResponse | None = None
+    for number, entry in enumerate(section.known_response, start=1):
+        here = f"{where}, [[{name}.known_response]] entry {number}"
+        wanted = f"{unit}/({target})" if name == "reference" and quantity != "drive" else "1"
+        part, stated = _read(entry, unit, wanted, folder, here)
+        factor, unit = _led_on(unit, stated, here)
+        part = replace(part, channel_unit=held)
+        part = _scaled(part, factor)
+        whole = part if whole is None else whole.times(part)
+    assert whole is not None
+    if name == "reference" and quantity != "drive":
+        whole = _per_motion(whole, unit, quantity, f"{where}, [[reference.known_response]]")
+        unit = target
+    return KnownChannel(whole, held, unit)
+
+
+def as_channels(document: CalibrationFile) -> CalibrationFile:
+    """Return the document by which the files are read: a reference that is known is a channel."""
+    reference = document.reference
+    if not reference.known_response or document.interferometer is not None:
+        return document
+    held = {"quantity": "drive", "unit": reference.unit or "V"}
+    return document.model_copy(update={"reference": reference.model_copy(update=held)})
+
+
+def known_files(document: CalibrationFile) -> list[str]:
+    """Return the names of the files that state known responses."""
+    sections = (document.reference, document.response)
+    return [e.file for section in sections for e in section.known_response if e.file is not None]
+
+
+def _read(
+    entry: KnownResponseEntry, held: str, wanted: str, folder: Path, where: str
+) -> tuple[KnownResponse, str]:
+    """Return the response of an entry and its unit; ``wanted``: that of one that states none."""
+    try:
+        known, unit = _of_entry(entry, held, wanted, folder, where)
+    except InputError as error:
+        raise (error.at(where) if error.where == "known response" else error) from None
+    flat = flat_effects(known.source, entry.standard_uncertainty, entry.phase_standard_uncertainty)
+    known = replace(known, effects=(*known.effects, *flat))
+    if entry.file is not None:
+        known = replace(known, files=((entry.file, sha256(folder / entry.file)),))
+    return known, unit
+
+
+def _of_entry(
+    entry: KnownResponseEntry, held: str, wanted: str, folder: Path, where: str
+) -> tuple[KnownResponse, str]:
+    stated = entry.unit or "1"
+    gain = 1.0 if entry.gain is None else entry.gain
+    if entry.numerator is not None:
+        assert entry.rate_hz is not None  # checked with the file
+        below = entry.denominator or [1.0]
+        return KnownResponse.from_filter(entry.numerator, below, rate_hz=entry.rate_hz), stated
+    if entry.poles is not None or entry.zeros is not None:
+        poles, zeros = (
+            [complex(*root) for root in roots or ()] for roots in (entry.poles, entry.zeros)
+        )
+        return KnownResponse.from_poles(poles, zeros, gain), stated
+    if entry.file is None:
+        corners = entry.highpass_hz or (), entry.lowpass_hz or ()
+        unsure = entry.corner_uncertainty
+        return KnownResponse.from_corners(*corners, gain, corner_uncertainty=unsure), stated
+    path = folder / entry.file
+    if path.suffix.lower() == ".json":
+        return _of_result(path, entry, wanted)
+    if is_instrument_file(path):
+        known, unit = read_instrument(path, entry.channel, entry.time)
+        return replace(known, source=entry.file), entry.unit or unit
+    return _of_table(entry, held, entry.unit or wanted, folder, where)
+
+
+def _of_result(path: Path, entry: KnownResponseEntry, wanted: str) -> tuple[KnownResponse, str]:
+    """Return the response of a result's sensor, per the motion that is wanted if any is."""
+    motion = quantity_of(wanted.partition("/")[2])
+    known = KnownResponse.from_result(path, motion)
+    known = replace(
+        known,
+        source=str(entry.file),
+        effects=tuple(replace(e, source=str(entry.file)) for e in known.effects),
+    )
+    return known, entry.unit or f"{known.channel_unit}/({wanted.partition('/')[2] or '1'})"
+
+
+def _of_table(
+    entry: KnownResponseEntry, held: str, unit: str, folder: Path, where: str
+) -> tuple[KnownResponse, str]:
+    """Return the response of a table, read as tabulated calibrations are."""
+    above, _, below = unit.partition("/")
+    if unit == "1":
+        above = below = held
+    quantity = quantity_of(below) or "drive"
+    if entry.phase is None:
+        raise InputError(
+            "The table of a known response has no phase.",
+            expected="frequency, magnitude and phase",
+            found="phase not stated",
+            where=where,
+            remedy="add phase = …, the column that holds it",
+        )
+    given = {k: getattr(entry, k) for k in _TABLE_KEYS if k in entry.model_fields_set}
+    document = CalibrationFile.model_validate(
+        {
+            "reference": {"quantity": quantity, "unit": "" if quantity != "drive" else below},
+            "response": {"unit": above},
+            "table": TableSection.model_validate({"file": entry.file, **given}),
+        }
+    )
+    table = read_table(document, folder, where)
+    if np.any(np.diff(table.frequency_hz) <= 0.0):
+        place = int(np.argmax(np.diff(table.frequency_hz) <= 0.0))
+        raise InputError(
+            "The frequencies of a known response are out of order.",
+            expected="each above the one before",
+            found=", ".join(f"{hz:g} Hz" for hz in table.frequency_hz[place : place + 2]),
+            where=f"{entry.file}, asked for by {where}",
+            remedy="sort the rows, and remove repeated ones",
+        )
+    assert table.phase_rad is not None
+    known = KnownResponse.from_table(
+        table.frequency_hz,
+        table.magnitude,
+        table.phase_rad,
+        magnitude_uncertainty=table.magnitude_uncertainty,
+        phase_uncertainty_rad=table.phase_uncertainty_rad,
+        correlation_octaves=entry.correlation_octaves,
+        source=str(entry.file),
+    )
+    if unit == "1":
+        return known, unit
+    return known, f"{above}/({REFERENCE_UNITS[quantity] if quantity in QUANTITY_UNITS else below})"
+
+
+def _led_on(unit: str, stated: str, where: str) -> tuple[float, str]:
+    """Return the factor to a channel's ``unit`` and what a response of unit ``stated`` leads to."""
+    if stated.strip() == "1":
+        return 1.0, unit
+    above, _, below = stated.partition("/")
+    factor = factor_between(above, unit)
+    if factor is None or not below:
+        raise InputError(
+            "The unit of a known response does not fit its channel.",
+            expected=f'"1", or a multiple of {unit} per another unit, such as "{unit}/(m/s^2)"',
+            found=f'unit = "{stated}"',
+            where=where,
+            remedy="correct it, or unit of the channel; entries go from the recorder to the motion",
+        )
+    below = below.strip()
+    if below.startswith("(") and below.endswith(")"):
+        below = below[1:-1]
+    return factor, below
+
+
+def _scaled(known: KnownResponse, factor: float) -> KnownResponse:
+    if factor == 1.0:
+        return known
+    none = np.zeros(0, dtype=complex)
+    return replace(known, shapes=(*known.shapes, PolesZeros(none, none, factor)))
+
+
+def _per_motion(known: KnownResponse, unit: str, quantity: str, where: str) -> KnownResponse:
+    """Return a reference's response per SI unit of ``quantity``, from that per ``unit``."""
+    theirs = quantity_of(unit)
+    if theirs is None:
+        raise InputError(
+            "The known responses do not lead from the channel to the motion.",
+            expected=f"units that end at one of motion, such as V/({REFERENCE_UNITS[quantity]})",
+            found=f"an end at {unit!r}",
+            where=where,
+            remedy="state unit of the entries, or of [reference]",
+        )
+    motions = [q for q in QUANTITIES if q != "drive"]  # from acceleration down, each one more 1/s
+    steps = motions.index(theirs) - motions.index(quantity)  # K per x = K per v · s
+    parsed = parse_unit(unit)
+    assert parsed is not None
+    origin, none = np.zeros(abs(steps), dtype=complex), np.zeros(0, dtype=complex)
+    poles, zeros = (origin, none) if steps > 0 else (none, origin)
+    if steps == 0 and math.isclose(parsed.factor, 1.0):
+        return known
+    shape = PolesZeros(poles, zeros, 1.0 / parsed.factor)
+    return replace(known, shapes=(*known.shapes, shape))
