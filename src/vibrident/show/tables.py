@@ -54,8 +54,14 @@ def facts(result: Result) -> tuple[tuple[str, str], ...]:
         ("estimator", result.estimator),
         ("reference", reference),
         ("response", f"in {pretty(result.response_unit)}"),
+        *((f"known of the {row['channel']}", _known(row)) for row in result.settings.get("known_responses", ())),
         *((("frequencies", _band(result.measured)),) if result.has_gain else ()),
     )
+
+
+def _known(row: Mapping[str, Any]) -> str:
+    low, high = row["band_hz"]
+    return f"{row['source']}, taken out from {low:.4g} to {high:.4g} Hz"
 
 
 def _band(measured: MeasuredCurve) -> str:

@@ -16,7 +16,7 @@ from vibrident.fit.judge.examined import told
 from vibrident.fit.judge.measured import fit_of_signals, fit_of_table, measured_curve
 from vibrident.fit.judge.provenance import provenance
 from vibrident.fit.judge.refits import PHASE_BY_SCATTER
-from vibrident.fit.problem import FrequencyProblem
+from vibrident.fit.problem import Evidence, FrequencyProblem
 from vibrident.fit.uncertainty import correlation, curve, parameter_table, weakly_determined
 from vibrident.fit.uncertainty.budget import (
     DATA,
@@ -163,11 +163,18 @@ def _seen(fitted: Fitted) -> dict[str, Any]:
     optical = {record.name: record.optical.as_settings() for record in records if record.optical is not None}
     found = {"systematic_effects_seen": amounts, "explained_by": judgement.explained_by}
     found |= {"interferometer": optical, "clock_offset": fitted.evidence.clock_offset}
-    known = fitted.evidence.calibration.known_responses
-    found |= {"known_responses": [{"channel": name, "source": one.source} for name, one in known.items()]}
+    found |= {"known_responses": _known_responses(fitted.evidence)}
     bands = {record.band_hz for record in fitted.evidence.records if record.band_hz is not None}
     found |= {"band_hz": [*bands.pop()] if len(bands) == 1 else []}
     return {name: value for name, value in found.items() if value}
+
+
+def _known_responses(evidence: Evidence) -> list[dict[str, Any]]:
+    """Return what was taken out of each channel, and the band that was left."""
+    bands = [record.band_hz for record in evidence.records if record.band_hz is not None]
+    left = [min(low for low, _ in bands), max(high for _, high in bands)] if bands else [*evidence.band_hz]
+    known = evidence.calibration.known_responses.items()
+    return [{"channel": name, "source": one.source, "band_hz": left} for name, one in known]
 
 
 def _scaled(fitted: Fitted, choice: Uncertainty) -> tuple[np.ndarray, float, str]:

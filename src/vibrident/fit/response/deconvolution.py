@@ -44,6 +44,14 @@ MAX_LOST = 1.0 / 3.0
 END_PART = 0.02
 #: Lower end of a band that begins at rest.
 LOWEST_HZ = 1e-12
+#: Periods that a record holds of the lowest frequency at which a ratio that is infinite at rest is used.
+FEWEST_PERIODS = 2.0
+#: Part of a ratio by which it may differ from that at rest, which is then reached within a record.
+SETTLED = 1e-3
+#: Factor at most by which the lower end is raised in a round.
+MAX_RAISE = 2.0
+#: Part of the reference's rms below the band that what is unknown there may leave in it.
+MAX_BELOW = 1e-2
 #: Rounds in which the lower end of the band is raised for a short record.
 MAX_ROUNDS = 12
 
@@ -135,18 +143,19 @@ def without_chain(calibration: Calibration, chain: Chain) -> Calibration:
 def _band_of(record: Record, chain: Chain) -> tuple[float, float]:
     """Return the band of a record's fit that is known: where none is stated it is cut to it."""
     low, high = chain.band_hz
-    top = HIGHEST * record.sampling_rate_hz
+    top = min(high, HIGHEST * record.sampling_rate_hz)
     if record.band_hz is None:
-        return low, min(high, top)
+        return low, top
     first, last = record.band_hz
-    last = min(last, 0.5 * record.sampling_rate_hz)
+    first = low if first <= LOWEST_HZ else first  # not stated
+    last = high if math.isinf(last) else min(last, 0.5 * record.sampling_rate_hz)
     if first < low * (1.0 - 1e-9) or last > high * (1.0 + 1e-9):
         raise InputError(
             "The band of the fit reaches beyond what is known of the channels.",
             expected=f"a band within {low:g} to {high:g} Hz",
-            found=f"{first:g} to {record.band_hz[1]:g} Hz",
+            found=f"{first:g} to {last:g} Hz",
             where=f"record {record.name!r}",
-            remedy="narrow from_hz and to_hz, or ⟦identify.band_hz⟧; or leave the band to what is known",
+            remedy="narrow from_hz and to_hz, or ⟦identify.band_hz⟧",
         )
     return first, min(last, top)
 
@@ -189,61 +198,118 @@ def _in_the_band(record: Record, chain: Chain, band_hz: tuple[float, float]) -> 
     """Return a record with both channels filtered to the band, its reference by the ratio too."""
     assert record.reference is not None
     low, high = band_hz
-    samples, rate_hz = record.samples, record.sampling_rate_hz
-    bounded = low > 0.0 or not _finite_at_rest(chain)
-    low = max(low, 1.0 / record.duration_s) if bounded else 0.0
-    for _ in range(MAX_ROUNDS):
-        reference = _Filter.of(record.reference, record.reference_mask, rate_hz, (low, high), chain)
-        response = _Filter.of(record.response, record.mask, rate_hz, (low, high), None)
-        begin = max(reference.begin, response.begin)
-        end = max(reference.end, response.end)
-        lost = begin + end
-        if lost <= MAX_LOST * samples or not bounded:
-            break
-        low *= min(max(1.1, lost / (MAX_LOST * samples)), 4.0)
-    if lost > MAX_LOST * samples or not low < 0.5 * high:
+    reference, response, low = _filtered(record, chain, low)
+    begin = max(reference.begin, response.begin)
+    end = max(reference.end, response.end)
+    lost = begin + end
+    if lost > MAX_LOST * record.samples or not low < 0.5 * high:
         raise InputError(
             "The record is too short for the known response of its channels.",
-            expected="a record many times as long as the response's memory, or as a period at the lower end of "
-            "its band",
-            found=f"{record.duration_s:.4g} s, of which {lost / rate_hz:.4g} s would be left out",
+            expected="a record many times as long as a period at the lower end of its band",
+            found=f"{record.duration_s:.4g} s, of which {lost * record.sampling_interval_s:.4g} s would be left out",
             where=f"record {record.name!r}",
             remedy="use a longer record, or a higher from_hz",
         )
-    inside = slice(begin, samples - end)
-    stated = bounded or math.isfinite(chain.band_hz[1]) or record.band_hz is not None
+    inside = slice(begin, record.samples - end)
+    said = f"{_said(chain, (low, high))}; {lost} samples at the ends left out"
     return replace(
         record,
         reference=reference.samples[inside],
         response=response.samples[inside] / chain.scale,
         valid=response.valid[inside],
         reference_valid=reference.valid[inside],
-        start_time_s=record.start_time_s + begin / rate_hz,
-        band_hz=(low or LOWEST_HZ, high) if stated else None,
-        provenance=record.provenance.then(f"{_said(chain, (low, high))}; {lost} samples at the ends left out"),
+        start_time_s=record.start_time_s + begin * record.sampling_interval_s,
+        band_hz=(max(low, LOWEST_HZ), high),
+        provenance=record.provenance.then(said),
         reference_full_scale=None,
         response_full_scale=None,
     )
 
 
-def _finite_at_rest(chain: Chain) -> bool:
-    """Tell whether the ratio stays what it is as the frequency falls to zero."""
-    near, at = np.abs(chain.ratio(np.array([1e-9, 1e-8])))
-    return bool(np.isfinite(near) and near < 1.01 * at)
+def _filtered(record: Record, chain: Chain, stated: float) -> tuple[_Filter, _Filter, float]:
+    """Return both channels filtered, and the lower end of the band that they leave.
+
+    Where hardly any motion is below the band, the ratio is continued there; else it is cut off, at a
+    frequency as low as the length of the record allows.
+
+    Args:
+        record: with a reference.
+        chain: the known responses.
+        stated: lower end of the fit's band, Hz.
+    """
+    reference, known = record.reference, chain.band_hz
+    assert reference is not None
+    samples, rate_hz = record.samples, record.sampling_rate_hz
+    longest = FEWEST_PERIODS / record.duration_s
+    low = known[0] if _is_settled(chain, longest) else max(known[0], stated, longest)
+    for _ in range(MAX_ROUNDS):
+        cut = low > 0.0 and _moves_below(record, low)
+        edges = Edges(low if cut else 0.0, min(known[1], HIGHEST * rate_hz), low)
+        both = (
+            _Filter.of(reference, record.reference_mask, rate_hz, edges, chain),
+            _Filter.of(record.response, record.mask, rate_hz, edges, None),
+        )
+        lost = max(each.begin for each in both) + max(each.end for each in both)
+        if lost <= MAX_LOST * samples or low == 0.0:
+            break
+        low *= min(max(1.1, lost / (MAX_LOST * samples)), MAX_RAISE)
+    return *both, max(low, stated)
 
 
-def _window(frequency_hz: FloatArray, low: float, high: float, rate_hz: float) -> FloatArray:
-    """Return W at frequencies: smooth edges outside the band, one within."""
-    from scipy.special import ndtr  # slow to load
+def _is_settled(chain: Chain, frequency_hz: float) -> bool:
+    """Tell whether the ratio goes to rest from a frequency on as a constant with a delay does."""
+    half, at = chain.ratio(frequency_hz * np.array([0.5, 1.0]))
+    turn = 0.5 * np.angle((half**2 / at) ** 2)  # zero for a delay, whatever the sign
+    return bool(abs(abs(at / half) - 1.0) < SETTLED and abs(turn) < SETTLED)
 
-    middle, width = HIGH_MIDDLE * high, EDGE_WIDTH * high
-    if middle > HIGHEST_MIDDLE * rate_hz:
-        middle, width = HIGHEST_MIDDLE * rate_hz, HIGHEST_WIDTH * rate_hz
-    value = ndtr((middle - frequency_hz) / width)
-    if low > 0.0:
-        rising = ndtr((frequency_hz - LOW_MIDDLE * low) / (EDGE_WIDTH * low))
-        value = value * np.where(frequency_hz > AT_REST * low, rising, 0.0)
-    return np.asarray(value)
+
+def _moves_below(record: Record, low: float) -> bool:
+    """Tell whether motion below a frequency is more than a small part of all."""
+    moving = np.where(record.reference_mask, record.reference, np.nan)
+    moving = np.nan_to_num(moving - np.nanmean(moving)) * np.hanning(record.samples)
+    power = np.abs(fft.rfft(moving)) ** 2
+    below = int(low * record.duration_s) + 1 if low > 0.0 else 0
+    return bool(np.sum(power[:below]) > MAX_BELOW**2 * np.sum(power))
+
+
+@dataclass(frozen=True)
+class Edges:
+    """Where W falls, and from where on the ratio is continued to lower frequencies, Hz.
+
+    Attributes:
+        low: lower end of W's band; 0 where it goes on to rest.
+        high: upper end.
+        continued: below it the ratio keeps its magnitude, and its phase goes to zero in proportion.
+    """
+
+    low: float
+    high: float
+    continued: float
+
+    def window(self, frequency_hz: FloatArray, rate_hz: float) -> FloatArray:
+        """Return W at frequencies: one within the band, with smooth edges outside."""
+        from scipy.special import ndtr  # slow to load
+
+        middle, width = HIGH_MIDDLE * self.high, EDGE_WIDTH * self.high
+        if middle > HIGHEST_MIDDLE * rate_hz:
+            middle, width = HIGHEST_MIDDLE * rate_hz, HIGHEST_WIDTH * rate_hz
+        value = ndtr((middle - frequency_hz) / width)
+        if self.low > 0.0:
+            rising = ndtr((frequency_hz - LOW_MIDDLE * self.low) / (EDGE_WIDTH * self.low))
+            value = value * np.where(frequency_hz > AT_REST * self.low, rising, 0.0)
+        return np.asarray(value)
+
+    def ratio(self, frequency_hz: FloatArray, chain: Chain) -> ComplexArray:
+        """Return the ratio of a chain, continued where W does not cut it off."""
+        if self.low > 0.0 or self.continued == 0.0:
+            return chain.ratio(frequency_hz)
+        value = chain.ratio(np.maximum(frequency_hz, self.continued))
+        below = frequency_hz < self.continued
+        edge = complex(chain.ratio(np.array([self.continued]))[0])
+        sign = -1.0 if edge.real < 0.0 else 1.0
+        part = frequency_hz[below] / self.continued
+        value[below] = sign * abs(edge) * np.exp(1j * np.angle(sign * edge) * part)
+        return value
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,7 +333,7 @@ class _Filter:
         values: FloatArray,
         valid: BoolArray,
         rate_hz: float,
-        band_hz: tuple[float, float],
+        edges: Edges,
         chain: Chain | None,
     ) -> _Filter:
         """Filter a channel to a band and, where it is the reference, by the ratio of a chain."""
@@ -275,7 +341,7 @@ class _Filter:
         size = fast_length(2 * count)
         at = np.arange(size // 2 + 1) * rate_hz / size
         at[0] = 1e-6 * at[1]
-        spectrum = _window(at, *band_hz, rate_hz) * (1.0 + 0j if chain is None else chain.ratio(at))
+        spectrum = edges.window(at, rate_hz) * (1.0 + 0j if chain is None else edges.ratio(at, chain))
         places = np.arange(count)
         whole = values if valid.all() else np.interp(places, places[valid], values[valid])
         part = max(int(END_PART * count), 4)

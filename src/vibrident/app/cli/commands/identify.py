@@ -150,6 +150,10 @@ def _show(results: list[Any], files: list[Path], context: typer.Context, *, quie
     for result in results:
         for text in said_of_copies((file["file"], file["history"]) for file in result.provenance.get("files", ())):
             note(text)
+        for row in result.settings.get("known_responses", ()):
+            low, high = row["band_hz"]
+            words = f"{row['source']}, known response of the {row['channel']}, is taken out"
+            note(f"Note: {words}; the fit takes {low:.4g} to {high:.4g} Hz.")
         written = files if result is results[-1] else []
         if quiet:
             warn(result.warnings)
