@@ -1,11 +1,13 @@
 """Responses of seismic instruments: StationXML and RESP (by obspy), and SACPZ.
 
-Each stage becomes a shape: the transfer function is their product, as the files define it (SEED
-manual 2.4, appendix C), with the correction that a recorder applied for a filter's delay.
+The transfer function is the product of the stages', each of its own gain at its own frequency (SEED
+manual 2.4, appendix C). A symmetric digital filter has no delay, as recorders stamp its middle
+(evalresp); others have theirs, less the correction that the file states.
 """
 
 from __future__ import annotations
 
+import math
 import re
 from pathlib import Path
 from typing import Any
@@ -15,6 +17,7 @@ import numpy as np
 from vibrident.base.errors import InputError
 from vibrident.data.io.columns import library
 from vibrident.data.known import DigitalFilter, KnownResponse, PolesZeros, Shape, Tabulated
+from vibrident.data.records import FloatArray
 
 _ZEROS_AND_POLES = re.compile(r"^\s*(ZEROS|POLES|CONSTANT)\s+(\S+)", re.IGNORECASE)
 _UNIT = re.compile(r"^\s*\*+\s*(INPUT|OUTPUT)\s+UNITS?\s*:\s*(\S+)", re.IGNORECASE)
@@ -142,38 +145,56 @@ def _known(response: Any, path: Path) -> tuple[KnownResponse, str]:
 
 
 def _shapes(stage: Any, path: Path) -> list[Shape]:
-    """Return the shapes of a stage, its gain among them."""
+    """Return the shapes of a stage: its filter, and the gain that it has at its own frequency."""
+    gain = 1.0 if stage.stage_gain is None else float(stage.stage_gain)
+    shape = _filter(stage, path)
+    if shape is None:
+        return [_gain(gain)]
+    at = stage.stage_gain_frequency
+    size = 0.0 if at is None else float(np.abs(shape.at(np.array(float(at)))))
+    return [shape, _gain(gain / size if size > 0.0 and math.isfinite(size) else gain)]
+
+
+def _filter(stage: Any, path: Path) -> Shape | None:
+    """Return the filter of a stage; None where it has a gain alone."""
     kind = type(stage).__name__
     rate_hz = stage.decimation_input_sample_rate
-    advance_s = float(stage.decimation_correction or 0.0)
-    shapes: list[Shape] = [] if stage.stage_gain in (None, 1.0) else [_gain(stage.stage_gain)]
     if kind == "PolesZerosResponseStage":
-        shapes.append(_poles(stage, rate_hz, advance_s))
-    elif kind == "FIRResponseStage":
+        return _poles(stage, rate_hz)
+    if kind == "FIRResponseStage":
         taps = np.array([float(c) for c in stage.coefficients])
         mirrored = {"ODD": taps[-2::-1], "EVEN": taps[::-1]}.get(stage.symmetry, taps[:0])
-        shapes.append(
-            DigitalFilter(np.concatenate([taps, mirrored]), np.ones(1), float(rate_hz), advance_s)
+        return _digital(stage, np.concatenate([taps, mirrored]), np.ones(1))
+    if kind == "CoefficientsTypeResponseStage":
+        taps, below = (
+            np.array([float(c) for c in part]) for part in (stage.numerator, stage.denominator)
         )
-    elif kind == "CoefficientsTypeResponseStage":
-        taps, below = ([float(c) for c in part] for part in (stage.numerator, stage.denominator))
-        if taps and rate_hz:
-            shapes.append(
-                DigitalFilter(np.array(taps), np.array(below or [1.0]), float(rate_hz), advance_s)
-            )
-    elif kind == "ResponseListResponseStage":
-        rows = [
+        none = not taps.size or not rate_hz
+        return None if none else _digital(stage, taps, below if below.size else np.ones(1))
+    if kind == "ResponseListResponseStage":
+        listed = [
             (float(e.frequency), float(e.amplitude), float(e.phase))
             for e in stage.response_list_elements
         ]
-        hz, size, degrees = np.array(rows).T
-        shapes.append(Tabulated(hz, size, np.deg2rad(degrees)))
-    elif kind != "ResponseStage":
-        raise _refused(path, "stages that are linear", kind)
-    return shapes
+        hz, size, degrees = np.array(listed).T
+        return Tabulated(hz, size, np.deg2rad(degrees))
+    if kind == "ResponseStage":
+        return None
+    raise _refused(path, "stages that are linear", kind)
 
 
-def _poles(stage: Any, rate_hz: Any, advance_s: float) -> Shape:
+def _digital(stage: Any, taps: FloatArray, below: FloatArray) -> DigitalFilter:
+    """Return a digital filter, at the stamps of the recorder: of a symmetric one, of its middle."""
+    rate_hz = float(stage.decimation_input_sample_rate)
+    advance_s = float(stage.decimation_correction or 0.0)
+    if below.size == 1 and np.allclose(
+        taps, taps[::-1], rtol=0.0, atol=1e-9 * np.max(np.abs(taps))
+    ):
+        advance_s = 0.5 * (taps.size - 1) / rate_hz
+    return DigitalFilter(taps, below, rate_hz, advance_s)
+
+
+def _poles(stage: Any, rate_hz: Any) -> Shape:
     poles, zeros = (
         np.array([complex(r) for r in part], dtype=complex) for part in (stage.poles, stage.zeros)
     )
@@ -182,7 +203,7 @@ def _poles(stage: Any, rate_hz: Any, advance_s: float) -> Shape:
     if kind == "DIGITAL (Z-TRANSFORM)":
         later = max(poles.size - zeros.size, 0)
         top = np.concatenate([np.zeros(later), factor * np.real(np.poly(zeros))])
-        return DigitalFilter(top, np.real(np.poly(poles)), float(rate_hz), advance_s)
+        return DigitalFilter(top, np.real(np.poly(poles)), float(rate_hz))
     if kind == "LAPLACE (HERTZ)":
         turn = 2.0 * np.pi
         factor *= turn ** (poles.size - zeros.size)
