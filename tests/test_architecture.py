@@ -76,7 +76,16 @@ def test_there_are_eleven_rooms_and_two_doors():
 
 def test_the_public_names_are_these():
     assert sorted(vibrident.__all__) == [
-        *("Calibration", "IdentifiedSensor", "InputError", "Ipnn", "KnownResponse", "LeastSquares", "MaximumLikelihood", "Model"),
+        *(
+            "Calibration",
+            "IdentifiedSensor",
+            "InputError",
+            "Ipnn",
+            "KnownResponse",
+            "LeastSquares",
+            "MaximumLikelihood",
+            "Model",
+        ),
         *("ModelError", "NotConverged", "ParameterSpec", "Provenance", "Record", "ResponseTable", "Result"),
         *("VibridentError", "__version__"),
         *("correct", "identify", "identify_many", "identify_together", "plan", "predict", "read", "simulate"),

@@ -24,9 +24,13 @@ from vibrident.data.known.shapes import (
 from vibrident.data.known.unsure import (
     change_by,
     corner_effect,
+    effect_of,
     flat_effects,
     tabulated_effects,
 )
+
+#: Error between the points of a table, of log response, from which it is a source of uncertainty.
+LEAST_BETWEEN = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,6 +126,8 @@ class KnownResponse:
     ) -> KnownResponse:
         """Return the response of a table, such as a certificate's; known between its ends alone.
 
+        What a spline may miss between its points is a source of uncertainty of its own.
+
         Args:
             frequency_hz: rising, shape (n,).
             magnitude: channel unit per unit of what is measured, shape (n,).
@@ -146,6 +152,10 @@ class KnownResponse:
             "phase": phase_uncertainty_rad,
         }
         effects = tabulated_effects(source, table.frequency_hz, sizes, correlation_octaves)
+        between = table.between_points()
+        if np.max(np.abs(between)) > LEAST_BETWEEN:
+            name = f"{source}, between its points"
+            effects += (effect_of(name, "gain", table.frequency_hz, between),)
         band_hz = float(table.frequency_hz[0]), float(table.frequency_hz[-1])
         return cls((table,), channel_unit, band_hz, effects, source)
 
