@@ -19,7 +19,7 @@ LIBRARY = {
     "web": "nicegui",
     "parquet": "pyarrow",
 }
-LIBRARY |= {"excel": "openpyxl"}
+LIBRARY |= {"excel": "openpyxl", "seismic": "obspy"}
 #: The paper's modules that train networks, and those that use them.
 PAPER_ON_JAX = (
     *("adam", "black_box", "claims", "figures", "free_weights", "methods", "page", "pinn", "reproduction", "sections"),

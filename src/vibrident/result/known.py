@@ -63,4 +63,5 @@ def _shape(sensor: IdentifiedSensor, quantity: Quantity, at: FloatArray) -> Shap
     )
     gain = float(system.gain) * numerator[0] / denominator[0]
     delay_s = float(model.delay_s(values)) if model.has_delay else 0.0
-    return PolesZeros(np.roots(denominator), np.roots(numerator), gain, delay_s)
+    poles, zeros = (np.roots(c).astype(complex) for c in (denominator, numerator))
+    return PolesZeros(poles, zeros, gain, delay_s)

@@ -311,6 +311,17 @@ def test_the_unit_of_a_phase(tmp_path, name, stated, result):
     assert any(step.startswith(f"phase read in {result}") for step in table.provenance.history)
 
 
+@pytest.mark.parametrize("name", ["U (k=2) [V/(m/s²)]", "expanded uncertainty (V/(m/s²))", "u (V/(m/s²))"])
+def test_a_stated_coverage_factor_divides_u(tmp_path, name):
+    (tmp_path / "t.csv").write_text(f"f;S;{name}\n10;2;0.01\n20;2;0.02\n", encoding="utf-8")
+    (tmp_path / "cal.toml").write_text(
+        '[table]\nfile = "t.csv"\nfrequency = 1\nmagnitude = 2\nmagnitude_uncertainty = 3\ncoverage_factor = 2.0\n'
+    )
+    table = read(tmp_path / "cal.toml").table
+    assert table is not None
+    np.testing.assert_allclose(table.magnitude_uncertainty, [0.005, 0.01], rtol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("size", "name", "result"),
     [

@@ -39,6 +39,18 @@ def test_a_key_follows_content_and_settings_and_not_the_place(tmp_path):
 _OTHERS = ({"model": "accelerometer+delay"}, {"estimator": "ml"}, {"version": "0"})
 
 
+def test_a_certificate_of_the_reference_is_part_of_the_key(tmp_path):
+    file = good(tmp_path, 1)
+    known = '\n[[reference.known_response]]\nfile = "known.csv"\nfrequency = 1\nmagnitude = 2\nphase = 3\n'
+    file.write_text(file.read_text() + known)
+    keys = set()
+    for text in (None, "f,S,phase\n1,1,0\n", "f,S,phase\n1,2,0\n"):
+        if text is not None:
+            (tmp_path / "known.csv").write_text(text)
+        keys.add(fingerprint(str(file), Orders("")).key)
+    assert len(keys) == 3
+
+
 def test_batches_are_of_one_shape_and_about_ten_seconds_and_small_at_the_end():
     batches = Batches()
     for number in range(2000):

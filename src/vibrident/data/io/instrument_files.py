@@ -126,22 +126,15 @@ def _one_response(inventory: Any, channel: str | None, moment: Any, path: Path) 
 
 
 def _known(response: Any, path: Path) -> tuple[KnownResponse, str]:
-    shapes: list[Shape] = []
-    for stage in response.response_stages:
-        shapes += _shapes(stage, path)
-    stated = response.instrument_sensitivity
-    ends = (
-        [response.response_stages[0], response.response_stages[-1]]
-        if response.response_stages
-        else [stated] * 2
-    )
-    if stated is None and not shapes:
+    """Return the response of all stages, else of the sensitivity alone, and its unit."""
+    stages, stated = response.response_stages, response.instrument_sensitivity
+    if not stages and stated is None:
         raise _refused(path, "stages, or a sensitivity", "neither")
-    if not shapes:
-        shapes = [_gain(stated.value)]
-    unit = f"{_plain(ends[-1].output_units)}/({_plain(ends[0].input_units)})"
-    known = KnownResponse(tuple(shapes), band_hz=(0.0, min(s.top_hz for s in shapes)))
-    return known, unit
+    shapes: list[Shape] = [shape for stage in stages for shape in _shapes(stage, path)]
+    shapes = shapes or [_gain(stated.value)]
+    first, last = (stages[0], stages[-1]) if stages else (stated, stated)
+    unit = f"{_plain(last.output_units)}/({_plain(first.input_units)})"
+    return KnownResponse(tuple(shapes), band_hz=(0.0, min(s.top_hz for s in shapes))), unit
 
 
 def _shapes(stage: Any, path: Path) -> list[Shape]:
@@ -202,13 +195,13 @@ def _poles(stage: Any, rate_hz: Any) -> Shape:
     kind = stage.pz_transfer_function_type
     if kind == "DIGITAL (Z-TRANSFORM)":
         later = max(poles.size - zeros.size, 0)
-        top = np.concatenate([np.zeros(later), factor * np.real(np.poly(zeros))])
-        return DigitalFilter(top, np.real(np.poly(poles)), float(rate_hz))
+        top = np.concatenate([np.zeros(later), factor * np.real(np.poly(zeros)).astype(float)])
+        return DigitalFilter(top, np.real(np.poly(poles)).astype(float), float(rate_hz))
     if kind == "LAPLACE (HERTZ)":
         turn = 2.0 * np.pi
         factor *= turn ** (poles.size - zeros.size)
         poles, zeros = turn * poles, turn * zeros
-    return PolesZeros(poles, zeros, factor)
+    return PolesZeros(poles.astype(complex), zeros.astype(complex), factor)
 
 
 def _gain(value: Any) -> PolesZeros:

@@ -216,5 +216,5 @@ def require_coverage(column: TableColumn, stated: float) -> None:
         found, number = expanded.group(0), "k"
     else:
         return
-    remedy = f"state coverage_factor = {number}; or divide by {number}, and correct the header"
+    remedy = f"state coverage_factor = {number}; or divide it by {number}, and correct the header"
     raise column.refused(f"uncertainties of k = {stated:g}", found, remedy)

@@ -22,6 +22,7 @@ from vibrident.data.known.shapes import (
     Tabulated,
 )
 from vibrident.data.known.unsure import (
+    ErrorKind,
     change_by,
     corner_effect,
     effect_of,
@@ -145,10 +146,13 @@ class KnownResponse:
         table = Tabulated(
             *(np.asarray(c, dtype=float) for c in (frequency_hz, magnitude, phase_rad))
         )
-        sizes = {
-            "gain": None
+        u = (
+            None
             if magnitude_uncertainty is None
-            else magnitude_uncertainty / table.magnitude,
+            else np.asarray(magnitude_uncertainty, dtype=float)
+        )
+        sizes: dict[ErrorKind, Any] = {
+            "gain": None if u is None else u / table.magnitude,
             "phase": phase_uncertainty_rad,
         }
         effects = tabulated_effects(source, table.frequency_hz, sizes, correlation_octaves)

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from vibrident.base.errors import InputError
 
+#: Logarithm of the factor of frequency over which a table goes on beyond its ends.
+CONTINUED = np.log(4.0)
 #: Points from which a table tells the error between them.
 MIN_FOR_ERROR = 7
 FloatArray = NDArray[np.float64]
@@ -55,11 +57,11 @@ class PolesZeros:
     def at(self, frequency_hz: FloatArray) -> ComplexArray:
         """Return the response at frequencies, of their shape."""
         s = 2j * np.pi * np.asarray(frequency_hz, dtype=float)
-        value = self.gain * np.exp(-s * self.delay_s)
+        value = np.asarray(self.gain * np.exp(-s * self.delay_s), dtype=complex)
         for number in range(max(self.zeros.size, self.poles.size)):  # in turn: no product overflows
             value = value * (s - self.zeros[number]) if number < self.zeros.size else value
             value = value / (s - self.poles[number]) if number < self.poles.size else value
-        return np.asarray(value)
+        return np.asarray(value, dtype=complex)
 
     @property
     def top_hz(self) -> float:
@@ -112,7 +114,7 @@ class DigitalFilter:
         angle = 2.0 * np.pi * np.asarray(frequency_hz, dtype=float)
         back = np.exp(-1j * angle / self.rate_hz)
         top, bottom = (np.polyval(c[::-1], back) for c in (self.numerator, self.denominator))
-        return np.asarray(top / bottom * np.exp(1j * angle * self.advance_s))
+        return np.asarray(top / bottom * np.exp(1j * angle * self.advance_s), dtype=complex)
 
     @property
     def top_hz(self) -> float:
@@ -122,7 +124,9 @@ class DigitalFilter:
 
 @dataclass(frozen=True, eq=False)
 class Tabulated:
-    """A cubic spline of log magnitude and phase over log frequency, constant outside.
+    """A cubic spline of log magnitude and phase over log frequency, straight outside.
+
+    It goes on for two octaves, so that a filter has no kink at the ends of what is known.
 
     Attributes:
         frequency_hz: rising, shape (n,).
@@ -168,12 +172,16 @@ class Tabulated:
 
     def at(self, frequency_hz: FloatArray) -> ComplexArray:
         """Return the response at frequencies, of their shape."""
-        inside = np.clip(frequency_hz, self.frequency_hz[0], self.frequency_hz[-1])
         columns = np.stack([np.log(self.magnitude), self.phase_rad], axis=-1)
+        place = np.log(frequency_hz)
         if self.frequency_hz.size == 1:
-            logarithm = np.broadcast_to(columns[0], (*np.shape(inside), 2))
+            logarithm = np.broadcast_to(columns[0], (*np.shape(place), 2))
         else:
-            logarithm = _spline(np.log(self.frequency_hz), columns)(np.log(inside))
+            x = np.log(self.frequency_hz)
+            spline = _spline(x, columns)
+            inside = np.clip(place, x[0], x[-1])
+            beyond = np.clip(place - inside, -CONTINUED, CONTINUED)
+            logarithm = spline(inside) + beyond[..., None] * spline(inside, 1)
         return np.asarray(np.exp(logarithm[..., 0] + 1j * logarithm[..., 1]))
 
     @property

@@ -20,10 +20,18 @@ LEFT_OUT = 1e-4
 CORNER_OCTAVES, ROWS_AN_OCTAVE = 14, 8
 
 
-def effect_of(source: str, kind: ErrorKind, frequency_hz: FloatArray, change: ComplexArray) -> SystematicEffect:
+def effect_of(
+    source: str, kind: ErrorKind, frequency_hz: FloatArray, change: NDArray[Any]
+) -> SystematicEffect:
     """Return the effect that changes log K by ``change`` per standard uncertainty, shape (n,)."""
+    change = np.asarray(change, dtype=complex)
     size = float(np.max(np.abs(change))) or 1.0
-    rows = zip(frequency_hz.tolist(), (change.real / size).tolist(), (change.imag / size).tolist(), strict=True)
+    rows = zip(
+        frequency_hz.tolist(),
+        (change.real / size).tolist(),
+        (change.imag / size).tolist(),
+        strict=True,
+    )
     return SystematicEffect(source, kind, size, pattern=tuple(rows))
 
 
@@ -45,11 +53,13 @@ def change_by(effect: SystematicEffect, frequency_hz: FloatArray) -> ComplexArra
     return np.asarray(effect.standard_uncertainty * change)
 
 
-def corner_effect(source: str, corner_hz: float, relative: float, *, highpass: bool) -> SystematicEffect:
+def corner_effect(
+    source: str, corner_hz: float, relative: float, *, highpass: bool
+) -> SystematicEffect:
     """Return the effect of a first-order corner that is off by ``relative``."""
     octaves = np.linspace(-CORNER_OCTAVES, CORNER_OCTAVES, 2 * CORNER_OCTAVES * ROWS_AN_OCTAVE + 1)
     ratio = 2.0**octaves
-    change = -relative / (1.0 + 1j * ratio) if highpass else relative * 1j * ratio / (1.0 + 1j * ratio)
+    change = relative * (-1.0 if highpass else 1j * ratio) / (1.0 + 1j * ratio)
     return effect_of(f"{source}, corner at {corner_hz:g} Hz", "gain", corner_hz * ratio, change)
 
 

@@ -44,12 +44,12 @@ MAX_LOST = 1.0 / 3.0
 END_PART = 0.02
 #: Lower end of a band that begins at rest.
 LOWEST_HZ = 1e-12
-#: Periods that a record holds of the lowest frequency at which a ratio that is infinite at rest is used.
+#: Periods that a record holds of the lowest frequency of a ratio that is not settled there.
 FEWEST_PERIODS = 2.0
 #: Part of a ratio by which it may differ from that at rest, which is then reached within a record.
 SETTLED = 1e-3
-#: Factor at most by which the lower end is raised in a round.
-MAX_RAISE = 2.0
+#: Factors at least and at most by which the lower end is raised in a round.
+MIN_RAISE, MAX_RAISE = 1.25, 2.0
 #: Part of the reference's rms below the band that what is unknown there may leave in it.
 MAX_BELOW = 1e-2
 #: Rounds in which the lower end of the band is raised for a short record.
@@ -95,7 +95,7 @@ class Chain:
 def chain_of(calibration: Calibration) -> Chain | None:
     """Return the known responses that are still in a calibration's data; None without any."""
     stated = (calibration.reference_known_response, calibration.response_known_response)
-    reference, response = (known if known is not None and known.shapes else None for known in stated)
+    reference, response = (known if known and known.shapes else None for known in stated)
     return None if reference is None and response is None else Chain(reference, response)
 
 
@@ -123,7 +123,7 @@ def deconvolved(record: Record, chain: Chain) -> Record:
 
 
 def without_chain(calibration: Calibration, chain: Chain) -> Calibration:
-    """Return a tabulated calibration as one of the sensor, in the band that is known of its channels."""
+    """Return a tabulated calibration as one of the sensor, in the band that is known."""
     table = calibration.table
     assert table is not None
     inside = table.within(chain.band_hz)
@@ -136,8 +136,9 @@ def without_chain(calibration: Calibration, chain: Chain) -> Calibration:
         magnitude_uncertainty=None if u is None else u / size,
         provenance=inside.provenance.then(_said(chain, chain.band_hz)),
     )
-    known = {"reference_known_response": chain.reference, "response_known_response": chain.response}
-    return replace(calibration, table=sensors, **{n: k.taken_out() for n, k in known.items() if k is not None})
+    known = calibration.known_responses.items()
+    done = {f"{name}_known_response": response.taken_out() for name, response in known}
+    return replace(calibration, table=sensors, **done)
 
 
 def _band_of(record: Record, chain: Chain) -> tuple[float, float]:
@@ -206,7 +207,7 @@ def _in_the_band(record: Record, chain: Chain, band_hz: tuple[float, float]) -> 
         raise InputError(
             "The record is too short for the known response of its channels.",
             expected="a record many times as long as a period at the lower end of its band",
-            found=f"{record.duration_s:.4g} s, of which {lost * record.sampling_interval_s:.4g} s would be left out",
+            found=f"{record.samples} samples, of which {lost} would be left out",
             where=f"record {record.name!r}",
             remedy="use a longer record, or a higher from_hz",
         )
@@ -229,8 +230,8 @@ def _in_the_band(record: Record, chain: Chain, band_hz: tuple[float, float]) -> 
 def _filtered(record: Record, chain: Chain, stated: float) -> tuple[_Filter, _Filter, float]:
     """Return both channels filtered, and the lower end of the band that they leave.
 
-    Where hardly any motion is below the band, the ratio is continued there; else it is cut off, at a
-    frequency as low as the length of the record allows.
+    Where hardly any motion is below the band, the ratio is continued there; else it is cut off, as
+    low as the length of the record allows.
 
     Args:
         record: with a reference.
@@ -243,17 +244,15 @@ def _filtered(record: Record, chain: Chain, stated: float) -> tuple[_Filter, _Fi
     longest = FEWEST_PERIODS / record.duration_s
     low = known[0] if _is_settled(chain, longest) else max(known[0], stated, longest)
     for _ in range(MAX_ROUNDS):
-        cut = low > 0.0 and _moves_below(record, low)
+        cut = low > 0.0 and _moves_below(reference, record.reference_mask, low * record.duration_s)
         edges = Edges(low if cut else 0.0, min(known[1], HIGHEST * rate_hz), low)
-        both = (
-            _Filter.of(reference, record.reference_mask, rate_hz, edges, chain),
-            _Filter.of(record.response, record.mask, rate_hz, edges, None),
-        )
-        lost = max(each.begin for each in both) + max(each.end for each in both)
+        freed = _Filter.of(reference, record.reference_mask, rate_hz, edges, chain)
+        response = _Filter.of(record.response, record.mask, rate_hz, edges, None)
+        lost = max(freed.begin, response.begin) + max(freed.end, response.end)
         if lost <= MAX_LOST * samples or low == 0.0:
             break
-        low *= min(max(1.1, lost / (MAX_LOST * samples)), MAX_RAISE)
-    return *both, max(low, stated)
+        low *= min(max(MIN_RAISE, lost / (MAX_LOST * samples)), MAX_RAISE)
+    return freed, response, max(edges.continued, stated)
 
 
 def _is_settled(chain: Chain, frequency_hz: float) -> bool:
@@ -263,13 +262,11 @@ def _is_settled(chain: Chain, frequency_hz: float) -> bool:
     return bool(abs(abs(at / half) - 1.0) < SETTLED and abs(turn) < SETTLED)
 
 
-def _moves_below(record: Record, low: float) -> bool:
-    """Tell whether motion below a frequency is more than a small part of all."""
-    moving = np.where(record.reference_mask, record.reference, np.nan)
-    moving = np.nan_to_num(moving - np.nanmean(moving)) * np.hanning(record.samples)
+def _moves_below(reference: FloatArray, valid: BoolArray, periods: float) -> bool:
+    """Tell whether motion below so many periods a record is more than a small part of all."""
+    moving = np.where(valid, reference - reference[valid].mean(), 0.0) * np.hanning(reference.size)
     power = np.abs(fft.rfft(moving)) ** 2
-    below = int(low * record.duration_s) + 1 if low > 0.0 else 0
-    return bool(np.sum(power[:below]) > MAX_BELOW**2 * np.sum(power))
+    return bool(np.sum(power[: int(periods) + 1]) > MAX_BELOW**2 * np.sum(power))
 
 
 @dataclass(frozen=True)
@@ -341,7 +338,8 @@ class _Filter:
         size = fast_length(2 * count)
         at = np.arange(size // 2 + 1) * rate_hz / size
         at[0] = 1e-6 * at[1]
-        spectrum = edges.window(at, rate_hz) * (1.0 + 0j if chain is None else edges.ratio(at, chain))
+        ratio = 1.0 + 0j if chain is None else edges.ratio(at, chain)
+        spectrum = edges.window(at, rate_hz) * ratio
         places = np.arange(count)
         whole = values if valid.all() else np.interp(places, places[valid], values[valid])
         part = max(int(END_PART * count), 4)
@@ -359,10 +357,11 @@ class _Filter:
         )
         felt = valid
         if not valid.all():
-            usual = float(np.std(moving)) or 1.0
-            late, early = (int(np.searchsorted(-tail, -TOLERANCE * rms / usual)) for tail in (behind, ahead))
+            least = TOLERANCE * rms / (float(np.std(moving)) or 1.0)
+            late, early = (int(np.searchsorted(-tail, -least)) for tail in (behind, ahead))
             felt = _apart(valid, early, late)
-        return cls(behind_filter + rest * float(spectrum[0].real), felt, min(begin, count), min(end, count))
+        samples = behind_filter + rest * float(spectrum[0].real)
+        return cls(samples, felt, min(begin, count), min(end, count))
 
 
 def _tail(kernel: FloatArray) -> FloatArray:
