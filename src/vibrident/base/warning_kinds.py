@@ -54,7 +54,8 @@ _KINDS: tuple[WarningKind, ...] = (
         "cover a misfit of that size, else they hold only if the model is right.",
         "Look where the deviations differ from zero: rising towards high frequencies suggests a delay or a second "
         "mode, falling towards low ones a high-pass. Add it to the model, narrow the band "
-        "(⟦identify.band_hz = (LOW, HIGH)⟧), or check the stated uncertainties. "
+        "(⟦identify.band_hz = (LOW, HIGH)⟧), or check the stated uncertainties. Where the reference is a "
+        "sensor itself, its own response is in the data: state it as known_response. "
         "Of a free decay neither delay nor high-pass makes a difference: where its beginning deviates, "
         "spring or damping change with the amplitude, or the release is part of the record (start_s leaves it out).",
     ),

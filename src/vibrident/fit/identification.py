@@ -16,6 +16,7 @@ from vibrident.fit.estimators.kinds.ipnn import Ipnn
 from vibrident.fit.judge.attempts import Fitted, Told
 from vibrident.fit.judge.clocks import at_one_clock
 from vibrident.fit.judge.document import Uncertainty, document, own_rows
+from vibrident.fit.judge.reference import with_reference_named
 from vibrident.fit.judge.refits import beside_departures, with_phase_scatter, without_dead_records
 from vibrident.fit.judge.remedy import with_remedy
 from vibrident.fit.judge.stairs import fit_stairs
@@ -85,7 +86,7 @@ def fit(
             return _fit_model(calibration, other, estimator, uncertainty, progress)
 
         fitted = _fit_model(calibration, sensor_model, estimator, uncertainty, progress)
-        return with_remedy(fitted, fit_anew)
+        return with_reference_named(with_remedy(fitted, fit_anew))
     return replace(found, reason=reason)
 
 

@@ -24,14 +24,9 @@ def effect_of(
     source: str, kind: ErrorKind, frequency_hz: FloatArray, change: NDArray[Any]
 ) -> SystematicEffect:
     """Return the effect that changes log K by ``change`` per standard uncertainty, shape (n,)."""
-    change = np.asarray(change, dtype=complex)
     size = float(np.max(np.abs(change))) or 1.0
-    rows = zip(
-        frequency_hz.tolist(),
-        (change.real / size).tolist(),
-        (change.imag / size).tolist(),
-        strict=True,
-    )
+    columns = frequency_hz, np.real(change) / size, np.imag(change) / size
+    rows = zip(*(column.tolist() for column in columns), strict=True)
     return SystematicEffect(source, kind, size, pattern=tuple(rows))
 
 

@@ -1,0 +1,106 @@
+"""Whether a reference that is a sensor itself explains what a model does not: its own response is in the data.
+
+The points are then those of S/K, with K an oscillator that falls above its resonance (an accelerometer) or below its
+corner (a seismometer): two more unknowns, its natural frequency and damping.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from vibrident.base.amounts import plain
+from vibrident.data.records import FloatArray
+from vibrident.fit.judge.attempts import Fitted
+from vibrident.fit.response.response import ComplexArray
+
+#: Natural frequencies to begin from: so many, from and to these multiples of the band's ends.
+PLACES, REACH = 8, (0.3, 2.0)
+DAMPINGS, MIN_DAMPING, MAX_DAMPING = (0.03, 0.7), 1e-4, 2.0
+#: Evaluations for each beginning, and for those that are brought to their end.
+FEW_ROUNDS, MANY_ROUNDS, FINISHED = 6, 60, 2
+#: Deviation, in its standard deviation, from which a point counts as wild.
+WILD = 3.0
+#: Part of what the model leaves that may be left of it.
+LEFT = 0.25
+#: Degrees of freedom that must be left.
+FEWEST_FREE = 6
+
+
+def with_reference_named(fitted: Fitted) -> Fitted:
+    """Return the fit; where a response of the reference explains its deviations, the message says so."""
+    text = _said(fitted)
+    if not text:
+        return fitted
+    judgement = replace(fitted.judgement, lack_of_fit=f"{fitted.judgement.lack_of_fit} {text}")
+    return replace(fitted, judgement=judgement)
+
+
+def _said(fitted: Fitted) -> str:
+    evidence, adequacy = fitted.evidence, fitted.judgement.adequacy
+    stated = "reference" in evidence.calibration.known_responses or evidence.calibration.quantity == "drive"
+    optical = any(record.optical is not None for record in evidence.records)
+    few = 2 * len(adequacy.frequency_hz) - len(fitted.estimate.z) < FEWEST_FREE
+    if fitted.adequate or stated or optical or few or not evidence.model.is_linear:
+        return ""
+    found = _oscillator_that_explains(fitted)
+    if found is None:
+        return ""
+    natural_hz, damping = found
+    return (
+        f"A reference with a response of its own would explain them, an oscillator of about {plain(natural_hz, 2)} Hz "
+        f"with damping {plain(damping, 2)}: if it is a sensor, state its known_response under [reference]."
+    )
+
+
+def _oscillator_that_explains(fitted: Fitted) -> tuple[float, float] | None:
+    """Return natural frequency and damping of the oscillator that explains most; None where that is little.
+
+    Points that nothing moves are wild, so deviations are weighed by Cauchy's distribution.
+    """
+    from scipy.optimize import least_squares  # slow to load
+
+    coordinates, adequacy = fitted.estimate.coordinates, fitted.judgement.adequacy
+    hz, quantity = adequacy.frequency_hz, fitted.evidence.quantity
+    own = fitted.estimate.z
+    lowest, highest = (float(part * end) for part, end in zip(REACH, (hz.min(), hz.max()), strict=True))
+    ends = np.array([[lowest, MIN_DAMPING], [highest, MAX_DAMPING]])
+    bounds = [np.append(np.full(len(own), sign * np.inf), np.log(end)) for sign, end in zip((-1, 1), ends, strict=True)]
+    tried = []
+    for above in (True, False):
+
+        def residual(x: FloatArray, above: bool = above) -> FloatArray:
+            values = coordinates.values(x[: len(own)])
+            response = np.asarray(coordinates.model.frequency_response(values, hz, quantity))
+            left = adequacy.measured * _oscillator(hz, x[len(own) :], above=above) / response
+            error = np.log(left) / adequacy.relative_deviation
+            return np.nan_to_num(np.concatenate([error.real, error.imag]), nan=1e9, posinf=1e9, neginf=-1e9)
+
+        def descended(x: FloatArray, rounds: int, residual: Callable[[FloatArray], FloatArray] = residual) -> Any:
+            with np.errstate(all="ignore"):
+                return least_squares(residual, x, loss="cauchy", f_scale=WILD, bounds=bounds, max_nfev=rounds)
+
+        places = itertools.product(np.geomspace(lowest, highest, PLACES + 2)[1:-1], DAMPINGS)
+        begun = [descended(np.append(own, np.log(place)), FEW_ROUNDS) for place in places]
+        begun.sort(key=lambda fit: fit.cost)
+        tried += [descended(fit.x, MANY_ROUNDS) for fit in begun[:FINISHED]]
+    best = min(tried, key=lambda fit: fit.cost)
+    model = np.asarray(coordinates.model.frequency_response(fitted.values, hz, quantity))
+    before = np.log(adequacy.measured / model) / adequacy.relative_deviation
+    parts = np.concatenate([before.real, before.imag]) / WILD
+    if not best.cost < LEFT * 0.5 * WILD**2 * float(np.sum(np.log1p(parts**2))):
+        return None
+    natural_hz, damping = np.exp(best.x[len(own) :])
+    return float(natural_hz), float(damping)
+
+
+def _oscillator(hz: FloatArray, logarithms: FloatArray, *, above: bool) -> ComplexArray:
+    """Return K of natural frequency and damping, by their logarithms: one below its resonance, or above its corner."""
+    natural_hz, damping = np.exp(np.clip(logarithms, -60.0, 60.0))
+    place = hz / natural_hz
+    denominator = 1.0 - place**2 + 2j * damping * place
+    return np.asarray((1.0 if above else -(place**2)) / denominator, dtype=complex)

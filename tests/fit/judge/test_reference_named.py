@@ -1,0 +1,29 @@
+"""A reference that is a sensor itself, and of which nothing is stated: the message names it as a cause."""
+
+import re
+
+import numpy as np
+import pytest
+from tests.support.known_channels import Motion, seismometer
+
+from vibrident import Calibration, identify
+
+
+@pytest.mark.parametrize("corner_hz", [1.0 / 120.0, 1.0 / 30.0])
+def test_a_huddle_test_without_the_broadbands_response_names_the_reference(corner_hz):
+    motion = Motion("random", 30_000, 100.0, (0.02, 30.0), seed=4)
+    reference, response = motion.seen(seismometer(1.0, corner_hz, 0.707)), motion.seen(seismometer(30.0, 1.0, 0.6))
+    result = identify(
+        Calibration.from_arrays(
+            [reference],
+            [response + 1e-3 * np.std(response) * motion.rng.normal(size=30_000)],
+            100.0,
+            quantity="velocity",
+            excitation="random",
+            model="velocity-pickup",
+        )
+    )
+    (message,) = (warning.message for warning in result.warnings if warning.code == "lack_of_fit")
+    found = re.search(r"an oscillator of about (\S+) Hz with damping \S+: if it is a sensor, state its known", message)
+    assert found is not None
+    assert 0.4 * corner_hz < float(found[1]) < 2.5 * corner_hz
