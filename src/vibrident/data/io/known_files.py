@@ -171,15 +171,6 @@ def _of_table(
         }
     )
     table = read_table(document, folder, where)
-    if np.any(np.diff(table.frequency_hz) <= 0.0):
-        place = int(np.argmax(np.diff(table.frequency_hz) <= 0.0))
-        raise InputError(
-            "The frequencies of a known response are out of order.",
-            expected="each above the one before",
-            found=", ".join(f"{hz:g} Hz" for hz in table.frequency_hz[place : place + 2]),
-            where=f"{entry.file}, asked for by {where}",
-            remedy="sort the rows, and remove repeated ones",
-        )
     assert table.phase_rad is not None
     known = KnownResponse.from_table(
         table.frequency_hz,

@@ -17,6 +17,7 @@ from vibrident.fit.judge.measured import fit_of_signals, fit_of_table, measured_
 from vibrident.fit.judge.provenance import provenance
 from vibrident.fit.judge.refits import PHASE_BY_SCATTER
 from vibrident.fit.problem import Evidence, FrequencyProblem
+from vibrident.fit.response.deconvolution import LOWEST_HZ
 from vibrident.fit.uncertainty import correlation, curve, parameter_table, weakly_determined
 from vibrident.fit.uncertainty.budget import (
     DATA,
@@ -172,7 +173,10 @@ def _seen(fitted: Fitted) -> dict[str, Any]:
 def _known_responses(evidence: Evidence) -> list[dict[str, Any]]:
     """Return what was taken out of each channel, and the band that was left."""
     bands = [record.band_hz for record in evidence.records if record.band_hz is not None]
-    left = [min(low for low, _ in bands), max(high for _, high in bands)] if bands else [*evidence.band_hz]
+    left = [*evidence.band_hz]
+    if bands:
+        low, high = min(low for low, _ in bands), max(high for _, high in bands)
+        left = [low if low > LOWEST_HZ else left[0], high]
     known = evidence.calibration.known_responses.items()
     return [{"channel": name, "source": one.source, "band_hz": left} for name, one in known]
 
