@@ -144,7 +144,7 @@ def without_chain(calibration: Calibration, chain: Chain) -> Calibration:
 def _band_of(record: Record, chain: Chain) -> tuple[float, float]:
     """Return the band of a record's fit that is known: where none is stated it is cut to it."""
     low, high = chain.band_hz
-    top = min(high, HIGHEST * record.sampling_rate_hz)
+    top = min(high, (0.5 if record.excitation == "sine" else HIGHEST) * record.sampling_rate_hz)
     if record.band_hz is None:
         return low, top
     first, last = record.band_hz
@@ -180,19 +180,9 @@ def _at_its_frequency(record: Record, chain: Chain, band_hz: tuple[float, float]
         return np.asarray(np.exp(-2j * np.pi * turns * delay_s * record.sampling_rate_hz))
 
     reference, valid = filtered(record.reference, record.reference_mask, late)
-    inside = span_of(valid)
-    return replace(
-        record,
-        reference=sign * abs(ratio) * reference[inside],
-        reference_valid=valid[inside],
-        response=record.response[inside] / chain.scale,
-        valid=record.mask[inside],
-        start_time_s=record.start_time_s + inside.start / record.sampling_rate_hz,
-        band_hz=(max(low, LOWEST_HZ), high),
-        provenance=record.provenance.then(_said(chain, band_hz)),
-        reference_full_scale=None,
-        response_full_scale=None,
-    )
+    scaled = _Filter(sign * abs(ratio) * reference, valid, 0, 0)
+    own = _Filter(record.response, record.mask, 0, 0)
+    return _with_channels(record, scaled, own, span_of(valid), chain, band_hz)
 
 
 def _in_the_band(record: Record, chain: Chain, band_hz: tuple[float, float]) -> Record:
@@ -212,15 +202,28 @@ def _in_the_band(record: Record, chain: Chain, band_hz: tuple[float, float]) -> 
             remedy="use a longer record, or a higher from_hz",
         )
     inside = slice(begin, record.samples - end)
-    said = f"{_said(chain, (low, high))}; {lost} samples at the ends left out"
+    return _with_channels(record, reference, response, inside, chain, (low, high))
+
+
+def _with_channels(
+    record: Record,
+    reference: _Filter,
+    response: _Filter,
+    inside: slice,
+    chain: Chain,
+    band_hz: tuple[float, float],
+) -> Record:
+    """Return a part of a record with other channels, and what was done to it."""
+    lost = record.samples - (inside.stop - inside.start)
+    said = f"{_said(chain, band_hz)}; {lost} samples at the ends left out"
     return replace(
         record,
         reference=reference.samples[inside],
         response=response.samples[inside] / chain.scale,
         valid=response.valid[inside],
         reference_valid=reference.valid[inside],
-        start_time_s=record.start_time_s + begin * record.sampling_interval_s,
-        band_hz=(max(low, LOWEST_HZ), high),
+        start_time_s=record.start_time_s + inside.start * record.sampling_interval_s,
+        band_hz=(max(band_hz[0], LOWEST_HZ), band_hz[1]),
         provenance=record.provenance.then(said),
         reference_full_scale=None,
         response_full_scale=None,
