@@ -6,10 +6,9 @@ Noise, hum and the most likely motion are read as those that the fit is weighted
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
-from functools import partial
-from itertools import chain
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cache, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -25,9 +24,10 @@ from vibrident.fit.descent.settle import InNoise
 from vibrident.fit.descent.weighed import MAX_LOST, freed
 from vibrident.fit.descent.weighting import is_steep
 from vibrident.fit.estimators import Estimate
+from vibrident.fit.group.network import Nuisances
 from vibrident.fit.information import inverse_normal
 from vibrident.fit.noise.leakage import beside_leakage
-from vibrident.fit.noise.spectrum import Motion, NoiseSpectrum, noise_spectrum
+from vibrident.fit.noise.spectrum import Motion, NoiseSpectrum, noise_spectra
 from vibrident.fit.noise.tones import with_tones
 from vibrident.fit.problem import Evidence
 from vibrident.fit.response.response import ComplexArray
@@ -67,7 +67,7 @@ def groups_of(evidence: Evidence, estimate: Estimate, predicted: Sequence[FloatA
     """
     effects = partial(_effects, evidence, estimate)
 
-    def signals() -> Iterator[Signals]:
+    def parts() -> Iterator[_Part]:
         if not estimate.findings.method.is_exact or not evidence.records:
             return iter(())
         if estimate.in_noise is not None:
@@ -77,17 +77,74 @@ def groups_of(evidence: Evidence, estimate: Estimate, predicted: Sequence[FloatA
         return _of_samples(evidence, estimate, predicted)
 
     def made() -> Iterator[WhitenedGroup]:
-        held, first = list[Signals](), 0
-        for one in chain(signals(), [None]):
-            if held and (one is None or sum(each.used.size for each in held) >= AT_ONCE):
-                for numbers in grouped(held):
-                    yield group_of([held[k] for k in numbers], [first + k for k in numbers], effects)
-                first += len(held)
-                held = []
-            if one is not None:
-                held.append(one)
+        first = 0
+        for some in _at_once(parts()):
+            signals = _signals(evidence, estimate, some)
+            for numbers in grouped(signals):
+                yield group_of([signals[k] for k in numbers], [first + k for k in numbers], effects)
+            first += len(some)
 
     return Groups(made, sum(min(record.samples, MOST_PIECES * LONGEST) for record in evidence.records))
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """A record, or a piece of it, of which the noise is not read yet.
+
+    Attributes:
+        record: the record.
+        span: its samples, n in number.
+        used: those that count, shape (n,).
+        rest: residual, shape (K,).
+        bins: response to the reference, shape (K,).
+        motion: response as the fit has it, in time, shape (n,).
+        columns: of the response's slopes with the coordinates, shape (p, K).
+        nuisance: columns of the nuisance parameters, shape (m, K).
+        pull: shift of the fit's coordinates by those of the record, shape (P, p); None: the same.
+        turns: of the record's sine from sample to sample; None for other motion.
+    """
+
+    record: Record
+    span: slice
+    used: BoolArray
+    rest: ComplexArray
+    bins: ComplexArray
+    motion: FloatArray
+    columns: ComplexArray
+    nuisance: ComplexArray
+    pull: FloatArray | None = None
+    turns: float | None = None
+
+    @property
+    def beside(self) -> ComplexArray:
+        """Return the columns that are no noise, shape (q, K)."""
+        if self.pull is None:
+            return self.nuisance
+        return np.concatenate([self.nuisance, self.columns])  # a misfit of the tone is no noise
+
+    @property
+    def floor(self) -> float:
+        """Return the lower limit of the noise."""
+        largest = float(np.max(np.abs(self.record.response[self.span])))
+        return (np.finfo(float).eps * largest) ** 2
+
+    @property
+    def alike(self) -> tuple[float, ...]:
+        """Return what parts have in common whose noise is read together."""
+        counts = self.used.size, self.rest.size, len(self.beside), self.record.reference_noise_order
+        return self.record.sampling_rate_hz, *counts, self.pull is None, self.turns is None
+
+
+def _at_once(parts: Iterable[_Part]) -> Iterator[list[_Part]]:
+    """Yield as many parts as are worked on at once."""
+    held = list[_Part]()
+    for part in parts:
+        held.append(part)
+        if sum(each.used.size for each in held) >= AT_ONCE:
+            yield held
+            held = []
+    if held:
+        yield held
 
 
 def scale_of(evidence: Evidence, predicted: Sequence[FloatArray], linear: Linearised) -> Scale:
@@ -126,7 +183,7 @@ def _mass_of(
 
 def _of_bins(
     evidence: Evidence, estimate: Estimate, in_noise: InNoise, predicted: Sequence[FloatArray]
-) -> Iterator[Signals]:
+) -> Iterator[_Part]:
     """Of the segments that the fit is of, at all bins that count."""
     tones, segments = _tones(evidence), in_noise.band.problem.segments
     for place in in_noise.places(estimate.z, estimate.coordinates, whole=True):
@@ -150,7 +207,7 @@ def _of_bins(
                     place.rows.nuisances.columns[row],
                 )
                 tone = tones.get(segment.record)
-                yield _at_bins(given, evidence, estimate, segment.span, used, *signals, turns=tone)
+                yield _Part(given, segment.span, used, *signals, turns=tone)
                 continue
             pieces = _pieces(grid.samples)
             rows = [_cut(np.asarray(fft.irfft(each, grid.samples)), pieces) for each in (rest, *jacobian)]
@@ -162,7 +219,7 @@ def _of_bins(
 
 def _of_sines(
     evidence: Evidence, estimate: Estimate, predicted: Sequence[FloatArray], tones: Points
-) -> Iterator[Signals]:
+) -> Iterator[_Part]:
     """Each beside an amplitude and a phase of its own, which the points give to the fit."""
     assert evidence.tones is not None
     count = len(tones.frequency_hz)
@@ -192,7 +249,7 @@ def _of_sines(
             yield _in_time(record, evidence, estimate, span, used, *own, inverse @ rows, turns)
 
 
-def _of_samples(evidence: Evidence, estimate: Estimate, predicted: Sequence[FloatArray]) -> Iterator[Signals]:
+def _of_samples(evidence: Evidence, estimate: Estimate, predicted: Sequence[FloatArray]) -> Iterator[_Part]:
     """Of a network that runs in time, with slopes by differences."""
     if estimate.problem is None or estimate.findings.learned is not None:
         return
@@ -259,7 +316,7 @@ def _in_time(
     jacobian: FloatArray,
     pull: FloatArray | None = None,
     turns: float | None = None,
-) -> Signals:
+) -> _Part:
     """Of signals in time: residual and motion, shape (n,), and Jacobian, shape (p, n), zero where not used."""
     n, values, model = used.size, estimate.coordinates.values(estimate.z), evidence.model.linear
     known = [hz * n / record.sampling_rate_hz for hz in record.hum_hz]
@@ -270,56 +327,63 @@ def _in_time(
     left, bins, columns, beside = (
         np.asarray(fft.rfft(signal, axis=-1), dtype=complex) for signal in (rest, motion, jacobian, nuisance)
     )
-    return _at_bins(record, evidence, estimate, span, used, left, bins, motion, columns, beside, pull, turns)
+    return _Part(record, span, used, left, bins, motion, columns, beside, pull, turns)
 
 
-def _at_bins(
-    record: Record,
-    evidence: Evidence,
-    estimate: Estimate,
-    span: slice,
-    used: BoolArray,
-    rest: ComplexArray,
-    bins: ComplexArray,
-    motion: FloatArray,
-    columns: ComplexArray,
-    nuisance: ComplexArray,
-    pull: FloatArray | None = None,
-    turns: float | None = None,
-) -> Signals:
-    """Make signals of bins: residual and motion, shape (K,), Jacobian, shape (p, K), and nuisances.
+def _signals(evidence: Evidence, estimate: Estimate, parts: Sequence[_Part]) -> list[Signals]:
+    """Return parts with their noise; of those alike it is read together."""
+    alike = dict[tuple[float, ...], list[int]]()
+    for number, part in enumerate(parts):
+        alike.setdefault(part.alike, []).append(number)
+    signals = dict[int, Signals]()
+    for numbers in alike.values():
+        some = [parts[number] for number in numbers]
+        signals |= zip(numbers, _signals_of_alike(evidence, estimate, some), strict=True)
+    return [signals[number] for number in range(len(parts))]
 
-    ``motion``: in time.
-    """
-    n, count = used.size, rest.size
-    hz = line_frequencies(n, record.sampling_rate_hz)[:count]
+
+def _signals_of_alike(evidence: Evidence, estimate: Estimate, parts: Sequence[_Part]) -> list[Signals]:
+    """Return parts of one length and rate with their noise."""
+    first = parts[0]
+    samples, count = first.used.size, first.rest.size
+    hz = line_frequencies(samples, first.record.sampling_rate_hz)[:count]
     values, model = estimate.coordinates.values(estimate.z), evidence.model.linear
     transfer = np.array(model.frequency_response(values, hz, evidence.quantity), dtype=complex)
-    one_sided, colour = counts_in_band(n)[:count], reference_colour(record, n)
+    passed = power_of(transfer)
+    one_sided, colour = counts_in_band(samples)[:count], reference_colour(first.record, samples)
     colour = colour[:count] if isinstance(colour, np.ndarray) else 1.0
-    last = int(np.flatnonzero(one_sided)[-1])
-    seen = Motion(bins, float(used.sum()), last, power_of(transfer) * colour, colour, _harmonics(n, turns, count))
-    beside = nuisance if pull is None else np.concatenate([nuisance, columns])  # a misfit of the tone is no noise
-    floor = (np.finfo(float).eps * float(np.max(np.abs(record.response[span])))) ** 2
-    left, hum, spectrum = _read(rest, beside, used, one_sided, seen, floor)
-    if pull is not None:
-        spectrum = replace(spectrum, psd=beside_leakage(spectrum.psd, seen.lines))
-    if pull is None and evidence.model.is_linear:
-        share = spectrum.input_noise_at * power_of(transfer) / spectrum.psd
-        likelier = np.asarray(share * left, dtype=complex)
-        columns = columns + _slopes(evidence, estimate, likelier, transfer, hz)
-    nuisance = np.concatenate([nuisance, hum])
-    if pull is not None:
-        # less the tone itself, whose leakage is above the noise of the reference in all bins, and hides it in none; and
-        # less free motion, which is not the reference's
-        other = freed(bins - columns[0], nuisance, one_sided)
-        share = spectrum.input_noise_at * power_of(transfer) / spectrum.psd
-        other = most_likely(other, left, share, spectrum.psd * float(used.sum()))
-        place = round((turns or 0.0) * n)
-        other[max(place - NEAR_TONE, 0) : place + NEAR_TONE + 1] = 0.0
-        nuisance = np.concatenate([nuisance, _slopes(evidence, estimate, other, transfer, hz)])
-    signals = rest, bins, motion, columns, transfer, nuisance, spectrum, one_sided
-    return Signals(record, span, used, *signals, seen, floor, pull, turns)
+    last, through = int(np.flatnonzero(one_sided)[-1]), passed * colour
+    seen = [
+        Motion(part.bins, float(part.used.sum()), last, through, colour, _harmonics(samples, part.turns, count))
+        for part in parts
+    ]
+
+    @cache
+    def slopes() -> ComplexArray:
+        _, jacobian = response_and_slopes(evidence.model, values, hz, evidence.quantity)
+        jacobian = jacobian * estimate.coordinates.slopes(estimate.z)[:, None]
+        return np.divide(jacobian, transfer, out=np.zeros_like(jacobian), where=passed > 0.0)
+
+    signals = list[Signals]()
+    for part, motion, read in zip(parts, seen, _read(parts, one_sided, seen), strict=True):
+        spectrum, columns = read.spectrum, part.columns
+        if part.pull is not None:
+            spectrum = replace(spectrum, psd=beside_leakage(spectrum.psd, motion.lines))
+        share = spectrum.input_noise_at * passed / spectrum.psd
+        nuisance = np.concatenate([part.nuisance, read.hum])
+        if part.pull is not None:
+            # less the tone itself, whose leakage is above the noise of the reference in all bins, and hides it in
+            # none; and less free motion, which is not the reference's
+            other = freed(part.bins - columns[0], nuisance, one_sided)
+            other = most_likely(other, read.left, share, spectrum.psd * motion.count)
+            place = round((part.turns or 0.0) * samples)
+            other[max(place - NEAR_TONE, 0) : place + NEAR_TONE + 1] = 0.0
+            nuisance = np.concatenate([nuisance, slopes() * other])
+        elif evidence.model.is_linear and np.any(share):
+            columns = columns + slopes() * (share * read.left)
+        own = part.rest, part.bins, part.motion, columns, transfer, nuisance, spectrum, one_sided
+        signals.append(Signals(part.record, part.span, part.used, *own, motion, part.floor, part.pull, part.turns))
+    return signals
 
 
 class _Read(NamedTuple):
@@ -336,22 +400,33 @@ class _Read(NamedTuple):
     spectrum: NoiseSpectrum
 
 
-def _read(
-    rest: ComplexArray, beside: ComplexArray, used: BoolArray, one_sided: FloatArray, seen: Motion, floor: float
-) -> _Read:
-    """Read the noise of a residual, shape (K,), beside columns, shape (m, K)."""
-    tones: tuple[float, ...] = ()
-    weight = one_sided
-    hum = np.zeros((0, rest.size), dtype=complex)
-    for _ in range(2):  # what hum and steep noise leak is no noise
-        left = freed(rest, np.concatenate([beside, hum]), weight)
-        spectrum = noise_spectrum(left, seen, floor)
-        if not (spectrum.tones or is_steep(spectrum)):
-            break
-        tones = with_tones(tones, spectrum.tones)
-        weight = one_sided / spectrum.psd
-        hum = np.asarray(fft.rfft(waves(tones, used.size) * used, axis=1))[:, : rest.size]
-    return _Read(left, hum, spectrum)
+def _read(parts: Sequence[_Part], one_sided: FloatArray, seen: Sequence[Motion]) -> list[_Read]:
+    """Read the noise of parts of one length and rate, again where hum or steep noise leaks."""
+    rest, beside = (np.stack(rows) for rows in zip(*((part.rest, part.beside) for part in parts), strict=True))
+    weight = np.broadcast_to(one_sided, rest.shape)
+    left = rest - Nuisances.in_weight(beside, weight).imitated(rest[:, None])[:, 0]
+    none = np.zeros((0, one_sided.size), dtype=complex)
+    every = list[_Read]()
+    spectra = noise_spectra(left, seen, [part.floor for part in parts])
+    for part, motion, row, spectrum in zip(parts, seen, left, spectra, strict=True):
+        read = _Read(row, none, spectrum)
+        if spectrum.tones or is_steep(spectrum):
+            read = _read_beside_hum(part, motion, one_sided / spectrum.psd, with_tones((), spectrum.tones))
+        every.append(read)
+    return every
+
+
+def _read_beside_hum(part: _Part, motion: Motion, weight: FloatArray, tones: tuple[float, ...]) -> _Read:
+    """Read the noise of a part in the weight of a first reading: what hum and steep noise leak is no noise."""
+
+    def hum_at(places: tuple[float, ...]) -> ComplexArray:
+        return np.asarray(fft.rfft(waves(places, part.used.size) * part.used, axis=1))[:, : part.rest.size]
+
+    hum = hum_at(tones)
+    left = freed(part.rest, np.concatenate([part.beside, hum]), weight)
+    (spectrum,) = noise_spectra(left[None], [motion], [part.floor])
+    known = with_tones(tones, spectrum.tones)
+    return _Read(left, hum if known == tones else hum_at(known), spectrum)
 
 
 def _free_motion(model: SensorModel, values: dict[str, float], rate_hz: float, used: BoolArray) -> FloatArray:
@@ -368,19 +443,6 @@ def _harmonics(samples: int, turns: float | None, count: int) -> BoolArray | Non
     place = turns * samples
     order = np.arange(count) / place
     return (np.abs(order - np.round(order)) * place < NEAR_TONE) & (np.round(order) > 0.0)
-
-
-def _slopes(
-    evidence: Evidence, estimate: Estimate, bins: ComplexArray, transfer: ComplexArray, hz: FloatArray
-) -> ComplexArray:
-    """Bins of the response's slopes with the coordinates, shape (P, bins), for a part of the response.
-
-    The part is what the most likely motion has beyond the reference, or the motion beside the tone of a sine, which the
-    points do not use. The latter is zero where the reference may be noise: the residual is coherent with that noise.
-    """
-    _, jacobian = response_and_slopes(evidence.model, estimate.coordinates.values(estimate.z), hz, evidence.quantity)
-    moved = np.divide(bins, transfer, out=np.zeros_like(bins), where=power_of(transfer) > 0.0)
-    return np.asarray(jacobian * estimate.coordinates.slopes(estimate.z)[:, None] * moved)
 
 
 def _effects(evidence: Evidence, estimate: Estimate, signals: Signals) -> ComplexArray:

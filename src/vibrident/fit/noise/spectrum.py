@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -70,17 +71,30 @@ class Motion:
 
 def noise_spectrum(residual: ComplexArray, motion: Motion, floor: float) -> NoiseSpectrum:
     """Read the noise of a residual, shape (K,); ``floor``: lower limit of its level."""
+    return noise_spectra(residual[None], [motion], [floor])[0]
+
+
+def noise_spectra(residual: ComplexArray, motions: Sequence[Motion], floors: Sequence[float]) -> list[NoiseSpectrum]:
+    """Read the noise of residuals of one length and rate.
+
+    Args:
+        residual: shape (R, K).
+        motions: of each, alike in ``last``, ``through``, ``colour`` and in whether lines are known.
+        floors: lower limit of the level of each.
+    """
     residual = residual.copy()
-    residual[:1] = np.abs(residual[1:2])  # an offset is no noise
+    residual[:, :1] = np.abs(residual[:, 1:2])  # an offset is no noise
+    first = motions[0]
+    lines = [motion.lines for motion in motions if motion.lines is not None]
     noise = read_noise(
-        residual[None],
-        motion.predicted[None],
+        residual,
+        np.stack([motion.predicted for motion in motions]),
         None,
-        motion.through,
-        np.array([motion.count]),
-        np.array([floor]),
-        motion.last,
-        motion.colour,
-        lines=motion.lines is not None and motion.lines[None],
+        first.through,
+        np.array([motion.count for motion in motions]),
+        np.asarray(floors),
+        first.last,
+        first.colour,
+        lines=np.stack(lines) if lines else False,
     )
-    return NoiseSpectrum.each(noise)[0]
+    return NoiseSpectrum.each(noise)
