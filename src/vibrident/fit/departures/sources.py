@@ -6,34 +6,30 @@ Noise, hum and the most likely motion are read as those that the fit is weighted
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import cache, partial
 from typing import NamedTuple
 
 import numpy as np
 from numpy import fft
 
-from vibrident.base.fft_lengths import fast_below
-from vibrident.data.records import BoolArray, FloatArray, Record
+from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.departures.departure import Scale
 from vibrident.fit.departures.examination import Groups
 from vibrident.fit.departures.group import WhitenedGroup
-from vibrident.fit.departures.signals import AT_ONCE, Signals, group_of, grouped, most_likely
-from vibrident.fit.descent.settle import InNoise
-from vibrident.fit.descent.weighed import MAX_LOST, freed
+from vibrident.fit.departures.parts import LONGEST, MOST_PIECES, Part, at_once, parts_of, tones_of
+from vibrident.fit.departures.signals import Signals, group_of, grouped, most_likely
+from vibrident.fit.descent.weighed import freed
 from vibrident.fit.descent.weighting import is_steep
 from vibrident.fit.estimators import Estimate
 from vibrident.fit.group.network import Nuisances
-from vibrident.fit.information import inverse_normal
 from vibrident.fit.noise.leakage import beside_leakage
 from vibrident.fit.noise.spectrum import Motion, NoiseSpectrum, noise_spectra
 from vibrident.fit.noise.tones import with_tones
 from vibrident.fit.problem import Evidence
 from vibrident.fit.response.response import ComplexArray
-from vibrident.fit.response.tones import free_exponents
 from vibrident.fit.response.transform import (
-    SHORTEST,
     counts_in_band,
     line_frequencies,
     power_of,
@@ -46,10 +42,6 @@ from vibrident.fit.uncertainty.linearised import Linearised
 from vibrident.physics.models import SensorModel
 from vibrident.physics.models.slopes import response_and_slopes
 
-#: Longer records are looked at in pieces of so many samples, so many of them: a limit of memory.
-LONGEST, MOST_PIECES = 1 << 16, 4
-#: Central differences of a nonlinear model's response, in its coordinates.
-STEP = 1e-5
 #: Bands of like information.
 BANDS = 8
 #: Bins on either side of a sine's tone that are of the tone.
@@ -67,84 +59,15 @@ def groups_of(evidence: Evidence, estimate: Estimate, predicted: Sequence[FloatA
     """
     effects = partial(_effects, evidence, estimate)
 
-    def parts() -> Iterator[_Part]:
-        if not estimate.findings.method.is_exact or not evidence.records:
-            return iter(())
-        if estimate.in_noise is not None:
-            return _of_bins(evidence, estimate, estimate.in_noise, predicted)
-        if evidence.only_sines and evidence.model.is_linear and tones is not None:
-            return _of_sines(evidence, estimate, predicted, tones)
-        return _of_samples(evidence, estimate, predicted)
-
     def made() -> Iterator[WhitenedGroup]:
         first = 0
-        for some in _at_once(parts()):
+        for some in at_once(parts_of(evidence, estimate, predicted, tones)):
             signals = _signals(evidence, estimate, some)
             for numbers in grouped(signals):
                 yield group_of([signals[k] for k in numbers], [first + k for k in numbers], effects)
             first += len(some)
 
     return Groups(made, sum(min(record.samples, MOST_PIECES * LONGEST) for record in evidence.records))
-
-
-@dataclass(frozen=True, eq=False)
-class _Part:
-    """A record, or a piece of it, of which the noise is not read yet.
-
-    Attributes:
-        record: the record.
-        span: its samples, n in number.
-        used: those that count, shape (n,).
-        rest: residual, shape (K,).
-        bins: response to the reference, shape (K,).
-        motion: response as the fit has it, in time, shape (n,).
-        columns: of the response's slopes with the coordinates, shape (p, K).
-        nuisance: columns of the nuisance parameters, shape (m, K).
-        pull: shift of the fit's coordinates by those of the record, shape (P, p); None: the same.
-        turns: of the record's sine from sample to sample; None for other motion.
-    """
-
-    record: Record
-    span: slice
-    used: BoolArray
-    rest: ComplexArray
-    bins: ComplexArray
-    motion: FloatArray
-    columns: ComplexArray
-    nuisance: ComplexArray
-    pull: FloatArray | None = None
-    turns: float | None = None
-
-    @property
-    def beside(self) -> ComplexArray:
-        """Return the columns that are no noise, shape (q, K)."""
-        if self.pull is None:
-            return self.nuisance
-        return np.concatenate([self.nuisance, self.columns])  # a misfit of the tone is no noise
-
-    @property
-    def floor(self) -> float:
-        """Return the lower limit of the noise."""
-        largest = float(np.max(np.abs(self.record.response[self.span])))
-        return (np.finfo(float).eps * largest) ** 2
-
-    @property
-    def alike(self) -> tuple[float, ...]:
-        """Return what parts have in common whose noise is read together."""
-        counts = self.used.size, self.rest.size, len(self.beside), self.record.reference_noise_order
-        return self.record.sampling_rate_hz, *counts, self.pull is None, self.turns is None
-
-
-def _at_once(parts: Iterable[_Part]) -> Iterator[list[_Part]]:
-    """Yield as many parts as are worked on at once."""
-    held = list[_Part]()
-    for part in parts:
-        held.append(part)
-        if sum(each.used.size for each in held) >= AT_ONCE:
-            yield held
-            held = []
-    if held:
-        yield held
 
 
 def scale_of(evidence: Evidence, predicted: Sequence[FloatArray], linear: Linearised) -> Scale:
@@ -156,7 +79,7 @@ def scale_of(evidence: Evidence, predicted: Sequence[FloatArray], linear: Linear
     between = [float(0.5 * (hz[k] + hz[k + 1])) for k in inner.tolist() if k + 1 < hz.size]
     finite = [series[np.isfinite(series)] for series in predicted]
     motion = max((float(np.max(np.abs(s - np.mean(s)))) for s in finite if s.size), default=0.0)
-    tones = _tones(evidence)
+    tones = tones_of(evidence)
     return Scale(
         max(motion, float(np.finfo(float).tiny)),
         (0.0, *dict.fromkeys(between), top_hz),
@@ -181,156 +104,7 @@ def _mass_of(
     return at
 
 
-def _of_bins(
-    evidence: Evidence, estimate: Estimate, in_noise: InNoise, predicted: Sequence[FloatArray]
-) -> Iterator[_Part]:
-    """Of the segments that the fit is of, at all bins that count."""
-    tones, segments = _tones(evidence), in_noise.band.problem.segments
-    for place in in_noise.places(estimate.z, estimate.coordinates, whole=True):
-        grid = place.group.grid
-        if not grid.driven:
-            continue
-        for row, number in enumerate(place.group.segments):
-            segment = segments[number]
-            given, series = evidence.records[segment.record], predicted[segment.record][segment.span]
-            used = np.ones(grid.samples, dtype=bool) if place.group.used is None else place.group.used[row]
-            if used.sum() < SHORTEST:
-                continue
-            rest, jacobian = place.rows.residual[row], place.rows.jacobian[row]
-            jacobian = jacobian * estimate.coordinates.slopes(estimate.z)[:, None]
-            if grid.samples <= LONGEST:
-                signals = (
-                    rest,
-                    place.rows.predicted[row],
-                    np.where(used, series, 0.0),
-                    jacobian,
-                    place.rows.nuisances.columns[row],
-                )
-                tone = tones.get(segment.record)
-                yield _Part(given, segment.span, used, *signals, turns=tone)
-                continue
-            pieces = _pieces(grid.samples)
-            rows = [_cut(np.asarray(fft.irfft(each, grid.samples)), pieces) for each in (rest, *jacobian)]
-            motions = _cut(_about_mean(series, used), pieces)
-            for piece, motion, left, *columns in zip(pieces, motions, *rows, strict=True):
-                there = slice(segment.span.start + piece.start, segment.span.start + piece.stop)
-                yield _in_time(given, evidence, estimate, there, used[piece], left, motion, np.array(columns))
-
-
-def _of_sines(
-    evidence: Evidence, estimate: Estimate, predicted: Sequence[FloatArray], tones: Points
-) -> Iterator[_Part]:
-    """Each beside an amplitude and a phase of its own, which the points give to the fit."""
-    assert evidence.tones is not None
-    count = len(tones.frequency_hz)
-    linear = Linearised.of_points(
-        estimate.coordinates,
-        estimate.z,
-        evidence.quantity,
-        tones.frequency_hz,
-        tones.measured,
-        tones.relative_deviation,
-    )
-    inverse = inverse_normal(linear.matrix.T @ linear.matrix)
-    for place, index in enumerate(evidence.tones.record.tolist()):
-        record, series = evidence.records[index], predicted[index]
-        for span in _spans(record, series):
-            used = (record.mask & np.isfinite(series))[span]
-            turns = float(tones.frequency_hz[place]) / record.sampling_rate_hz
-            wave = np.exp(2j * np.pi * turns * np.arange(used.size)) * used
-            columns = np.stack([wave.real, wave.imag, used])
-            moved = np.where(used, series[span], 0.0)
-            share = np.linalg.lstsq(columns @ columns.T, columns @ moved, rcond=None)[0]
-            motion = moved - share[2] * used  # the mean of what is no whole number of periods is not where it rests
-            tone = (share[0] - 1j * share[1]) * wave
-            rest = np.where(used, record.response[span] - series[span], 0.0)
-            rows = np.stack([linear.matrix[place], linear.matrix[count + place]], axis=1) * linear.weight[place]
-            own = (rest, motion, np.stack([tone.real, -tone.imag]))
-            yield _in_time(record, evidence, estimate, span, used, *own, inverse @ rows, turns)
-
-
-def _of_samples(evidence: Evidence, estimate: Estimate, predicted: Sequence[FloatArray]) -> Iterator[_Part]:
-    """Of a network that runs in time, with slopes by differences."""
-    if estimate.problem is None or estimate.findings.learned is not None:
-        return
-    step, tones = np.eye(len(estimate.z)) * STEP, _tones(evidence)
-    ends = [
-        [estimate.problem.predict(estimate.coordinates, estimate.z + sign * each) for sign in (1.0, -1.0)]
-        for each in step
-    ]
-    for index, (record, series) in enumerate(zip(evidence.records, predicted, strict=True)):
-        if record.reference is None:
-            continue
-        for span in _spans(record, series):
-            used = (record.mask & np.isfinite(series))[span]
-            jacobian = [np.where(used, (up[index] - down[index])[span], 0.0) / (2.0 * STEP) for up, down in ends]
-            rest = np.where(used, record.response[span] - series[span], 0.0)
-            own = (rest, _about_mean(series[span], used), np.array(jacobian))
-            yield _in_time(record, evidence, estimate, span, used, *own, turns=tones.get(index))
-
-
-def _tones(evidence: Evidence) -> dict[int, float]:
-    """Turns from sample to sample of each record that is a sine."""
-    if evidence.tones is None:
-        return {}
-    every = zip(evidence.tones.record.tolist(), evidence.tones.frequency_hz.tolist(), strict=True)
-    return {index: hz / evidence.records[index].sampling_rate_hz for index, hz in every}
-
-
-def _spans(record: Record, series: FloatArray) -> list[slice]:
-    """Pieces of what is predicted of a record; none where that is too short."""
-    used = record.mask & np.isfinite(series)
-    if used.sum() < SHORTEST:
-        return []
-    first, last = int(np.argmax(used)), used.size - int(np.argmax(used[::-1]))
-    pieces = _pieces(fast_below(last - first, MAX_LOST))
-    spans = [slice(first + piece.start, first + piece.stop) for piece in pieces]
-    return [span for span in spans if used[span].sum() >= SHORTEST]
-
-
-def _pieces(samples: int) -> list[slice]:
-    """A record, or pieces of a long one: evenly spread where it has many, as each costs memory."""
-    if samples <= LONGEST:
-        return [slice(0, samples)]
-    every = np.arange(0, samples - SHORTEST, LONGEST)
-    kept = every[np.unique(np.linspace(0, every.size - 1, min(every.size, MOST_PIECES)).astype(int))]
-    return [slice(begin, min(begin + LONGEST, samples)) for begin in kept.tolist()]
-
-
-def _cut(series: FloatArray, pieces: Sequence[slice]) -> list[FloatArray]:
-    return [series[piece].copy() for piece in pieces]
-
-
-def _about_mean(series: FloatArray, used: BoolArray) -> FloatArray:
-    return np.where(used, series - np.mean(series[used]), 0.0)
-
-
-def _in_time(
-    record: Record,
-    evidence: Evidence,
-    estimate: Estimate,
-    span: slice,
-    used: BoolArray,
-    rest: FloatArray,
-    motion: FloatArray,
-    jacobian: FloatArray,
-    pull: FloatArray | None = None,
-    turns: float | None = None,
-) -> _Part:
-    """Of signals in time: residual and motion, shape (n,), and Jacobian, shape (p, n), zero where not used."""
-    n, values, model = used.size, estimate.coordinates.values(estimate.z), evidence.model.linear
-    known = [hz * n / record.sampling_rate_hz for hz in record.hum_hz]
-    straight, free = np.linspace(-1.0, 1.0, n), _free_motion(model, values, record.sampling_rate_hz, used)
-    if pull is None:  # noise of the reference rings beyond either end, and so do the slopes
-        free = np.concatenate([free, free * np.arange(n)])
-    nuisance = np.concatenate([used[None] * 1.0, used[None] * straight, waves(known, n) * used, free])
-    left, bins, columns, beside = (
-        np.asarray(fft.rfft(signal, axis=-1), dtype=complex) for signal in (rest, motion, jacobian, nuisance)
-    )
-    return _Part(record, span, used, left, bins, motion, columns, beside, pull, turns)
-
-
-def _signals(evidence: Evidence, estimate: Estimate, parts: Sequence[_Part]) -> list[Signals]:
+def _signals(evidence: Evidence, estimate: Estimate, parts: Sequence[Part]) -> list[Signals]:
     """Return parts with their noise; of those alike it is read together."""
     alike = dict[tuple[float, ...], list[int]]()
     for number, part in enumerate(parts):
@@ -342,7 +116,7 @@ def _signals(evidence: Evidence, estimate: Estimate, parts: Sequence[_Part]) -> 
     return [signals[number] for number in range(len(parts))]
 
 
-def _signals_of_alike(evidence: Evidence, estimate: Estimate, parts: Sequence[_Part]) -> list[Signals]:
+def _signals_of_alike(evidence: Evidence, estimate: Estimate, parts: Sequence[Part]) -> list[Signals]:
     """Return parts of one length and rate with their noise."""
     first = parts[0]
     samples, count = first.used.size, first.rest.size
@@ -400,7 +174,7 @@ class _Read(NamedTuple):
     spectrum: NoiseSpectrum
 
 
-def _read(parts: Sequence[_Part], one_sided: FloatArray, seen: Sequence[Motion]) -> list[_Read]:
+def _read(parts: Sequence[Part], one_sided: FloatArray, seen: Sequence[Motion]) -> list[_Read]:
     """Read the noise of parts of one length and rate, again where hum or steep noise leaks."""
     rest, beside = (np.stack(rows) for rows in zip(*((part.rest, part.beside) for part in parts), strict=True))
     weight = np.broadcast_to(one_sided, rest.shape)
@@ -416,7 +190,7 @@ def _read(parts: Sequence[_Part], one_sided: FloatArray, seen: Sequence[Motion])
     return every
 
 
-def _read_beside_hum(part: _Part, motion: Motion, weight: FloatArray, tones: tuple[float, ...]) -> _Read:
+def _read_beside_hum(part: Part, motion: Motion, weight: FloatArray, tones: tuple[float, ...]) -> _Read:
     """Read the noise of a part in the weight of a first reading: what hum and steep noise leak is no noise."""
 
     def hum_at(places: tuple[float, ...]) -> ComplexArray:
@@ -427,13 +201,6 @@ def _read_beside_hum(part: _Part, motion: Motion, weight: FloatArray, tones: tup
     (spectrum,) = noise_spectra(left[None], [motion], [part.floor])
     known = with_tones(tones, spectrum.tones)
     return _Read(left, hum if known == tones else hum_at(known), spectrum)
-
-
-def _free_motion(model: SensorModel, values: dict[str, float], rate_hz: float, used: BoolArray) -> FloatArray:
-    """Free motion of the sensor, zero where not used, shape (q, n)."""
-    lasting = free_exponents(model.poles(values), rate_hz)
-    waves_of: ComplexArray = np.exp(lasting[:, None] * np.arange(used.size)) * used
-    return np.concatenate([waves_of.real, waves_of.imag[lasting.imag > 0.0]])
 
 
 def _harmonics(samples: int, turns: float | None, count: int) -> BoolArray | None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vibrident.data.records import BoolArray, FloatArray
-from vibrident.fit.noise.reading import GroupNoise, read_noise
+from vibrident.fit.noise.reading import GroupNoise, Residuals, read_noise
 from vibrident.fit.response.response import ComplexArray
 
 
@@ -86,15 +86,13 @@ def noise_spectra(residual: ComplexArray, motions: Sequence[Motion], floors: Seq
     residual[:, :1] = np.abs(residual[:, 1:2])  # an offset is no noise
     first = motions[0]
     lines = [motion.lines for motion in motions if motion.lines is not None]
-    noise = read_noise(
+    rows = Residuals(
         residual,
         np.stack([motion.predicted for motion in motions]),
-        None,
-        first.through,
         np.array([motion.count for motion in motions]),
         np.asarray(floors),
-        first.last,
-        first.colour,
-        lines=np.stack(lines) if lines else False,
+        None if first.through is None else first.through[None],
+        lines=np.stack(lines) if lines else None,
     )
+    noise = read_noise(rows, first.last, first.colour)
     return NoiseSpectrum.each(noise)
