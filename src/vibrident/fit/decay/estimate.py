@@ -122,7 +122,9 @@ def require_plain(estimator: object, *, sampled: bool = False) -> None:
 
 def _require_one_oscillator(model: SensorModel) -> None:
     """Refuse a model with parameters that decays alone do not determine."""
-    parts = [addon for addon in model.add_ons if addon.rational is not None or addon.force is not None]
+    parts = [
+        addon for addon in model.add_ons if addon.rational is not None or addon.force is not None
+    ]
     more = [spec.name for addon in parts for spec in addon.parameters]
     if more or model.core.oscillator != NAMES:
         fitting = [core.name for core in CORES.values() if core.oscillator == NAMES]

@@ -127,8 +127,15 @@ def _of_bins(
             continue
         for row, number in enumerate(place.group.segments):
             segment = segments[number]
-            given, series = evidence.records[segment.record], predicted[segment.record][segment.span]
-            used = np.ones(grid.samples, dtype=bool) if place.group.used is None else place.group.used[row]
+            given, series = (
+                evidence.records[segment.record],
+                predicted[segment.record][segment.span],
+            )
+            used = (
+                np.ones(grid.samples, dtype=bool)
+                if place.group.used is None
+                else place.group.used[row]
+            )
             if used.sum() < SHORTEST:
                 continue
             rest, jacobian = place.rows.residual[row], place.rows.jacobian[row]
@@ -145,7 +152,10 @@ def _of_bins(
                 yield Part(given, segment.span, used, *signals, turns=tone)
                 continue
             pieces = _pieces(grid.samples)
-            rows = [_cut(np.asarray(fft.irfft(each, grid.samples)), pieces) for each in (rest, *jacobian)]
+            rows = [
+                _cut(np.asarray(fft.irfft(each, grid.samples)), pieces)
+                for each in (rest, *jacobian)
+            ]
             motions = _cut(_about_mean(series, used), pieces)
             for piece, motion, left, *columns in zip(pieces, motions, *rows, strict=True):
                 there = slice(segment.span.start + piece.start, segment.span.start + piece.stop)
@@ -154,7 +164,9 @@ def _of_bins(
                 yield _in_time(given, there, used[piece], own, free)
 
 
-def _of_sines(evidence: Evidence, estimate: Estimate, predicted: Sequence[FloatArray], tones: Points) -> Iterator[Part]:
+def _of_sines(
+    evidence: Evidence, estimate: Estimate, predicted: Sequence[FloatArray], tones: Points
+) -> Iterator[Part]:
     """Each beside an amplitude and a phase of its own, which the points give to the fit."""
     assert evidence.tones is not None
     count = len(tones.frequency_hz)
@@ -176,22 +188,32 @@ def _of_sines(evidence: Evidence, estimate: Estimate, predicted: Sequence[FloatA
             columns = np.stack([wave.real, wave.imag, used])
             moved = np.where(used, series[span], 0.0)
             share = np.linalg.lstsq(columns @ columns.T, columns @ moved, rcond=None)[0]
-            motion = moved - share[2] * used  # the mean of what is no whole number of periods is not where it rests
+            motion = (
+                moved - share[2] * used
+            )  # the mean of what is no whole number of periods is not where it rests
             tone = (share[0] - 1j * share[1]) * wave
             rest = np.where(used, record.response[span] - series[span], 0.0)
-            rows = np.stack([linear.matrix[place], linear.matrix[count + place]], axis=1) * linear.weight[place]
+            rows = (
+                np.stack([linear.matrix[place], linear.matrix[count + place]], axis=1)
+                * linear.weight[place]
+            )
             own = _InTime(rest, motion, np.stack([tone.real, -tone.imag]))
             free = _free_motion(evidence, estimate, record, used)
             yield _in_time(record, span, used, own, free, inverse @ rows, turns)
 
 
-def _of_samples(evidence: Evidence, estimate: Estimate, predicted: Sequence[FloatArray]) -> Iterator[Part]:
+def _of_samples(
+    evidence: Evidence, estimate: Estimate, predicted: Sequence[FloatArray]
+) -> Iterator[Part]:
     """Of a network that runs in time, with slopes by differences."""
     if estimate.problem is None or estimate.findings.learned is not None:
         return
     step, tones = np.eye(len(estimate.z)) * STEP, tones_of(evidence)
     ends = [
-        [estimate.problem.predict(estimate.coordinates, estimate.z + sign * each) for sign in (1.0, -1.0)]
+        [
+            estimate.problem.predict(estimate.coordinates, estimate.z + sign * each)
+            for sign in (1.0, -1.0)
+        ]
         for each in step
     ]
     for index, (record, series) in enumerate(zip(evidence.records, predicted, strict=True)):
@@ -199,7 +221,10 @@ def _of_samples(evidence: Evidence, estimate: Estimate, predicted: Sequence[Floa
             continue
         for span in _spans(record, series):
             used = (record.mask & np.isfinite(series))[span]
-            jacobian = [np.where(used, (up[index] - down[index])[span], 0.0) / (2.0 * STEP) for up, down in ends]
+            jacobian = [
+                np.where(used, (up[index] - down[index])[span], 0.0) / (2.0 * STEP)
+                for up, down in ends
+            ]
             rest = np.where(used, record.response[span] - series[span], 0.0)
             own = _InTime(rest, _about_mean(series[span], used), np.array(jacobian))
             free = _free_motion(evidence, estimate, record, used)
@@ -230,7 +255,9 @@ def _pieces(samples: int) -> list[slice]:
     if samples <= LONGEST:
         return [slice(0, samples)]
     every = np.arange(0, samples - SHORTEST, LONGEST)
-    kept = every[np.unique(np.linspace(0, every.size - 1, min(every.size, MOST_PIECES)).astype(int))]
+    kept = every[
+        np.unique(np.linspace(0, every.size - 1, min(every.size, MOST_PIECES)).astype(int))
+    ]
     return [slice(begin, min(begin + LONGEST, samples)) for begin in kept.tolist()]
 
 
@@ -271,14 +298,18 @@ def _in_time(
     straight = np.linspace(-1.0, 1.0, n)
     if pull is None:  # noise of the reference rings beyond either end, and so do the slopes
         free = np.concatenate([free, free * np.arange(n)])
-    nuisance = np.concatenate([used[None] * 1.0, used[None] * straight, waves(known, n) * used, free])
+    nuisance = np.concatenate(
+        [used[None] * 1.0, used[None] * straight, waves(known, n) * used, free]
+    )
     rest, bins, columns, beside = (
         np.asarray(fft.rfft(signal, axis=-1), dtype=complex) for signal in (*signals, nuisance)
     )
     return Part(record, span, used, rest, bins, signals.motion, columns, beside, pull, turns)
 
 
-def _free_motion(evidence: Evidence, estimate: Estimate, record: Record, used: BoolArray) -> FloatArray:
+def _free_motion(
+    evidence: Evidence, estimate: Estimate, record: Record, used: BoolArray
+) -> FloatArray:
     """Return free motion of the sensor, zero where not used, shape (q, n)."""
     poles = evidence.model.linear.poles(estimate.coordinates.values(estimate.z))
     lasting = free_exponents(poles, record.sampling_rate_hz)

@@ -48,7 +48,9 @@ BANDS = 8
 NEAR_TONE = 4
 
 
-def groups_of(evidence: Evidence, estimate: Estimate, predicted: Sequence[FloatArray], tones: Points | None) -> Groups:
+def groups_of(
+    evidence: Evidence, estimate: Estimate, predicted: Sequence[FloatArray], tones: Points | None
+) -> Groups:
     """All groups of a fit of records; none of a table, or of records that are too short.
 
     Args:
@@ -67,15 +69,24 @@ def groups_of(evidence: Evidence, estimate: Estimate, predicted: Sequence[FloatA
                 yield group_of([signals[k] for k in numbers], [first + k for k in numbers], effects)
             first += len(some)
 
-    return Groups(made, sum(min(record.samples, MOST_PIECES * LONGEST) for record in evidence.records))
+    return Groups(
+        made, sum(min(record.samples, MOST_PIECES * LONGEST) for record in evidence.records)
+    )
 
 
 def scale_of(evidence: Evidence, predicted: Sequence[FloatArray], linear: Linearised) -> Scale:
     """What the records have in common; ``linear``: the fit at all excited frequencies, linearised at the estimate."""
     order = np.argsort(linear.frequency_hz, kind="stable")
-    hz, told = linear.frequency_hz[order], np.cumsum(np.sum(np.square(linear.matrix[order]), axis=1))
+    hz, told = (
+        linear.frequency_hz[order],
+        np.cumsum(np.sum(np.square(linear.matrix[order]), axis=1)),
+    )
     top_hz = 0.5 * max((record.sampling_rate_hz for record in evidence.records), default=0.0)
-    inner = np.searchsorted(told, told[-1] * np.arange(1, BANDS) / BANDS) if hz.size else np.zeros(0, dtype=int)
+    inner = (
+        np.searchsorted(told, told[-1] * np.arange(1, BANDS) / BANDS)
+        if hz.size
+        else np.zeros(0, dtype=int)
+    )
     between = [float(0.5 * (hz[k] + hz[k + 1])) for k in inner.tolist() if k + 1 < hz.size]
     finite = [series[np.isfinite(series)] for series in predicted]
     motion = max((float(np.max(np.abs(s - np.mean(s)))) for s in finite if s.size), default=0.0)
@@ -98,8 +109,12 @@ def _mass_of(
     natural_hz, damping = (values[name] for name in model.core.oscillator)
 
     def at(hz: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-        velocity = 1j * hz / (natural_hz**2 - hz**2 + 2j * damping * natural_hz * hz) / (2.0 * np.pi)
-        return velocity, np.asarray(model.frequency_response(values, hz, "acceleration"), dtype=complex)
+        velocity = (
+            1j * hz / (natural_hz**2 - hz**2 + 2j * damping * natural_hz * hz) / (2.0 * np.pi)
+        )
+        return velocity, np.asarray(
+            model.frequency_response(values, hz, "acceleration"), dtype=complex
+        )
 
     return at
 
@@ -116,7 +131,9 @@ def _signals(evidence: Evidence, estimate: Estimate, parts: Sequence[Part]) -> l
     return [signals[number] for number in range(len(parts))]
 
 
-def _signals_of_alike(evidence: Evidence, estimate: Estimate, parts: Sequence[Part]) -> list[Signals]:
+def _signals_of_alike(
+    evidence: Evidence, estimate: Estimate, parts: Sequence[Part]
+) -> list[Signals]:
     """Return parts of one length and rate with their noise."""
     first = parts[0]
     samples, count = first.used.size, first.rest.size
@@ -128,7 +145,14 @@ def _signals_of_alike(evidence: Evidence, estimate: Estimate, parts: Sequence[Pa
     colour = colour[:count] if isinstance(colour, np.ndarray) else 1.0
     last, through = int(np.flatnonzero(one_sided)[-1]), passed * colour
     seen = [
-        Motion(part.bins, float(part.used.sum()), last, through, colour, _harmonics(samples, part.turns, count))
+        Motion(
+            part.bins,
+            float(part.used.sum()),
+            last,
+            through,
+            colour,
+            _harmonics(samples, part.turns, count),
+        )
         for part in parts
     ]
 
@@ -156,7 +180,11 @@ def _signals_of_alike(evidence: Evidence, estimate: Estimate, parts: Sequence[Pa
         elif evidence.model.is_linear and np.any(share):
             columns = columns + slopes() * (share * read.left)
         own = part.rest, part.bins, part.motion, columns, transfer, nuisance, spectrum, one_sided
-        signals.append(Signals(part.record, part.span, part.used, *own, motion, part.floor, part.pull, part.turns))
+        signals.append(
+            Signals(
+                part.record, part.span, part.used, *own, motion, part.floor, part.pull, part.turns
+            )
+        )
     return signals
 
 
@@ -176,7 +204,9 @@ class _Read(NamedTuple):
 
 def _read(parts: Sequence[Part], one_sided: FloatArray, seen: Sequence[Motion]) -> list[_Read]:
     """Read the noise of parts of one length and rate, again where hum or steep noise leaks."""
-    rest, beside = (np.stack(rows) for rows in zip(*((part.rest, part.beside) for part in parts), strict=True))
+    rest, beside = (
+        np.stack(rows) for rows in zip(*((part.rest, part.beside) for part in parts), strict=True)
+    )
     weight = np.broadcast_to(one_sided, rest.shape)
     left = rest - Nuisances.in_weight(beside, weight).imitated(rest[:, None])[:, 0]
     none = np.zeros((0, one_sided.size), dtype=complex)
@@ -185,16 +215,22 @@ def _read(parts: Sequence[Part], one_sided: FloatArray, seen: Sequence[Motion]) 
     for part, motion, row, spectrum in zip(parts, seen, left, spectra, strict=True):
         read = _Read(row, none, spectrum)
         if spectrum.tones or is_steep(spectrum):
-            read = _read_beside_hum(part, motion, one_sided / spectrum.psd, with_tones((), spectrum.tones))
+            read = _read_beside_hum(
+                part, motion, one_sided / spectrum.psd, with_tones((), spectrum.tones)
+            )
         every.append(read)
     return every
 
 
-def _read_beside_hum(part: Part, motion: Motion, weight: FloatArray, tones: tuple[float, ...]) -> _Read:
+def _read_beside_hum(
+    part: Part, motion: Motion, weight: FloatArray, tones: tuple[float, ...]
+) -> _Read:
     """Read the noise of a part in the weight of a first reading: what hum and steep noise leak is no noise."""
 
     def hum_at(places: tuple[float, ...]) -> ComplexArray:
-        return np.asarray(fft.rfft(waves(places, part.used.size) * part.used, axis=1))[:, : part.rest.size]
+        return np.asarray(fft.rfft(waves(places, part.used.size) * part.used, axis=1))[
+            :, : part.rest.size
+        ]
 
     hum = hum_at(tones)
     left = freed(part.rest, np.concatenate([part.beside, hum]), weight)

@@ -53,10 +53,15 @@ class Weighting:
             every.append(GroupWeights(response, reference, excited))
         return every
 
-    def _rows(self, group: Group, numbers: Sequence[int], every: Sequence[FloatArray]) -> FloatArray:
+    def _rows(
+        self, group: Group, numbers: Sequence[int], every: Sequence[FloatArray]
+    ) -> FloatArray:
         """Return values at the bins of a group, whose length another delay may have changed."""
         return np.stack(
-            [brought(values, self.samples[number], group.grid) for number, values in zip(numbers, every, strict=True)]
+            [
+                brought(values, self.samples[number], group.grid)
+                for number, values in zip(numbers, every, strict=True)
+            ]
         )
 
     def beside(self, band: Band) -> Band:
@@ -103,7 +108,9 @@ def read_weighting(
         residual, predicted = at.fitted_in_all_bins
         residual = residual.copy()
         residual[:, 0] = np.abs(residual[:, 1])
-        rows = Residuals(residual, predicted, group.count, floors[band.owners(group)], fitted=fitted)
+        rows = Residuals(
+            residual, predicted, group.count, floors[band.owners(group)], fitted=fitted
+        )
         if group.grid.driven:
             reference = group.inputs[:, 0]
             rows = replace(

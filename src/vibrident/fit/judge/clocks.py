@@ -184,7 +184,10 @@ def _pattern(records: Sequence[Record]) -> tuple[tuple[float, float, float], ...
         motion = np.where(record.reference_mask, record.reference, 0.0)
         motion = motion - motion.mean()
         x, moment = (np.asarray(np.fft.rfft(v)) for v in (motion, motion * record.time_s))
-        sums = [np.add.reduceat(v[: edges[-1]], edges[:-1]) for v in (power_of(x), np.real(np.conj(x) * moment))]
+        sums = [
+            np.add.reduceat(v[: edges[-1]], edges[:-1])
+            for v in (power_of(x), np.real(np.conj(x) * moment))
+        ]
         hz.append(0.5 * (edges[1:] + edges[:-1]) * record.sampling_rate_hz / record.samples)
         power.append(sums[0])
         late.append(sums[1])

@@ -57,7 +57,9 @@ def provenance(fitted: Fitted) -> dict[str, Any]:
         **({"plug_ins": packages} if packages else {}),
         **({"model": source_of(model)} if MODELS.is_given(model.name) else {}),
         "calibration_file": calibration.source,
-        "files": [{"file": s.file, "sha256": s.sha256, "history": list(s.history)} for s in sources],
+        "files": [
+            {"file": s.file, "sha256": s.sha256, "history": list(s.history)} for s in sources
+        ],
         "seed": None,
         "time": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
     }
@@ -77,7 +79,11 @@ def _readers(files: Iterable[str]) -> tuple[str, ...]:
 
 def _plug_ins(fitted: Fitted, readers: Iterable[str]) -> dict[str, str]:
     """Return name → package with its version, of all that another package added."""
-    return {name: package for registry, name in _taking_part(fitted, readers) if (package := registry.package_of(name))}
+    return {
+        name: package
+        for registry, name in _taking_part(fitted, readers)
+        if (package := registry.package_of(name))
+    }
 
 
 def _taking_part(fitted: Fitted, readers: Iterable[str]) -> Iterator[tuple[Registry[Any], str]]:

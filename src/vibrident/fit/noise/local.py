@@ -51,7 +51,9 @@ class SmoothColumns:
     share: float
 
     @classmethod
-    def beside(cls, motions: Sequence[ComplexArray], shape: tuple[int, int], share: float) -> SmoothColumns | None:
+    def beside(
+        cls, motions: Sequence[ComplexArray], shape: tuple[int, int], share: float
+    ) -> SmoothColumns | None:
         """Make the columns; None where so few bins tell nothing.
 
         Args:

@@ -126,7 +126,11 @@ class Residuals:
         shared = {"through"} if self.through is not None and len(self.through) == 1 else set()
         return replace(
             self,
-            **{name: array[part] for name, array in rows.items() if array is not None and name not in shared},
+            **{
+                name: array[part]
+                for name, array in rows.items()
+                if array is not None and name not in shared
+            },
         )
 
 
@@ -193,7 +197,9 @@ def _read_one_level(rows: Residuals, last: int, colour: FloatArray | float) -> G
         none.doubts[:, :1] = psd[:, :1] / np.max(rows.through, axis=1, keepdims=True)
     nothing = np.zeros(shape)
     tones = ((),) * len(psd)
-    return GroupNoise(psd, none.variance, nothing, none.doubts, colour, nothing + 1.0, tones, none.free)
+    return GroupNoise(
+        psd, none.variance, nothing, none.doubts, colour, nothing + 1.0, tones, none.free
+    )
 
 
 def _read(rows: Residuals, last: int, colour: FloatArray | float) -> GroupNoise:
@@ -228,7 +234,9 @@ def _read(rows: Residuals, last: int, colour: FloatArray | float) -> GroupNoise:
     white, pink = of_input.amounts.T[:, :, None]
     smooth *= white + pink * _flicker(psd.shape[1])
     smooth *= colour
-    return GroupNoise(psd, of_input.variance, smooth, of_input.doubts, colour, excited, tones, of_input.free)
+    return GroupNoise(
+        psd, of_input.variance, smooth, of_input.doubts, colour, excited, tones, of_input.free
+    )
 
 
 def _incoherent(rows: Residuals, log_through: FloatArray | None) -> _Read:
@@ -258,7 +266,9 @@ def _incoherent(rows: Residuals, log_through: FloatArray | None) -> _Read:
         return np.exp(level, out=level)
 
     def projected(some: slice | NDArray[np.int_], heard: BoolArray, level: FloatArray) -> _Read:
-        left, freedom = without_common(rows.residual[some], [motion[some] for motion in motions], np.sqrt(level), heard)
+        left, freedom = without_common(
+            rows.residual[some], [motion[some] for motion in motions], np.sqrt(level), heard
+        )
         return _Read(left, power_of(left), freedom)
 
     level = threshold(power_of(rows.residual))
@@ -279,7 +289,9 @@ def _incoherent(rows: Residuals, log_through: FloatArray | None) -> _Read:
     return read
 
 
-def _shape(rows: Residuals, read: _Read, log_through: FloatArray | None, last: int) -> tuple[FloatArray, _InputNoise]:
+def _shape(
+    rows: Residuals, read: _Read, log_through: FloatArray | None, last: int
+) -> tuple[FloatArray, _InputNoise]:
     """Return the noise of known shapes, shape (R, K), and that of the reference."""
     power, freedom = read.power, read.freedom
     records, bins = power.shape
@@ -323,7 +335,9 @@ def _shape(rows: Residuals, read: _Read, log_through: FloatArray | None, last: i
     return _by_amounts(amounts, bins, by_reference), noise
 
 
-def _chosen(common: CommonNoise, variance: FloatArray, spread: FloatArray, most: FloatArray) -> _InputNoise:
+def _chosen(
+    common: CommonNoise, variance: FloatArray, spread: FloatArray, most: FloatArray
+) -> _InputNoise:
     """Choose between two estimates of noise of the reference, each of shape (R,).
 
     Args:
@@ -348,7 +362,9 @@ def _chosen(common: CommonNoise, variance: FloatArray, spread: FloatArray, most:
     others = np.column_stack([remaining, variances, common.covariance[:, 0, 1]])
     by_common = better | (~sure & ~refuted & (common.spread < spread))
     doubts = np.where(by_common[:, None], others, doubts)
-    return _InputNoise(np.where(better, common.variance, amounts[:, 0]), amounts, doubts, common.free)
+    return _InputNoise(
+        np.where(better, common.variance, amounts[:, 0]), amounts, doubts, common.free
+    )
 
 
 def _no_input_noise(records: int) -> _InputNoise:
@@ -357,7 +373,9 @@ def _no_input_noise(records: int) -> _InputNoise:
     return _InputNoise(np.zeros(records), np.zeros((records, 2)), np.zeros((records, 5)), free)
 
 
-def _by_amounts(amounts: FloatArray, bins: int, by_reference: FloatArray | float = 0.0) -> FloatArray:
+def _by_amounts(
+    amounts: FloatArray, bins: int, by_reference: FloatArray | float = 0.0
+) -> FloatArray:
     """Return a + c/k + d/k² and what the reference makes, shape (R, K)."""
     flicker = _flicker(bins)
     shape = amounts[:, 2:3] * flicker

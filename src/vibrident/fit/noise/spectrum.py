@@ -74,7 +74,9 @@ def noise_spectrum(residual: ComplexArray, motion: Motion, floor: float) -> Nois
     return noise_spectra(residual[None], [motion], [floor])[0]
 
 
-def noise_spectra(residual: ComplexArray, motions: Sequence[Motion], floors: Sequence[float]) -> list[NoiseSpectrum]:
+def noise_spectra(
+    residual: ComplexArray, motions: Sequence[Motion], floors: Sequence[float]
+) -> list[NoiseSpectrum]:
     """Read the noise of residuals of one length and rate.
 
     Args:
