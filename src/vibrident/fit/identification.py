@@ -59,7 +59,9 @@ def identify_run(
     settings = {**result.settings, "time_s": time.perf_counter() - begin}
     if posterior is not None:
         scale = _data_scale(fitted.estimate, rows[0])
-        settings["posterior"] = sample_posterior(fitted.evidence, fitted.estimate, fitted.linear, scale, posterior)
+        settings["posterior"] = sample_posterior(
+            fitted.evidence, fitted.estimate, fitted.linear, scale, posterior
+        )
     return replace(result, settings=settings)
 
 
@@ -77,7 +79,11 @@ def fit(
         from vibrident.fit.decay import estimate as decays  # only where there are decays
 
         decays.require_plain(estimator)
-        evidence, chosen, reason = decays.gathered(calibration, sensor_model), decays.FreeDecays(), decays.METHOD
+        evidence, chosen, reason = (
+            decays.gathered(calibration, sensor_model),
+            decays.FreeDecays(),
+            decays.METHOD,
+        )
         found = Fitted.of(evidence, chosen, progress)
         found = replace(found, told=(Told(warnings=tuple(decays.said(found.estimate))),))
     else:
@@ -118,7 +124,9 @@ def _stairs(asked: str | Estimator) -> Ipnn | None:
     return asked if isinstance(asked, Ipnn) and asked.discretisation == "zoh" else None
 
 
-def _fit_drive(evidence: Evidence, chosen: Estimator, stairs: Ipnn | None, progress: Progress) -> Fitted:
+def _fit_drive(
+    evidence: Evidence, chosen: Estimator, stairs: Ipnn | None, progress: Progress
+) -> Fitted:
     """Estimate a model by a commanded drive, held from sample to sample where that explains it."""
     if stairs is None:
         return Fitted.of(evidence, chosen, progress)
@@ -141,8 +149,12 @@ def _data_scale(estimate: Estimate, data: BudgetRow) -> float:
     return float(np.sqrt(whole / part)) if part > 0.0 else 1.0
 
 
-def _estimator(evidence: Evidence, asked: str | Estimator, scope: Uncertainty) -> tuple[Estimator, str]:
+def _estimator(
+    evidence: Evidence, asked: str | Estimator, scope: Uncertainty
+) -> tuple[Estimator, str]:
     if not isinstance(asked, str):
         return asked, "chosen by the user"
-    chosen, reason = choose(evidence) if asked == AUTO else (ESTIMATORS[asked], "chosen by the user")
+    chosen, reason = (
+        choose(evidence) if asked == AUTO else (ESTIMATORS[asked], "chosen by the user")
+    )
     return (chosen.for_noise_alone() if scope == "noise" else chosen), reason

@@ -9,8 +9,12 @@ from numpy.typing import NDArray
 
 from vibrident.data.records import BoolArray, FloatArray
 
-SMALLEST = 1e-12  # scaled eigenvalues below this are rounding: the direction is not determined at all
-NONE = 1e-70  # information that counts as none: small enough to say so, large enough not to overflow
+SMALLEST = (
+    1e-12  # scaled eigenvalues below this are rounding: the direction is not determined at all
+)
+NONE = (
+    1e-70  # information that counts as none: small enough to say so, large enough not to overflow
+)
 
 
 def inverse_normal(matrix: FloatArray) -> FloatArray:
@@ -32,7 +36,9 @@ def inverse_root(matrix: FloatArray) -> FloatArray:
     return np.asarray(root / scale[..., :, None])
 
 
-def sandwich_covariance(root: FloatArray, middle: FloatArray, information: FloatArray) -> FloatArray:
+def sandwich_covariance(
+    root: FloatArray, middle: FloatArray, information: FloatArray
+) -> FloatArray:
     """L Lᵀ M L Lᵀ for L Lᵀ, the inverse of the information, and M, the covariance of the gradient; shape (p, p).
 
     A direction whose information is lost in rounding has a gradient lost in rounding too, which says nothing: its

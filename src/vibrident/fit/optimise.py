@@ -128,9 +128,17 @@ def levenberg_marquardt(
 
     def arrived() -> bool:
         gains = [one.cost - next_.cost for one, next_ in itertools.pairwise(way[-1 - SLOW :])]
-        slow = len(gains) == SLOW and sum(gains) < max(tolerance, LITTLE) and gains[-1] < 0.5 * gains[0]
+        slow = (
+            len(gains) == SLOW
+            and sum(gains) < max(tolerance, LITTLE)
+            and gains[-1] < 0.5 * gains[0]
+        )
         least = max(tolerance, 1e-15 * here.cost)
-        return here.gain < least or (rejected > 0 and here.promised(here.step(damping, used), used) < least) or slow
+        return (
+            here.gain < least
+            or (rejected > 0 and here.promised(here.step(damping, used), used) < least)
+            or slow
+        )
 
     progress(1, most, here.cost)
     for iteration in range(2, most + 1):
@@ -142,14 +150,20 @@ def levenberg_marquardt(
         gained = gain / promised if promised > 0.0 else -np.inf
         gained = gained if np.isfinite(gained) else -np.inf
         if gained >= 0.01:  # of what the linear residual promised
-            better = abs(gain - here.promised(step, lacking)) < abs(gain - here.promised(step, none))
+            better = abs(gain - here.promised(step, lacking)) < abs(
+                gain - here.promised(step, none)
+            )
             lacking = secant(lacking, step, here.gradient - trial.gradient, trial.matrix)
             used = lacking if better else none
             here, rejected = trial, 0
             way.append(here)
-            damping *= 1.0 / 3.5 if gained > 0.9 else 1.0  # less where the residual is as linear as foretold
+            damping *= (
+                1.0 / 3.5 if gained > 0.9 else 1.0
+            )  # less where the residual is as linear as foretold
         else:
-            damping *= 4.0 * 2.0**rejected  # more after each, to fit any size of the residual (Nielsen 1999)
+            damping *= (
+                4.0 * 2.0**rejected
+            )  # more after each, to fit any size of the residual (Nielsen 1999)
             rejected += 1
         progress(iteration, most, here.cost)
     converged = arrived()
@@ -179,12 +193,16 @@ class _Point:
         """Damped step by JᵀJ and what it lacks; zero along directions without influence on the residual."""
         matrix = self.matrix + damping * np.eye(len(self.z))
         shown = np.diag(matrix)
-        size = np.sqrt(np.where(shown > 0.0, shown, np.inf))  # rounding makes zero influence negative
+        size = np.sqrt(
+            np.where(shown > 0.0, shown, np.inf)
+        )  # rounding makes zero influence negative
         values, vectors = np.linalg.eigh((matrix + lacking) / size[:, None] / size)
         if values[0] < 0.0:  # no way down
             values, vectors = np.linalg.eigh(matrix / size[:, None] / size)
         kept = values > LEAST_SHOWN
-        return (vectors[:, kept] / values[kept]) @ (vectors[:, kept].T @ (self.gradient / size)) / size
+        return (
+            (vectors[:, kept] / values[kept]) @ (vectors[:, kept].T @ (self.gradient / size)) / size
+        )
 
     def promised(self, step: FloatArray, lacking: FloatArray) -> float:
         """What a step should lower the cost by."""
@@ -195,7 +213,9 @@ class _Point:
         return float(self.step(0.0) @ self.gradient)
 
 
-def secant(lacking: FloatArray, step: FloatArray, change: FloatArray, matrix: FloatArray) -> FloatArray:
+def secant(
+    lacking: FloatArray, step: FloatArray, change: FloatArray, matrix: FloatArray
+) -> FloatArray:
     """What JᵀJ lacks of half the Hessian, shape (p, p), after a step along which the gradient fell by ``change``.
 
     ``matrix``: JᵀJ behind the step. The update of Dennis, Gay & Welsch (ACM TOMS 7, 1981), with their sizing.

@@ -53,7 +53,7 @@ TRACKED = "tracked"  # the estimator of a result that follows a sensor after its
 
 @dataclass(frozen=True)
 class Result(Part):
-    """The outcome of one identification. See DESIGN's contract for each field's meaning.
+    """The outcome of one identification, as ``result.json`` holds it.
 
     Attributes:
         model: model name, such as "accelerometer+delay".

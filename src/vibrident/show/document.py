@@ -14,7 +14,7 @@ from vibrident.show.findings import findings
 from vibrident.show.history import drift, drift_table, histories
 from vibrident.show.numbers import NONE, parameter_scale, plain, sensor_name, stated
 from vibrident.show.residual_tests import residual_tests
-from vibrident.show.setting_tables import budget, light, point_budget, repeats
+from vibrident.show.setting_tables import budget, light, point_budget, regimes, repeats
 from vibrident.show.views import (
     Block,
     Card,
@@ -33,7 +33,7 @@ from vibrident.show.views import (
     section,
 )
 
-_SHOWN = ("interferometer", "temperature", "repeats", RAISED)  # settings with a section of their own
+_SHOWN = ("interferometer", "temperature", "repeats", "regimes", RAISED)  # settings with a section of their own
 MOST_FILES = 100  # data files listed in a report; the result lists them all
 
 
@@ -53,6 +53,7 @@ def report(result: Result, more: Sequence[Section] = ()) -> Document:
         section("budget", "Uncertainty budget", *_budget(result)),
         section("temperature", "Temperature", certificate_tables.temperature(result)),
         section("repeats", "Runs", repeats(result)),
+        section("regimes", "Regimes", regimes(result)),
         section("interferometer", "Interferometer", light(result)),
         section("correlation", "Correlation of the estimated parameters", tables.correlation(result)),
         section("training", "Training", *_training(result)),

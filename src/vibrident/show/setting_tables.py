@@ -91,6 +91,26 @@ def repeats(result: Result) -> Table | None:
     return Table((*columns("mounting", "run"), *heads), rows).telling()
 
 
+def regimes(result: Result) -> Table | None:
+    """Return times and parameters of each regime of a sensor that changed; None of one that did not."""
+    stated = result.settings.get("regimes")
+    if not isinstance(stated, list | tuple) or not stated:
+        return None
+    names = [name for name in stated[0]["parameters"] if name in result.parameters]
+    scales = {name: parameter_scale(result, result.parameters[name]) for name in names}
+    rows = []
+    for regime in stated:
+        cells = []
+        for name in names:
+            each = regime["parameters"][name]
+            factor = scales[name].factor
+            cells.append(with_u(each["value"], each["standard_uncertainty"], factor)[0])
+        rows.append((plain(regime["from_s"], 5), plain(regime["to_s"], 5), *cells))
+    heads = [Column(parameter_name(name).words, "number", scale.printed) for name, scale in scales.items()]
+    times = Column("from", "number", "s"), Column("to", "number", "s")
+    return Table((*times, *heads), tuple(rows), title="Regimes of the sensor")
+
+
 def _is_row(row: Any) -> bool:
     return isinstance(row, Mapping) and "source" in row and isinstance(row.get("contributions"), Mapping)
 

@@ -18,6 +18,7 @@ from vibrident.show.findings import told
 from vibrident.show.media.console import Shown, shown
 from vibrident.show.media.console import written as paths_written
 from vibrident.show.numbers import fit_unit, plain, sensor_name
+from vibrident.show.setting_tables import regimes
 from vibrident.show.views import Column, Sentence, Table, columns
 
 __all__ = ["fit_line", "parameter_table", "posterior_table", "summary", "text", "weights_table"]
@@ -30,7 +31,9 @@ def summary(result: Result, written: Sequence[str | os.PathLike[str]] = (), word
     """
     from rich.console import Group
 
-    said = shown(parameter_table(result), fit_line(result), *scatter_only(result), *told(result, word))
+    own = regimes(result)
+    changed = () if own is None else (own,)
+    said = shown(parameter_table(result), *changed, fit_line(result), *scatter_only(result), *told(result, word))
     return Group(said, paths_written(written)) if written else said
 
 

@@ -15,6 +15,7 @@ from vibrident.fit.judge.document import Uncertainty
 from vibrident.fit.optimise import Progress, silent
 from vibrident.physics.models import GivenModel, named
 from vibrident.result import Result
+from vibrident.use.regimes import with_regimes
 from vibrident.use.repeats import identify_runs, runs_of
 from vibrident.use.temperature import identify_temperatures, temperatures_of
 
@@ -88,4 +89,13 @@ def identify(
         return identify_runs(
             runs, lambda one: fit(one, name, estimator, uncertainty=uncertainty, progress=progress), uncertainty
         )
-    return identify_run(calibration, name, estimator, uncertainty=uncertainty, posterior=posterior, progress=progress)
+    result = identify_run(calibration, name, estimator, uncertainty=uncertainty, posterior=posterior, progress=progress)
+    if posterior is not None:
+        return result
+    return with_regimes(
+        calibration,
+        name,
+        result,
+        lambda one: fit(one, name, estimator, uncertainty=uncertainty, progress=progress),
+        uncertainty,
+    )

@@ -234,7 +234,7 @@ def test_harmonics_of_a_sine_are_no_hum(estimator: str) -> None:
 @pytest.mark.parametrize("band", [(1500.0, 5000.0), (50.0, 400.0)])
 def test_pieces_of_a_long_record_have_no_departure_of_their_own(monkeypatch, band: tuple[float, float]) -> None:
     """Noise of the reference is in prediction and residual alike, and what came before a piece rings on in it."""
-    monkeypatch.setattr("vibrident.fit.departures.sources.LONGEST", 4096)
+    monkeypatch.setattr("vibrident.fit.departures.parts.LONGEST", 4096)
     made = simulate(
         "paper", "random", frequencies_hz=band, samples=16000, response_noise=1e-4, reference_noise=1e-2, seed=4
     )

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from vibrident.fit.noise.reading import GroupNoise, read_noise
+from vibrident.fit.noise.reading import GroupNoise, Residuals, read_noise
 
 Rows = NDArray[np.complex128]
 Curve = NDArray[np.float64]
@@ -34,8 +34,9 @@ class Drawn(NamedTuple):
     def read(self) -> GroupNoise:
         records, bins = self.residual.shape
         count = np.full(records, float(SAMPLES))
-        arrays = self.residual, self.predicted, self.reference, self.through
-        return read_noise(*arrays, count, np.zeros(records), bins - 1)
+        through = np.atleast_2d(self.through)
+        own = self.residual, self.predicted, count, np.zeros(records), through, self.reference
+        return read_noise(Residuals(*own), bins - 1)
 
     def power(self) -> Curve:
         return np.asarray(np.abs(self.residual) ** 2 / SAMPLES)
@@ -237,8 +238,8 @@ def test_few_samples_have_one_level() -> None:
     """Of 100 samples no spectrum is read."""
     rng = np.random.default_rng(14)
     residual = np.fft.rfft(rng.standard_normal((2, 100)))
-    arrays = residual, 10.0 * residual, residual, np.ones(51)
-    noise = read_noise(*arrays, np.full(2, 100.0), np.array([0.0, 9.0]), 40)
+    known = np.full(2, 100.0), np.array([0.0, 9.0]), np.ones((1, 51))
+    noise = read_noise(Residuals(residual, 10.0 * residual, *known, residual), 40)
     level = np.mean(np.abs(residual[:, 1:40]) ** 2, axis=1) / 100.0
     assert np.ptp(noise.psd, axis=1) == pytest.approx(0.0)
     assert noise.psd[0, 0] == pytest.approx(level[0], rel=0.1)
@@ -249,8 +250,9 @@ def test_noiseless_records_get_their_floor() -> None:
     """No residual at all: the level is the floor, and nothing is infinite."""
     drawn = draw(15, transfer(160.0), NONE, NONE)
     records = np.full(RECORDS, float(SAMPLES)), np.full(RECORDS, 1e-12)
-    arrays = np.zeros_like(drawn.residual), drawn.predicted, drawn.reference, drawn.through
-    noise = read_noise(*arrays, *records, BINS - 1)
+    known = *records, drawn.through[None], drawn.reference
+    rows = Residuals(np.zeros_like(drawn.residual), drawn.predicted, *known)
+    noise = read_noise(rows, BINS - 1)
     np.testing.assert_allclose(noise.psd, 1e-12)
     assert np.all(np.isfinite(noise.doubt))
     assert np.all(noise.input_noise == 0.0)

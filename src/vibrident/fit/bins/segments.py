@@ -78,7 +78,9 @@ def driven_by(
         return np.asarray(model.factor_slopes(factor_values, turns * rate_hz)[name])
 
     responses = [behind, *(functools.partial(along, name) for name in factor_values)]
-    signals, places = zip(*(filtered(reference, valid, response) for response in responses), strict=True)
+    signals, places = zip(
+        *(filtered(reference, valid, response) for response in responses), strict=True
+    )
     return Drive(signals, np.logical_and.reduce(places))
 
 
@@ -103,14 +105,18 @@ class Transforms:
         """Inputs of the steps, q rows of each signal in turn, shape (…, L); zero for a decay."""
         if self.record.reference is None:
             lines = (self.span.stop - self.span.start) // 2 + 1
-            return np.zeros((len(self.drive.signals) * self.step.filters.shape[0], lines), dtype=complex)
+            return np.zeros(
+                (len(self.drive.signals) * self.step.filters.shape[0], lines), dtype=complex
+            )
         every = [input_lines(signal, self.span, self.step) for signal in self.drive.signals]
         return np.concatenate(every) if len(every) > 1 else every[0]
 
     @functools.cached_property
     def response(self) -> ComplexArray:
         """Of the response, zero where it is not used, shape (L,)."""
-        return np.asarray(fft.rfft(np.where(self.record.mask[self.span], self.record.response[self.span], 0.0)))
+        return np.asarray(
+            fft.rfft(np.where(self.record.mask[self.span], self.record.response[self.span], 0.0))
+        )
 
     def forget_inputs(self) -> None:
         """Free those of a long run; they are made again when they are asked for."""
@@ -178,7 +184,9 @@ def tone_bins(places: Sequence[float], samples: int, part: slice = slice(None)) 
     off = np.asarray(places, dtype=float) - near
     off = np.where(np.abs(off) < OFF_LINES, np.copysign(OFF_LINES, off), off)
     z, found = 1.0 + w, np.empty((len(off), TONE_COLUMNS, len(w)), dtype=complex)
-    for own, c in zip(found, (4.0 * np.sin(np.pi / samples * (near + off)) ** 2).tolist(), strict=True):
+    for own, c in zip(
+        found, (4.0 * np.sin(np.pi / samples * (near + off)) ** 2).tolist(), strict=True
+    ):
         over = c / ((w + c) * w + c)
         np.multiply(z, over, out=own[0])
         np.multiply(own[0], over, out=own[2])
@@ -193,7 +201,9 @@ def _shifted_kept(samples: int) -> ComplexArray:
     return found
 
 
-def segment_of(number: int, record: Record, span: slice, step: StepFilters, drive: Drive) -> Segment:
+def segment_of(
+    number: int, record: Record, span: slice, step: StepFilters, drive: Drive
+) -> Segment:
     """A run with its transforms at all lines from 0 to half the sampling rate.
 
     Args:
@@ -205,7 +215,9 @@ def segment_of(number: int, record: Record, span: slice, step: StepFilters, driv
     """
     used = record.mask[span]
     hum = hum_of(record, len(used))
-    return Segment(number, span, Transforms(record, span, step, drive), None if used.all() else used, hum)
+    return Segment(
+        number, span, Transforms(record, span, step, drive), None if used.all() else used, hum
+    )
 
 
 def hum_of(record: Record, samples: int) -> tuple[float, ...]:
@@ -272,7 +284,9 @@ def input_lines(reference: FloatArray, span: slice, step: StepFilters) -> Comple
         found += own * _kept(step.filters.shape, step.filters.tobytes(), -before, samples)
         return found
     found = np.empty((len(edges), len(own)), dtype=complex)
-    for row, edge, taps_of_row in zip(found, edges, step.filters, strict=True):  # of a long run each copy counts
+    for row, edge, taps_of_row in zip(
+        found, edges, step.filters, strict=True
+    ):  # of a long run each copy counts
         row[:] = _polynomial(taps_of_row, -before, samples)
         row *= own
         row += _polynomial(edge, -before, samples)

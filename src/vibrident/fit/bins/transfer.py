@@ -48,7 +48,9 @@ def transfer_of(weights: Weights) -> DiscreteTransfer:
     unit = xp.eye(order)
     shifted = weights.transition - unit
     coefficients = [xp.ones(shifted.shape[:-2], dtype=shifted.dtype)]
-    adjugate = [xp.broadcast_to(unit.astype(shifted.dtype), shifted.shape)]  # the matrices of w^{n−1}, w^{n−2}, …
+    adjugate = [
+        xp.broadcast_to(unit.astype(shifted.dtype), shifted.shape)
+    ]  # the matrices of w^{n−1}, w^{n−2}, …
     for k in range(1, order + 1):
         product = shifted @ adjugate[-1]
         coefficients.append(-xp.trace(product, axis1=-2, axis2=-1) / k)
@@ -86,7 +88,9 @@ class Trained:
         ones = dict.fromkeys(self.model.parameter_names, 1.0)
         return len(self.model.rational(ones, self.quantity).denominator) - 1
 
-    def weights(self, values: dict[str, Any], interval_s: float, fraction: float, delay_s: float) -> Weights:
+    def weights(
+        self, values: dict[str, Any], interval_s: float, fraction: float, delay_s: float
+    ) -> Weights:
         """Weights of a step; see :class:`vibrident.physics.discretisation.Weights`.
 
         Args:
@@ -100,7 +104,9 @@ class Trained:
             fraction = fraction - (self.model.delay_s(values) - delay_s) / interval_s
         return self.method.weights(system, interval_s, fraction, self.terms)
 
-    def transfer(self, values: dict[str, Any], interval_s: float, fraction: float, delay_s: float) -> DiscreteTransfer:
+    def transfer(
+        self, values: dict[str, Any], interval_s: float, fraction: float, delay_s: float
+    ) -> DiscreteTransfer:
         """Return the transfer function of a step; arguments as of :meth:`weights`.
 
         The response is linear in how far the factors' parameters are from those of the inputs.
@@ -129,7 +135,9 @@ class Trained:
             ahead = [self.transfer(column, interval_s, fraction, delay_s) for column in columns]
             many = DiscreteTransfer(*(np.stack(parts) for parts in zip(*ahead, strict=True)))
         else:
-            many = self.transfer(dict(zip(values, moved, strict=True)), interval_s, fraction, delay_s)
+            many = self.transfer(
+                dict(zip(values, moved, strict=True)), interval_s, fraction, delay_s
+            )
         per = 1.0 / steps
         slopes = DiscreteTransfer(
             np.imag(many.denominator) * per[:, None], np.imag(many.numerator) * per[:, None, None]

@@ -81,7 +81,9 @@ def decay_deviations(
     return tuple(found)
 
 
-def _other_motion(model: SensorModel, values: Mapping[str, float], time_s: FloatArray) -> FloatArray | None:
+def _other_motion(
+    model: SensorModel, values: Mapping[str, float], time_s: FloatArray
+) -> FloatArray | None:
     """Free motion of a model's further poles, shape (samples, n); None if it has no further poles."""
     columns = []
     for addon in reversed(model.add_ons):

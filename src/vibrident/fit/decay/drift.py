@@ -32,7 +32,11 @@ def significant_rise(residual: FloatArray, times_s: FloatArray, size: float) -> 
     duration = float(np.ptp(times_s))
     times_s -= float(np.mean(times_s))
     rise, deviation = _trend(residual, times_s)
-    return rise if abs(rise) * duration > max(SIGNIFICANT * deviation * duration, LEAST * size) else 0.0
+    return (
+        rise
+        if abs(rise) * duration > max(SIGNIFICANT * deviation * duration, LEAST * size)
+        else 0.0
+    )
 
 
 def _trend(residual: FloatArray, t: FloatArray) -> tuple[float, float]:
@@ -75,4 +79,6 @@ def _slow_lines(series: FloatArray) -> ComplexArray:
     outer = np.exp(width * np.arange(rows)[:, None] * turn)
     body, rest = series[: rows * width].reshape(rows, width), series[rows * width :]
     sums = body @ inner.real + 1j * (body @ inner.imag)
-    return np.asarray(np.sum(outer * sums, axis=0) + rest @ np.exp(np.arange(rows * width, n)[:, None] * turn))
+    return np.asarray(
+        np.sum(outer * sums, axis=0) + rest @ np.exp(np.arange(rows * width, n)[:, None] * turn)
+    )

@@ -61,7 +61,12 @@ def gathered(calibration: Calibration, model: SensorModel) -> Evidence:
     """
     _require_one_oscillator(model)
     effects = tuple(effect for effect in calibration.effects if effect.kind == "clock")
-    felt = replace(calibration, effects=effects, reference_standard_uncertainty=0.0, reference_known_response=None)
+    felt = replace(
+        calibration,
+        effects=effects,
+        reference_standard_uncertainty=0.0,
+        reference_known_response=None,
+    )
     return Evidence.gather(felt, oscillator_of(model))
 
 
@@ -122,7 +127,9 @@ def require_plain(estimator: object, *, sampled: bool = False) -> None:
 
 def _require_one_oscillator(model: SensorModel) -> None:
     """Refuse a model with parameters that decays alone do not determine."""
-    parts = [addon for addon in model.add_ons if addon.rational is not None or addon.force is not None]
+    parts = [
+        addon for addon in model.add_ons if addon.rational is not None or addon.force is not None
+    ]
     more = [spec.name for addon in parts for spec in addon.parameters]
     if more or model.core.oscillator != NAMES:
         fitting = [core.name for core in CORES.values() if core.oscillator == NAMES]

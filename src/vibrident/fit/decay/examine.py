@@ -18,7 +18,16 @@ from vibrident.base.tails import chi2_tail, f_tail
 from vibrident.data.records import FloatArray, Record
 from vibrident.data.records.basis import resolution
 from vibrident.fit.decay.drift import SIGNIFICANT, significant_rise
-from vibrident.fit.decay.motion import DecayFit, Stretch, basis_of, fit, free_motion, motion_slopes, shortened, unit
+from vibrident.fit.decay.motion import (
+    DecayFit,
+    Stretch,
+    basis_of,
+    fit,
+    free_motion,
+    motion_slopes,
+    shortened,
+    unit,
+)
 from vibrident.fit.decay.noise import WHITE, Noise, autoregression, tones_of
 from vibrident.fit.decay.release import free_stretch, trimmed, without_first
 from vibrident.fit.optimise import Progress, silent
@@ -27,7 +36,9 @@ from vibrident.fit.response.verdict import REJECTION
 #: Stretches of time that are compared: at most this many, of at least so many samples.
 MOST_PARTS, FEWEST_SAMPLES = 12, 8
 TAIL = 0.6  # if the motion lasts for less than this part of the record, its noise is that of the remainder
-STEPS_OF_MOTION = 6.0  # fewest steps of a coarse recorder in a motion; the rounding of a smaller one follows it
+STEPS_OF_MOTION = (
+    6.0  # fewest steps of a coarse recorder in a motion; the rounding of a smaller one follows it
+)
 SHARES = (0.1, 0.25, 0.5)  # parts of a decay where its beginning is compared with its end
 DIFFER = 1e-4  # beginning and end of a decay differ below this probability
 WITHIN = 1e-6  # columns of which the rest leaves less than this part, in squares, are spanned by it
@@ -72,7 +83,9 @@ class Decays:
     @property
     def freedom(self) -> float:
         """Degrees of freedom behind the noise."""
-        return float(len(self.fit.residual) - sum(part.spanned.shape[1] for part in self.fit.parts) - 2)
+        return float(
+            len(self.fit.residual) - sum(part.spanned.shape[1] for part in self.fit.parts) - 2
+        )
 
     def as_settings(self) -> dict[str, Any]:
         """For a result, a record each."""
@@ -104,7 +117,9 @@ def examine(records: Sequence[Record], progress: Progress = silent) -> Decays:
     changes = [change for one in starts if (change := change_of(one)) is not None]
     if not changes and len(starts) > 1:  # too small for one decay to show
         largest = max(starts, key=lambda one: float(np.max(np.abs(one.free()))))
-        changes = [change for change in [change_of(largest, _chance_of_bend(found))] if change is not None]
+        changes = [
+            change for change in [change_of(largest, _chance_of_bend(found))] if change is not None
+        ]
     return Decays(found, tuple(changes))
 
 
@@ -126,16 +141,28 @@ def weighed(found: DecayFit) -> DecayFit:
 
 def _weighed(found: DecayFit) -> Stretch:
     """The stretch of a fit with the noise that its flexible residual shows."""
-    stretch, frequency, rest, alive = found.stretches[0], found.values[0], _flexible_residual(found), _live_s(found)
+    stretch, frequency, rest, alive = (
+        found.stretches[0],
+        found.values[0],
+        _flexible_residual(found),
+        _live_s(found),
+    )
     known, after = stretch.noise.tones_hz, int(alive * stretch.rate_hz)
     if after < TAIL * rest.size:  # where the motion has gone, any line is a tone
         tones = tones_of(rest[after:], stretch.rate_hz, (0.0, 0.0), known)
     else:
-        tones = tones_of(rest, stretch.rate_hz, (max(0.0, frequency - 3.0 / alive), frequency + 3.0 / alive), known)
+        tones = tones_of(
+            rest,
+            stretch.rate_hz,
+            (max(0.0, frequency - 3.0 / alive), frequency + 3.0 / alive),
+            known,
+        )
     rest = _without_tones(rest, replace(stretch, noise=replace(WHITE, tones_hz=tones)))
     quiet = rest[after:] if after < TAIL * rest.size else rest
     coarse = resolution(stretch.response[stretch.valid]) / np.sqrt(12.0)
-    if np.std(quiet) < 1.5 * coarse:  # what a coarse recorder shows of a rest is a constant, not its noise
+    if (
+        np.std(quiet) < 1.5 * coarse
+    ):  # what a coarse recorder shows of a rest is a constant, not its noise
         shown = _while_larger(found, STEPS_OF_MOTION * np.sqrt(12.0) * coarse)
         again = replace(shown, noise=replace(WHITE, tones_hz=tones))
         spread = float(np.sqrt(np.mean(rest[: shown.response.size][shown.valid] ** 2)))
@@ -174,7 +201,11 @@ def _drifting(found: DecayFit) -> DecayFit | None:
 
 def _live_s(found: DecayFit, index: int = 0) -> float:
     """Time from a stretch's beginning until its motion is below three tenths of the noise's standard deviation."""
-    stretch, residual, motion = found.stretches[index], found.parts[index].residual, np.abs(found.free(index))
+    stretch, residual, motion = (
+        found.stretches[index],
+        found.parts[index].residual,
+        np.abs(found.free(index)),
+    )
     level = float(np.sqrt(np.mean(residual**2))) * stretch.scale * 0.3
     alive = np.flatnonzero(motion > max(level, 1e-6 * float(np.max(motion))))
     last = int(alive[-1]) if alive.size else stretch.response.size - 1
@@ -204,9 +235,12 @@ def _flexible_residual(found: DecayFit) -> FloatArray:
     It holds almost no misfit of the oscillator, so it shows the noise.
     """
     stretch = found.stretches[0]
-    at = replace(stretch, noise=replace(WHITE, tones_hz=stretch.noise.tones_hz), scale=1.0, drift=True)
+    at = replace(
+        stretch, noise=replace(WHITE, tones_hz=stretch.noise.tones_hz), scale=1.0, drift=True
+    )
     columns = np.concatenate(
-        [_pieces(replace(found, problem=replace(found.problem, stretches=(at,)))), at.beside()], axis=1
+        [_pieces(replace(found, problem=replace(found.problem, stretches=(at,)))), at.beside()],
+        axis=1,
     )
     linear = np.linalg.lstsq(columns[at.valid], at.response[at.valid], rcond=None)[0]
     return np.where(at.valid, at.response - columns @ linear, 0.0)
@@ -253,7 +287,9 @@ def change_of(found: DecayFit, together: float = 1.0) -> Change | None:
         if middle * found.values[0] / stretch.rate_hz < 0.75 or middle < 3 * FEWEST_SAMPLES:
             continue
         after = (np.arange(stretch.response.size) >= middle)[:, None]
-        known = basis_of(np.concatenate([at.spanned, at.jacobian, stretch.whitened(beside * after)], axis=1))
+        known = basis_of(
+            np.concatenate([at.spanned, at.jacobian, stretch.whitened(beside * after)], axis=1)
+        )
         chi2, degrees = _score(at.residual, unit(stretch.whitened(slopes * after)), known)
         if degrees:
             tested.append((min(1.0, len(SHARES) * chi2_tail(degrees, chi2)), middle))
@@ -263,7 +299,9 @@ def change_of(found: DecayFit, together: float = 1.0) -> Change | None:
     chance = min(chance, _chance_of_bend(found), together)
     if chance >= DIFFER:
         return None
-    two = [found.again(half) for half in (shortened(stretch, 0, middle), shortened(stretch, middle))]
+    two = [
+        found.again(half) for half in (shortened(stretch, 0, middle), shortened(stretch, middle))
+    ]
     frequencies, dampings = zip(*(one.values for one in two), strict=True)
     sizes = [float(np.sqrt(np.mean(one.free() ** 2))) for one in two]
     return Change(stretch.name, frequencies, dampings, (sizes[0], sizes[1]))
@@ -282,13 +320,19 @@ def _chance_of_bend(found: DecayFit) -> float:
     for stretch, at in zip(found.stretches, found.parts, strict=True):
         a, b = at.linear[:2] / largest
         squares = (a**2 + b**2) * np.exp(-2.0 * decrement * stretch.time_s)
-        bent = stretch.whitened(free_motion(natural, damping, stretch.time_s) @ [[a, b], [b, -a]] * squares[:, None])
+        bent = stretch.whitened(
+            free_motion(natural, damping, stretch.time_s) @ [[a, b], [b, -a]] * squares[:, None]
+        )
         added.append(bent)
         spanned.append(at.spanned @ (at.spanned.T @ bent))
     size = np.linalg.norm(np.concatenate(added), axis=0)
     left = (np.concatenate(added) - np.concatenate(spanned)) / size
-    chi2, degrees = _score(found.residual, left, basis_of(np.concatenate([at.jacobian for at in found.parts])))
-    return chi2_tail(degrees, chi2) if degrees == 2 else 1.0  # what the others can imitate tells nothing
+    chi2, degrees = _score(
+        found.residual, left, basis_of(np.concatenate([at.jacobian for at in found.parts]))
+    )
+    return (
+        chi2_tail(degrees, chi2) if degrees == 2 else 1.0
+    )  # what the others can imitate tells nothing
 
 
 def drifts(found: DecayFit, index: int) -> bool:

@@ -43,7 +43,9 @@ def oscillator_of(model: SensorModel) -> SensorModel:
     others = {spec.name: 1.0 for spec in core.parameters if spec.name not in NAMES}
     derived = tuple(filter(_without_gain, core.derived))
     response = functools.partial(core.response, **others)
-    return SensorModel(model.name, replace(core, parameters=known, response=response, derived=derived))
+    return SensorModel(
+        model.name, replace(core, parameters=known, response=response, derived=derived)
+    )
 
 
 def _without_gain(derived: Derived) -> bool:
@@ -57,7 +59,9 @@ def _without_gain(derived: Derived) -> bool:
 OSCILLATOR = oscillator_of(SensorModel("oscillator", ACCELEROMETER))
 
 
-def free_motion(natural_frequency_hz: float, damping_ratio: float, time_s: FloatArray) -> FloatArray:
+def free_motion(
+    natural_frequency_hz: float, damping_ratio: float, time_s: FloatArray
+) -> FloatArray:
     """The two functions that span the free motion, shape (samples, 2).
 
     ``natural_frequency_hz``: of the undamped oscillator; ``damping_ratio``: any; ``time_s``: from the beginning of the
@@ -66,20 +70,28 @@ def free_motion(natural_frequency_hz: float, damping_ratio: float, time_s: Float
     angle = 2.0 * np.pi * natural_frequency_hz * np.asarray(time_s, dtype=float)
     square = damping_ratio**2 - 1.0
     if square < 0.0:
-        envelope = np.exp(np.minimum(-damping_ratio * angle, 300.0))  # a difference about no damping may grow
+        envelope = np.exp(
+            np.minimum(-damping_ratio * angle, 300.0)
+        )  # a difference about no damping may grow
         turned = np.sqrt(-square) * angle
-        return np.stack([envelope * np.cos(turned), envelope * angle * np.sinc(turned / np.pi)], axis=1)
+        return np.stack(
+            [envelope * np.cos(turned), envelope * angle * np.sinc(turned / np.pi)], axis=1
+        )
     slow = np.exp(-angle / (damping_ratio + np.sqrt(square)))  # δ − √(δ² − 1) loses its digits
     twice = 2.0 * np.sqrt(square) * angle
     ratio = np.where(twice > 0, -np.expm1(-twice) / np.where(twice > 0, twice, 1.0), 1.0)
     return np.stack([0.5 * slow * (1.0 + np.exp(-twice)), slow * angle * ratio], axis=1)
 
 
-def motion_slopes(natural_frequency_hz: float, damping_ratio: float, time_s: FloatArray) -> FloatArray:
+def motion_slopes(
+    natural_frequency_hz: float, damping_ratio: float, time_s: FloatArray
+) -> FloatArray:
     """Derivatives of :func:`free_motion` by (ln fn, δ), shape (2, samples, 2), by central differences."""
 
     def at(log_frequency: float, damping: float) -> FloatArray:
-        return free_motion(natural_frequency_hz * np.exp(log_frequency), damping_ratio + damping, time_s)
+        return free_motion(
+            natural_frequency_hz * np.exp(log_frequency), damping_ratio + damping, time_s
+        )
 
     step = 1e-5  # error and rounding are below 1e-9 of the motion
     return np.stack([at(step, 0.0) - at(-step, 0.0), at(0.0, step) - at(0.0, -step)]) / (2.0 * step)
@@ -97,7 +109,9 @@ class Stretch:
     noise: Noise = WHITE  # what whitens it
     scale: float = 1.0  # standard deviation of the whitened noise
     drift: bool = False  # whether a straight line is among the unknowns
-    more: FloatArray | None = None  # further unknowns' columns, shape (samples, n); None for no further unknowns
+    more: FloatArray | None = (
+        None  # further unknowns' columns, shape (samples, n); None for no further unknowns
+    )
 
     @property
     def time_s(self) -> FloatArray:
@@ -178,7 +192,9 @@ class DecayProblem:
     coordinates: Coordinates  # of natural frequency and damping ratio
 
     @classmethod
-    def about(cls, stretches: Sequence[Stretch], natural_frequency_hz: float, damping_ratio: float) -> DecayProblem:
+    def about(
+        cls, stretches: Sequence[Stretch], natural_frequency_hz: float, damping_ratio: float
+    ) -> DecayProblem:
         """With coordinates that begin at these values."""
         lowest = 1.0 / max(s.response.size / s.rate_hz for s in stretches)
         band = lowest, 0.5 * max(s.rate_hz for s in stretches)
@@ -188,13 +204,17 @@ class DecayProblem:
     def at(self, z: FloatArray) -> tuple[Projected, ...]:
         """Every stretch at coordinates ``z``, shape (2,)."""
         values = self.coordinates.values(z)
-        return tuple(projected(stretch, *(values[name] for name in NAMES)) for stretch in self.stretches)
+        return tuple(
+            projected(stretch, *(values[name] for name in NAMES)) for stretch in self.stretches
+        )
 
     def normal(self, z: FloatArray, _: Any = None) -> Local:
         """Cost, gradient and normal matrix at ``z``, shape (2,)."""
         found, slopes = self.at(z), self.coordinates.slopes(z)
         turn = slopes / [self.coordinates.values(z)[NAMES[0]], 1.0]
-        residual, jacobian = (np.concatenate([getattr(one, x) for one in found]) for x in ("residual", "jacobian"))
+        residual, jacobian = (
+            np.concatenate([getattr(one, x) for one in found]) for x in ("residual", "jacobian")
+        )
         return Local.of(residual, jacobian * turn)
 
 
@@ -239,7 +259,9 @@ class DecayFit:
 
     def free(self, index: int = 0) -> FloatArray:
         """The motion of a stretch, without offset, drift and tones, shape (samples,)."""
-        return free_motion(*self.values, self.stretches[index].time_s) @ self.parts[index].linear[:2]
+        return (
+            free_motion(*self.values, self.stretches[index].time_s) @ self.parts[index].linear[:2]
+        )
 
     def predicted(self, index: int) -> FloatArray:
         """All of a stretch that is no noise, shape (samples,)."""

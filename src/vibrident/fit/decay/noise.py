@@ -15,7 +15,9 @@ from vibrident.base.fft_lengths import fast_length
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.noise.autoregression import yule_walker
 
-TONE_POWER = 20.0  # a tone is above this multiple of the levels around it; false alarms: e^-20 a line
+TONE_POWER = (
+    20.0  # a tone is above this multiple of the levels around it; false alarms: e^-20 a line
+)
 MOST_TONES = 8  # most tones of a record
 
 
@@ -47,7 +49,10 @@ WHITE = Noise(np.ones(1))
 
 
 def tones_of(
-    residual: FloatArray, rate_hz: float, skip_hz: tuple[float, float], known_hz: tuple[float, ...] = ()
+    residual: FloatArray,
+    rate_hz: float,
+    skip_hz: tuple[float, float],
+    known_hz: tuple[float, ...] = (),
 ) -> tuple[float, ...]:
     """Significant tones of a residual, after the known ones.
 
@@ -90,7 +95,9 @@ def _tone(residual: FloatArray, rate_hz: float, skip_hz: tuple[float, float]) ->
     if ratio[at] < TONE_POWER:
         return None
     left, centre, right = np.sqrt(power[at - 1 : at + 2])
-    return float((at + 0.5 * (right - left) / max(2.0 * centre - left - right, 1e-12 * centre)) * step)
+    return float(
+        (at + 0.5 * (right - left) / max(2.0 * centre - left - right, 1e-12 * centre)) * step
+    )
 
 
 def _refined(residual: FloatArray, tone_hz: float, rate_hz: float) -> float:
@@ -105,7 +112,9 @@ def _refined(residual: FloatArray, tone_hz: float, rate_hz: float) -> float:
         columns = np.column_stack([basis, slope])
         sizes = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
         step = np.linalg.lstsq(columns / sizes, residual, rcond=None)[0][2] / sizes[2]
-        tone_hz += float(np.clip(step, -0.5 * rate_hz / residual.size, 0.5 * rate_hz / residual.size))
+        tone_hz += float(
+            np.clip(step, -0.5 * rate_hz / residual.size, 0.5 * rate_hz / residual.size)
+        )
     return tone_hz
 
 
@@ -114,7 +123,10 @@ def autoregression(residual: FloatArray) -> FloatArray:
     count = residual.size
     most = min(64, count // 20)  # twenty samples for each order
     size = fast_length(2 * count)
-    lags = np.asarray(fft.irfft(np.abs(np.asarray(fft.rfft(residual, size))) ** 2, size))[: most + 1] / count
+    lags = (
+        np.asarray(fft.irfft(np.abs(np.asarray(fft.rfft(residual, size))) ** 2, size))[: most + 1]
+        / count
+    )
     if lags[0] <= 0.0 or most < 1:
         return np.ones(1)
     return yule_walker(lags, count)[0]

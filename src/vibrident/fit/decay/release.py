@@ -16,7 +16,9 @@ from vibrident.base.tails import chi2_tail
 from vibrident.data.records import FloatArray, Record
 from vibrident.fit.decay.motion import DecayFit, Stretch, fit, free_motion, shortened
 
-SURELY_FREE = 0.7  # the last sample of at least this part of the largest deviation lies after the release
+SURELY_FREE = (
+    0.7  # the last sample of at least this part of the largest deviation lies after the release
+)
 #: Damping ratios tried at every frequency.
 DAMPING_GRID = (3e-4, 1e-3, 3e-3, 0.01, 0.03, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0, 1.5, 2.5, 4.0, 8.0)
 MOST_POINTS = 3000  # most samples of a trial
@@ -45,7 +47,9 @@ def free_stretch(record: Record) -> DecayFit:
     extended = found.again(shortened(whole, _extended(whole, found, safe)))
     first = extended.stretches[0].first
     for sooner in sorted({0, _onset(response)}):
-        if sooner < first and _as_good(trial := started(shortened(whole, sooner), whole.scale), extended):
+        if sooner < first and _as_good(
+            trial := started(shortened(whole, sooner), whole.scale), extended
+        ):
             return trial
     return extended
 
@@ -78,7 +82,9 @@ def started(stretch: Stretch, scale: float | None = None) -> DecayFit:
     for frequency in _frequencies(stretch):
         for damping in DAMPING_GRID:
             natural = frequency / np.sqrt(1.0 - damping**2) if damping < 0.9 else frequency
-            columns = np.concatenate([free_motion(natural, damping, time), np.ones((time.size, 1))], axis=1)
+            columns = np.concatenate(
+                [free_motion(natural, damping, time), np.ones((time.size, 1))], axis=1
+            )
             columns /= np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
             matrix = columns.T @ columns + 1e-12 * np.eye(3)
             explained = columns.T @ values
@@ -87,13 +93,18 @@ def started(stretch: Stretch, scale: float | None = None) -> DecayFit:
     costs.sort()
     best: list[tuple[float, float, float]] = []
     for candidate in costs:
-        if all(abs(np.log(candidate[1] / b[1])) > 0.1 or abs(np.log(candidate[2] / b[2])) > 1.5 for b in best):
+        if all(
+            abs(np.log(candidate[1] / b[1])) > 0.1 or abs(np.log(candidate[2] / b[2])) > 1.5
+            for b in best
+        ):
             best.append(candidate)
         if len(best) == 3:
             break
     left = np.sqrt(max(costs[0][0], np.finfo(float).eps) * total / time.size)
     weighed = replace(stretch, scale=scale or float(left))
-    return min((fit([weighed], natural, damping) for _, natural, damping in best), key=lambda one: one.cost)
+    return min(
+        (fit([weighed], natural, damping) for _, natural, damping in best), key=lambda one: one.cost
+    )
 
 
 def _points(samples: int) -> np.ndarray:
@@ -101,7 +112,9 @@ def _points(samples: int) -> np.ndarray:
     if samples <= MOST_POINTS:
         return np.arange(samples)
     near = np.arange(MOST_POINTS // 3)
-    return np.unique(np.concatenate([near, np.linspace(0, samples - 1, 2 * MOST_POINTS // 3).astype(int)]))
+    return np.unique(
+        np.concatenate([near, np.linspace(0, samples - 1, 2 * MOST_POINTS // 3).astype(int)])
+    )
 
 
 def _frequencies(stretch: Stretch) -> FloatArray:

@@ -130,7 +130,9 @@ class Departure(ABC):
         """
         return None
 
-    def refined(self, candidate: Candidate, group: WhitenedGroup, scale: Scale, sums: Exact) -> tuple[Candidate, Exact]:
+    def refined(
+        self, candidate: Candidate, group: WhitenedGroup, scale: Scale, sums: Exact
+    ) -> tuple[Candidate, Exact]:
         """A place as its test and sentence see it, with the sums of its columns in each record."""
         return candidate, sums
 
@@ -172,7 +174,9 @@ class Shape(Departure):
     turned: ClassVar[bool] = False
 
     @abstractmethod
-    def shapes(self, signal: FloatArray, scale: Scale, largest: FloatArray) -> Iterable[tuple[str, FloatArray]]:
+    def shapes(
+        self, signal: FloatArray, scale: Scale, largest: FloatArray
+    ) -> Iterable[tuple[str, FloatArray]]:
         """For each what it is in words, and the function of the signal, each of shape (R, L).
 
         ``largest``: of the signal of each record, shape (R, 1); that of all is in the scale.
@@ -190,7 +194,9 @@ class Shape(Departure):
         """By which noise of the response enters the signal: its inverse does the reverse, shape (R, K) or (K,)."""
         return 1.0
 
-    def _shapes(self, group: WhitenedGroup, scale: Scale, signal: FloatArray) -> list[tuple[str, FloatArray]]:
+    def _shapes(
+        self, group: WhitenedGroup, scale: Scale, signal: FloatArray
+    ) -> list[tuple[str, FloatArray]]:
         largest = np.max(np.abs(self.signal(group, scale)), axis=1, keepdims=True, initial=0.0)
         return list(self.shapes(signal, scale, largest))
 
@@ -214,13 +220,18 @@ class Shape(Departure):
         By the two nodes y ± σ of Gauss and Hermite's quadrature.
         """
         n, signal = group.samples, self.signal(group, scale)
-        noise = np.divide(2.0, n * group.gain**2, out=np.zeros_like(group.gain), where=group.gain > 0.0)
+        noise = np.divide(
+            2.0, n * group.gain**2, out=np.zeros_like(group.gain), where=group.gain > 0.0
+        )
         gain = np.broadcast_to(np.asarray(self.gain(group, scale), dtype=complex), group.gain.shape)
         doubt, answer = group.errors.doubt, np.asarray(self.answer(group, scale), dtype=complex)
         power = doubt * noise * np.abs(gain) ** 2
         sigma = np.sqrt(2.0 * np.sum(power, axis=1) / n)
         share = 2.0 / n * np.sum(doubt * np.real(answer * gain), axis=1)
-        ends = [self._shapes(group, scale, signal + sign * sigma[:, None])[candidate.number][1] for sign in (1, -1)]
+        ends = [
+            self._shapes(group, scale, signal + sign * sigma[:, None])[candidate.number][1]
+            for sign in (1, -1)
+        ]
         step = n // signal.shape[1]
         slope = np.divide(-0.5 * share, sigma, out=np.zeros_like(sigma), where=sigma > 0.0)
         made = slope * np.sum((ends[0] - ends[1]) * group.used[:, ::step], axis=1) * step
@@ -240,11 +251,15 @@ class OfReference(Shape):
 
     def gain(self, group: WhitenedGroup, scale: Scale) -> ComplexArray:
         """One over the sensor's."""
-        return np.divide(1.0, group.transfer, out=np.zeros_like(group.transfer), where=group.transfer != 0.0)
+        return np.divide(
+            1.0, group.transfer, out=np.zeros_like(group.transfer), where=group.transfer != 0.0
+        )
 
 
 def pooled(before: Sequence[Places], more: Sequence[Places]) -> list[Places]:
     """Places whose amounts records share; none where one group has none."""
     if not before or not more:
         return []
-    return [replace(one, sums=one.sums + other.sums) for one, other in zip(before, more, strict=True)]
+    return [
+        replace(one, sums=one.sums + other.sums) for one, other in zip(before, more, strict=True)
+    ]

@@ -88,7 +88,12 @@ class Groups:
 
 
 def examine(
-    groups: Groups, scale: Scale, points: PointsPart | None, uncertainty: FloatArray, *, misfit: bool = False
+    groups: Groups,
+    scale: Scale,
+    points: PointsPart | None,
+    uncertainty: FloatArray,
+    *,
+    misfit: bool = False,
 ) -> list[Together]:
     """Every significant departure, the most significant first.
 
@@ -104,7 +109,9 @@ def examine(
     return found + ([] if points is None else _among_points(points, uncertainty, rounds))
 
 
-def _among_records(groups: Groups, scale: Scale, uncertainty: FloatArray, rounds: int) -> list[Together]:
+def _among_records(
+    groups: Groups, scale: Scale, uncertainty: FloatArray, rounds: int
+) -> list[Together]:
     """Departures are told apart in the noise that was read without them, which holds what they make of it too."""
     found, beside = list[list[Found]](), groups
     for _ in range(rounds):
@@ -113,7 +120,9 @@ def _among_records(groups: Groups, scale: Scale, uncertainty: FloatArray, rounds
             break
         found.append(now)
         beside = beside.beside(now, scale)
-    if rounds == 1:  # parameters of a model that is wrong: the noise beside a departure makes them no truer
+    if (
+        rounds == 1
+    ):  # parameters of a model that is wrong: the noise beside a departure makes them no truer
         return [_together(now) for now in found]
     shifts = cache(lambda: _shifts(groups, found, scale, uncertainty))
     return _of_one_kind([_together(now, lambda k=k: shifts()[k]) for k, now in enumerate(found)])
@@ -121,11 +130,15 @@ def _among_records(groups: Groups, scale: Scale, uncertainty: FloatArray, rounds
 
 def _rows(found: Sequence[Found], group: WhitenedGroup, scale: Scale) -> FloatArray:
     """Whitened columns of departures in each record of a group, shape (R, m, 2 K); zero where a record has fewer."""
-    return _side_by_side(found, group, lambda one, part: one.departure.whitened(one.candidate, part, scale))
+    return _side_by_side(
+        found, group, lambda one, part: one.departure.whitened(one.candidate, part, scale)
+    )
 
 
 def _side_by_side(
-    found: Sequence[Found], group: WhitenedGroup, make: Callable[[Found, WhitenedGroup], NDArray[Any]]
+    found: Sequence[Found],
+    group: WhitenedGroup,
+    make: Callable[[Found, WhitenedGroup], NDArray[Any]],
 ) -> NDArray[Any]:
     """What is made of departures for each record that has them, shape (R, m, …); zero where a record has fewer."""
     every = [list[NDArray[Any]]() for _ in group.records]
@@ -139,7 +152,9 @@ def _side_by_side(
             every[at].append(make(one, group.only([at]))[0])
     joined = [np.concatenate(rows) if rows else None for rows in every]
     sizes = [0 if rows is None else len(rows) for rows in joined]
-    shape, kind = next(((rows.shape[1:], rows.dtype) for rows in joined if rows is not None), ((0,), float))
+    shape, kind = next(
+        ((rows.shape[1:], rows.dtype) for rows in joined if rows is not None), ((0,), float)
+    )
     made = np.zeros((len(every), max(sizes), *shape), dtype=kind)
     for row, size, rows in zip(made, sizes, joined, strict=True):
         row[:size] = 0.0 if rows is None else rows
@@ -157,7 +172,12 @@ def _shifts(
     they move within reason: no doubt of it is told.
     """
     shifts = [np.zeros((2, len(uncertainty))) for _ in found]
-    every = [(number, one) for number, now in enumerate(found) for one in now if not one.departure.own_columns]
+    every = [
+        (number, one)
+        for number, now in enumerate(found)
+        for one in now
+        if not one.departure.own_columns
+    ]
     if not every:
         return shifts
     before, beside = list[Own](), list[Own]()
@@ -165,7 +185,9 @@ def _shifts(
     alone = [one for _, one in every]
     for group in groups:
         columns = _side_by_side(
-            alone, group, lambda one, part: _each(one.departure.columns_of(one.candidate, part, scale), part)
+            alone,
+            group,
+            lambda one, part: _each(one.departure.columns_of(one.candidate, part, scale), part),
         )
         quiet = group.again(columns) if columns.shape[1] else group
         before.append(group.own)
@@ -179,7 +201,11 @@ def _shifts(
             if here:
                 sizes.append(np.concatenate(amounts))
                 own.append(sums.at(at).some(range(sizes[-1].size)))
-                rounds.append(np.repeat([number for number, _ in here], [part.size for part in amounts]).tolist())
+                rounds.append(
+                    np.repeat(
+                        [number for number, _ in here], [part.size for part in amounts]
+                    ).tolist()
+                )
     fit = LinearFit.of(Own.joined(beside), uncertainty)
     for numbers, moved in zip(rounds, shifts_beside(fit, own, sizes), strict=True):
         for number, shift in zip(numbers, moved, strict=True):
@@ -201,7 +227,9 @@ def _of_one_kind(every: list[Together]) -> list[Together]:
     kinds = dict[Departure | int | str, list[Together]]()
     for number, one in enumerate(every):
         departure = one.found[0].departure
-        kinds.setdefault(departure.family or (number if departure.pooled else departure), []).append(one)
+        kinds.setdefault(
+            departure.family or (number if departure.pooled else departure), []
+        ).append(one)
     return [_joined_groups(some) for some in kinds.values()]
 
 
@@ -218,7 +246,9 @@ def _joined_groups(some: Sequence[Together]) -> Together:
 def _together(found: Sequence[Found], moved: Callable[[], FloatArray] | None = None) -> Together:
     """``moved``: makes the shift of the fit beside all of them; None: as each of them shows it."""
     if moved is None or not found[0].departure.joint:
-        shift, doubt = (np.array([getattr(one.score, name) for one in found]) for name in ("shift", "doubt"))
+        shift, doubt = (
+            np.array([getattr(one.score, name) for one in found]) for name in ("shift", "doubt")
+        )
         moved = partial(np.stack, [np.sum(shift, axis=0), np.sqrt(np.sum(doubt**2, axis=0))])
     return Together(tuple(found), moved)
 
@@ -228,9 +258,13 @@ def _strongest(found: Sequence[Found]) -> list[Found]:
     if not found:
         return []
     kinds = {one.departure for one in found}
-    explained = {kind: sum(one.score.explained for one in found if one.departure is kind) for kind in kinds}
+    explained = {
+        kind: sum(one.score.explained for one in found if one.departure is kind) for kind in kinds
+    }
     best = max(explained, key=lambda kind: explained[kind])
-    return sorted((one for one in found if one.departure is best), key=lambda one: -one.score.explained)
+    return sorted(
+        (one for one in found if one.departure is best), key=lambda one: -one.score.explained
+    )
 
 
 def _among_points(points: PointsPart, uncertainty: FloatArray, rounds: int) -> list[Together]:
@@ -254,5 +288,7 @@ def _among_points(points: PointsPart, uncertainty: FloatArray, rounds: int) -> l
         fit = points.fit(uncertainty)
         more = np.diag(fit.inverse) - np.diag(before.inverse)  # Hausman 1978
         doubt = np.sqrt(np.maximum(more, 0.0))
-        made.append(_together([strongest], partial(np.stack, [before.optimum - fit.optimum, doubt])))
+        made.append(
+            _together([strongest], partial(np.stack, [before.optimum - fit.optimum, doubt]))
+        )
     return made

@@ -119,7 +119,9 @@ class WhitenedGroup:
     def reference(self) -> FloatArray:
         """The most likely motion at the sensor's input in time, shape (R, L)."""
         return self.series(
-            np.divide(self.likely, self.transfer, out=np.zeros_like(self.likely), where=self.transfer != 0)
+            np.divide(
+                self.likely, self.transfer, out=np.zeros_like(self.likely), where=self.transfer != 0
+            )
         )
 
     def series(self, bins: ComplexArray) -> FloatArray:
@@ -168,7 +170,9 @@ class WhitenedGroup:
 
     def flat(self, columns: ComplexArray, out: FloatArray | None = None) -> FloatArray:
         """Return columns by bins, shape (R or 1, m, K), as whitened rows, shape (R, m, 2 K), not free of nuisances."""
-        rows = np.empty((len(self.records), columns.shape[-2], 2 * self.bins)) if out is None else out
+        rows = (
+            np.empty((len(self.records), columns.shape[-2], 2 * self.bins)) if out is None else out
+        )
         np.multiply(columns, self.gain[:, None], out=rows.view(complex))
         return rows
 
@@ -183,7 +187,9 @@ class WhitenedGroup:
 
     def whitened_in_time(self, rows: FloatArray) -> FloatArray:
         """Whitened rows in time, with the same products, shape (…, length)."""
-        return _in_time(np.ascontiguousarray(rows).view(complex), self.length) * np.sqrt(0.5 * self.length)
+        return _in_time(np.ascontiguousarray(rows).view(complex), self.length) * np.sqrt(
+            0.5 * self.length
+        )
 
     def whitened_at_bins(self, rows: FloatArray) -> FloatArray:
         """The inverse of :meth:`whitened_in_time`, shape (…, 2 K)."""
@@ -198,7 +204,9 @@ class WhitenedGroup:
         used = np.asarray(self.used[:, place], dtype=float)
         stretches = int(np.clip(np.min(used.sum(axis=1)) // MIN_STRETCH, 1, STRETCHES))
         edges = np.linspace(0, self.length, stretches + 1).astype(int)
-        power, number = (np.add.reduceat(part, edges[:-1], axis=1) for part in (squares * used, used))
+        power, number = (
+            np.add.reduceat(part, edges[:-1], axis=1) for part in (squares * used, used)
+        )
         mean = power.sum(axis=1, keepdims=True) / np.maximum(number.sum(axis=1, keepdims=True), 1.0)
         level = power / np.maximum(number, 1.0) / np.maximum(mean, 1e-300)
         return np.maximum(np.where(number > 0.5 * np.diff(edges), level, 1.0), 1e-3)
@@ -213,12 +221,18 @@ class WhitenedGroup:
     @functools.cached_property
     def free(self) -> FloatArray:
         """Orthonormal rows that whitened columns are freed from, the tone's among them, shape (R, q, 2 K)."""
-        return self.basis if self.tone is None else np.concatenate([self.basis, orthonormal(self.tone)], axis=1)
+        return (
+            self.basis
+            if self.tone is None
+            else np.concatenate([self.basis, orthonormal(self.tone)], axis=1)
+        )
 
     @functools.cached_property
     def rest(self) -> FloatArray:
         """The residual beside the tone, shape (R, 2 K)."""
-        return self.residual if self.tone is None else without(self.residual[:, None], self.free)[:, 0]
+        return (
+            self.residual if self.tone is None else without(self.residual[:, None], self.free)[:, 0]
+        )
 
     @functools.cached_property
     def alone(self) -> FloatArray | None:
@@ -248,7 +262,9 @@ class WhitenedGroup:
         kept = (np.diagonal(gram, axis1=-2, axis2=-1) > LOST * power).astype(float)
         gram *= kept[..., None] * kept[..., None, :]
         cross = products[..., first + 1 : first + 1 + size] * kept[..., None]
-        shift = np.zeros_like(cross) if self.alone is None else products[..., -size:] * kept[..., None]
+        shift = (
+            np.zeros_like(cross) if self.alone is None else products[..., -size:] * kept[..., None]
+        )
         least = WITHIN * np.diagonal(gram, axis1=-2, axis2=-1)
         return Sums(products[..., first] * kept, gram, cross, shift, least)
 
@@ -266,7 +282,9 @@ class WhitenedGroup:
             common[..., -1] = doubt
         sums = self.sums(rows[:, None]).at((slice(None), 0))
         spread, cross_spread = loud @ signals.mT, loud @ self._jacobian_in_time.mT
-        return Exact(**vars(sums), spread=spread, cross_spread=cross_spread, common=common, steps=self.steps)
+        return Exact(
+            **vars(sums), spread=spread, cross_spread=cross_spread, common=common, steps=self.steps
+        )
 
     @functools.cached_property
     def errors(self) -> Errors:
@@ -314,7 +332,11 @@ class WhitenedGroup:
         arrays = {each.name: getattr(self, each.name) for each in fields(self)}
         return replace(
             self,
-            **{name: value[chosen] for name, value in arrays.items() if isinstance(value, np.ndarray)},
+            **{
+                name: value[chosen]
+                for name, value in arrays.items()
+                if isinstance(value, np.ndarray)
+            },
             records=tuple(self.records[number] for number in chosen),
             errors_of=lambda some: errors_of([chosen[number] for number in some]),
         )
@@ -346,7 +368,9 @@ def orthonormal(columns: FloatArray) -> FloatArray:
     gram = (columns @ columns.mT) * scale[..., None] * scale[..., None, :]
     values, vectors = np.linalg.eigh(gram)
     kept = values > ROUNDING * np.maximum(values[..., -1:], 1e-300)
-    over = np.divide(1.0, np.sqrt(np.maximum(values, 1e-300)), out=np.zeros_like(values), where=kept)
+    over = np.divide(
+        1.0, np.sqrt(np.maximum(values, 1e-300)), out=np.zeros_like(values), where=kept
+    )
     return (vectors * over[..., None, :]).mT * scale[..., None, :] @ columns
 
 

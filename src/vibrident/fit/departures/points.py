@@ -66,7 +66,9 @@ class PointsPart:
 
     def _rows(self, point: Point) -> FloatArray:
         """Columns of a place in standard deviations, shape (m, rows)."""
-        parts = np.concatenate([point.changes.real, point.changes.imag], axis=1)[:, : len(self.linear.rest)]
+        parts = np.concatenate([point.changes.real, point.changes.imag], axis=1)[
+            :, : len(self.linear.rest)
+        ]
         return parts * self.linear.weight
 
     def _freed(self, rows: FloatArray) -> FloatArray:
@@ -81,7 +83,18 @@ class PointsPart:
         freedom = float(max(len(rest) - len(uncertainty) - len(self.basis), 1))
         common = rows @ self.common.T
         optimum = inverse @ gradient
-        return LinearFit(normal, inverse, gradient, chi2, freedom, uncertainty, optimum, self.told, normal, common)
+        return LinearFit(
+            normal,
+            inverse,
+            gradient,
+            chi2,
+            freedom,
+            uncertainty,
+            optimum,
+            self.told,
+            normal,
+            common,
+        )
 
     def sums(self, point: Point) -> Exact:
         """What the columns of a place have in common with the fit."""
@@ -90,4 +103,14 @@ class PointsPart:
         gram, cross = freed @ freed.T, freed @ self.linear.matrix
         least = WITHIN * np.einsum("ij,ij->i", rows, rows)
         nothing, none = np.zeros_like(cross), np.zeros(())
-        return Exact(freed @ self.linear.rest, gram, cross, nothing, least, gram, cross, freed @ self.common.T, none)
+        return Exact(
+            freed @ self.linear.rest,
+            gram,
+            cross,
+            nothing,
+            least,
+            gram,
+            cross,
+            freed @ self.common.T,
+            none,
+        )

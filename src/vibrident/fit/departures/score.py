@@ -132,11 +132,18 @@ class LinearFit:
             gram[..., k + 1 :, k + 1 :] -= row[..., :, None] * gram[..., k, None, k + 1 :]
         return total, columns
 
-    def may_be(self, explained: FloatArray, columns: FloatArray, quietest: FloatArray, chance: float) -> BoolArray:
+    def may_be(
+        self, explained: FloatArray, columns: FloatArray, quietest: FloatArray, chance: float
+    ) -> BoolArray:
         """Whether a test could have a chance below this one, shape as of the arguments."""
-        ratio = explained / np.maximum(quietest * columns * self._left(explained, columns), np.finfo(float).tiny)
+        ratio = explained / np.maximum(
+            quietest * columns * self._left(explained, columns), np.finfo(float).tiny
+        )
         numbers = np.unique(columns)
-        critical = [critical_f(m, max(self.freedom - m, 1.0), chance) if m else np.inf for m in numbers.tolist()]
+        critical = [
+            critical_f(m, max(self.freedom - m, 1.0), chance) if m else np.inf
+            for m in numbers.tolist()
+        ]
         return (columns > 0) & (ratio > np.array(critical)[np.searchsorted(numbers, columns)])
 
     def _left(self, explained: FloatArray, columns: FloatArray) -> FloatArray:
@@ -166,13 +173,17 @@ class LinearFit:
         deviations = np.sqrt(np.maximum(np.diag(scatter), 0.0))
         explained = float(turned @ parts)
         columns = len(turned)
-        repeated = float(np.sum(errors[:, : 2 * TRIALS] ** 2)) / max(np.trace(covariance), np.finfo(float).tiny)
+        repeated = float(np.sum(errors[:, : 2 * TRIALS] ** 2)) / max(
+            np.trace(covariance), np.finfo(float).tiny
+        )
         told = min(TRIALS / max(repeated, SMALLEST) ** 2, self.told)
         chance = 1.0  # converters or interpolation may do as much as what is rounded
         if explained >= float(sums.steps):
             chance = self.chance(statistic, explained, columns, told)
         shift = amounts @ moves
-        return Score(statistic, columns, shift, amounts, deviations, doubt, chance, told, explained - columns)
+        return Score(
+            statistic, columns, shift, amounts, deviations, doubt, chance, told, explained - columns
+        )
 
     def chance(self, statistic: float, explained: float, columns: int, told: float) -> float:
         """Return the chance of a statistic as large: F against what the departure leaves, if that is more than noise.
@@ -189,7 +200,9 @@ class LinearFit:
 
     def impact(self, shift: FloatArray) -> float:
         """Largest shift of a coordinate, in its stated standard uncertainty."""
-        return float(np.max(np.abs(shift) / np.maximum(self.uncertainty, np.finfo(float).tiny), initial=0.0))
+        return float(
+            np.max(np.abs(shift) / np.maximum(self.uncertainty, np.finfo(float).tiny), initial=0.0)
+        )
 
 
 @functools.lru_cache(maxsize=256)
@@ -206,7 +219,9 @@ def critical_f(above: float, below: float, chance: float) -> float:
     return low
 
 
-def shifts_beside(fit: LinearFit, sums: Sequence[Sums], sizes: Sequence[FloatArray]) -> list[FloatArray]:
+def shifts_beside(
+    fit: LinearFit, sums: Sequence[Sums], sizes: Sequence[FloatArray]
+) -> list[FloatArray]:
     """How far each column moves the coordinates, by the amounts that all have together, each of shape (m, P).
 
     The amounts of each record are eliminated from the normal equations in turn.

@@ -96,7 +96,9 @@ class _Seen:
     places: Mapping[Departure, list[Places]]
 
 
-def of_records(groups: Iterable[WhitenedGroup], scale: Scale, uncertainty: FloatArray) -> list[Found]:
+def of_records(
+    groups: Iterable[WhitenedGroup], scale: Scale, uncertainty: FloatArray
+) -> list[Found]:
     """Significant departures: the bound in a pass over the groups, and tests in another where that leaves something."""
     kinds = DEPARTURES.all()
     looked = [departure for departure in kinds.values() if departure.of_light or not scale.narrow]
@@ -119,7 +121,9 @@ def of_records(groups: Iterable[WhitenedGroup], scale: Scale, uncertainty: Float
     all_own = Own.joined([one.own for one in seen])
     fit = LinearFit.of(all_own, uncertainty)
     count, quietest = len(all_own.chi2), np.min(all_own.quietest)
-    asked = [_of_all(fit, departure, shared[departure], quietest, len(kinds)) for departure in shared]
+    asked = [
+        _of_all(fit, departure, shared[departure], quietest, len(kinds)) for departure in shared
+    ]
     for departure in looked:
         if departure.pooled:
             continue
@@ -130,14 +134,18 @@ def of_records(groups: Iterable[WhitenedGroup], scale: Scale, uncertainty: Float
     return _tested(groups, scale, fit, asked) if asked else []
 
 
-def _of_all(fit: LinearFit, departure: Departure, places: Sequence[Places], quietest: float, several: int) -> Asked:
+def _of_all(
+    fit: LinearFit, departure: Departure, places: Sequence[Places], quietest: float, several: int
+) -> Asked:
     """What the bound leaves of a departure whose amounts records share."""
     several *= sum(len(some.candidates) for some in places)
     left = list[tuple[float, Candidate]]()
     for some in places:
         explained, columns = fit.explained(some.sums)
         maybe = fit.may_be(explained, columns, np.array(quietest), MARGIN * FALSE_ALARMS / several)
-        left += [(explained[k] - columns[k], some.candidates[k]) for k in np.flatnonzero(maybe).tolist()]
+        left += [
+            (explained[k] - columns[k], some.candidates[k]) for k in np.flatnonzero(maybe).tolist()
+        ]
     return Asked(departure, None, None, several, _first(left))
 
 
@@ -158,17 +166,27 @@ def _of_each(fit: LinearFit, departure: Departure, seen: _Seen, several: int) ->
         chance = MARGIN * FALSE_ALARMS / (several * max(int(np.max(counts)), 1))
         maybe = fit.may_be(explained, columns, own.quietest[:, None], chance) & some.there
         for record, place in np.argwhere(maybe).tolist():
-            left[record].append((explained[record, place] - columns[record, place], some.candidates[place]))
+            left[record].append(
+                (explained[record, place] - columns[record, place], some.candidates[place])
+            )
     every = zip(seen.numbers, seen.names, counts.tolist(), left, strict=True)
-    return [Asked(departure, number, name, several * many, _first(some)) for number, name, many, some in every if some]
+    return [
+        Asked(departure, number, name, several * many, _first(some))
+        for number, name, many, some in every
+        if some
+    ]
 
 
-def _of_every(fit: LinearFit, departure: Departure, seen: Sequence[_Seen], several: int) -> list[Asked]:
+def _of_every(
+    fit: LinearFit, departure: Departure, seen: Sequence[_Seen], several: int
+) -> list[Asked]:
     """Ask all records, where their first places could be significant together: T add up beside own parameters."""
     total, columns, asked = 0.0, 0, list[Asked]()
     for one in seen:
         for first in one.places[departure][:1]:
-            explained, number = fit.explained(first.sums.at((slice(None), 0)).within(one.own, fit.inverse))
+            explained, number = fit.explained(
+                first.sums.at((slice(None), 0)).within(one.own, fit.inverse)
+            )
             total += float(np.sum(explained))
             columns += int(np.sum(number))
             for record in zip(one.numbers, one.names, strict=True):
@@ -177,7 +195,9 @@ def _of_every(fit: LinearFit, departure: Departure, seen: Sequence[_Seen], sever
     return asked if maybe[0] else []
 
 
-def _tested(groups: Iterable[WhitenedGroup], scale: Scale, fit: LinearFit, asked: Sequence[Asked]) -> list[Found]:
+def _tested(
+    groups: Iterable[WhitenedGroup], scale: Scale, fit: LinearFit, asked: Sequence[Asked]
+) -> list[Found]:
     """The tests of what the bound leaves, in one pass over the groups."""
     spreads, commons = list[FloatArray](), list[FloatArray]()
     for group in groups:
@@ -188,7 +208,9 @@ def _tested(groups: Iterable[WhitenedGroup], scale: Scale, fit: LinearFit, asked
         del group
     fit = replace(fit, spread=np.sum(spreads, axis=0), common=np.sum(commons, axis=0))
     kinds = dict.fromkeys(one.departure for one in asked)
-    every = [_found(fit, [one for one in asked if one.departure is departure]) for departure in kinds]
+    every = [
+        _found(fit, [one for one in asked if one.departure is departure]) for departure in kinds
+    ]
     return [one for found in every for one in found]
 
 
@@ -207,12 +229,17 @@ def _together(fit: LinearFit, asked: Sequence[Asked]) -> list[Found]:
     if not scores:
         return []
     columns = sum(score.columns for _, score in scores)
-    statistic, explained = (sum(getattr(score, name) for _, score in scores) for name in ("statistic", "explained"))
+    statistic, explained = (
+        sum(getattr(score, name) for _, score in scores) for name in ("statistic", "explained")
+    )
     told = min(score.told for _, score in scores)
     chance = fit.chance(statistic, explained + columns, columns, told) * 2 * len(DEPARTURES.all())
     if chance >= FALSE_ALARMS:
         return []
-    return [Found(one.departure, one.tested[0][0], score, chance, one.place, one.record) for one, score in scores]
+    return [
+        Found(one.departure, one.tested[0][0], score, chance, one.place, one.record)
+        for one, score in scores
+    ]
 
 
 def _ask(one: Asked, group: WhitenedGroup, scale: Scale, fit: LinearFit) -> None:
@@ -231,9 +258,13 @@ def _ask(one: Asked, group: WhitenedGroup, scale: Scale, fit: LinearFit) -> None
             one.tested[number] = (told, one.tested[number][1] + sums.total())
 
 
-def _exact(departure: Departure, candidate: Candidate, group: WhitenedGroup, scale: Scale) -> tuple[Candidate, Exact]:
+def _exact(
+    departure: Departure, candidate: Candidate, group: WhitenedGroup, scale: Scale
+) -> tuple[Candidate, Exact]:
     """A place with the sums of its columns in each record, and their covariance."""
-    sums = group.exact_sums(departure.whitened(candidate, group, scale), departure.doubt(candidate, group, scale))
+    sums = group.exact_sums(
+        departure.whitened(candidate, group, scale), departure.doubt(candidate, group, scale)
+    )
     return departure.refined(candidate, group, scale, sums)
 
 
@@ -245,10 +276,18 @@ def best_of(fit: LinearFit, asked: Asked) -> Found | None:
             continue
         asked.chosen = number
         if asked.departure.own_columns:  # of that significant pair that moves the parameters most
-            pairs = [fit.test(sums.some([first, first + 1])) for first in range(0, len(sums.score), 2)]
+            pairs = [
+                fit.test(sums.some([first, first + 1])) for first in range(0, len(sums.score), 2)
+            ]
             every = [pair for pair in pairs if pair is not None]
-            alone = [pair.shift for pair in every if pair.chance * asked.several * len(pairs) < FALSE_ALARMS]
-            score = replace(score, shift=max(alone, key=fit.impact, default=np.zeros_like(score.shift)))
+            alone = [
+                pair.shift
+                for pair in every
+                if pair.chance * asked.several * len(pairs) < FALSE_ALARMS
+            ]
+            score = replace(
+                score, shift=max(alone, key=fit.impact, default=np.zeros_like(score.shift))
+            )
         chance = score.chance * asked.several
         return Found(asked.departure, candidate, score, chance, asked.place, asked.record)
     return None

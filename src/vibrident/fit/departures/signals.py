@@ -129,7 +129,10 @@ def grouped(every: Sequence[Signals]) -> list[tuple[int, ...]]:
 
 
 def group_of(
-    every: Sequence[Signals], numbers: Sequence[int], effects_of: EffectsOf, departing: ComplexArray | None = None
+    every: Sequence[Signals],
+    numbers: Sequence[int],
+    effects_of: EffectsOf,
+    departing: ComplexArray | None = None,
 ) -> WhitenedGroup:
     """Records of one length and rate side by side.
 
@@ -156,12 +159,20 @@ def group_of(
     known = residual
     if departing is not None:
         known = without(residual, orthonormal(without(flat(departing), basis)))
-    rest = np.divide(known[:, 0].view(complex), gain, out=np.zeros_like(predicted), where=gain > 0.0)
+    rest = np.divide(
+        known[:, 0].view(complex), gain, out=np.zeros_like(predicted), where=gain > 0.0
+    )
     share = np.stack([one.spectrum.input_noise_at[part] for one in every])
     count = np.array([[float(one.used.sum())] for one in every])
-    likely = most_likely(predicted, rest, share * power_of(transfer) / level, level * count) * counted
+    likely = (
+        most_likely(predicted, rest, share * power_of(transfer) / level, level * count) * counted
+    )
     slopes = np.stack([one.jacobian[:, part] for one in every])
-    pull = None if every[0].pull is None else np.stack([one.pull for one in every if one.pull is not None])
+    pull = (
+        None
+        if every[0].pull is None
+        else np.stack([one.pull for one in every if one.pull is not None])
+    )
     turns = np.array([np.nan if one.turns is None else one.turns for one in every])
     tone, jacobian = None, slopes
     if pull is None:  # the tone of a sine is told from its points
@@ -187,9 +198,14 @@ def group_of(
         tone,
         pull,
         np.array([np.sum(one.one_sided[part]) * one.used.mean() for one in every]) - rank_of(basis),
-        lambda some: _errors([every[number] for number in some], effects_of, likely[some], gain[some]),
+        lambda some: _errors(
+            [every[number] for number in some], effects_of, likely[some], gain[some]
+        ),
         lambda columns: group_of(
-            [one.in_noise_beside(own) for one, own in zip(every, columns, strict=True)], numbers, effects_of, columns
+            [one.in_noise_beside(own) for one, own in zip(every, columns, strict=True)],
+            numbers,
+            effects_of,
+            columns,
         ),
     )
     if tone is None:
@@ -208,7 +224,9 @@ def _side_by_side(columns: Sequence[ComplexArray]) -> ComplexArray:
     return made
 
 
-def most_likely(predicted: ComplexArray, rest: ComplexArray, share: FloatArray, noise: FloatArray) -> ComplexArray:
+def most_likely(
+    predicted: ComplexArray, rest: ComplexArray, share: FloatArray, noise: FloatArray
+) -> ComplexArray:
     """Response to the most likely motion, zero where noise may be all of it, shape (…, bins).
 
     X̂ = X + σx² H* R/S: its error is independent of the residual R, as that of the reference X is not.
@@ -238,7 +256,9 @@ def _motion(every: Sequence[Signals], likely: ComplexArray, stop: int) -> FloatA
     used = np.stack([one.used for one in every])
     predicted = np.stack([one.predicted for one in every])
     predicted[:, 0] = 0.0
-    free = np.where(used, np.stack([one.series for one in every]) - fft.irfft(predicted, samples, axis=1), 0.0)
+    free = np.where(
+        used, np.stack([one.series for one in every]) - fft.irfft(predicted, samples, axis=1), 0.0
+    )
     free -= np.sum(free, axis=1, keepdims=True) / np.maximum(used.sum(axis=1, keepdims=True), 1)
     padded = np.zeros((len(every), likely.shape[1] + 1), dtype=complex)
     padded[:, 1:] = likely
@@ -246,7 +266,9 @@ def _motion(every: Sequence[Signals], likely: ComplexArray, stop: int) -> FloatA
     return np.asarray(moved + np.where(used, free, 0.0)[:, ::step])
 
 
-def _errors(every: Sequence[Signals], effects_of: EffectsOf, likely: ComplexArray, gain: FloatArray) -> Errors:
+def _errors(
+    every: Sequence[Signals], effects_of: EffectsOf, likely: ComplexArray, gain: FloatArray
+) -> Errors:
     """Whitened errors of known covariance.
 
     Args:
@@ -255,7 +277,10 @@ def _errors(every: Sequence[Signals], effects_of: EffectsOf, likely: ComplexArra
         likely: response to the most likely motion, shape (R, K).
         gain: that makes noise white, shape (R, K).
     """
-    made = [_errors_of(one, effects_of(one), *own) for one, *own in zip(every, likely, gain, strict=True)]
+    made = [
+        _errors_of(one, effects_of(one), *own)
+        for one, *own in zip(every, likely, gain, strict=True)
+    ]
     return Errors(*(np.stack(parts) for parts in zip(*made, strict=True)))
 
 
@@ -279,7 +304,9 @@ def _errors_of(
     recurring = one.predicted.copy()
     recurring[0] = 0.0
     predicted = np.asarray(fft.irfft(recurring, samples))
-    errors = rounding_in_residual(one.record, one.span, predicted, one.used, between, transfer, one.turns)
+    errors = rounding_in_residual(
+        one.record, one.span, predicted, one.used, between, transfer, one.turns
+    )
     rounding = np.zeros((2 * TRIALS, 2 * gain.size))
     if errors is not None:
         rounding = flat(np.asarray(fft.rfft(errors * one.used, axis=-1))[:, part])

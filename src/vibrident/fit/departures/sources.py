@@ -8,32 +8,28 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from functools import partial
-from itertools import chain
+from functools import cache, partial
 from typing import NamedTuple
 
 import numpy as np
 from numpy import fft
 
-from vibrident.base.fft_lengths import fast_below
-from vibrident.data.records import BoolArray, FloatArray, Record
+from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.departures.departure import Scale
 from vibrident.fit.departures.examination import Groups
 from vibrident.fit.departures.group import WhitenedGroup
-from vibrident.fit.departures.signals import AT_ONCE, Signals, group_of, grouped, most_likely
-from vibrident.fit.descent.settle import InNoise
-from vibrident.fit.descent.weighed import MAX_LOST, freed
+from vibrident.fit.departures.parts import LONGEST, MOST_PIECES, Part, at_once, parts_of, tones_of
+from vibrident.fit.departures.signals import Signals, group_of, grouped, most_likely
+from vibrident.fit.descent.weighed import freed
 from vibrident.fit.descent.weighting import is_steep
 from vibrident.fit.estimators import Estimate
-from vibrident.fit.information import inverse_normal
+from vibrident.fit.group.network import Nuisances
 from vibrident.fit.noise.leakage import beside_leakage
-from vibrident.fit.noise.spectrum import Motion, NoiseSpectrum, noise_spectrum
+from vibrident.fit.noise.spectrum import Motion, NoiseSpectrum, noise_spectra
 from vibrident.fit.noise.tones import with_tones
 from vibrident.fit.problem import Evidence
 from vibrident.fit.response.response import ComplexArray
-from vibrident.fit.response.tones import free_exponents
 from vibrident.fit.response.transform import (
-    SHORTEST,
     counts_in_band,
     line_frequencies,
     power_of,
@@ -46,17 +42,15 @@ from vibrident.fit.uncertainty.linearised import Linearised
 from vibrident.physics.models import SensorModel
 from vibrident.physics.models.slopes import response_and_slopes
 
-#: Longer records are looked at in pieces of so many samples, so many of them: a limit of memory.
-LONGEST, MOST_PIECES = 1 << 16, 4
-#: Central differences of a nonlinear model's response, in its coordinates.
-STEP = 1e-5
 #: Bands of like information.
 BANDS = 8
 #: Bins on either side of a sine's tone that are of the tone.
 NEAR_TONE = 4
 
 
-def groups_of(evidence: Evidence, estimate: Estimate, predicted: Sequence[FloatArray], tones: Points | None) -> Groups:
+def groups_of(
+    evidence: Evidence, estimate: Estimate, predicted: Sequence[FloatArray], tones: Points | None
+) -> Groups:
     """All groups of a fit of records; none of a table, or of records that are too short.
 
     Args:
@@ -67,39 +61,36 @@ def groups_of(evidence: Evidence, estimate: Estimate, predicted: Sequence[FloatA
     """
     effects = partial(_effects, evidence, estimate)
 
-    def signals() -> Iterator[Signals]:
-        if not estimate.findings.method.is_exact or not evidence.records:
-            return iter(())
-        if estimate.in_noise is not None:
-            return _of_bins(evidence, estimate, estimate.in_noise, predicted)
-        if evidence.only_sines and evidence.model.is_linear and tones is not None:
-            return _of_sines(evidence, estimate, predicted, tones)
-        return _of_samples(evidence, estimate, predicted)
-
     def made() -> Iterator[WhitenedGroup]:
-        held, first = list[Signals](), 0
-        for one in chain(signals(), [None]):
-            if held and (one is None or sum(each.used.size for each in held) >= AT_ONCE):
-                for numbers in grouped(held):
-                    yield group_of([held[k] for k in numbers], [first + k for k in numbers], effects)
-                first += len(held)
-                held = []
-            if one is not None:
-                held.append(one)
+        first = 0
+        for some in at_once(parts_of(evidence, estimate, predicted, tones)):
+            signals = _signals(evidence, estimate, some)
+            for numbers in grouped(signals):
+                yield group_of([signals[k] for k in numbers], [first + k for k in numbers], effects)
+            first += len(some)
 
-    return Groups(made, sum(min(record.samples, MOST_PIECES * LONGEST) for record in evidence.records))
+    return Groups(
+        made, sum(min(record.samples, MOST_PIECES * LONGEST) for record in evidence.records)
+    )
 
 
 def scale_of(evidence: Evidence, predicted: Sequence[FloatArray], linear: Linearised) -> Scale:
     """What the records have in common; ``linear``: the fit at all excited frequencies, linearised at the estimate."""
     order = np.argsort(linear.frequency_hz, kind="stable")
-    hz, told = linear.frequency_hz[order], np.cumsum(np.sum(np.square(linear.matrix[order]), axis=1))
+    hz, told = (
+        linear.frequency_hz[order],
+        np.cumsum(np.sum(np.square(linear.matrix[order]), axis=1)),
+    )
     top_hz = 0.5 * max((record.sampling_rate_hz for record in evidence.records), default=0.0)
-    inner = np.searchsorted(told, told[-1] * np.arange(1, BANDS) / BANDS) if hz.size else np.zeros(0, dtype=int)
+    inner = (
+        np.searchsorted(told, told[-1] * np.arange(1, BANDS) / BANDS)
+        if hz.size
+        else np.zeros(0, dtype=int)
+    )
     between = [float(0.5 * (hz[k] + hz[k + 1])) for k in inner.tolist() if k + 1 < hz.size]
     finite = [series[np.isfinite(series)] for series in predicted]
     motion = max((float(np.max(np.abs(s - np.mean(s)))) for s in finite if s.size), default=0.0)
-    tones = _tones(evidence)
+    tones = tones_of(evidence)
     return Scale(
         max(motion, float(np.finfo(float).tiny)),
         (0.0, *dict.fromkeys(between), top_hz),
@@ -118,208 +109,83 @@ def _mass_of(
     natural_hz, damping = (values[name] for name in model.core.oscillator)
 
     def at(hz: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-        velocity = 1j * hz / (natural_hz**2 - hz**2 + 2j * damping * natural_hz * hz) / (2.0 * np.pi)
-        return velocity, np.asarray(model.frequency_response(values, hz, "acceleration"), dtype=complex)
+        velocity = (
+            1j * hz / (natural_hz**2 - hz**2 + 2j * damping * natural_hz * hz) / (2.0 * np.pi)
+        )
+        return velocity, np.asarray(
+            model.frequency_response(values, hz, "acceleration"), dtype=complex
+        )
 
     return at
 
 
-def _of_bins(
-    evidence: Evidence, estimate: Estimate, in_noise: InNoise, predicted: Sequence[FloatArray]
-) -> Iterator[Signals]:
-    """Of the segments that the fit is of, at all bins that count."""
-    tones, segments = _tones(evidence), in_noise.band.problem.segments
-    for place in in_noise.places(estimate.z, estimate.coordinates, whole=True):
-        grid = place.group.grid
-        if not grid.driven:
-            continue
-        for row, number in enumerate(place.group.segments):
-            segment = segments[number]
-            given, series = evidence.records[segment.record], predicted[segment.record][segment.span]
-            used = np.ones(grid.samples, dtype=bool) if place.group.used is None else place.group.used[row]
-            if used.sum() < SHORTEST:
-                continue
-            rest, jacobian = place.rows.residual[row], place.rows.jacobian[row]
-            jacobian = jacobian * estimate.coordinates.slopes(estimate.z)[:, None]
-            if grid.samples <= LONGEST:
-                signals = (
-                    rest,
-                    place.rows.predicted[row],
-                    np.where(used, series, 0.0),
-                    jacobian,
-                    place.rows.nuisances.columns[row],
-                )
-                tone = tones.get(segment.record)
-                yield _at_bins(given, evidence, estimate, segment.span, used, *signals, turns=tone)
-                continue
-            pieces = _pieces(grid.samples)
-            rows = [_cut(np.asarray(fft.irfft(each, grid.samples)), pieces) for each in (rest, *jacobian)]
-            motions = _cut(_about_mean(series, used), pieces)
-            for piece, motion, left, *columns in zip(pieces, motions, *rows, strict=True):
-                there = slice(segment.span.start + piece.start, segment.span.start + piece.stop)
-                yield _in_time(given, evidence, estimate, there, used[piece], left, motion, np.array(columns))
+def _signals(evidence: Evidence, estimate: Estimate, parts: Sequence[Part]) -> list[Signals]:
+    """Return parts with their noise; of those alike it is read together."""
+    alike = dict[tuple[float, ...], list[int]]()
+    for number, part in enumerate(parts):
+        alike.setdefault(part.alike, []).append(number)
+    signals = dict[int, Signals]()
+    for numbers in alike.values():
+        some = [parts[number] for number in numbers]
+        signals |= zip(numbers, _signals_of_alike(evidence, estimate, some), strict=True)
+    return [signals[number] for number in range(len(parts))]
 
 
-def _of_sines(
-    evidence: Evidence, estimate: Estimate, predicted: Sequence[FloatArray], tones: Points
-) -> Iterator[Signals]:
-    """Each beside an amplitude and a phase of its own, which the points give to the fit."""
-    assert evidence.tones is not None
-    count = len(tones.frequency_hz)
-    linear = Linearised.of_points(
-        estimate.coordinates,
-        estimate.z,
-        evidence.quantity,
-        tones.frequency_hz,
-        tones.measured,
-        tones.relative_deviation,
-    )
-    inverse = inverse_normal(linear.matrix.T @ linear.matrix)
-    for place, index in enumerate(evidence.tones.record.tolist()):
-        record, series = evidence.records[index], predicted[index]
-        for span in _spans(record, series):
-            used = (record.mask & np.isfinite(series))[span]
-            turns = float(tones.frequency_hz[place]) / record.sampling_rate_hz
-            wave = np.exp(2j * np.pi * turns * np.arange(used.size)) * used
-            columns = np.stack([wave.real, wave.imag, used])
-            moved = np.where(used, series[span], 0.0)
-            share = np.linalg.lstsq(columns @ columns.T, columns @ moved, rcond=None)[0]
-            motion = moved - share[2] * used  # the mean of what is no whole number of periods is not where it rests
-            tone = (share[0] - 1j * share[1]) * wave
-            rest = np.where(used, record.response[span] - series[span], 0.0)
-            rows = np.stack([linear.matrix[place], linear.matrix[count + place]], axis=1) * linear.weight[place]
-            own = (rest, motion, np.stack([tone.real, -tone.imag]))
-            yield _in_time(record, evidence, estimate, span, used, *own, inverse @ rows, turns)
-
-
-def _of_samples(evidence: Evidence, estimate: Estimate, predicted: Sequence[FloatArray]) -> Iterator[Signals]:
-    """Of a network that runs in time, with slopes by differences."""
-    if estimate.problem is None or estimate.findings.learned is not None:
-        return
-    step, tones = np.eye(len(estimate.z)) * STEP, _tones(evidence)
-    ends = [
-        [estimate.problem.predict(estimate.coordinates, estimate.z + sign * each) for sign in (1.0, -1.0)]
-        for each in step
-    ]
-    for index, (record, series) in enumerate(zip(evidence.records, predicted, strict=True)):
-        if record.reference is None:
-            continue
-        for span in _spans(record, series):
-            used = (record.mask & np.isfinite(series))[span]
-            jacobian = [np.where(used, (up[index] - down[index])[span], 0.0) / (2.0 * STEP) for up, down in ends]
-            rest = np.where(used, record.response[span] - series[span], 0.0)
-            own = (rest, _about_mean(series[span], used), np.array(jacobian))
-            yield _in_time(record, evidence, estimate, span, used, *own, turns=tones.get(index))
-
-
-def _tones(evidence: Evidence) -> dict[int, float]:
-    """Turns from sample to sample of each record that is a sine."""
-    if evidence.tones is None:
-        return {}
-    every = zip(evidence.tones.record.tolist(), evidence.tones.frequency_hz.tolist(), strict=True)
-    return {index: hz / evidence.records[index].sampling_rate_hz for index, hz in every}
-
-
-def _spans(record: Record, series: FloatArray) -> list[slice]:
-    """Pieces of what is predicted of a record; none where that is too short."""
-    used = record.mask & np.isfinite(series)
-    if used.sum() < SHORTEST:
-        return []
-    first, last = int(np.argmax(used)), used.size - int(np.argmax(used[::-1]))
-    pieces = _pieces(fast_below(last - first, MAX_LOST))
-    spans = [slice(first + piece.start, first + piece.stop) for piece in pieces]
-    return [span for span in spans if used[span].sum() >= SHORTEST]
-
-
-def _pieces(samples: int) -> list[slice]:
-    """A record, or pieces of a long one: evenly spread where it has many, as each costs memory."""
-    if samples <= LONGEST:
-        return [slice(0, samples)]
-    every = np.arange(0, samples - SHORTEST, LONGEST)
-    kept = every[np.unique(np.linspace(0, every.size - 1, min(every.size, MOST_PIECES)).astype(int))]
-    return [slice(begin, min(begin + LONGEST, samples)) for begin in kept.tolist()]
-
-
-def _cut(series: FloatArray, pieces: Sequence[slice]) -> list[FloatArray]:
-    return [series[piece].copy() for piece in pieces]
-
-
-def _about_mean(series: FloatArray, used: BoolArray) -> FloatArray:
-    return np.where(used, series - np.mean(series[used]), 0.0)
-
-
-def _in_time(
-    record: Record,
-    evidence: Evidence,
-    estimate: Estimate,
-    span: slice,
-    used: BoolArray,
-    rest: FloatArray,
-    motion: FloatArray,
-    jacobian: FloatArray,
-    pull: FloatArray | None = None,
-    turns: float | None = None,
-) -> Signals:
-    """Of signals in time: residual and motion, shape (n,), and Jacobian, shape (p, n), zero where not used."""
-    n, values, model = used.size, estimate.coordinates.values(estimate.z), evidence.model.linear
-    known = [hz * n / record.sampling_rate_hz for hz in record.hum_hz]
-    straight, free = np.linspace(-1.0, 1.0, n), _free_motion(model, values, record.sampling_rate_hz, used)
-    if pull is None:  # noise of the reference rings beyond either end, and so do the slopes
-        free = np.concatenate([free, free * np.arange(n)])
-    nuisance = np.concatenate([used[None] * 1.0, used[None] * straight, waves(known, n) * used, free])
-    left, bins, columns, beside = (
-        np.asarray(fft.rfft(signal, axis=-1), dtype=complex) for signal in (rest, motion, jacobian, nuisance)
-    )
-    return _at_bins(record, evidence, estimate, span, used, left, bins, motion, columns, beside, pull, turns)
-
-
-def _at_bins(
-    record: Record,
-    evidence: Evidence,
-    estimate: Estimate,
-    span: slice,
-    used: BoolArray,
-    rest: ComplexArray,
-    bins: ComplexArray,
-    motion: FloatArray,
-    columns: ComplexArray,
-    nuisance: ComplexArray,
-    pull: FloatArray | None = None,
-    turns: float | None = None,
-) -> Signals:
-    """Make signals of bins: residual and motion, shape (K,), Jacobian, shape (p, K), and nuisances.
-
-    ``motion``: in time.
-    """
-    n, count = used.size, rest.size
-    hz = line_frequencies(n, record.sampling_rate_hz)[:count]
+def _signals_of_alike(
+    evidence: Evidence, estimate: Estimate, parts: Sequence[Part]
+) -> list[Signals]:
+    """Return parts of one length and rate with their noise."""
+    first = parts[0]
+    samples, count = first.used.size, first.rest.size
+    hz = line_frequencies(samples, first.record.sampling_rate_hz)[:count]
     values, model = estimate.coordinates.values(estimate.z), evidence.model.linear
     transfer = np.array(model.frequency_response(values, hz, evidence.quantity), dtype=complex)
-    one_sided, colour = counts_in_band(n)[:count], reference_colour(record, n)
+    passed = power_of(transfer)
+    one_sided, colour = counts_in_band(samples)[:count], reference_colour(first.record, samples)
     colour = colour[:count] if isinstance(colour, np.ndarray) else 1.0
-    last = int(np.flatnonzero(one_sided)[-1])
-    seen = Motion(bins, float(used.sum()), last, power_of(transfer) * colour, colour, _harmonics(n, turns, count))
-    beside = nuisance if pull is None else np.concatenate([nuisance, columns])  # a misfit of the tone is no noise
-    floor = (np.finfo(float).eps * float(np.max(np.abs(record.response[span])))) ** 2
-    left, hum, spectrum = _read(rest, beside, used, one_sided, seen, floor)
-    if pull is not None:
-        spectrum = replace(spectrum, psd=beside_leakage(spectrum.psd, seen.lines))
-    if pull is None and evidence.model.is_linear:
-        share = spectrum.input_noise_at * power_of(transfer) / spectrum.psd
-        likelier = np.asarray(share * left, dtype=complex)
-        columns = columns + _slopes(evidence, estimate, likelier, transfer, hz)
-    nuisance = np.concatenate([nuisance, hum])
-    if pull is not None:
-        # less the tone itself, whose leakage is above the noise of the reference in all bins, and hides it in none; and
-        # less free motion, which is not the reference's
-        other = freed(bins - columns[0], nuisance, one_sided)
-        share = spectrum.input_noise_at * power_of(transfer) / spectrum.psd
-        other = most_likely(other, left, share, spectrum.psd * float(used.sum()))
-        place = round((turns or 0.0) * n)
-        other[max(place - NEAR_TONE, 0) : place + NEAR_TONE + 1] = 0.0
-        nuisance = np.concatenate([nuisance, _slopes(evidence, estimate, other, transfer, hz)])
-    signals = rest, bins, motion, columns, transfer, nuisance, spectrum, one_sided
-    return Signals(record, span, used, *signals, seen, floor, pull, turns)
+    last, through = int(np.flatnonzero(one_sided)[-1]), passed * colour
+    seen = [
+        Motion(
+            part.bins,
+            float(part.used.sum()),
+            last,
+            through,
+            colour,
+            _harmonics(samples, part.turns, count),
+        )
+        for part in parts
+    ]
+
+    @cache
+    def slopes() -> ComplexArray:
+        _, jacobian = response_and_slopes(evidence.model, values, hz, evidence.quantity)
+        jacobian = jacobian * estimate.coordinates.slopes(estimate.z)[:, None]
+        return np.divide(jacobian, transfer, out=np.zeros_like(jacobian), where=passed > 0.0)
+
+    signals = list[Signals]()
+    for part, motion, read in zip(parts, seen, _read(parts, one_sided, seen), strict=True):
+        spectrum, columns = read.spectrum, part.columns
+        if part.pull is not None:
+            spectrum = replace(spectrum, psd=beside_leakage(spectrum.psd, motion.lines))
+        share = spectrum.input_noise_at * passed / spectrum.psd
+        nuisance = np.concatenate([part.nuisance, read.hum])
+        if part.pull is not None:
+            # less the tone itself, whose leakage is above the noise of the reference in all bins, and hides it in
+            # none; and less free motion, which is not the reference's
+            other = freed(part.bins - columns[0], nuisance, one_sided)
+            other = most_likely(other, read.left, share, spectrum.psd * motion.count)
+            place = round((part.turns or 0.0) * samples)
+            other[max(place - NEAR_TONE, 0) : place + NEAR_TONE + 1] = 0.0
+            nuisance = np.concatenate([nuisance, slopes() * other])
+        elif evidence.model.is_linear and np.any(share):
+            columns = columns + slopes() * (share * read.left)
+        own = part.rest, part.bins, part.motion, columns, transfer, nuisance, spectrum, one_sided
+        signals.append(
+            Signals(
+                part.record, part.span, part.used, *own, motion, part.floor, part.pull, part.turns
+            )
+        )
+    return signals
 
 
 class _Read(NamedTuple):
@@ -336,29 +202,41 @@ class _Read(NamedTuple):
     spectrum: NoiseSpectrum
 
 
-def _read(
-    rest: ComplexArray, beside: ComplexArray, used: BoolArray, one_sided: FloatArray, seen: Motion, floor: float
+def _read(parts: Sequence[Part], one_sided: FloatArray, seen: Sequence[Motion]) -> list[_Read]:
+    """Read the noise of parts of one length and rate, again where hum or steep noise leaks."""
+    rest, beside = (
+        np.stack(rows) for rows in zip(*((part.rest, part.beside) for part in parts), strict=True)
+    )
+    weight = np.broadcast_to(one_sided, rest.shape)
+    left = rest - Nuisances.in_weight(beside, weight).imitated(rest[:, None])[:, 0]
+    none = np.zeros((0, one_sided.size), dtype=complex)
+    every = list[_Read]()
+    spectra = noise_spectra(left, seen, [part.floor for part in parts])
+    for part, motion, row, spectrum in zip(parts, seen, left, spectra, strict=True):
+        read = _Read(row, none, spectrum)
+        if spectrum.tones or is_steep(spectrum):
+            read = _read_beside_hum(
+                part, motion, one_sided / spectrum.psd, with_tones((), spectrum.tones)
+            )
+        every.append(read)
+    return every
+
+
+def _read_beside_hum(
+    part: Part, motion: Motion, weight: FloatArray, tones: tuple[float, ...]
 ) -> _Read:
-    """Read the noise of a residual, shape (K,), beside columns, shape (m, K)."""
-    tones: tuple[float, ...] = ()
-    weight = one_sided
-    hum = np.zeros((0, rest.size), dtype=complex)
-    for _ in range(2):  # what hum and steep noise leak is no noise
-        left = freed(rest, np.concatenate([beside, hum]), weight)
-        spectrum = noise_spectrum(left, seen, floor)
-        if not (spectrum.tones or is_steep(spectrum)):
-            break
-        tones = with_tones(tones, spectrum.tones)
-        weight = one_sided / spectrum.psd
-        hum = np.asarray(fft.rfft(waves(tones, used.size) * used, axis=1))[:, : rest.size]
-    return _Read(left, hum, spectrum)
+    """Read the noise of a part in the weight of a first reading: what hum and steep noise leak is no noise."""
 
+    def hum_at(places: tuple[float, ...]) -> ComplexArray:
+        return np.asarray(fft.rfft(waves(places, part.used.size) * part.used, axis=1))[
+            :, : part.rest.size
+        ]
 
-def _free_motion(model: SensorModel, values: dict[str, float], rate_hz: float, used: BoolArray) -> FloatArray:
-    """Free motion of the sensor, zero where not used, shape (q, n)."""
-    lasting = free_exponents(model.poles(values), rate_hz)
-    waves_of: ComplexArray = np.exp(lasting[:, None] * np.arange(used.size)) * used
-    return np.concatenate([waves_of.real, waves_of.imag[lasting.imag > 0.0]])
+    hum = hum_at(tones)
+    left = freed(part.rest, np.concatenate([part.beside, hum]), weight)
+    (spectrum,) = noise_spectra(left[None], [motion], [part.floor])
+    known = with_tones(tones, spectrum.tones)
+    return _Read(left, hum if known == tones else hum_at(known), spectrum)
 
 
 def _harmonics(samples: int, turns: float | None, count: int) -> BoolArray | None:
@@ -368,19 +246,6 @@ def _harmonics(samples: int, turns: float | None, count: int) -> BoolArray | Non
     place = turns * samples
     order = np.arange(count) / place
     return (np.abs(order - np.round(order)) * place < NEAR_TONE) & (np.round(order) > 0.0)
-
-
-def _slopes(
-    evidence: Evidence, estimate: Estimate, bins: ComplexArray, transfer: ComplexArray, hz: FloatArray
-) -> ComplexArray:
-    """Bins of the response's slopes with the coordinates, shape (P, bins), for a part of the response.
-
-    The part is what the most likely motion has beyond the reference, or the motion beside the tone of a sine, which the
-    points do not use. The latter is zero where the reference may be noise: the residual is coherent with that noise.
-    """
-    _, jacobian = response_and_slopes(evidence.model, estimate.coordinates.values(estimate.z), hz, evidence.quantity)
-    moved = np.divide(bins, transfer, out=np.zeros_like(bins), where=power_of(transfer) > 0.0)
-    return np.asarray(jacobian * estimate.coordinates.slopes(estimate.z)[:, None] * moved)
 
 
 def _effects(evidence: Evidence, estimate: Estimate, signals: Signals) -> ComplexArray:

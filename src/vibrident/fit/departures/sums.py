@@ -65,7 +65,9 @@ class Own:
     @classmethod
     def joined(cls, every: Sequence[Own]) -> Own:
         """Of the records of several groups."""
-        return cls(*(np.concatenate([getattr(own, each.name) for own in every]) for each in fields(cls)))
+        return cls(
+            *(np.concatenate([getattr(own, each.name) for own in every]) for each in fields(cls))
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +84,9 @@ class Sums:
     least: FloatArray  # of D Dᵀ beside the parameters, below which a column tells nothing, shape (…, m)
 
     def _each(self, change: Callable[[str, FloatArray], FloatArray]) -> Self:
-        return type(self)(**{each.name: change(each.name, getattr(self, each.name)) for each in fields(self)})
+        return type(self)(
+            **{each.name: change(each.name, getattr(self, each.name)) for each in fields(self)}
+        )
 
     def at(self, places: Any) -> Self:
         """Return those of some of the places."""
@@ -120,7 +124,9 @@ class Sums:
         score = self.score - (share @ own.gradient[..., None])[..., 0]
         gram = self.gram - share @ self.cross.mT
         nothing = np.zeros_like(self.cross)
-        return replace(self, score=score, gram=gram, cross=nothing, shift=self.shift + self.cross @ inverse)
+        return replace(
+            self, score=score, gram=gram, cross=nothing, shift=self.shift + self.cross @ inverse
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +135,9 @@ class Exact(Sums):
 
     spread: FloatArray  # D V Dᵀ without the known errors, shape (…, m, m)
     cross_spread: FloatArray  # D V Jᵀ, shape (…, m, P)
-    common: FloatArray  # D times the errors common to the record, or to all, shape (…, m, 2 TRIALS + E)
+    common: (
+        FloatArray  # D times the errors common to the record, or to all, shape (…, m, 2 TRIALS + E)
+    )
     steps: FloatArray  # power of the errors of converters and interpolation, shape (…)
 
     def combined(self, factors: FloatArray) -> Exact:
@@ -146,7 +154,9 @@ class Exact(Sums):
             self.steps,
         )
 
-    def exactly_within(self, own: Own, inverse: FloatArray, profile: FloatArray, known: FloatArray) -> Exact:
+    def exactly_within(
+        self, own: Own, inverse: FloatArray, profile: FloatArray, known: FloatArray
+    ) -> Exact:
         """Return the same beside each record's own parameters.
 
         Args:

@@ -142,7 +142,9 @@ def fitted_numbers(places: Sequence[GroupAt]) -> list[FloatArray]:
     Those are the amounts of a segment's nuisances, and its share of the parameters.
     """
     total = max(sum(float(np.sum(at.numbers)) for at in places), 1.0)
-    return [at.rows.nuisances.columns.shape[1] + len(at.turns) / total * at.numbers for at in places]
+    return [
+        at.rows.nuisances.columns.shape[1] + len(at.turns) / total * at.numbers for at in places
+    ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,12 +183,16 @@ def places_in(
     for group, own in zip(band.groups, weights, strict=True):
         grid = group.grid
         if hash(grid) not in responses:
-            through, turns = response_and_slopes(band.model, values, grid.frequency_hz, band.problem.frame.quantity)
+            through, turns = response_and_slopes(
+                band.model, values, grid.frequency_hz, band.problem.frame.quantity
+            )
             responses[hash(grid)] = through, turns * slopes[:, None]
         yield GroupAt.evaluated(group, steps[group.step], own, responses[hash(grid)], slopes)
 
 
-def iterate(band: Band, coordinates: Coordinates, weights: Sequence[GroupWeights], z: FloatArray) -> Iterate:
+def iterate(
+    band: Band, coordinates: Coordinates, weights: Sequence[GroupWeights], z: FloatArray
+) -> Iterate:
     """Evaluate all groups at z."""
     count = len(z)
     nothing = np.zeros((count, count))

@@ -8,7 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vibrident.data.records import FloatArray
-from vibrident.fit.descent.in_noise import GroupAt, GroupWeights, Iterate, fitted_numbers, iterate, places_in
+from vibrident.fit.descent.in_noise import (
+    GroupAt,
+    GroupWeights,
+    Iterate,
+    fitted_numbers,
+    iterate,
+    places_in,
+)
 from vibrident.fit.descent.sandwich import width
 from vibrident.fit.descent.weighting import Weighting, read_weighting
 from vibrident.fit.group.network import products
@@ -92,7 +99,9 @@ class InNoise:
         band = settled.band
         return cls(replace(band, problem=band.problem.idle()), settled.weighting)
 
-    def places(self, z: FloatArray, coordinates: Coordinates, *, whole: bool = False) -> Iterator[GroupAt]:
+    def places(
+        self, z: FloatArray, coordinates: Coordinates, *, whole: bool = False
+    ) -> Iterator[GroupAt]:
         """Yield each group at z in the noise of the fit.
 
         ``whole``: at all bins of the network, whether or not motion shows there, with hum in the residual.
@@ -125,11 +134,15 @@ class Objective:
     last: tuple[FloatArray, Iterate] | None = None
 
     @classmethod
-    def plain(cls, problem: BinProblem, coordinates: Coordinates, variance: FloatArray) -> Objective:
+    def plain(
+        cls, problem: BinProblem, coordinates: Coordinates, variance: FloatArray
+    ) -> Objective:
         """Return the sum of squares over all samples, as in time; ``variance``: of each record."""
         band = Band(problem, np.inf, whole=True)
         return cls(
-            band, coordinates, [GroupWeights.white(group, variance[band.owners(group)]) for group in band.groups]
+            band,
+            coordinates,
+            [GroupWeights.white(group, variance[band.owners(group)]) for group in band.groups],
         )
 
     def __call__(self, z: FloatArray, _: None = None) -> _Quadratic:
@@ -341,7 +354,9 @@ def _stated(
     covariance = covariance + np.sum([np.outer(pull, pull) for pull in pulls], axis=0)
     each = np.array(untold).reshape(-1, count)
     noise = SpectralNoise(reference, doubtful(each, covariance), tuple(tones), each)
-    return Settled(band, coordinates, z, covariance, freedom, trace, weighting, noise, deviation, at.groups)
+    return Settled(
+        band, coordinates, z, covariance, freedom, trace, weighting, noise, deviation, at.groups
+    )
 
 
 def _draw(place: GroupAt, row: int, doubt: FloatArray) -> FloatArray:

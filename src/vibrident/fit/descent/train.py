@@ -44,7 +44,9 @@ MOSTLY = 0.5
 MODEL_ERROR_ROUNDS = 2
 
 
-def train(evidence: Evidence, method: Method, progress: Progress, *, level: bool = False) -> Settled:
+def train(
+    evidence: Evidence, method: Method, progress: Progress, *, level: bool = False
+) -> Settled:
     """Train the network of a linear model.
 
     Args:
@@ -112,7 +114,9 @@ class _Seen:
         model = self.band.model
         stated = any(spec.start is not None for spec in model.parameters)
         more = stated or model.has_delay or len(model.parameters) > len(model.core.parameters)
-        return [each.values for each in candidates(self.band, self.look, STARTS if more else FEW_STARTS)]
+        return [
+            each.values for each in candidates(self.band, self.look, STARTS if more else FEW_STARTS)
+        ]
 
     def starts(self, known: Sequence[dict[str, float]]) -> Iterator[dict[str, float]]:
         """Yield values that are known, and then the places."""
@@ -222,7 +226,11 @@ def with_model_error(weighting: Weighting, end: Descended, squares: float) -> We
 
     def total(error: float) -> float:
         return sum(
-            float(np.sum(rest * spectra[number].excited / (spectra[number].psd + error * powers[number])))
+            float(
+                np.sum(
+                    rest * spectra[number].excited / (spectra[number].psd + error * powers[number])
+                )
+            )
             for number, rest in residuals.items()
         )
 
@@ -240,7 +248,8 @@ def with_model_error(weighting: Weighting, end: Descended, squares: float) -> We
         low, high = (middle, high) if total(float(np.exp(middle))) > squares else (low, middle)
     error = float(np.exp(high))
     wider = {
-        number: replace(spectrum, psd=spectrum.psd + error * powers[number]) for number, spectrum in spectra.items()
+        number: replace(spectrum, psd=spectrum.psd + error * powers[number])
+        for number, spectrum in spectra.items()
     }
     nothing = {number: np.zeros_like(own.psd) for number, own in wider.items()}
     wider = {number: replace(own, input_noise_at=nothing[number]) for number, own in wider.items()}
@@ -293,7 +302,9 @@ def _descended(
     reason: Exception = NotConverged(NOT_FINITE)
     count = seen.look.count
     for values in starts:
-        coordinates = Coordinates.at(evidence.model, values, seen.look.band_hz, evidence.response_size)
+        coordinates = Coordinates.at(
+            evidence.model, values, seen.look.band_hz, evidence.response_size
+        )
         try:
             here = seen.band.at_delay_of(values).beside_ringing(values)
             end = descend(here, coordinates, coordinates.first, weighting, ROUGH, progress)

@@ -69,7 +69,9 @@ class Weighed:
         return self.spectrum.input_noise_at * self.passed
 
 
-def weighed_segments(in_noise: InNoise, z: FloatArray, coordinates: Coordinates) -> Iterator[Weighed]:
+def weighed_segments(
+    in_noise: InNoise, z: FloatArray, coordinates: Coordinates
+) -> Iterator[Weighed]:
     """Yield the segments of a fit at its estimate, in its noise; free decays are none."""
     segments = in_noise.band.problem.segments
     for place in in_noise.places(z, coordinates):
@@ -101,9 +103,13 @@ def weighed_series(number: int, record: Record, predicted: FloatArray) -> Weighe
     span = slice(span.start, span.start + fast_below(span.stop - span.start, MAX_LOST))
     used = used[span]
     n = used.size
-    measured, modelled = (np.where(used, series[span], 0.0) for series in (record.response, predicted))
+    measured, modelled = (
+        np.where(used, series[span], 0.0) for series in (record.response, predicted)
+    )
     counts = counts_in_band(n)
-    residual, motion, *columns = fft.rfft([measured - modelled, modelled, used * 1.0, used * np.linspace(-1.0, 1.0, n)])
+    residual, motion, *columns = fft.rfft(
+        [measured - modelled, modelled, used * 1.0, used * np.linspace(-1.0, 1.0, n)]
+    )
     seen = Motion(motion, float(used.sum()), int(np.flatnonzero(counts)[-1]))
     floor = noise_floor_of(record) ** 2
     known = tuple(hz * n / record.sampling_rate_hz for hz in record.hum_hz)

@@ -10,7 +10,7 @@ import numpy as np
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.descent.in_noise import GroupAt, GroupWeights, fitted_numbers
 from vibrident.fit.group.group import Grid, Group
-from vibrident.fit.noise.reading import read_noise
+from vibrident.fit.noise.reading import Residuals, read_noise
 from vibrident.fit.noise.spectrum import NoiseSpectrum
 from vibrident.fit.noise.tones import with_tones
 from vibrident.fit.problem.band import Band
@@ -53,10 +53,15 @@ class Weighting:
             every.append(GroupWeights(response, reference, excited))
         return every
 
-    def _rows(self, group: Group, numbers: Sequence[int], every: Sequence[FloatArray]) -> FloatArray:
+    def _rows(
+        self, group: Group, numbers: Sequence[int], every: Sequence[FloatArray]
+    ) -> FloatArray:
         """Return values at the bins of a group, whose length another delay may have changed."""
         return np.stack(
-            [brought(values, self.samples[number], group.grid) for number, values in zip(numbers, every, strict=True)]
+            [
+                brought(values, self.samples[number], group.grid)
+                for number, values in zip(numbers, every, strict=True)
+            ]
         )
 
     def beside(self, band: Band) -> Band:
@@ -103,20 +108,19 @@ def read_weighting(
         residual, predicted = at.fitted_in_all_bins
         residual = residual.copy()
         residual[:, 0] = np.abs(residual[:, 1])
-        driven = group.grid.driven
-        noise = read_noise(
-            residual,
-            predicted,
-            group.inputs[:, 0] if driven else None,
-            squares * colour if driven else None,
-            group.count,
-            floors[band.owners(group)],
-            group.grid.last - 1,
-            colour,
-            _heard_in(group, heard) if driven and heard is not None else None,
-            at.through * group.inputs[:, 0] if driven else None,
-            fitted=fitted,
+        rows = Residuals(
+            residual, predicted, group.count, floors[band.owners(group)], fitted=fitted
         )
+        if group.grid.driven:
+            reference = group.inputs[:, 0]
+            rows = replace(
+                rows,
+                through=(squares * colour)[None],
+                reference=reference,
+                passed=at.through * reference,
+                heard=None if heard is None else _heard_in(group, heard),
+            )
+        noise = read_noise(rows, group.grid.last - 1, colour)
         for number, spectrum in zip(group.segments, NoiseSpectrum.each(noise), strict=True):
             passed[number] = squares
             samples[number] = group.grid.samples

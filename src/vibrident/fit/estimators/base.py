@@ -107,7 +107,9 @@ class Estimator(ABC):
             NotConverged: no start leads to a finite fit.
         """
 
-    def where_rejected(self, evidence: Evidence, estimate: Estimate, progress: Progress = silent) -> Estimate | None:
+    def where_rejected(
+        self, evidence: Evidence, estimate: Estimate, progress: Progress = silent
+    ) -> Estimate | None:
         """What to take in place of an estimate of this estimator where the model does not explain the data.
 
         The residual is then no noise to weigh by. None: the estimate itself.

@@ -35,7 +35,9 @@ def canonically_labelled(estimate: Estimate) -> Estimate:
     turn = slopes(model, change, values) * old.slopes(estimate.z)
     turn = np.divide(turn, scale, out=np.zeros_like(turn), where=scale != 0.0)
     covariance = turn @ estimate.covariance @ turn.T
-    path = np.array([new.place(canonical(model, old.values(at))) for at in estimate.trace.coordinates])
+    path = np.array(
+        [new.place(canonical(model, old.values(at))) for at in estimate.trace.coordinates]
+    )
     path[-1] = z
     begin = estimate.begin
     if begin is not None:

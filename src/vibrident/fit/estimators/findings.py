@@ -11,9 +11,7 @@ from vibrident.fit.noise.found import SpectralNoise
 from vibrident.physics.discretisation import Method, method
 
 #: What the curve of a nonlinear model is.
-SMALL_SIGNAL = (
-    "of the linear part: what the response comes to for small signals; measured points are brought there by the network"
-)
+SMALL_SIGNAL = "of the linear part: what the response comes to for small signals; measured points are brought there by the network"
 #: What the curve of an estimate with a learned residual is.
 PHYSICS_CURVE = "of the physics without its learned residual; measured points are without it too"
 
@@ -81,7 +79,10 @@ class LearnedShare:
     def as_settings(self) -> dict[str, Any]:
         """For a result."""
         found = {"kept": self.kept, "share": self.share, **self.about, "tried": self.tried}
-        return {"residual_network": found, **({"response_curve": PHYSICS_CURVE} if self.kept else {})}
+        return {
+            "residual_network": found,
+            **({"response_curve": PHYSICS_CURVE} if self.kept else {}),
+        }
 
 
 class Stated(Protocol):

@@ -58,4 +58,6 @@ class LevenbergMarquardt(Optimiser):
         progress: Progress,
     ) -> Trace:
         """Minimise the objective; arguments as of :meth:`Optimiser.train`."""
-        return levenberg_marquardt(network_objective, z, args, tolerance=tolerance, progress=progress)
+        return levenberg_marquardt(
+            network_objective, z, args, tolerance=tolerance, progress=progress
+        )

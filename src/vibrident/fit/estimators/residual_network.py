@@ -88,13 +88,17 @@ class ResidualIpnn(Estimator):
         before = trained.residuals(~parts)
         tried: dict[tuple[str, ...], _Judged] = {}
         for structure in self.structures:
-            if len(structure) > 1 and not _both_needed([tried[(part,)] for part in structure if (part,) in tried]):
+            if len(structure) > 1 and not _both_needed(
+                [tried[(part,)] for part in structure if (part,) in tried]
+            ):
                 continue
             tried[structure] = _judged(structure, trained, parts, before, progress)
         shown = {"+".join(s): j.shown for s, j in tried.items()}
         kept = [(structure, judged) for structure, judged in tried.items() if judged.kept]
         if not kept:
-            return _without(plain, "no network predicts held-out data better than the physics alone", shown)
+            return _without(
+                plain, "no network predicts held-out data better than the physics alone", shown
+            )
         # A larger network must leave 80 % or less of what the smaller one left (mean square).
         best = min(kept, key=lambda pair: pair[1].left * 0.8 ** (2 - len(pair[0])))
         whole = best[1].candidate.trained(np.ones(parts.shape, dtype=bool), progress, 1e-3)
@@ -117,14 +121,21 @@ class _Candidate:
         assert network is not None
         step = plain.findings.method
         require_rational(evidence.model)
-        problem = TimeProblem.build(evidence.records, evidence.model, step, evidence.quantity, values)
+        problem = TimeProblem.build(
+            evidence.records, evidence.model, step, evidence.quantity, values
+        )
         return cls(problem, plain.coordinates, np.asarray(plain.z), network.noise)
 
     def args(self, lanes: np.ndarray) -> tuple[Any, ...]:
         """Arguments of the residual over the lanes chosen, shape (M,)."""
         whole, *others = self.problem.data
         data = (whole._replace(weight=whole.weight * lanes), *others)
-        return self.coordinates, self.problem.layout, data, jnp.asarray(self.problem.by_lane(self.noise))
+        return (
+            self.coordinates,
+            self.problem.layout,
+            data,
+            jnp.asarray(self.problem.by_lane(self.noise)),
+        )
 
     def normal(self, lanes: np.ndarray) -> Normal:
         """Normal equations at z over the lanes chosen."""
@@ -133,15 +144,22 @@ class _Candidate:
     def residuals(self, lanes: np.ndarray) -> FloatArray:
         """Residual, zero outside the lanes chosen, shape (L, M); initial states and offsets are those of all lanes."""
         problem = self.problem
-        left = np.asarray(problem.lanes.response) - np.asarray(self.normal(np.ones_like(lanes)).response)
+        left = np.asarray(problem.lanes.response) - np.asarray(
+            self.normal(np.ones_like(lanes)).response
+        )
         return left * np.asarray(problem.lanes.weight) * lanes
 
     def trained(self, lanes: np.ndarray, progress: Progress, tolerance: float = 0.1) -> _Candidate:
         """Trained on the lanes chosen, from z, noise refreshed between rounds; ``tolerance``: that of a trial."""
-        now, beside = self, (jnp.asarray(self.coordinates.first), jnp.asarray(_prior(self.coordinates)))
+        now, beside = (
+            self,
+            (jnp.asarray(self.coordinates.first), jnp.asarray(_prior(self.coordinates))),
+        )
         for _ in range(2):
             args = (now.args(lanes), *beside)
-            trace = levenberg_marquardt(_penalised, now.z, args, tolerance=tolerance, most=30, progress=progress)
+            trace = levenberg_marquardt(
+                _penalised, now.z, args, tolerance=tolerance, most=30, progress=progress
+            )
             now = replace(now, z=trace.last, trace=trace)
             now = replace(now, noise=_noise(now, lanes))
         return now
@@ -163,7 +181,9 @@ def _penalised(z: Any, args: Any) -> Local:
     normal = evaluate(jnp.asarray(z), *inner)
     away = z - centre
     return Local(
-        normal.matrix + jnp.diag(weight), normal.gradient - weight * away, normal.cost + jnp.sum(weight * away**2)
+        normal.matrix + jnp.diag(weight),
+        normal.gradient - weight * away,
+        normal.cost + jnp.sum(weight * away**2),
     )
 
 
@@ -209,7 +229,11 @@ def _noise(candidate: _Candidate, lanes: np.ndarray) -> FloatArray:
 
 
 def _judged(
-    structure: tuple[str, ...], physics: _Candidate, train: np.ndarray, before: FloatArray, progress: Progress
+    structure: tuple[str, ...],
+    physics: _Candidate,
+    train: np.ndarray,
+    before: FloatArray,
+    progress: Progress,
 ) -> _Judged:
     """The best network of a structure, trained on ``train``, and its verdict on the rest."""
     try:
@@ -247,7 +271,9 @@ def _beginning(structure: tuple[str, ...], physics: _Candidate, train: np.ndarra
     if "memory" not in structure:
         return _beside(structure, physics, {})
     low, high = physics.coordinates.band_hz.tolist()
-    highest = min(3.0 * high, 0.4 * max(record.sampling_rate_hz for record in physics.problem.records))
+    highest = min(
+        3.0 * high, 0.4 * max(record.sampling_rate_hz for record in physics.problem.records)
+    )
     frequencies = np.geomspace(low, highest, max(2, int(np.log10(highest / low) * 24)))
     scored = []
     base = _beside(("memory",), physics, {"memory_frequency": high, "memory_damping": 0.1})
@@ -258,9 +284,13 @@ def _beginning(structure: tuple[str, ...], physics: _Candidate, train: np.ndarra
             z[names.index("memory_frequency")] = np.log(frequency / high)
             z[names.index("memory_damping")] = np.arcsinh(damping)
             normal = replace(base, z=z).normal(train)
-            scored.append((_gain(np.asarray(normal.matrix), np.asarray(normal.gradient)), frequency, damping))
+            scored.append(
+                (_gain(np.asarray(normal.matrix), np.asarray(normal.gradient)), frequency, damping)
+            )
     _, frequency, damping = max(scored)
-    return _beside(structure, physics, {"memory_frequency": float(frequency), "memory_damping": damping})
+    return _beside(
+        structure, physics, {"memory_frequency": float(frequency), "memory_damping": damping}
+    )
 
 
 def _gain(matrix: FloatArray, gradient: FloatArray) -> float:
@@ -272,7 +302,9 @@ def _gain(matrix: FloatArray, gradient: FloatArray) -> float:
     return float(np.sum(pull[values > 1e-9] ** 2 / values[values > 1e-9]))
 
 
-def _beside(structure: tuple[str, ...], physics: _Candidate, memory: Mapping[str, float]) -> _Candidate:
+def _beside(
+    structure: tuple[str, ...], physics: _Candidate, memory: Mapping[str, float]
+) -> _Candidate:
     """The physics as trained, with a network beside it that does nothing yet."""
     problem, old, frame = physics.problem, physics.coordinates, physics.problem.frame
     model, size = with_residual(frame.model, structure), float(old.response_size)
@@ -292,7 +324,11 @@ def _without(plain: Estimate, reason: str, tried: Mapping[str, Any]) -> Estimate
 
 
 def _with(
-    plain: Estimate, physics: TimeProblem, structure: tuple[str, ...], whole: _Candidate, tried: Mapping[str, Any]
+    plain: Estimate,
+    physics: TimeProblem,
+    structure: tuple[str, ...],
+    whole: _Candidate,
+    tried: Mapping[str, Any],
 ) -> Estimate:
     """The estimate with the network beside the physics, and what each says of every record.
 
@@ -302,7 +338,9 @@ def _with(
     count, records = len(plain.z), whole.problem.records
     normal = whole.normal(np.ones(whole.problem.lanes.segment.shape, dtype=bool))
     lines = whole.problem.lines(whole.z, whole.coordinates, whole.noise)
-    covariance, freedom = hac_covariance(lines, whole.problem.degrees_of_freedom, np.diag(_prior(whole.coordinates)))
+    covariance, freedom = hac_covariance(
+        lines, whole.problem.degrees_of_freedom, np.diag(_prior(whole.coordinates))
+    )
     z = np.asarray(whole.z)[:count]
     predicted = tuple(whole.problem.by_record(normal.response))
     alone = physics.predict(plain.coordinates, z)
@@ -313,20 +351,28 @@ def _with(
         "weights": {n: v for n, v in whole.coordinates.values(whole.z).items() if n in PRIOR},
         "share_by_record": dict(zip([record.name for record in records], shares, strict=True)),
         "rmse": _rms([r.response - p for r, p in zip(records, predicted, strict=True)]),
-        "rmse_of_physics_alone": _rms([r.response - p for r, p in zip(records, plain.predicted or (), strict=True)]),
+        "rmse_of_physics_alone": _rms(
+            [r.response - p for r, p in zip(records, plain.predicted or (), strict=True)]
+        ),
     }
     share = _share(np.concatenate(added), np.concatenate(predicted))
     network, trace = plain.findings.network, whole.trace
     assert trace is not None
     assert network is not None
-    left = tuple(replace(r, response=r.response - np.nan_to_num(a)) for r, a in zip(records, added, strict=True))
+    left = tuple(
+        replace(r, response=r.response - np.nan_to_num(a))
+        for r, a in zip(records, added, strict=True)
+    )
     # What of the misfit looked like noise of the reference has been learned since: none of the plain fit's is stated.
     findings = Findings(
-        replace(network, noise=whole.noise, weights=""), learned=LearnedShare(True, share, tried, about)
+        replace(network, noise=whole.noise, weights=""),
+        learned=LearnedShare(True, share, tried, about),
     )
     problem, in_noise = plain.problem.of_frame(left, plain.problem.frame), plain.in_noise
     if in_noise is not None and isinstance(problem, BinProblem):
-        in_noise = replace(in_noise, band=replace(in_noise.band, problem=problem)).again(z, plain.coordinates)
+        in_noise = replace(in_noise, band=replace(in_noise.band, problem=problem)).again(
+            z, plain.coordinates
+        )
     return replace(
         plain,
         z=z,
@@ -351,9 +397,13 @@ def _rms(residuals: list[FloatArray]) -> float:
     return float(np.sqrt(np.nanmean(joined**2)))
 
 
-def saved_model(model: SensorModel, settings: Mapping[str, Any]) -> tuple[SensorModel, dict[str, float]]:
+def saved_model(
+    model: SensorModel, settings: Mapping[str, Any]
+) -> tuple[SensorModel, dict[str, float]]:
     """The model with the residual network that a result holds, and its weights; the model itself without one."""
     found = settings.get("residual_network") or {}
     if not found.get("kept"):
         return model, {}
-    return with_residual(model, tuple(found["structure"])), {n: float(v) for n, v in found["weights"].items()}
+    return with_residual(model, tuple(found["structure"])), {
+        n: float(v) for n, v in found["weights"].items()
+    }

@@ -16,7 +16,13 @@ import numpy as np
 
 from vibrident.base.errors import InputError
 from vibrident.data.records import FloatArray, Record
-from vibrident.fit.problem import Coordinates, Evidence, FrequencyProblem, NetworkProblem, network_of
+from vibrident.fit.problem import (
+    Coordinates,
+    Evidence,
+    FrequencyProblem,
+    NetworkProblem,
+    network_of,
+)
 from vibrident.fit.response import MeasuredResponse, measure_tones
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.tones import turning
@@ -28,7 +34,9 @@ from vibrident.physics.discretisation.inputs import half_width_for
 def network_problem(evidence: Evidence, values: dict[str, float]) -> NetworkProblem | None:
     """The network over all records with band-limited inputs; None where every record is too short for it."""
     try:
-        return network_of(evidence.records, evidence.model, method("bandlimited"), evidence.quantity, values)
+        return network_of(
+            evidence.records, evidence.model, method("bandlimited"), evidence.quantity, values
+        )
     except InputError:
         return None
 
@@ -54,7 +62,9 @@ def residual_tones(
     model, values = evidence.model, coordinates.values(z)
 
     def at(frequency: FloatArray) -> ComplexArray:
-        return np.asarray(model.frequency_response(values, frequency, evidence.quantity), dtype=complex)
+        return np.asarray(
+            model.frequency_response(values, frequency, evidence.quantity), dtype=complex
+        )
 
     records, poles = [evidence.records[index] for index in plain.record], model.poles(values)
     unknown = [np.full(record.samples, np.nan) for record in records]
@@ -62,21 +72,29 @@ def residual_tones(
         predicted = problem.predict(coordinates, z)
     known = unknown if predicted is None else [predicted[index] for index in plain.record]
     cleaned, rest = _cleaned(records, known, plain, at, poles)
-    if predicted is None or not model.is_linear:  # only the network brings its tones to what the linear part answers
+    if (
+        predicted is None or not model.is_linear
+    ):  # only the network brings its tones to what the linear part answers
         return cleaned
     samples = np.array([record.mask.sum() for record in records])
     deviation, noisier = cleaned.error_deviation(at), 1.5
     # Noise of the reference passes the network: where it is above the noise beside the tone, a plain sine with the free
     # motion is fitted, if that is not the noisier way.
-    loud = (rest > 3.0 * deviation * np.sqrt(samples / 2.0)) | (deviation > noisier * plain.error_deviation(at))
+    loud = (rest > 3.0 * deviation * np.sqrt(samples / 2.0)) | (
+        deviation > noisier * plain.error_deviation(at)
+    )
     if not np.any(loud):
         return cleaned
     by_sines, _ = _cleaned(records, unknown, plain, at, poles)
     loud &= by_sines.error_deviation(at) < noisier * deviation
-    loud[loud] = [_steady(records[place], by_sines, place) for place in np.flatnonzero(loud).tolist()]
+    loud[loud] = [
+        _steady(records[place], by_sines, place) for place in np.flatnonzero(loud).tolist()
+    ]
     if not np.any(loud):
         return cleaned
-    fewer = [nothing if worse else own for own, nothing, worse in zip(known, unknown, loud, strict=True)]
+    fewer = [
+        nothing if worse else own for own, nothing, worse in zip(known, unknown, loud, strict=True)
+    ]
     return _cleaned(records, fewer, plain, at, poles)[0]
 
 
@@ -99,8 +117,12 @@ def roughly_cleaned(
         used = record.mask & np.isfinite(series)
         window = hann(record.samples) * used
         periods = frequency[place] * record.duration_s
-        if used.sum() > 0.5 * record.mask.sum() and periods > 4.0:  # else offset and mirror image mix with the tone
-            wave = turning(record.samples, -2.0 * np.pi * frequency[place] / record.sampling_rate_hz)
+        if (
+            used.sum() > 0.5 * record.mask.sum() and periods > 4.0
+        ):  # else offset and mirror image mix with the tone
+            wave = turning(
+                record.samples, -2.0 * np.pi * frequency[place] / record.sampling_rate_hz
+            )
             left = np.where(used, record.response - series, 0.0) * window
             cleaned[place] = explained[place] + 2.0 * (left @ wave) / np.sum(window)
     return replace(first, data=(frequency, reference, cleaned, deviation))
@@ -116,8 +138,12 @@ def _steady(record: Record, tones: MeasuredResponse, place: int) -> bool:
     wave = turning(record.samples, 2.0 * np.pi * turns)[mask]
     rows = np.stack([wave.real, wave.imag, np.ones(wave.size)])
     faded = rows * hann(record.samples)[mask]
-    found = np.linalg.lstsq(faded @ rows.T, faded @ np.asarray(record.reference)[mask], rcond=1e-12)[0]
-    noise = np.sqrt(np.sum(np.abs(tones.line_reference[place]) ** 2) / np.sum(tones.line_weight[place]))
+    found = np.linalg.lstsq(
+        faded @ rows.T, faded @ np.asarray(record.reference)[mask], rcond=1e-12
+    )[0]
+    noise = np.sqrt(
+        np.sum(np.abs(tones.line_reference[place]) ** 2) / np.sum(tones.line_weight[place])
+    )
     return bool(abs(found[0] - 1j * found[1] - tones.reference[place]) < 5.0 * noise)
 
 
@@ -138,12 +164,17 @@ def _cleaned(
         used = record.mask & np.isfinite(series)
         # Where the network reaches too little, or interpolates by too few samples to be good to 1e-5, the record keeps
         # all its samples and its vibration noise.
-        reached.append(half_width_for(record.samples) >= 32 and bool(used.sum() > 0.5 * record.mask.sum()))
+        reached.append(
+            half_width_for(record.samples) >= 32 and bool(used.sum() > 0.5 * record.mask.sum())
+        )
         residual = np.where(used, record.response - series, 0.0)
         left.append(replace(record, response=residual, valid=used) if reached[-1] else record)
     tones = measure_tones(left, plain.frequency_hz.tolist(), poles, records)
     share = np.array(reached, dtype=float)
-    power = [np.var(own.response[own.mask]) if cleaned else 0.0 for own, cleaned in zip(left, reached, strict=True)]
+    power = [
+        np.var(own.response[own.mask]) if cleaned else 0.0
+        for own, cleaned in zip(left, reached, strict=True)
+    ]
     rest = np.sqrt(np.maximum(np.array(power) - 0.5 * np.abs(tones.response) ** 2 * share, 0.0))
     lines = at(tones.line_hz.ravel()).reshape(tones.line_hz.shape)
     found = replace(

@@ -87,7 +87,9 @@ class Balance:
     covariance: FloatArray  # of these and of the amounts of the effects, shape (q + K, q + K)
     places: tuple[Place, ...]  # of each fit in both
     information: tuple[FloatArray, ...]  # of the coordinates of each fit, shapes (p, p)
-    estimates: tuple[FloatArray, ...]  # of each fit alone; to first order where its own is not used, shapes (p,)
+    estimates: tuple[
+        FloatArray, ...
+    ]  # of each fit alone; to first order where its own is not used, shapes (p,)
 
     def by_data(self, index: int) -> FloatArray:
         """What the data of a calibration add to the covariance of theta, shape (q, q)."""
@@ -111,7 +113,9 @@ class Descent:
     alone: tuple[int, ...]  # fits whose own estimate is used; others ended at another optimum
 
 
-def descend(together: Together, covariance: Callable[[Fitted], FloatArray], progress: Progress) -> Descent:
+def descend(
+    together: Together, covariance: Callable[[Fitted], FloatArray], progress: Progress
+) -> Descent:
     """Fit all calibrations together; ``covariance`` states that of a separate fit from its data alone, shape (p, p).
 
     Raises:
@@ -157,26 +161,35 @@ def _balanced(
             spread = near[i].covariance(z) * (one.judgement.scatter or 1.0) ** 2
             moments.append(MomentConditions.of(near[i], z, spread, near[i], optimum=False))
         else:
-            moments.append(MomentConditions.of(Score.of(one), one.estimate.z, covariance(one), near[i]))
+            moments.append(
+                MomentConditions.of(Score.of(one), one.estimate.z, covariance(one), near[i])
+            )
     effects = _effects(together.fitted, there)
     where = tuple(_with_effects(place, i, effects) for i, place in enumerate(together.places))
     prior = np.concatenate([np.zeros(len(theta)), np.ones(len(effects))])
     way = np.concatenate([theta, np.zeros(len(effects))])
     for _ in range(ROUNDS):
         begin, there = way, [place.z(way) for place in where]
-        parts = [functools.partial(m.local, weight=m.weight(z)) for m, z in zip(moments, there, strict=True)]
+        parts = [
+            functools.partial(m.local, weight=m.weight(z))
+            for m, z in zip(moments, there, strict=True)
+        ]
         way = levenberg_marquardt(
             stacked(where, parts, prior), begin, None, tolerance=TOLERANCE, progress=progress
         ).last
         if np.allclose(way, begin, rtol=0.0, atol=1e-6):
             break
     known = tuple(m.information(place.z(way)) for m, place in zip(moments, where, strict=True))
-    whole = sum(p.matrix.T @ i @ p.matrix for p, i in zip(where, known, strict=True)) + np.diag(prior)
+    whole = sum(p.matrix.T @ i @ p.matrix for p, i in zip(where, known, strict=True)) + np.diag(
+        prior
+    )
     estimates = [
         one.estimate.z if i not in lost else place.z(way) + moments[i].step(place.z(way))
         for i, (one, place) in enumerate(zip(together.fitted, where, strict=True))
     ]
-    return Balance(way[: len(theta)], inverse_normal(np.asarray(whole)), where, known, tuple(estimates)), effects
+    return Balance(
+        way[: len(theta)], inverse_normal(np.asarray(whole)), where, known, tuple(estimates)
+    ), effects
 
 
 def _effects(fitted: Sequence[Fitted], there: Sequence[FloatArray]) -> tuple[Effect, ...]:
@@ -203,23 +216,34 @@ def _found(together: Together, progress: Progress) -> tuple[FloatArray, list[Sco
     """The best optimum of the summed costs, the residuals weighted there, and the trace."""
     best: tuple[float, FloatArray, list[Score], Trace] | None = None
     for theta in _starts(together):
-        scores = [Score.of(one).near(z) for one, z in zip(together.fitted, together.at(theta), strict=True)]
+        scores = [
+            Score.of(one).near(z)
+            for one, z in zip(together.fitted, together.at(theta), strict=True)
+        ]
         try:
             for _ in range(ROUNDS):
                 objective = stacked(together.places, [score.local for score in scores])
-                trace = levenberg_marquardt(objective, theta, None, tolerance=TOLERANCE, progress=progress)
+                trace = levenberg_marquardt(
+                    objective, theta, None, tolerance=TOLERANCE, progress=progress
+                )
                 settled = bool(np.allclose(trace.last, theta, rtol=0.0, atol=1e-6))
                 theta = trace.last
-                scores = [score.near(z) for score, z in zip(scores, together.at(theta), strict=True)]
+                scores = [
+                    score.near(z) for score, z in zip(scores, together.at(theta), strict=True)
+                ]
                 if settled:
                     break
         except NotConverged:
             continue
-        deviance = sum(score.deviance(z) for score, z in zip(scores, together.at(theta), strict=True))
+        deviance = sum(
+            score.deviance(z) for score, z in zip(scores, together.at(theta), strict=True)
+        )
         if np.isfinite(deviance) and (best is None or deviance < best[0]):
             best = (deviance, theta, scores, trace)
     if best is None:
-        raise NotConverged("No start value gives a finite joint fit: do these calibrations belong to one sensor?")
+        raise NotConverged(
+            "No start value gives a finite joint fit: do these calibrations belong to one sensor?"
+        )
     return best[1:]
 
 
@@ -233,7 +257,10 @@ def _starts(together: Together) -> list[FloatArray]:
             owner, index = next((m for m in number.members if m[0] == preferred), number.members[0])
             place, estimate = together.places[owner], fitted[owner].estimate
             z = estimate.z[index]
-            if by_preferred and fitted[owner].evidence.model.parameters[index].describes == "channel":
+            if (
+                by_preferred
+                and fitted[owner].evidence.model.parameters[index].describes == "channel"
+            ):
                 z = values.get(number.name, 0.0) / estimate.coordinates.time_unit_s
             theta[column] = (z - place.offset[index]) / place.matrix[index, column]
         if not any(np.allclose(theta, other, rtol=0.0, atol=1e-9) for other in starts):
@@ -248,7 +275,9 @@ def _elsewhere(together: Together, near: Sequence[Score], theta: FloatArray) -> 
     conditions; or the own fit is the worse one.
     """
     found = set()
-    for i, (one, score, z) in enumerate(zip(together.fitted, near, together.at(theta), strict=True)):
+    for i, (one, score, z) in enumerate(
+        zip(together.fitted, near, together.at(theta), strict=True)
+    ):
         here, own = (score.local(at) for at in (z, one.estimate.z))
         gains = here.cost - own.cost + _promised(own)
         # Within one standard uncertainty, or a step promises at least half of what is gained.

@@ -84,19 +84,31 @@ def identify_together(
             remedy="leave the residual out, or identify one calibration at a time",
         )
     fitted = tuple(
-        fit(one, name, AUTO if decays_alone(one) else estimator, uncertainty=uncertainty, progress=progress)
+        fit(
+            one,
+            name,
+            AUTO if decays_alone(one) else estimator,
+            uncertainty=uncertainty,
+            progress=progress,
+        )
         for one, name in zip(calibrations, names, strict=True)
     )
     numbers = joined(calibrations, [one.evidence.model for one in fitted], share)
-    descent = descend(Together(fitted, numbers), lambda one: own_rows(one, uncertainty)[0].covariance, progress)
+    descent = descend(
+        Together(fitted, numbers), lambda one: own_rows(one, uncertainty)[0].covariance, progress
+    )
     results = _documents(descent, uncertainty, _labels(calibrations))
     spent = time.perf_counter() - begin
-    return tuple(replace(result, settings={**result.settings, "time_s": spent}) for result in results)
+    return tuple(
+        replace(result, settings={**result.settings, "time_s": spent}) for result in results
+    )
 
 
 def _models(model: GivenModel | Sequence[GivenModel | None] | None, count: int) -> list[str | None]:
     if count == 0:
-        raise InputError("There is no calibration.", expected="one or more", found="none", where="calibrations")
+        raise InputError(
+            "There is no calibration.", expected="one or more", found="none", where="calibrations"
+        )
     if model is None or isinstance(model, GivenModel):
         return [named(model)] * count
     if len(model) != count:
@@ -117,7 +129,9 @@ def _documents(descent: Descent, uncertainty: Uncertainty, labels: Sequence[str]
     for i, one in enumerate(fitted):
         if i not in descent.alone:
             covariance = inverse_normal(balance.information[i])
-            data[i] = BudgetRow(RESIDUAL, DATA, None, "", one.estimate.degrees_of_freedom, covariance)
+            data[i] = BudgetRow(
+                RESIDUAL, DATA, None, "", one.estimate.degrees_of_freedom, covariance
+            )
     consistency = _consistency(descent, data)
     birge = 1.0
     told = []
@@ -137,7 +151,11 @@ def _documents(descent: Descent, uncertainty: Uncertainty, labels: Sequence[str]
         shares.append((row_of_effect(one.effect, np.zeros(0)), np.outer(shift, shift)))
     results = []
     for i, place in enumerate(places):
-        rows = [replace(row, covariance=place.matrix @ share @ place.matrix.T) for row, share in shares if share.any()]
+        rows = [
+            replace(row, covariance=place.matrix @ share @ place.matrix.T)
+            for row, share in shares
+            if share.any()
+        ]
         results.append(document(fitted[i].at(_estimate(descent, i)), rows, told))
     if len(places) == 1:
         return results
@@ -150,12 +168,18 @@ def _documents(descent: Descent, uncertainty: Uncertainty, labels: Sequence[str]
 
 def _estimate(descent: Descent, index: int) -> Estimate:
     """A calibration's estimate in the joint fit."""
-    fitted, place, near = descent.together.fitted, descent.together.places[index], descent.near[index]
+    fitted, place, near = (
+        descent.together.fitted,
+        descent.together.places[index],
+        descent.near[index],
+    )
     estimate = fitted[index].estimate
     findings, more = estimate.findings, {}
     if index not in descent.alone and findings.noise is not None:
         nothing, none = np.zeros(0), np.zeros((0, 0))
-        findings = replace(findings, noise=replace(findings.noise, reference=nothing, doubt=nothing, pulls=none))
+        findings = replace(
+            findings, noise=replace(findings.noise, reference=nothing, doubt=nothing, pulls=none)
+        )
     if near.noise is not None and findings.network is not None:
         findings = replace(findings, network=replace(findings.network, noise=near.noise))
         more["problem"] = near.problem
@@ -163,7 +187,9 @@ def _estimate(descent: Descent, index: int) -> Estimate:
     return replace(
         estimate,
         z=place.z(theta),
-        covariance=place.matrix @ descent.balance.covariance[: len(theta), : len(theta)] @ place.matrix.T,
+        covariance=place.matrix
+        @ descent.balance.covariance[: len(theta), : len(theta)]
+        @ place.matrix.T,
         trace=replace(trace, coordinates=place.offset + trace.coordinates @ place.matrix.T),
         findings=findings,
         tones=None,  # measured again, with the network's response at the joint values
@@ -181,7 +207,14 @@ def _consistency(descent: Descent, data: Sequence[BudgetRow]) -> Consistency | N
         for effect in descent.effects
     ]
     fewest = min(row.degrees_of_freedom for row in data)
-    return compare(together.numbers, together.places, estimates, [row.covariance for row in data], stacked, fewest)
+    return compare(
+        together.numbers,
+        together.places,
+        estimates,
+        [row.covariance for row in data],
+        stacked,
+        fewest,
+    )
 
 
 def _labels(calibrations: Sequence[Calibration]) -> list[str]:
@@ -205,9 +238,17 @@ def _disagreement(
     for owner, _ in number.members:
         estimate = fitted[owner].estimate
         unit = parameter_units(estimate.coordinates.model, fitted[owner].evidence.calibration)[name]
-        text = amount(estimate.coordinates.values(estimate.z)[name], unit, 6) if owner in descent.alone else "elsewhere"
+        text = (
+            amount(estimate.coordinates.values(estimate.z)[name], unit, 6)
+            if owner in descent.alone
+            else "elsewhere"
+        )
         values.append(f"{text} ({labels[owner]})")
-    said = f"The {in_words(name)} differs most: {', '.join(values)}. " if name in consistency.each else ""
+    said = (
+        f"The {in_words(name)} differs most: {', '.join(values)}. "
+        if name in consistency.each
+        else ""
+    )
     return ResultWarning(
         "estimators_disagree",
         f"The calibrations disagree on what they share: χ² = {whole.chi2:.4g} with {whole.degrees_of_freedom} degrees "
@@ -229,7 +270,9 @@ def _about(
 ) -> dict[str, Any]:
     """The content of ``settings["joint"]``; ``rows``: whole budget of each separate fit."""
     fitted = descent.together.fitted
-    separate = [_alone(fitted[i], rows[i]) if i in descent.alone else {} for i in range(len(fitted))]
+    separate = [
+        _alone(fitted[i], rows[i]) if i in descent.alone else {} for i in range(len(fitted))
+    ]
     shared = []
     for number in descent.together.numbers:
         if len(number.members) < 2:
@@ -250,7 +293,12 @@ def _about(
     whole = None if consistency is None else consistency.whole
     return {
         "calibrations": [
-            {"file": label, "model": r.model, "estimator": r.estimator, "own_fit_used": i in descent.alone}
+            {
+                "file": label,
+                "model": r.model,
+                "estimator": r.estimator,
+                "own_fit_used": i in descent.alone,
+            }
             for i, (label, r) in enumerate(zip(labels, results, strict=True))
         ],
         "shared": shared,
@@ -262,7 +310,9 @@ def _alone(one: Fitted, rows: Sequence[BudgetRow]) -> dict[str, Parameter]:
     """The parameters of a separate fit, with its whole budget."""
     estimate, covariance = one.estimate, np.sum([row.covariance for row in rows], axis=0)
     units = unit_fields(one.evidence.calibration)
-    return parameter_table(estimate.coordinates, estimate.z, covariance, rows[0].degrees_of_freedom, units, {})
+    return parameter_table(
+        estimate.coordinates, estimate.z, covariance, rows[0].degrees_of_freedom, units, {}
+    )
 
 
 def _stated(parameter: Parameter | None) -> dict[str, float | None] | None:

@@ -32,7 +32,9 @@ class Score:
 
     coordinates: Coordinates  # its coordinates
     problem: Any  # with ``normal``
-    noise: FloatArray | None = None  # standard deviation by which samples of each record are weighted, shape (records,)
+    noise: FloatArray | None = (
+        None  # standard deviation by which samples of each record are weighted, shape (records,)
+    )
 
     @classmethod
     def of(cls, fitted: Fitted) -> Score:
@@ -96,7 +98,9 @@ class MomentConditions:
         """
         here = own.local(z)
         diagonal = np.diag(here.matrix)
-        scale = np.sqrt(np.maximum(diagonal, SMALLEST * max(float(np.max(diagonal)), np.finfo(float).tiny)))
+        scale = np.sqrt(
+            np.maximum(diagonal, SMALLEST * max(float(np.max(diagonal)), np.finfo(float).tiny))
+        )
         root, _ = _roots(here.matrix, scale)
         values, vectors = _bounded(root @ (covariance * np.outer(scale, scale)) @ root)
         offset = here.gradient if optimum else np.zeros_like(here.gradient)

@@ -32,7 +32,9 @@ class Joint:
     """One number of the joint fit."""
 
     name: str  # of the parameter
-    members: tuple[tuple[int, int], ...]  # calibration, and index in its model, of each parameter that is this number
+    members: tuple[
+        tuple[int, int], ...
+    ]  # calibration, and index in its model, of each parameter that is this number
 
 
 def joined(
@@ -56,7 +58,8 @@ def joined(
             alone = spec.describes == "channel" if share is None else name not in share
             found.setdefault((number, name) if alone else key, []).append((number, index))
     numbers = tuple(
-        Joint(models[members[0][0]].parameter_names[members[0][1]], tuple(members)) for members in found.values()
+        Joint(models[members[0][0]].parameter_names[members[0][1]], tuple(members))
+        for members in found.values()
     )
     if len(calibrations) > 1:
         _check_common(numbers, share, calibrations)
@@ -78,14 +81,21 @@ def _check(share: Sequence[str], models: Sequence[SensorModel]) -> None:
             raise unknown(f"{name!r} is not a parameter of these models.", name, known, "share")
 
 
-def _check_common(numbers: Sequence[Joint], share: Sequence[str] | None, calibrations: Sequence[Calibration]) -> None:
+def _check_common(
+    numbers: Sequence[Joint], share: Sequence[str] | None, calibrations: Sequence[Calibration]
+) -> None:
     common = {number.name for number in numbers if len(number.members) > 1}
     lacking = [name for name in share or () if name not in common]
     if lacking or not common:
         raise InputError(
-            f"The calibrations have no {lacking[0]} in common." if lacking else "The calibrations share nothing.",
+            f"The calibrations have no {lacking[0]} in common."
+            if lacking
+            else "The calibrations share nothing.",
             expected="a parameter of two or more calibrations; a gain: of the same model, response unit and reference",
-            found="; ".join(f"{c.model}, response in {c.response_unit}, reference {c.quantity}" for c in calibrations),
+            found="; ".join(
+                f"{c.model}, response in {c.response_unit}, reference {c.quantity}"
+                for c in calibrations
+            ),
             where="share",
             remedy="share other parameters, or identify these calibrations one by one",
         )

@@ -104,7 +104,9 @@ def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
         if sine and tones is not None:
             continue
         factors = band_factors(bins, sine=sine, least=_of_rounding(record, bins, response))
-        points += [] if factors is None else [factor_points(factors, record, bins.samples, response)]
+        points += (
+            [] if factors is None else [factor_points(factors, record, bins.samples, response)]
+        )
         shares.append(_powers(evidence, record, bins, model.delay_s(values)))
     decays = decay_deviations(evidence.records, model, values)
     adequacy = assess(points, len(estimate.z), decays)
@@ -113,7 +115,10 @@ def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
     birge = _birge(estimate, points, adequacy, decays)
     text, share = _misfit(adequacy, points, response, decays), shares_of(shares)
     if share.lacking:
-        adequacy, text = replace(adequacy, adequate=False), str(share) if adequacy.adequate else f"{text} {share}"
+        adequacy, text = (
+            replace(adequacy, adequate=False),
+            str(share) if adequacy.adequate else f"{text} {share}",
+        )
     return Judgement(
         adequacy,
         text,
@@ -123,12 +128,16 @@ def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
         weights=weights,
         tones=tones,
         points=tuple(points),
-        found=tuple(effects_of_steps(evidence.records, predicted, response, adequacy)) if model.is_linear else (),
+        found=tuple(effects_of_steps(evidence.records, predicted, response, adequacy))
+        if model.is_linear
+        else (),
         shares=share,
     )
 
 
-def weighed_records(evidence: Evidence, estimate: Estimate, predicted: Sequence[FloatArray]) -> Iterator[Weighed]:
+def weighed_records(
+    evidence: Evidence, estimate: Estimate, predicted: Sequence[FloatArray]
+) -> Iterator[Weighed]:
     """Yield records with a reference, or their segments, in the noise at the estimate.
 
     ``predicted``: response of each record, NaN where it is not defined.
@@ -162,7 +171,9 @@ def _powers(evidence: Evidence, record: Record, bins: Weighed, delay_s: float) -
 def _powers_of_tones(tones: MeasuredResponse, response: Response) -> FloatArray:
     """What sines say of the shares of the response's power."""
     left = tones.response - response(tones.frequency_hz) * tones.reference
-    return _summed(power_of(tones.response), power_of(left), 2.0 * tones.error_deviation(response) ** 2)
+    return _summed(
+        power_of(tones.response), power_of(left), 2.0 * tones.error_deviation(response) ** 2
+    )
 
 
 def _summed(power: FloatArray, left: FloatArray, noise: FloatArray) -> FloatArray:
@@ -179,7 +190,12 @@ def _tones(evidence: Evidence, estimate: Estimate, values: dict[str, float]) -> 
     return residual_tones(evidence, problem, estimate.coordinates, estimate.z, predicted)
 
 
-def _birge(estimate: Estimate, points: Sequence[Points], adequacy: Adequacy, decays: Sequence[DecayDeviation]) -> float:
+def _birge(
+    estimate: Estimate,
+    points: Sequence[Points],
+    adequacy: Adequacy,
+    decays: Sequence[DecayDeviation],
+) -> float:
     """By how much the deviations exceed what the estimate's own covariance allows for: √(χ²/dof), at least one.
 
     Equal weights hold a record's whole residual, misfit and all, and a deviation is compared with what that allows.
@@ -187,12 +203,18 @@ def _birge(estimate: Estimate, points: Sequence[Points], adequacy: Adequacy, dec
     network = estimate.findings.network
     if network is None or network.weights != "white" or adequacy.degrees_of_freedom <= 0:
         return adequacy.birge
-    total = sum(float(np.sum(each.squares * each.unweighted)) for each in points if each.unweighted is not None)
+    total = sum(
+        float(np.sum(each.squares * each.unweighted))
+        for each in points
+        if each.unweighted is not None
+    )
     total += sum(decay.parts.chi2 for decay in decays)
     return float(np.sqrt(max(total / adequacy.degrees_of_freedom, 1.0)))
 
 
-def _misfit(adequacy: Adequacy, points: list[Points], response: Any, decays: Sequence[DecayDeviation] = ()) -> str:
+def _misfit(
+    adequacy: Adequacy, points: list[Points], response: Any, decays: Sequence[DecayDeviation] = ()
+) -> str:
     """The warning that an inadequate model gets."""
     if not points:
         return (
@@ -237,12 +259,16 @@ def _worst(points: list[Points], response: Any) -> str:
     return f", most at {frequency[index]:.4g} Hz, where model and measurement differ by {off:.2g} %"
 
 
-def _predict(evidence: Evidence, estimate: Estimate) -> tuple[tuple[FloatArray, ...], dict[str, Any]]:
+def _predict(
+    evidence: Evidence, estimate: Estimate
+) -> tuple[tuple[FloatArray, ...], dict[str, Any]]:
     """Predicted responses by the network with exact weights (or those it was trained with), and its Table 1."""
     step = estimate.findings.method
     values = estimate.coordinates.values(estimate.z)
     try:
-        problem = estimate.problem or network_of(evidence.records, evidence.model, step, evidence.quantity, values)
+        problem = estimate.problem or network_of(
+            evidence.records, evidence.model, step, evidence.quantity, values
+        )
     except InputError:  # all records are too short to interpolate: only the tones remain
         return tuple(np.full(r.samples, np.nan) for r in evidence.records), {}
     predicted = estimate.predicted or tuple(problem.predict(estimate.coordinates, estimate.z))
@@ -251,8 +277,12 @@ def _predict(evidence: Evidence, estimate: Estimate) -> tuple[tuple[FloatArray, 
     first = Weights(*(np.asarray(weight)[0] for weight in problem.weights(values)))
     scale = evidence.model.rational(values, evidence.quantity).angular_scale
     try:
-        table = weight_table(first, scale ** np.arange(problem.frame.order))  # in the paper's states V, V̇
-    except np.linalg.LinAlgError:  # a sensor that forgets its state within a sample has no W2 = C Φ⁻¹
+        table = weight_table(
+            first, scale ** np.arange(problem.frame.order)
+        )  # in the paper's states V, V̇
+    except (
+        np.linalg.LinAlgError
+    ):  # a sensor that forgets its state within a sample has no W2 = C Φ⁻¹
         return predicted, {}
     return predicted, {
         **table,
@@ -267,7 +297,9 @@ def judge_decays(evidence: Evidence, estimate: Estimate) -> Judgement:
 
     predicted, verdict, text = free.predicted(evidence, estimate), *free.lack_of_fit(estimate)
     adequacy = Adequacy(np.zeros(0), np.zeros(0, dtype=complex), np.zeros(0), (), *verdict)
-    return Judgement(adequacy, text, adequacy.birge, predicted, signals=_excerpts(evidence, predicted))
+    return Judgement(
+        adequacy, text, adequacy.birge, predicted, signals=_excerpts(evidence, predicted)
+    )
 
 
 def judge_table(evidence: Evidence, estimate: Estimate) -> Judgement:
@@ -282,7 +314,9 @@ def judge_table(evidence: Evidence, estimate: Estimate) -> Judgement:
     measured = _is_the_measurement(evidence, degrees, table.frequency_hz)
     adequate = measured or (degrees > 0 and chance >= REJECTION)
     if table.magnitude_uncertainty is None:
-        scatter = 1e8 if chi2 is None else float(np.sqrt(chi2))  # where nothing tells it: the points say nothing
+        scatter = (
+            1e8 if chi2 is None else float(np.sqrt(chi2))
+        )  # where nothing tells it: the points say nothing
         order = np.argsort(table.frequency_hz, kind="stable")
         n = table.points
         parts = [residual[:n][order]] + ([residual[n:][order]] if problem.has_phase else [])
@@ -305,9 +339,13 @@ def judge_table(evidence: Evidence, estimate: Estimate) -> Judgement:
     if not problem.has_phase:
         left = size - np.abs(model)
     names = (table.provenance.file or "table",) * table.points
-    relative = problem.relative_deviation if scatter is None else problem.relative_deviation * scatter
+    relative = (
+        problem.relative_deviation if scatter is None else problem.relative_deviation * scatter
+    )
     turn = np.asarray(problem.data[4]) * (scatter or 1.0)
-    adequacy = Adequacy(table.frequency_hz, table.response, relative, names, chi2, degrees, adequate, turn, chance)
+    adequacy = Adequacy(
+        table.frequency_hz, table.response, relative, names, chi2, degrees, adequate, turn, chance
+    )
     noise = (1.0 + problem.has_phase) * (adequacy.relative_deviation * size) ** 2
     share = shares_of([_summed(size**2, np.abs(left) ** 2, noise)])
     return Judgement(adequacy, text, adequacy.birge, scatter=scatter, shares=share)

@@ -75,11 +75,15 @@ class Fitted:
     def once(self, evidence: Evidence) -> Fitted:
         """The same estimator's of other data, by a single fit from their start values."""
         estimate, judgement = _once(evidence, self.estimator, self.progress)
-        return replace(self, evidence=evidence, estimate=estimate, judgement=judgement, departures=None)
+        return replace(
+            self, evidence=evidence, estimate=estimate, judgement=judgement, departures=None
+        )
 
     def at(self, estimate: Estimate) -> Fitted:
         """The same data judged at another estimate."""
-        return replace(self, estimate=estimate, judgement=judged(self.evidence, estimate), departures=None)
+        return replace(
+            self, estimate=estimate, judgement=judged(self.evidence, estimate), departures=None
+        )
 
     def with_evidence(self, evidence: Evidence) -> Fitted:
         """Return the same estimate judged by evidence with other effects or findings."""
@@ -119,7 +123,9 @@ def judged(evidence: Evidence, estimate: Estimate) -> Judgement:
     return allowing_for_effects(evidence, estimate, judge(evidence, estimate))
 
 
-def _once(evidence: Evidence, estimator: Estimator, progress: Progress) -> tuple[Estimate, Judgement]:
+def _once(
+    evidence: Evidence, estimator: Estimator, progress: Progress
+) -> tuple[Estimate, Judgement]:
     """An estimate, or what takes its place where it is rejected, and what that says of the data."""
     longest = max((record.samples for record in evidence.records), default=0)
     give_back_after(longest)
@@ -129,7 +135,10 @@ def _once(evidence: Evidence, estimator: Estimator, progress: Progress) -> tuple
     estimate = canonically_labelled(found)
     judgement = judged(evidence, estimate)
     give_back_after(longest)
-    if judgement.adequacy.adequate or (other := estimator.where_rejected(evidence, found, progress)) is None:
+    if (
+        judgement.adequacy.adequate
+        or (other := estimator.where_rejected(evidence, found, progress)) is None
+    ):
         return estimate, judgement
     other = canonically_labelled(other)
     again = judged(evidence, other)

@@ -43,23 +43,10 @@ def at_one_clock(fitted: Fitted) -> Fitted:
         fitted = replace(fitted, departures=departures_of(fitted))
         if fitted.adequate and not _names(fitted) & {CLOCKS.name, CHANGE}:
             return fitted
-    best, u = fitted, math.inf
-    for number in range(MAX_ROUNDS):
-        step = _step(best)
-        if step is None:
-            break
-        change, u = step
-        if number == 0 and best.adequate and not known and abs(change) < MIN_SIGMA * u:
-            return fitted
-        if abs(change) < SETTLED * u:
-            break
-        steps = [change]
-        if number == 0 and not best.adequate:  # ε may be beyond first order
-            steps = [*filter(None, [_nearby(best)]), change]
-        other = next(filter(None, (_better(best, step) for step in steps)), None)
-        if other is None:
-            break
-        best = other
+    settled = _settled(fitted, known)
+    if settled is None:
+        return fitted
+    best, u = settled
     offset = best.evidence.clock_offset
     if best.adequate and abs(offset) > MIN_SIGMA * u and CHANGE not in _names(best):
         return _stated(best, offset, u)
@@ -69,6 +56,31 @@ def at_one_clock(fitted: Fitted) -> Fitted:
     if other is None or not (other.adequate or other.chi2 < best.chi2):
         return _stated(best, offset, u)
     return at_one_clock(other)
+
+
+def _settled(fitted: Fitted, known: bool) -> tuple[Fitted, float] | None:
+    """Return the fit at the ε that its score leads to, and u(ε); None where ε is nothing.
+
+    ``known``: whether the fit is at an ε of its own already.
+    """
+    best, u = fitted, math.inf
+    for number in range(MAX_ROUNDS):
+        step = _step(best)
+        if step is None:
+            break
+        change, u = step
+        if number == 0 and best.adequate and not known and abs(change) < MIN_SIGMA * u:
+            return None
+        if abs(change) < SETTLED * u:
+            break
+        steps = [change]
+        if number == 0 and not best.adequate:  # ε may be beyond first order
+            steps = [*filter(None, [_nearby(best)]), change]
+        other = next(filter(None, (_better(best, step) for step in steps)), None)
+        if other is None:
+            break
+        best = other
+    return best, u
 
 
 def _better(fitted: Fitted, change: float) -> Fitted | None:
@@ -172,7 +184,10 @@ def _pattern(records: Sequence[Record]) -> tuple[tuple[float, float, float], ...
         motion = np.where(record.reference_mask, record.reference, 0.0)
         motion = motion - motion.mean()
         x, moment = (np.asarray(np.fft.rfft(v)) for v in (motion, motion * record.time_s))
-        sums = [np.add.reduceat(v[: edges[-1]], edges[:-1]) for v in (power_of(x), np.real(np.conj(x) * moment))]
+        sums = [
+            np.add.reduceat(v[: edges[-1]], edges[:-1])
+            for v in (power_of(x), np.real(np.conj(x) * moment))
+        ]
         hz.append(0.5 * (edges[1:] + edges[:-1]) * record.sampling_rate_hz / record.samples)
         power.append(sums[0])
         late.append(sums[1])

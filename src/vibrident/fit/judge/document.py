@@ -42,10 +42,15 @@ Uncertainty = Literal["auto", "noise", "inflated"]
 def own_rows(fitted: Fitted, uncertainty: Uncertainty) -> list[BudgetRow]:
     """The budget of a calibration by itself: its data, then each systematic effect."""
     covariance, freedom, scope = _scaled(fitted, uncertainty)
-    return [BudgetRow(scope, DATA, None, "", freedom, covariance), *rows_of_effects(fitted.effects, fitted.linear)]
+    return [
+        BudgetRow(scope, DATA, None, "", freedom, covariance),
+        *rows_of_effects(fitted.effects, fitted.linear),
+    ]
 
 
-def document(fitted: Fitted, rows: Sequence[BudgetRow], more: Sequence[ResultWarning] = ()) -> Result:
+def document(
+    fitted: Fitted, rows: Sequence[BudgetRow], more: Sequence[ResultWarning] = ()
+) -> Result:
     """The result of a calibration whose uncertainty consists of these rows; ``more`` warnings follow its own."""
     evidence, estimate, judgement = fitted.evidence, fitted.estimate, fitted.judgement
     calibration, model, coordinates = evidence.calibration, evidence.model, estimate.coordinates
@@ -60,10 +65,18 @@ def document(fitted: Fitted, rows: Sequence[BudgetRow], more: Sequence[ResultWar
     table = parameter_table(coordinates, estimate.z, total, freedom, unit_fields(calibration), weak)
     profile = _profile(fitted, by_data, coverage_factor(freedom))
     if profile is not None:
-        table, widened = with_profile(table, profile, coordinates, total - by_data, coverage_factor(freedom))
-        doubts = [w for w in doubts if not any(f"determine the {in_words(name)}:" in w.message for name in widened)]
+        table, widened = with_profile(
+            table, profile, coordinates, total - by_data, coverage_factor(freedom)
+        )
+        doubts = [
+            w
+            for w in doubts
+            if not any(f"determine the {in_words(name)}:" in w.message for name in widened)
+        ]
         doubts += [ResultWarning("weakly_determined", text) for text in widened.values()]
-    warnings = _warnings(fitted, table, [w for one in fitted.told for w in one.warnings] + doubts + list(more), scope)
+    warnings = _warnings(
+        fitted, table, [w for one in fitted.told for w in one.warnings] + doubts + list(more), scope
+    )
     response, measured = _curves(fitted, total)
     points = point_budget(measured, fitted.effects, fitted.linear)
     result = Result(
@@ -77,8 +90,12 @@ def document(fitted: Fitted, rows: Sequence[BudgetRow], more: Sequence[ResultWar
             "coverage_factor": coverage_factor(freedom),
             "effective_degrees_of_freedom": freedom,
             "reference_standard_uncertainty": calibration.reference_standard_uncertainty,
-            "uncertainty_budget": as_settings(rows, model.parameter_names, coordinates.slopes(estimate.z)),
-            "start": dict(zip(model.parameter_names, np.asarray(coordinates.start).tolist(), strict=True)),
+            "uncertainty_budget": as_settings(
+                rows, model.parameter_names, coordinates.slopes(estimate.z)
+            ),
+            "start": dict(
+                zip(model.parameter_names, np.asarray(coordinates.start).tolist(), strict=True)
+            ),
             "estimator_choice": fitted.reason,
             **({"point_budget": points} if points else {}),
         },
@@ -119,7 +136,11 @@ def _profile(fitted: Fitted, by_data: FloatArray, coverage: float) -> Profile | 
     """Return the profile likelihood of the response, where χ² is no parabola; None elsewhere."""
     evidence, estimate, judgement = fitted.evidence, fitted.estimate, fitted.judgement
     coordinates, adequacy = estimate.coordinates, judgement.adequacy
-    linear = coordinates.model.is_linear and evidence.first_look is not None and len(adequacy.frequency_hz) > 0
+    linear = (
+        coordinates.model.is_linear
+        and evidence.first_look is not None
+        and len(adequacy.frequency_hz) > 0
+    )
     if not linear or not adequacy.adequate or not needs_profile(coordinates, estimate.z, by_data):
         return None
     problem = evidence.first_look if evidence.calibration.table is not None else None
@@ -151,17 +172,27 @@ def _curves(fitted: Fitted, covariance: FloatArray) -> tuple[Curve, MeasuredCurv
     if not evidence.model.has_gain:
         return Curve.none(), MeasuredCurve.none()
     reference_hz = calibration.certificate.get("reference_frequency_hz")
-    band = frequencies(evidence.band_hz, fitted.judgement.adequacy.frequency_hz.tolist(), reference_hz)
+    band = frequencies(
+        evidence.band_hz, fitted.judgement.adequacy.frequency_hz.tolist(), reference_hz
+    )
     band = with_resonances(band, evidence.model.rational(fitted.values))
-    return curve(estimate.coordinates, estimate.z, covariance, calibration.quantity, band), measured_curve(fitted)
+    return curve(
+        estimate.coordinates, estimate.z, covariance, calibration.quantity, band
+    ), measured_curve(fitted)
 
 
 def _seen(fitted: Fitted) -> dict[str, Any]:
     """How much of each effect the data show, in its u; a model that explains all; the quality of optical signals."""
     judgement = fitted.judgement
-    amounts = [{"source": e.source, "kind": e.kind, "amount_in_u": size} for e, size in judgement.effects]
+    amounts = [
+        {"source": e.source, "kind": e.kind, "amount_in_u": size} for e, size in judgement.effects
+    ]
     records = fitted.evidence.calibration.records
-    optical = {record.name: record.optical.as_settings() for record in records if record.optical is not None}
+    optical = {
+        record.name: record.optical.as_settings()
+        for record in records
+        if record.optical is not None
+    }
     found = {"systematic_effects_seen": amounts, "explained_by": judgement.explained_by}
     found |= {"interferometer": optical, "clock_offset": fitted.evidence.clock_offset}
     found |= {"known_responses": _known_responses(fitted.evidence)}
@@ -188,9 +219,15 @@ def _scaled(fitted: Fitted, choice: Uncertainty) -> tuple[np.ndarray, float, str
     if judgement.scatter is not None:
         scatter = "the scatter of the points (no uncertainty was stated)"
         if adequacy.degrees_of_freedom <= 0:
-            nothing = "nothing: no uncertainty is stated, and no point is left to judge the scatter by"
+            nothing = (
+                "nothing: no uncertainty is stated, and no point is left to judge the scatter by"
+            )
             return estimate.covariance * judgement.scatter**2, float("inf"), nothing
-        return estimate.covariance * judgement.scatter**2, float(max(adequacy.degrees_of_freedom, 1)), scatter
+        return (
+            estimate.covariance * judgement.scatter**2,
+            float(max(adequacy.degrees_of_freedom, 1)),
+            scatter,
+        )
     error = estimate.findings.model_error
     if error is not None:
         text = f"noise and a relative model error of {100 * error:.3g} %, as large as the deviations demand"
@@ -198,7 +235,11 @@ def _scaled(fitted: Fitted, choice: Uncertainty) -> tuple[np.ndarray, float, str
     unasked = choice == "auto" and bool(evidence.records) and not adequacy.adequate
     if (choice == "inflated" or unasked) and judgement.birge > 1.0:
         text = f"noise, scaled by the Birge ratio {judgement.birge:.3g}, as the deviations demand"
-        return estimate.covariance * judgement.birge**2, float(max(adequacy.degrees_of_freedom, 1)), text
+        return (
+            estimate.covariance * judgement.birge**2,
+            float(max(adequacy.degrees_of_freedom, 1)),
+            text,
+        )
     if fitted.phase_by_scatter:
         return estimate.covariance, freedom, f"stated uncertainties; {PHASE_BY_SCATTER}"
     return estimate.covariance, freedom, "noise" if evidence.records else "stated uncertainties"
@@ -246,7 +287,11 @@ def _training(estimate: Estimate) -> Training:
     trace, begin = estimate.trace, estimate.begin
     names = estimate.coordinates.model.parameter_names
     keep = distinct(np.linspace(0, len(trace.costs) - 1, min(len(trace.costs), 400)).astype(int))
-    before = () if begin is None or trace.optimiser == "adam" else _shown(begin.costs, begin.equations, begin.path)
+    before = (
+        ()
+        if begin is None or trace.optimiser == "adam"
+        else _shown(begin.costs, begin.equations, begin.path)
+    )
     path = [estimate.coordinates.values(trace.coordinates[i]) for i in keep]
     own = _shown([trace.costs[i] for i in keep], estimate.equations, path)
     return Training(
@@ -254,7 +299,9 @@ def _training(estimate: Estimate) -> Training:
         status=trace.status,
         iterations=len(before) + len(trace.costs),
         loss=tuple(cost for cost, _ in (*before, *own)),
-        parameters={name: tuple(float(point[name]) for _, point in (*before, *own)) for name in names},
+        parameters={
+            name: tuple(float(point[name]) for _, point in (*before, *own)) for name in names
+        },
         weighting_changes=tuple(
             len(before) + int(np.searchsorted(keep, change))
             for change in ((0, *trace.changes) if before else trace.changes)

@@ -77,11 +77,17 @@ def _others(fitted: Fitted, covariance: FloatArray) -> list[ResultWarning]:
         sought = sought_response(problem).scaled(judgement.scatter or 1.0)
     else:
         deviation = points.relative_deviation
-        sought = TargetFRF(points.frequency_hz, points.measured, deviation, deviation, has_phase=True, polar=False)
+        sought = TargetFRF(
+            points.frequency_hz, points.measured, deviation, deviation, has_phase=True, polar=False
+        )
     spread = np.abs(coordinates.slopes(z)) * deviations(covariance)
-    found = Solution(fitted.values, dict(zip(coordinates.model.parameter_names, spread.tolist(), strict=True)))
+    found = Solution(
+        fitted.values, dict(zip(coordinates.model.parameter_names, spread.tolist(), strict=True))
+    )
     units = parameter_units(evidence.model, evidence.calibration)
-    return list(other_solutions(coordinates.model, evidence.quantity, sought, found, estimate.begin, units))
+    return list(
+        other_solutions(coordinates.model, evidence.quantity, sought, found, estimate.begin, units)
+    )
 
 
 def _reference_noise(estimate: Estimate) -> list[ResultWarning]:
@@ -107,9 +113,21 @@ def _misread(evidence: Evidence, estimate: Estimate, remedied: float | None) -> 
     for text, other in _readings(problem, evidence.calibration.table):
         cost, _ = _cost(other, evidence.model, most=most)
         ratio = declared / max(cost, np.finfo(float).tiny)
-        worse = remedied is not None and f_tail(1, freedom, (cost - remedied) * freedom / max(remedied, 1.0)) < CHANCE
-        if ratio > BETTER and cost < WELL and f_tail(freedom, freedom, ratio) < CHANCE and not worse:
-            return [ResultWarning("units_suspect", f"{text} (χ²/dof {cost:.3g} in place of {declared:.3g}).")]
+        worse = (
+            remedied is not None
+            and f_tail(1, freedom, (cost - remedied) * freedom / max(remedied, 1.0)) < CHANCE
+        )
+        if (
+            ratio > BETTER
+            and cost < WELL
+            and f_tail(freedom, freedom, ratio) < CHANCE
+            and not worse
+        ):
+            return [
+                ResultWarning(
+                    "units_suspect", f"{text} (χ²/dof {cost:.3g} in place of {declared:.3g})."
+                )
+            ]
     return []
 
 
@@ -128,7 +146,11 @@ def _cost(
 def _in_angular_frequencies(table: ResponseTable | None) -> bool:
     """Whether the frequencies are 2π times those of the one-third-octave series; five of them are so by no chance."""
     frequencies = np.zeros(0) if table is None else distinct(table.frequency_hz)
-    return len(frequencies) >= 5 and not _nominal(frequencies) and _nominal(frequencies / (2.0 * np.pi))
+    return (
+        len(frequencies) >= 5
+        and not _nominal(frequencies)
+        and _nominal(frequencies / (2.0 * np.pi))
+    )
 
 
 def _nominal(frequency_hz: FloatArray) -> bool:
@@ -139,7 +161,9 @@ def _nominal(frequency_hz: FloatArray) -> bool:
     return bool(np.all(off < 2e-3))
 
 
-def _readings(problem: FrequencyProblem, table: ResponseTable | None) -> Iterator[tuple[str, FrequencyProblem]]:
+def _readings(
+    problem: FrequencyProblem, table: ResponseTable | None
+) -> Iterator[tuple[str, FrequencyProblem]]:
     """The same data with phase in the other unit, of the other sign, as decibels, with channels exchanged, or of
     another reference quantity."""
     if table is not None:
@@ -156,7 +180,9 @@ def _readings(problem: FrequencyProblem, table: ResponseTable | None) -> Iterato
                 yield text, replace(problem, quantity=quantity)
 
 
-def _readings_of_table(problem: FrequencyProblem, table: ResponseTable) -> Iterator[tuple[str, FrequencyProblem]]:
+def _readings_of_table(
+    problem: FrequencyProblem, table: ResponseTable
+) -> Iterator[tuple[str, FrequencyProblem]]:
     frequency, magnitude, phase, magnitude_u, phase_u = problem.data
     if problem.has_phase:
         for text, factor in (
@@ -166,14 +192,23 @@ def _readings_of_table(problem: FrequencyProblem, table: ResponseTable) -> Itera
             # Values without a stated uncertainty keep their weight.
             other_u = phase_u if table.phase_uncertainty_rad is None else factor * phase_u
             if np.median(other_u) < 0.5:  # any phase fits within an uncertainty of a turn
-                yield text, replace(problem, data=(frequency, magnitude, factor * phase, magnitude_u, other_u))
+                yield (
+                    text,
+                    replace(
+                        problem, data=(frequency, magnitude, factor * phase, magnitude_u, other_u)
+                    ),
+                )
         text = "The phases fit far better with the other sign: here a lag is negative"
         yield text, replace(problem, data=(frequency, magnitude, -phase, magnitude_u, phase_u))
     root, relative_u = np.sqrt(magnitude), magnitude_u / magnitude
     text = "The magnitudes fit far better as their square root: are they of power?"
     yield text, replace(problem, data=(frequency, root, phase, 0.5 * relative_u * root, phase_u))
-    if np.max(magnitude) < 400.0 and np.ptp(magnitude) > 3.0:  # any small numbers look like levels of a flat response
+    if (
+        np.max(magnitude) < 400.0 and np.ptp(magnitude) > 3.0
+    ):  # any small numbers look like levels of a flat response
         ratio = 10.0 ** (magnitude / 20.0)
         text = "The magnitudes fit far better as decibels: the column wants the ratio itself, not its level"
-        relative_u = relative_u if table.magnitude_uncertainty is None else magnitude_u * np.log(10.0) / 20.0
+        relative_u = (
+            relative_u if table.magnitude_uncertainty is None else magnitude_u * np.log(10.0) / 20.0
+        )
         yield text, replace(problem, data=(frequency, ratio, phase, ratio * relative_u, phase_u))

@@ -38,7 +38,9 @@ def allowing_for_effects(evidence: Evidence, estimate: Estimate, judgement: Judg
     effects, adequacy = all_effects(evidence, judgement), judgement.adequacy
     if not effects or not len(adequacy.frequency_hz) or adequacy.degrees_of_freedom <= 0:
         return judgement
-    if not evidence.model.is_linear or (adequacy.chi2_reduced is None and judgement.scatter is None):
+    if not evidence.model.is_linear or (
+        adequacy.chi2_reduced is None and judgement.scatter is None
+    ):
         return judgement
     linear = linearised(evidence, estimate, judgement)
     shape = patterns(effects, linear, adequacy.frequency_hz)
@@ -48,7 +50,9 @@ def allowing_for_effects(evidence: Evidence, estimate: Estimate, judgement: Judg
     if found is None:
         return judgement
     allowed = replace(judgement, effects=tuple(zip(effects, found.amounts.tolist(), strict=True)))
-    if adequacy.chi2_reduced is None:  # no uncertainty was stated: the scatter of the points is all there is
+    if (
+        adequacy.chi2_reduced is None
+    ):  # no uncertainty was stated: the scatter of the points is all there is
         return allowed
     deviations, degrees = weighted(estimate.z, np.zeros(len(shape))), adequacy.degrees_of_freedom
     before = adequacy.chi2_reduced * degrees
@@ -61,7 +65,9 @@ def allowing_for_effects(evidence: Evidence, estimate: Estimate, judgement: Judg
         allowed,
         adequacy=replace(adequacy, chi2_reduced=chi2 / degrees, adequate=adequate),
         lack_of_fit=text,
-        birge=max(judgement.birge * float(np.sqrt(chi2 / before)), 1.0) if before > 0 else judgement.birge,
+        birge=max(judgement.birge * float(np.sqrt(chi2 / before)), 1.0)
+        if before > 0
+        else judgement.birge,
     )
 
 
@@ -87,7 +93,9 @@ def _misfit(judgement: Judgement, chi2_reduced: float) -> str:
 def _beyond(effects: Sequence[SystematicEffect], found: Explained) -> str:
     index = int(np.argmax(np.abs(found.amounts)))
     effect, size = effects[index], abs(float(found.amounts[index]))
-    seen, stated = (amount(times * effect.standard_uncertainty, effect.unit, 3) for times in (size, 1.0))
+    seen, stated = (
+        amount(times * effect.standard_uncertainty, effect.unit, 3) for times in (size, 1.0)
+    )
     return (
         f"The deviations have the shape of {effect.source} ({effect.kind}) of {seen}, {size:.2g} times the stated "
         f"standard uncertainty of {stated}: that is too small, or the model lacks something of the same shape."
@@ -115,7 +123,9 @@ def _deviations(evidence: Evidence, estimate: Estimate, judgement: Judgement) ->
             return (np.concatenate([radial, turn]) if problem.has_phase else radial) / scatter
 
         return of_table
-    weight = np.sqrt(shrunk(_freedom(judgement))) / (adequacy.relative_deviation * np.abs(adequacy.measured))
+    weight = np.sqrt(shrunk(_freedom(judgement))) / (
+        adequacy.relative_deviation * np.abs(adequacy.measured)
+    )
 
     def of_points(z: FloatArray, change: np.ndarray) -> FloatArray:
         error = weight * (adequacy.measured - model(z, change))

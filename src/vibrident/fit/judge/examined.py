@@ -115,15 +115,28 @@ def _that_matter(words: _Words) -> list[Together]:
 
 def _points(fitted: Fitted) -> PointsPart | None:
     """The response of a table or of sines; None for other motion, or where nothing is left to judge by."""
-    evidence, estimate, judgement, linear = fitted.evidence, fitted.estimate, fitted.judgement, fitted.linear
-    alone = evidence.calibration.table is not None or (evidence.only_sines and estimate.criterion != "samples")
+    evidence, estimate, judgement, linear = (
+        fitted.evidence,
+        fitted.estimate,
+        fitted.judgement,
+        fitted.linear,
+    )
+    alone = evidence.calibration.table is not None or (
+        evidence.only_sines and estimate.criterion != "samples"
+    )
     if not alone or not evidence.model.is_linear or judgement.adequacy.degrees_of_freedom <= 0:
         return None
     size, record = judgement.scatter or 1.0, judgement.adequacy.record
-    linear = replace(linear, matrix=linear.matrix / size, rest=linear.rest / size, weight=linear.weight / size)
+    linear = replace(
+        linear, matrix=linear.matrix / size, rest=linear.rest / size, weight=linear.weight / size
+    )
     shape = patterns(fitted.effects, linear, linear.frequency_hz)
-    common = np.where(linear.is_phase[:, None], np.imag(shape), np.real(shape)) * linear.weight[:, None]
-    transfer = evidence.model.frequency_response(fitted.values, linear.frequency_hz[: len(record)], "acceleration")
+    common = (
+        np.where(linear.is_phase[:, None], np.imag(shape), np.real(shape)) * linear.weight[:, None]
+    )
+    transfer = evidence.model.frequency_response(
+        fitted.values, linear.frequency_hz[: len(record)], "acceleration"
+    )
     freedom = [part.freedom for part in judgement.points]
     return PointsPart(
         linear,
@@ -161,21 +174,28 @@ class _Words:
         alone = len(group.found) == 1
         shift, doubt = (group.shift, group.doubt) if alone else (one.score.shift, one.score.doubt)
         without = self._values_without(shift)
-        impact = {n: 0.0 if self.admitted else float(v - without[n]) for n, v in self.fitted.values.items()}
+        impact = {
+            n: 0.0 if self.admitted else float(v - without[n])
+            for n, v in self.fitted.values.items()
+        }
         message = f"{_said(one)} {self._without(one, shift, doubt, 'it')}"
         return Finding(one.code, one.record, one.candidate.time_s, one.chance, impact, message)
 
     def warning(self, group: Together) -> ResultWarning:
         """One for all records of a group."""
         first, others = group.found[0], len({one.record for one in group.found}) - 1
-        kinds = {one.departure: one for one in reversed(group.found)}  # the most significant of each
+        kinds = {
+            one.departure: one for one in reversed(group.found)
+        }  # the most significant of each
         text = " ".join(_said(one) for one in sorted(kinds.values(), key=group.found.index))
         if others:
             text = f"{text} So it is in {others} more record{'s' if others > 1 else ''}."
         if first.code == "nonlinear" and not self.fitted.evidence.model.is_linear:
             return ResultWarning(first.code, f"{text} {BESIDE_ITS_MIDDLE}")
         them = "it" if len(group.found) == 1 else "them"
-        return ResultWarning(first.code, f"{text} {self._without(first, group.shift, group.doubt, them)}")
+        return ResultWarning(
+            first.code, f"{text} {self._without(first, group.shift, group.doubt, them)}"
+        )
 
     def _values_without(self, shift: FloatArray) -> dict[str, float]:
         """Values of the parameters without a shift, as far as a linearised fit tells."""
@@ -198,7 +218,10 @@ class _Words:
             return f"Where it is largest, it moves the {in_words(name)} by {moved}."
         stated, without = self.fitted.values[name], self._values_without(shift)[name]
         here, there = (stated, without) if self.admitted else (without, stated)
-        digits, unit = _digits(here, there), parameter_units(evidence.model, evidence.calibration)[name]
+        digits, unit = (
+            _digits(here, there),
+            parameter_units(evidence.model, evidence.calibration)[name],
+        )
         values = f"{amount(here, unit, digits)} in place of {amount(there, unit, digits)}"
         would = f"the {in_words(name)} would be {values} ({moved})."
         if self.admitted:

@@ -25,7 +25,9 @@ def measured_curve(fitted: Fitted) -> MeasuredCurve:
     noise = points.relative_deviation[order]
     turn = noise if points.phase_deviation is None else points.phase_deviation[order]
     shape = patterns(fitted.effects, linear, points.frequency_hz)
-    gain, phase = (np.sqrt(np.sum(part**2, axis=1))[order] for part in (np.real(shape), np.imag(shape)))
+    gain, phase = (
+        np.sqrt(np.sum(part**2, axis=1))[order] for part in (np.real(shape), np.imag(shape))
+    )
     off = deviation_uncertainty(linear, shape, fitted.judgement.scatter or 1.0)
     off = [part[order] for part in np.split(off, 2 if linear.is_phase.any() else 1)]
     ratio = _model_at(fitted, frequency) / measured
@@ -60,7 +62,9 @@ def measured_curve(fitted: Fitted) -> MeasuredCurve:
 
 def _model_at(fitted: Fitted, frequency_hz: FloatArray) -> np.ndarray:
     """Complex sensitivity of the model, shape (n,)."""
-    return fitted.evidence.model.frequency_response(fitted.values, frequency_hz, fitted.evidence.quantity)
+    return fitted.evidence.model.frequency_response(
+        fitted.values, frequency_hz, fitted.evidence.quantity
+    )
 
 
 def fit_of_signals(fitted: Fitted) -> Fit:
@@ -69,7 +73,9 @@ def fit_of_signals(fitted: Fitted) -> Fit:
     for record, series in zip(fitted.evidence.records, fitted.judgement.predicted, strict=True):
         used = record.mask & np.isfinite(series)
         response = record.response[used]
-        sums += _sums(response - series[used], response - response.mean() if used.any() else response)
+        sums += _sums(
+            response - series[used], response - response.mean() if used.any() else response
+        )
     return _metrics(sums, fitted)
 
 
@@ -84,7 +90,9 @@ def fit_of_table(fitted: Fitted) -> Fit:
 
 def _sums(residual: FloatArray, response: FloatArray) -> FloatArray:
     """Number of points, Σ |residual|, and the squares of residual and response about its mean."""
-    return np.array([residual.size, np.sum(np.abs(residual)), residual @ residual, response @ response])
+    return np.array(
+        [residual.size, np.sum(np.abs(residual)), residual @ residual, response @ response]
+    )
 
 
 def _metrics(sums: FloatArray, fitted: Fitted) -> Fit:

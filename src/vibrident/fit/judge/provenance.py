@@ -88,7 +88,11 @@ def _readers(files: Iterable[str]) -> tuple[str, ...]:
 
 def _plug_ins(fitted: Fitted, readers: Iterable[str]) -> dict[str, str]:
     """Return name → package with its version, of all that another package added."""
-    return {name: package for registry, name in _taking_part(fitted, readers) if (package := registry.package_of(name))}
+    return {
+        name: package
+        for registry, name in _taking_part(fitted, readers)
+        if (package := registry.package_of(name))
+    }
 
 
 def _taking_part(fitted: Fitted, readers: Iterable[str]) -> Iterator[tuple[Registry[Any], str]]:

@@ -42,7 +42,10 @@ def with_reference_named(fitted: Fitted) -> Fitted:
 
 def _said(fitted: Fitted) -> str:
     evidence, adequacy = fitted.evidence, fitted.judgement.adequacy
-    stated = "reference" in evidence.calibration.known_responses or evidence.calibration.quantity == "drive"
+    stated = (
+        "reference" in evidence.calibration.known_responses
+        or evidence.calibration.quantity == "drive"
+    )
     optical = any(record.optical is not None for record in evidence.records)
     few = 2 * len(adequacy.frequency_hz) - len(fitted.estimate.z) < FEWEST_FREE
     if fitted.adequate or stated or optical or few or not evidence.model.is_linear:
@@ -67,9 +70,14 @@ def _oscillator_that_explains(fitted: Fitted) -> tuple[float, float] | None:
     coordinates, adequacy = fitted.estimate.coordinates, fitted.judgement.adequacy
     hz, quantity = adequacy.frequency_hz, fitted.evidence.quantity
     own = fitted.estimate.z
-    lowest, highest = (float(part * end) for part, end in zip(REACH, (hz.min(), hz.max()), strict=True))
+    lowest, highest = (
+        float(part * end) for part, end in zip(REACH, (hz.min(), hz.max()), strict=True)
+    )
     ends = np.array([[lowest, MIN_DAMPING], [highest, MAX_DAMPING]])
-    bounds = [np.append(np.full(len(own), sign * np.inf), np.log(end)) for sign, end in zip((-1, 1), ends, strict=True)]
+    bounds = [
+        np.append(np.full(len(own), sign * np.inf), np.log(end))
+        for sign, end in zip((-1, 1), ends, strict=True)
+    ]
     tried = []
     for above in (True, False):
 
@@ -78,11 +86,17 @@ def _oscillator_that_explains(fitted: Fitted) -> tuple[float, float] | None:
             response = np.asarray(coordinates.model.frequency_response(values, hz, quantity))
             left = adequacy.measured * _oscillator(hz, x[len(own) :], above=above) / response
             error = np.log(left) / adequacy.relative_deviation
-            return np.nan_to_num(np.concatenate([error.real, error.imag]), nan=1e9, posinf=1e9, neginf=-1e9)
+            return np.nan_to_num(
+                np.concatenate([error.real, error.imag]), nan=1e9, posinf=1e9, neginf=-1e9
+            )
 
-        def descended(x: FloatArray, rounds: int, residual: Callable[[FloatArray], FloatArray] = residual) -> Any:
+        def descended(
+            x: FloatArray, rounds: int, residual: Callable[[FloatArray], FloatArray] = residual
+        ) -> Any:
             with np.errstate(all="ignore"):
-                return least_squares(residual, x, loss="cauchy", f_scale=WILD, bounds=bounds, max_nfev=rounds)
+                return least_squares(
+                    residual, x, loss="cauchy", f_scale=WILD, bounds=bounds, max_nfev=rounds
+                )
 
         places = itertools.product(np.geomspace(lowest, highest, PLACES + 2)[1:-1], DAMPINGS)
         begun = [descended(np.append(own, np.log(place)), FEW_ROUNDS) for place in places]

@@ -58,11 +58,16 @@ def with_phase_scatter(first: Fitted) -> Fitted:
         return first
     if table.magnitude_uncertainty is None or table.phase_uncertainty_rad is not None:
         return first
-    free, order = table.points - 0.5 * len(first.estimate.z), np.argsort(table.frequency_hz, kind="stable")
+    free, order = (
+        table.points - 0.5 * len(first.estimate.z),
+        np.argsort(table.frequency_hz, kind="stable"),
+    )
     provenance = replace(table.provenance, history=(*table.provenance.history, PHASE_BY_SCATTER))
     known = 1.0
     for _ in range(20 if free > 1.0 else 0):
-        turn = np.asarray(problem.residual(now.estimate.z, now.estimate.coordinates))[table.points :][order]
+        turn = np.asarray(problem.residual(now.estimate.z, now.estimate.coordinates))[
+            table.points :
+        ][order]
         scatter = float(np.sqrt(np.sum(turn**2) / free))
         if abs(scatter - known) < 0.01 * known or scatter == 0.0:
             return now if looks_random(turn) else first

@@ -48,10 +48,15 @@ def with_remedy(fitted: Fitted, fit_anew: Callable[[SensorModel], Fitted]) -> Fi
 
 def _may_be_the_model(found: Fitted) -> bool:
     """Whether the model may be at fault: not its discretisation, nor what no linear model explains."""
-    findings, few = found.estimate.findings, found.judgement.adequacy.degrees_of_freedom < LEAST_FREE
+    findings, few = (
+        found.estimate.findings,
+        found.judgement.adequacy.degrees_of_freedom < LEAST_FREE,
+    )
     network = findings.network
     plain_fit = (
-        findings.learned is None and (network is None or network.optimiser != "adam") and findings.method.is_exact
+        findings.learned is None
+        and (network is None or network.optimiser != "adam")
+        and findings.method.is_exact
     )
     if found.evidence.bands is not None:
         few |= found.judgement.explained < MIN_SHARE
@@ -76,7 +81,11 @@ def _tried(found: Fitted) -> Iterator[tuple[SensorModel, dict[str, float]]]:
 
 
 def _likely(
-    problem: FrequencyProblem, others: Sequence[SensorModel], own: float, model: SensorModel, values: dict[str, float]
+    problem: FrequencyProblem,
+    others: Sequence[SensorModel],
+    own: float,
+    model: SensorModel,
+    values: dict[str, float],
 ) -> Iterator[tuple[SensorModel, dict[str, float]]]:
     """Models that leave a tenth of χ²/ν or less, or little; and no more than 30 times what the best one leaves."""
     found, worth = [], min(max(own / 10.0, LITTLE), 0.5 * own)
@@ -92,7 +101,11 @@ def _likely(
 
 
 def _start(
-    problem: FrequencyProblem, other: SensorModel, model: SensorModel, values: dict[str, float], most: float
+    problem: FrequencyProblem,
+    other: SensorModel,
+    model: SensorModel,
+    values: dict[str, float],
+    most: float,
 ) -> Start | None:
     """A model at the points; of one that extends the present model, from there; None where its cost is above most."""
     asked = replace(problem, model=other, start=None)
@@ -108,7 +121,9 @@ def _inside(problem: FrequencyProblem, other: SensorModel, values: dict[str, flo
     """Whether no frequency is at the end of the range searched: out there it explains nothing."""
     coordinates = Coordinates.at(other, values, problem.band_hz)
     z, (low, high) = coordinates.first, coordinates.edges
-    return all(low[k] < z[k] < high[k] for k, spec in enumerate(other.parameters) if spec.kind == "log")
+    return all(
+        low[k] < z[k] < high[k] for k, spec in enumerate(other.parameters) if spec.kind == "log"
+    )
 
 
 def _others(evidence: Evidence) -> Iterator[list[list[SensorModel]]]:
@@ -116,7 +131,10 @@ def _others(evidence: Evidence) -> Iterator[list[list[SensorModel]]]:
 
     Of either those with as many parameters together, the fewest first.
     """
-    own, possible = evidence.model.name.split("+"), [addon for addon in ADD_ONS.values() if addon.force is None]
+    own, possible = (
+        evidence.model.name.split("+"),
+        [addon for addon in ADD_ONS.values() if addon.force is None],
+    )
     if evidence.bands is not None:  # broadband motion needs a network
         possible = [addon for addon in possible if addon.factor is None]
     more = [addon.name for addon in possible if addon.name not in own]
@@ -128,4 +146,7 @@ def _others(evidence: Evidence) -> Iterator[list[list[SensorModel]]]:
     for names in (one, two):
         models = (installed("+".join(parts)) for parts in names)
         linear = [model for model in models if model is not None and model.is_linear]
-        yield [[m for m in linear if len(m.parameters) == n] for n in sorted({len(m.parameters) for m in linear})]
+        yield [
+            [m for m in linear if len(m.parameters) == n]
+            for n in sorted({len(m.parameters) for m in linear})
+        ]

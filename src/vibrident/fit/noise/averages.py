@@ -30,7 +30,9 @@ def averaged_bins(bins: int) -> int:
     return max(int(AVERAGED_ROOTS * bins**0.5), MIN_AVERAGED_BINS)
 
 
-def mean_around(rows: FloatArray, width: int | NDArray[np.int_], nearest: int = NEAREST_BINS) -> FloatArray:
+def mean_around(
+    rows: FloatArray, width: int | NDArray[np.int_], nearest: int = NEAREST_BINS
+) -> FloatArray:
     """Return the mean over ``width`` bins on either side without the nearest; mirrored at the ends.
 
     Args:

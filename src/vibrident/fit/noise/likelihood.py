@@ -49,7 +49,9 @@ class Amounts(NamedTuple):
     shares: FloatArray
 
 
-def amounts_of(shapes: FloatArray, level: FloatArray, counts: FloatArray, known: FloatArray | float = 0.0) -> Amounts:
+def amounts_of(
+    shapes: FloatArray, level: FloatArray, counts: FloatArray, known: FloatArray | float = 0.0
+) -> Amounts:
     """Return the most likely amounts of shapes in levels.
 
     Args:

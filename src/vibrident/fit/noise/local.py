@@ -28,6 +28,8 @@ DEGREES = 3
 FALSE_BLOCK = 1e-3
 #: Blocks on either side that a level is averaged over.
 NEIGHBOURS = 2
+#: Part of the largest of the columns' products by which those that others span are kept regular.
+RIDGE = 1e-10
 #: Samples left out are found once what is still to explain is this part of what is not explained.
 FILLED = 1e-6
 #: Steps of conjugate gradients at most.
@@ -49,7 +51,9 @@ class SmoothColumns:
     share: float
 
     @classmethod
-    def beside(cls, motions: Sequence[ComplexArray], shape: tuple[int, int], share: float) -> SmoothColumns | None:
+    def beside(
+        cls, motions: Sequence[ComplexArray], shape: tuple[int, int], share: float
+    ) -> SmoothColumns | None:
         """Make the columns; None where so few bins tell nothing.
 
         Args:
@@ -134,7 +138,7 @@ class SmoothColumns:
         signal = self.in_blocks(rows)
         rest = signal - _explained(signal, self.leaks)
         left = signal - _explained(signal, self.every)
-        taken = np.sum(np.any(self.every, axis=-1), axis=-1)
+        taken = np.sum(power_of(self.every), axis=(-2, -1))
         squares = np.sum(power_of(left), axis=-1)[..., 0]
         freedom = np.maximum(self.share * width - taken, 1.0)
         level = self.share * squares / freedom
@@ -172,12 +176,14 @@ def _among(level: FloatArray, moving: BoolArray) -> FloatArray:
 
 
 def _orthonormal(columns: ComplexArray) -> ComplexArray:
-    """Return rows that span columns (…, m, w), zero where these depend on others."""
+    """Return rows that span columns (…, m, w), next to nothing where these depend on others.
+
+    By Cholesky's factor of their products, which takes less than half the time of eigenvalues.
+    """
     gram = columns @ np.conj(columns).swapaxes(-1, -2)
-    values, vectors = np.linalg.eigh(gram)
-    shown = values > 1e-10 * np.max(values, axis=-1, keepdims=True)
-    scale = np.where(shown, 1.0 / np.sqrt(np.where(shown, values, 1.0)), 0.0)
-    return (vectors * scale[..., None, :]).conj().swapaxes(-1, -2) @ columns
+    diagonal = np.einsum("...ii->...i", gram)
+    diagonal += RIDGE * np.max(diagonal.real, axis=-1, keepdims=True) + np.finfo(float).tiny
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(gram)) @ columns)
 
 
 def _explained(rows: ComplexArray, columns: ComplexArray) -> ComplexArray:

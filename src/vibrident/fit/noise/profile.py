@@ -20,5 +20,7 @@ def slow_profile(white: FloatArray, used: BoolArray) -> FloatArray:
     squares = np.add.reduceat(np.where(used, white**2, 0.0), edges[:-1])
     number = np.add.reduceat(used.astype(float), edges[:-1])
     mean = squares.sum() / number.sum()
-    level = np.where(number > 0.5 * np.diff(edges), squares / np.maximum(number, 1.0) / max(mean, 1e-300), 1.0)
+    level = np.where(
+        number > 0.5 * np.diff(edges), squares / np.maximum(number, 1.0) / max(mean, 1e-300), 1.0
+    )
     return np.interp(np.arange(white.size), 0.5 * (edges[1:] + edges[:-1]), np.maximum(level, 1e-3))

@@ -93,7 +93,9 @@ def without_common(
     leverage = np.empty(explained.shape)
     for begin in range(0, len(explained), MAX_BLOCKS):
         part = slice(begin, begin + MAX_BLOCKS)
-        explained[part], leverage[part] = _explained(explained[part], [column[part] for column in columns])
+        explained[part], leverage[part] = _explained(
+            explained[part], [column[part] for column in columns]
+        )
     left = rows.copy()
     explained = explained.reshape(records, -1)[:, : bins - 1]
     explained *= root[:, 1:]
@@ -110,7 +112,9 @@ def _unit(motion: ComplexArray) -> ComplexArray:
     return motion
 
 
-def _explained(rows: ComplexArray, motions: Sequence[ComplexArray]) -> tuple[ComplexArray, FloatArray]:
+def _explained(
+    rows: ComplexArray, motions: Sequence[ComplexArray]
+) -> tuple[ComplexArray, FloatArray]:
     """Return what motions explain of rows (N, w), and the leverage of each bin, shape (N, w)."""
     moments, products = _basis(rows.shape[1])
     table = products.reshape(-1, 2 * DEGREES - 1)

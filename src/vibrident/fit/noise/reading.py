@@ -12,7 +12,7 @@ this. What is read is the part of the residual that is locally incoherent with t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -90,19 +90,48 @@ class GroupNoise:
         return level * self.colour
 
 
-class _Rows(NamedTuple):
-    """Some of the records: arguments of :func:`read_noise`, ``through`` (1, K) if alike."""
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """Residuals of R records of one length and rate, and what is known beside them.
+
+    Attributes:
+        residual: measured less predicted response, shape (R, K); bin 0 does not count.
+        predicted: the model's response, shape (R, K).
+        count: samples used, shape (R,).
+        floor: lower limits of the levels, shape (R,).
+        through: g |H|², shape (1, K) where it is one of all, or (R, K); None without a reference.
+        reference: shape (R, K); None where the prediction alone says what is motion.
+        passed: H times the reference, bin by bin, shape (R, K); None: that is the prediction. With
+            initial states in it, what leaks into both would cancel, and leave the noise.
+        heard: bins at which motion shows in the response without any model, shape (R, K): there
+            alone what is coherent with the motion is no noise. None: where the response is loud.
+        lines: bins whose remainder is the motion's, too, and no hum, shape (R, K); None: no others.
+        fitted: count of numbers that were fitted to each record, shape (R,); None: none.
+    """
 
     residual: ComplexArray
     predicted: ComplexArray
-    reference: ComplexArray | None
-    through: FloatArray | None
     count: FloatArray
     floor: FloatArray
-    heard: BoolArray | None
-    passed: ComplexArray
-    lines: BoolArray
-    fitted: FloatArray
+    through: FloatArray | None = None
+    reference: ComplexArray | None = None
+    passed: ComplexArray | None = None
+    heard: BoolArray | None = None
+    lines: BoolArray | None = None
+    fitted: FloatArray | None = None
+
+    def some(self, part: slice) -> Residuals:
+        """Return some of the records."""
+        rows = {field.name: getattr(self, field.name) for field in fields(self)}
+        shared = {"through"} if self.through is not None and len(self.through) == 1 else set()
+        return replace(
+            self,
+            **{
+                name: array[part]
+                for name, array in rows.items()
+                if array is not None and name not in shared
+            },
+        )
 
 
 class _InputNoise(NamedTuple):
@@ -135,57 +164,18 @@ class _Read(NamedTuple):
     freedom: FloatArray
 
 
-def read_noise(
-    residual: ComplexArray,
-    predicted: ComplexArray,
-    reference: ComplexArray | None,
-    through: FloatArray | None,
-    count: FloatArray,
-    floor: FloatArray,
-    last: int,
-    colour: FloatArray | float = 1.0,
-    heard: BoolArray | None = None,
-    passed: ComplexArray | None = None,
-    lines: BoolArray | bool = False,
-    fitted: FloatArray | None = None,
-) -> GroupNoise:
+def read_noise(rows: Residuals, last: int, colour: FloatArray | float = 1.0) -> GroupNoise:
     """Read the noise of records of one length and rate.
 
     Args:
-        residual: measured less predicted response, shape (R, K); bin 0 does not count.
-        predicted: the model's response, shape (R, K).
-        reference: shape (R, K); None where the prediction alone says what is motion.
-        through: g |H|², shape (K,) or (R, K); None without a reference.
-        count: samples used, shape (R,).
-        floor: lower limits of the levels, shape (R,).
+        rows: their residuals.
         last: bins from here on are not looked at.
         colour: g, power of the reference's noise over its mean, one or shape (K,).
-        heard: bins at which motion shows in the response without any model, shape (R, K): there
-            alone what is coherent with the motion is no noise. None: where the response is loud.
-        passed: H times the reference, bin by bin, shape (R, K); None: that is the prediction. With
-            initial states in it, what leaks into both would cancel, and leave the noise.
-        lines: bins whose remainder is the motion's, too, and no hum, shape (R, K).
-        fitted: count of numbers that were fitted to each record, shape (R,); None: none.
     """
-    records, bins = residual.shape
+    records, bins = rows.residual.shape
     last = max(min(last, bins - 1), 1)
-    passing = None if through is None else np.atleast_2d(through)
-    read = _read_one_level if last <= BLOCK_BINS or np.max(count) < SHORTEST else _read
-    parts = list[GroupNoise]()
-    for part in in_parts(records, bins):
-        rows = _Rows(
-            residual[part],
-            predicted[part],
-            None if reference is None else reference[part],
-            passing if passing is None or len(passing) == 1 else passing[part],
-            count[part, None],
-            floor[part, None],
-            None if heard is None else heard[part],
-            (predicted if passed is None else passed)[part],
-            lines[part] if isinstance(lines, np.ndarray) else np.array(False),
-            (np.zeros(records) if fitted is None else fitted)[part, None],
-        )
-        parts.append(read(rows, last, colour))
+    read = _read_one_level if last <= BLOCK_BINS or np.max(rows.count) < SHORTEST else _read
+    parts = [read(rows.some(part), last, colour) for part in in_parts(records, bins)]
     if len(parts) == 1:
         return parts[0]
     names = "psd", "input_noise", "input_noise_at", "doubts", "excited", "free"
@@ -194,55 +184,62 @@ def read_noise(
     return GroupNoise(colour=colour, tones=tones, **arrays)
 
 
-def _read_one_level(rows: _Rows, last: int, colour: FloatArray | float) -> GroupNoise:
+def _read_one_level(rows: Residuals, last: int, colour: FloatArray | float) -> GroupNoise:
     """Read one level of each record, as of few bins no more can be read."""
     shape = rows.residual.shape
     squares = np.sum(power_of(rows.residual[:, 1 : last + 1]), axis=1, keepdims=True)
-    unfitted = np.maximum(last - 0.5 * rows.fitted, 0.5)  # half a bin, a number, at least
-    level = squares / (unfitted * rows.count)
-    psd = np.broadcast_to(np.maximum(level, rows.floor), shape)
+    fitted = 0.0 if rows.fitted is None else rows.fitted[:, None]
+    unfitted = np.maximum(last - 0.5 * fitted, 0.5)  # half a bin, a number, at least
+    level = squares / (unfitted * rows.count[:, None])
+    psd = np.broadcast_to(np.maximum(level, rows.floor[:, None]), shape)
     none = _no_input_noise(len(psd))
     if rows.through is not None:
         none.doubts[:, :1] = psd[:, :1] / np.max(rows.through, axis=1, keepdims=True)
     nothing = np.zeros(shape)
     tones = ((),) * len(psd)
-    return GroupNoise(psd, none.variance, nothing, none.doubts, colour, nothing + 1.0, tones, none.free)
+    return GroupNoise(
+        psd, none.variance, nothing, none.doubts, colour, nothing + 1.0, tones, none.free
+    )
 
 
-def _read(rows: _Rows, last: int, colour: FloatArray | float) -> GroupNoise:
+def _read(rows: Residuals, last: int, colour: FloatArray | float) -> GroupNoise:
     """Read the noise of records."""
+    count = rows.count[:, None]
     expected = power_of(rows.predicted)
     log_expected = log_power(expected)
     log_through = None if rows.through is None else log_power(rows.through)
     width = averaged_bins(expected.shape[1])
     moved = lines_of_motion(expected, log_expected, log_through, width)
-    moved |= rows.lines
+    if rows.lines is not None:
+        moved |= rows.lines
     read = _incoherent(rows, log_through)
-    np.divide(read.power, rows.count, out=read.power)
+    np.divide(read.power, count, out=read.power)
     shape, of_input = _shape(rows, read, log_through, last)
     relative = np.divide(read.power, shape, out=read.power)
     smooth = level_of_noise(relative, read.freedom)
     hum = relative > OUTSTANDING_RATIO * smooth
     hum &= ~moved
     psd = shape * smooth
-    tones = tones_of(rows.residual, read.noise, psd * rows.count, moved)
+    tones = tones_of(rows.residual, read.noise, psd * count, moved)
     np.multiply(shape, relative, out=psd, where=hum)
-    np.maximum(psd, rows.floor, out=psd)
+    np.maximum(psd, rows.floor[:, None], out=psd)
     excited = np.ones(psd.shape)
     if rows.through is not None:
         # By how much the prediction stands above what noise of the reference would be.
         level = np.exp(mean_around(log_expected, width) + np.euler_gamma)
         np.copyto(level, expected, where=expected > OUTSTANDING_RATIO * level)
-        level /= rows.count
+        level /= count
         excited -= FAINT_RATIO * psd / np.maximum(level, 1e-300)
         np.maximum(excited, 0.0, out=excited)
     white, pink = of_input.amounts.T[:, :, None]
     smooth *= white + pink * _flicker(psd.shape[1])
     smooth *= colour
-    return GroupNoise(psd, of_input.variance, smooth, of_input.doubts, colour, excited, tones, of_input.free)
+    return GroupNoise(
+        psd, of_input.variance, smooth, of_input.doubts, colour, excited, tones, of_input.free
+    )
 
 
-def _incoherent(rows: _Rows, log_through: FloatArray | None) -> _Read:
+def _incoherent(rows: Residuals, log_through: FloatArray | None) -> _Read:
     """Return what of the residual is locally incoherent with the motion, where that is heard.
 
     The level by which it is heard is that of the noise, as of the response or as of the reference
@@ -255,7 +252,7 @@ def _incoherent(rows: _Rows, log_through: FloatArray | None) -> _Read:
         motions = [rows.predicted]
         measured = power_of(rows.predicted)
     else:
-        motions = [rows.reference, rows.passed]
+        motions = [rows.reference, rows.predicted if rows.passed is None else rows.passed]
         measured = power_of(rows.predicted + rows.residual)
     measured[:, 0] = 0.0
     steep: FloatArray | float = 0.0
@@ -269,7 +266,9 @@ def _incoherent(rows: _Rows, log_through: FloatArray | None) -> _Read:
         return np.exp(level, out=level)
 
     def projected(some: slice | NDArray[np.int_], heard: BoolArray, level: FloatArray) -> _Read:
-        left, freedom = without_common(rows.residual[some], [motion[some] for motion in motions], np.sqrt(level), heard)
+        left, freedom = without_common(
+            rows.residual[some], [motion[some] for motion in motions], np.sqrt(level), heard
+        )
         return _Read(left, power_of(left), freedom)
 
     level = threshold(power_of(rows.residual))
@@ -290,7 +289,9 @@ def _incoherent(rows: _Rows, log_through: FloatArray | None) -> _Read:
     return read
 
 
-def _shape(rows: _Rows, read: _Read, log_through: FloatArray | None, last: int) -> tuple[FloatArray, _InputNoise]:
+def _shape(
+    rows: Residuals, read: _Read, log_through: FloatArray | None, last: int
+) -> tuple[FloatArray, _InputNoise]:
     """Return the noise of known shapes, shape (R, K), and that of the reference."""
     power, freedom = read.power, read.freedom
     records, bins = power.shape
@@ -320,7 +321,7 @@ def _shape(rows: _Rows, read: _Read, log_through: FloatArray | None, last: int) 
     most = level / seen * (1.0 + DOUBT_DEVIATIONS / np.sqrt(np.maximum(counts, MIN_FREEDOM)))
     enough = counts >= np.minimum(MIN_LEVEL_BINS, np.max(counts, axis=1, keepdims=True))
     most = np.min(np.where(enough, most, np.inf), axis=1)
-    common = common_noise(read.noise, rows.predicted, rows.through, rows.count, last)
+    common = common_noise(read.noise, rows.predicted, rows.through, rows.count[:, None], last)
     noise = _chosen(common, variance, spread, most)
     better = common.significant
     white = np.where(better, common.amounts[:, 0], variance)
@@ -334,7 +335,9 @@ def _shape(rows: _Rows, read: _Read, log_through: FloatArray | None, last: int) 
     return _by_amounts(amounts, bins, by_reference), noise
 
 
-def _chosen(common: CommonNoise, variance: FloatArray, spread: FloatArray, most: FloatArray) -> _InputNoise:
+def _chosen(
+    common: CommonNoise, variance: FloatArray, spread: FloatArray, most: FloatArray
+) -> _InputNoise:
     """Choose between two estimates of noise of the reference, each of shape (R,).
 
     Args:
@@ -359,7 +362,9 @@ def _chosen(common: CommonNoise, variance: FloatArray, spread: FloatArray, most:
     others = np.column_stack([remaining, variances, common.covariance[:, 0, 1]])
     by_common = better | (~sure & ~refuted & (common.spread < spread))
     doubts = np.where(by_common[:, None], others, doubts)
-    return _InputNoise(np.where(better, common.variance, amounts[:, 0]), amounts, doubts, common.free)
+    return _InputNoise(
+        np.where(better, common.variance, amounts[:, 0]), amounts, doubts, common.free
+    )
 
 
 def _no_input_noise(records: int) -> _InputNoise:
@@ -368,7 +373,9 @@ def _no_input_noise(records: int) -> _InputNoise:
     return _InputNoise(np.zeros(records), np.zeros((records, 2)), np.zeros((records, 5)), free)
 
 
-def _by_amounts(amounts: FloatArray, bins: int, by_reference: FloatArray | float = 0.0) -> FloatArray:
+def _by_amounts(
+    amounts: FloatArray, bins: int, by_reference: FloatArray | float = 0.0
+) -> FloatArray:
     """Return a + c/k + d/k² and what the reference makes, shape (R, K)."""
     flicker = _flicker(bins)
     shape = amounts[:, 2:3] * flicker

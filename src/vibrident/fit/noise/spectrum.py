@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from vibrident.data.records import BoolArray, FloatArray
-from vibrident.fit.noise.reading import GroupNoise, read_noise
+from vibrident.fit.noise.reading import GroupNoise, Residuals, read_noise
 from vibrident.fit.response.response import ComplexArray
 
 
@@ -70,17 +71,30 @@ class Motion:
 
 def noise_spectrum(residual: ComplexArray, motion: Motion, floor: float) -> NoiseSpectrum:
     """Read the noise of a residual, shape (K,); ``floor``: lower limit of its level."""
+    return noise_spectra(residual[None], [motion], [floor])[0]
+
+
+def noise_spectra(
+    residual: ComplexArray, motions: Sequence[Motion], floors: Sequence[float]
+) -> list[NoiseSpectrum]:
+    """Read the noise of residuals of one length and rate.
+
+    Args:
+        residual: shape (R, K).
+        motions: of each, alike in ``last``, ``through``, ``colour`` and in whether lines are known.
+        floors: lower limit of the level of each.
+    """
     residual = residual.copy()
-    residual[:1] = np.abs(residual[1:2])  # an offset is no noise
-    noise = read_noise(
-        residual[None],
-        motion.predicted[None],
-        None,
-        motion.through,
-        np.array([motion.count]),
-        np.array([floor]),
-        motion.last,
-        motion.colour,
-        lines=motion.lines is not None and motion.lines[None],
+    residual[:, :1] = np.abs(residual[:, 1:2])  # an offset is no noise
+    first = motions[0]
+    lines = [motion.lines for motion in motions if motion.lines is not None]
+    rows = Residuals(
+        residual,
+        np.stack([motion.predicted for motion in motions]),
+        np.array([motion.count for motion in motions]),
+        np.asarray(floors),
+        None if first.through is None else first.through[None],
+        lines=np.stack(lines) if lines else None,
     )
-    return NoiseSpectrum.each(noise)[0]
+    noise = read_noise(rows, first.last, first.colour)
+    return NoiseSpectrum.each(noise)

@@ -88,7 +88,18 @@ class Band:
         edges = (
             self.edges or rate_hz in self.unseen
         ) and driven  # slopes of its states are all that a free decay tells
-        return Grid(segment.samples, rate_hz, fraction, bins, last, tones, edges, pieces, driven, first=first)
+        return Grid(
+            segment.samples,
+            rate_hz,
+            fraction,
+            bins,
+            last,
+            tones,
+            edges,
+            pieces,
+            driven,
+            first=first,
+        )
 
     def within(self, top_hz: float) -> Band:
         """Return the same up to another frequency of the motion, Hz."""
@@ -117,7 +128,9 @@ class Band:
         unseen = frozenset(rate for rate in rates if lowest_hz > 0.5 * rate)
         return self if unseen == self.unseen else replace(self, unseen=unseen)
 
-    def steps(self, values: dict[str, float], *, slopes: bool) -> dict[tuple[float, float], Step] | None:
+    def steps(
+        self, values: dict[str, float], *, slopes: bool
+    ) -> dict[tuple[float, float], Step] | None:
         """Return the network's steps by sampling interval and fraction.
 
         None where a state grows beyond all numbers over its segment, as Euler's may.

@@ -107,7 +107,9 @@ class BinProblem(NetworkProblem):
     def weights(self, values: Mapping[str, float]) -> Weights:
         """Network weights, one set a sampling interval in order (leading axis)."""
         kinds = {self.grid_of(number).step for number in range(len(self.segments))}
-        found = [self.trained.weights(dict(values), *kind, self.frame.delay_s) for kind in sorted(kinds)]
+        found = [
+            self.trained.weights(dict(values), *kind, self.frame.delay_s) for kind in sorted(kinds)
+        ]
         return Weights(*(np.stack(parts) for parts in zip(*found, strict=True)))
 
     def predict(self, coordinates: Coordinates, z: FloatArray) -> list[FloatArray]:
@@ -121,7 +123,9 @@ class BinProblem(NetworkProblem):
         for number, segment in enumerate(self.segments):
             grid = self.grid_of(number)
             if grid.step not in steps:
-                steps[grid.step] = Step(self.trained.transfer(values, *grid.step, self.frame.delay_s))
+                steps[grid.step] = Step(
+                    self.trained.transfer(values, *grid.step, self.frame.delay_s)
+                )
             group = Group.from_segments(grid, [number], [segment])
             segment.transforms.forget_inputs()
             found[segment.record][segment.span] = predict(group, steps[grid.step])[0]

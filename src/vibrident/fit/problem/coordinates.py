@@ -92,7 +92,9 @@ class Coordinates:
     @property
     def first(self) -> FloatArray:
         """Coordinates of the start values, shape (parameters,)."""
-        return self.place(dict(zip(self.model.parameter_names, np.asarray(self.start).tolist(), strict=True)))
+        return self.place(
+            dict(zip(self.model.parameter_names, np.asarray(self.start).tolist(), strict=True))
+        )
 
     @functools.cached_property
     def edges(self) -> tuple[FloatArray, FloatArray]:
@@ -126,12 +128,16 @@ class Coordinates:
 
     def values(self, z: Any) -> dict[str, float]:
         """Name to physical value, as plain floats."""
-        return {name: float(value) for name, value in self.physical(np.asarray(z, dtype=float)).items()}
+        return {
+            name: float(value) for name, value in self.physical(np.asarray(z, dtype=float)).items()
+        }
 
     def place(self, values: Mapping[str, float]) -> FloatArray:
         """Coordinates of physical values, shape (parameters,)."""
         found = []
-        for spec, start, unit in zip(self.model.parameters, np.asarray(self.start), self._units, strict=True):
+        for spec, start, unit in zip(
+            self.model.parameters, np.asarray(self.start), self._units, strict=True
+        ):
             value = float(values[spec.name])
             if spec.kind == "positive":
                 found.append(np.arcsinh(value))

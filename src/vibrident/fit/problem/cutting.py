@@ -29,7 +29,11 @@ def bucket(count: int) -> int:
 
 
 def cut(
-    records: Sequence[Record], steps: Sequence[StepInputs], rate: np.ndarray, fewest: int, length: int
+    records: Sequence[Record],
+    steps: Sequence[StepInputs],
+    rate: np.ndarray,
+    fewest: int,
+    length: int,
 ) -> tuple[Lanes, list[Piece]]:
     """Cut the runs of usable steps into chunks of ``length``, the last one of each padded with weight zero.
 
@@ -47,10 +51,16 @@ def cut(
                 pieces.append(Piece(number, run, total))
                 total += -(-(run.stop - run.start) // length)
     ends = [*(piece.lane for piece in pieces), total][1:]
-    total = bucket(total)  # padded, so that calibrations of about the same size share one compiled program
+    total = bucket(
+        total
+    )  # padded, so that calibrations of about the same size share one compiled program
     inputs = _zeros(length, steps[0].coefficients.shape[1], total)
     response, weight = _zeros(length, total), _zeros(length, total)
-    first, segment, rates = np.ones(total, dtype=bool), np.full(total, len(pieces)), np.zeros(total, dtype=int)
+    first, segment, rates = (
+        np.ones(total, dtype=bool),
+        np.full(total, len(pieces)),
+        np.zeros(total, dtype=int),
+    )
     for number, (piece, end) in enumerate(zip(pieces, ends, strict=True)):
         mine, record = slice(piece.lane, end), records[piece.record]
         mask, count = record.mask[piece.run], end - piece.lane

@@ -68,12 +68,17 @@ class Evidence:
         """
         chain = chain_of(calibration)
         if calibration.table is not None:
-            return cls(calibration if chain is None else without_chain(calibration, chain), model, (), None, None, ())
-        optical = [f for r in calibration.records if r.optical is not None for f in r.optical.findings]
+            known = calibration if chain is None else without_chain(calibration, chain)
+            return cls(known, model, (), None, None, ())
+        optical = [
+            f for r in calibration.records if r.optical is not None for f in r.optical.findings
+        ]
         records, findings = screen(without_copies(calibration.records), calibration.units)
         findings = (*(Finding(f.code, f.message) for f in optical), *findings)
         records, steady = without_steady_decays(records)
-        records = records if chain is None else tuple(deconvolved(record, chain) for record in records)
+        records = (
+            records if chain is None else tuple(deconvolved(record, chain) for record in records)
+        )
         records, more = judge_clocks(records)
         offset, findings = clock_offset(records), (*findings, *steady, *more)
         if offset == 0.0:
@@ -94,11 +99,18 @@ class Evidence:
 
     @classmethod
     def _measured(
-        cls, calibration: Calibration, model: SensorModel, records: tuple[Record, ...], findings: tuple[Finding, ...]
+        cls,
+        calibration: Calibration,
+        model: SensorModel,
+        records: tuple[Record, ...],
+        findings: tuple[Finding, ...],
     ) -> Evidence:
         sines = [i for i, r in enumerate(records) if r.excitation == "sine"]
         others = [i for i, r in enumerate(records) if r.excitation not in ("sine", "decay")]
-        tones, bands = None, measure_bands([records[i] for i in others], calibration.quantity) if others else None
+        tones, bands = (
+            None,
+            measure_bands([records[i] for i in others], calibration.quantity) if others else None,
+        )
         if bands is not None:
             bands = replace(bands, record=np.array(others)[bands.record])
         if sines:
@@ -106,7 +118,11 @@ class Evidence:
             tones = find_tones(some)
             tones = replace(tones, record=np.array(sines)[tones.record])
             refuse_other_motion(some, tones)
-            findings = (*findings, *short_records(some, tones.frequency_hz), *silent_channels(tones))
+            findings = (
+                *findings,
+                *short_records(some, tones.frequency_hz),
+                *silent_channels(tones),
+            )
         if all(record.band_hz is None for record in records):
             return cls(calibration, model, records, tones, bands, findings)
         return cls(calibration, model, records, tones, bands, findings)._in_band()
@@ -120,10 +136,14 @@ class Evidence:
         inside = self._inside(self.tones)
         outside = set() if self.tones is None else set(self.tones.record[~inside].tolist())
         if outside:
-            records = tuple(record for number, record in enumerate(self.records) if number not in outside)
+            records = tuple(
+                record for number, record in enumerate(self.records) if number not in outside
+            )
             if not records:
                 raise self._nothing_in_band()
-            return replace(self._measured(self.calibration, self.model, records, ()), findings=self.findings)
+            return replace(
+                self._measured(self.calibration, self.model, records, ()), findings=self.findings
+            )
         bands = None if self.bands is None else self.bands.at(self._inside(self.bands))
         if bands is not None and not bands.points:
             raise self._nothing_in_band()
@@ -134,12 +154,16 @@ class Evidence:
         if measured is None:
             return np.zeros(0, dtype=bool)
         pairs = zip(measured.frequency_hz, measured.record, strict=True)
-        return np.array([bool(self.records[int(number)].holds(hz)) for hz, number in pairs], dtype=bool)
+        return np.array(
+            [bool(self.records[int(number)].holds(hz)) for hz, number in pairs], dtype=bool
+        )
 
     def _nothing_in_band(self) -> InputError:
         band_hz = next(record.band_hz for record in self.records if record.band_hz is not None)
         parts = [part.frequency_hz for part in (self.tones, self.bands) if part is not None]
-        return nothing_in_band(band_hz, np.concatenate(parts), self.calibration.source or "calibration in memory")
+        return nothing_in_band(
+            band_hz, np.concatenate(parts), self.calibration.source or "calibration in memory"
+        )
 
     def without_dead_records(self) -> Evidence | None:
         """The same without records whose channels seem to have nothing in common; None where all or none seem so.
@@ -147,14 +171,19 @@ class Evidence:
         A suspicion only: what a sharp resonance kept from the motion before the record hides the answer to it, too.
         """
         dead: list[int] = []
-        for measured, suspects in ((self.bands, uncorrelated_records), (self.tones, silent_records)):
+        for measured, suspects in (
+            (self.bands, uncorrelated_records),
+            (self.tones, silent_records),
+        ):
             found = [] if measured is None else suspects(measured)
             if measured is not None and len(found) < len(distinct(measured.record)):
                 dead += found
         if not dead:
             return None
         left = self.with_records(tuple(r for i, r in enumerate(self.records) if i not in dead))
-        return replace(left, findings=(*self.findings, *nothing_in_common([self.records[i] for i in dead])))
+        return replace(
+            left, findings=(*self.findings, *nothing_in_common([self.records[i] for i in dead]))
+        )
 
     @property
     def quantity(self) -> Quantity:
@@ -196,4 +225,6 @@ class Evidence:
     def response_size(self) -> float:
         """Largest distance of a valid response sample from its record's mean, response unit; one without any."""
         valid = [record.response[record.mask] for record in self.records]
-        return max((float(np.max(np.abs(y - y.mean()))) for y in valid if y.size), default=0.0) or 1.0
+        return (
+            max((float(np.max(np.abs(y - y.mean()))) for y in valid if y.size), default=0.0) or 1.0
+        )

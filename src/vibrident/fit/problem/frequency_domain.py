@@ -61,14 +61,20 @@ class FrequencyProblem:
 
     @classmethod
     def of_measured(
-        cls, measured: MeasuredResponse, deviation: FloatArray, model: SensorModel, quantity: Quantity
+        cls,
+        measured: MeasuredResponse,
+        deviation: FloatArray,
+        model: SensorModel,
+        quantity: Quantity,
     ) -> FrequencyProblem:
         """The problem of what the records say; ``deviation`` is that of the real part of Y − H X, shape (n,)."""
         data = (measured.frequency_hz, measured.reference, measured.response, deviation)
         return cls(model, quantity, data)
 
     @classmethod
-    def of_table(cls, table: ResponseTable, model: SensorModel, quantity: Quantity) -> FrequencyProblem:
+    def of_table(
+        cls, table: ResponseTable, model: SensorModel, quantity: Quantity
+    ) -> FrequencyProblem:
         """The problem of a table; without stated uncertainties, 1 % and 0.01 rad give equal relative weights."""
         magnitude_u = table.magnitude_uncertainty
         if magnitude_u is None:
@@ -83,12 +89,17 @@ class FrequencyProblem:
     def with_random_effect(self, error: float) -> FrequencyProblem:
         """The same problem of what records say, with a relative error of the model beside the noise."""
         frequency, reference, response, deviation = self.data
-        return replace(self, data=(frequency, reference, response, np.hypot(deviation, error * np.abs(response))))
+        return replace(
+            self,
+            data=(frequency, reference, response, np.hypot(deviation, error * np.abs(response))),
+        )
 
     def residual(self, z: Any, coordinates: Coordinates) -> Any:
         """Weighted residual, shape (equations,); see the module's docstring. ``z`` may be traced."""
         return self._residual_of(
-            coordinates.model.frequency_response(coordinates.physical(z), self.data[0], self.quantity)
+            coordinates.model.frequency_response(
+                coordinates.physical(z), self.data[0], self.quantity
+            )
         )
 
     def _residual_of(self, model: Any) -> Any:
@@ -108,9 +119,13 @@ class FrequencyProblem:
         """Derivative of :meth:`residual` by z, of NumPy arrays, shape (equations, p)."""
         return self._residual_and_jacobian(z, coordinates)[1]
 
-    def _residual_and_jacobian(self, z: FloatArray, coordinates: Coordinates) -> tuple[FloatArray, FloatArray]:
+    def _residual_and_jacobian(
+        self, z: FloatArray, coordinates: Coordinates
+    ) -> tuple[FloatArray, FloatArray]:
         """Return both of one evaluation of the response."""
-        model, slopes = response_and_slopes(coordinates.model, coordinates.values(z), self.data[0], self.quantity)
+        model, slopes = response_and_slopes(
+            coordinates.model, coordinates.values(z), self.data[0], self.quantity
+        )
         residual = self._residual_of(model)
         slopes = slopes.T * coordinates.slopes(z)
         if not self.polar:

@@ -164,7 +164,9 @@ class NetworkProblem(ABC):
 
 def noise_floor_of(record: Record) -> float:
     """Return the lower limit of the standard deviation of a record's residual, response unit."""
-    least = LEAST_DEVIATION * float(np.std(record.response[record.mask])) if record.mask.any() else 0.0
+    least = (
+        LEAST_DEVIATION * float(np.std(record.response[record.mask])) if record.mask.any() else 0.0
+    )
     step = converter_step(record.response, record.mask) / np.sqrt(12.0)
     return max(least, step, float(np.finfo(float).tiny))
 

@@ -33,7 +33,9 @@ from vibrident.physics.network.forced import forced_normal, forced_response
 from vibrident.physics.network.sensitivity import Normal, normal_equations
 from vibrident.physics.network.unroll import Lanes
 
-jax.tree_util.register_dataclass(Coordinates, data_fields=["start", "band_hz", "response_size"], meta_fields=["model"])
+jax.tree_util.register_dataclass(
+    Coordinates, data_fields=["start", "band_hz", "response_size"], meta_fields=["model"]
+)
 
 #: Steps a chunk. Long enough that few chunks need their state passed on, short enough that a vector loop pays.
 CHUNK = 256
@@ -76,13 +78,18 @@ class TimeProblem(NetworkProblem):
     def of_frame(cls, records: tuple[Record, ...], frame: Frame) -> TimeProblem:
         """The records cut into lanes."""
         takes_part("jax", "jaxlib")
-        if next(_builds) % 100 == 0:  # now and then, the memory maps of compiled kernels are looked at
+        if (
+            next(_builds) % 100 == 0
+        ):  # now and then, the memory maps of compiled kernels are looked at
             release_kernels()
         model, method = frame.model, frame.method
         intervals, rate = np.unique([r.sampling_interval_s for r in records], return_inverse=True)
         # A nonlinear spring depends on its rest position: its reference loses the offset, not the mean of a motion that
         # ends within a period.
-        drives = [driven_by(record, model, frame.factor_values, centred=model.is_linear) for record in records]
+        drives = [
+            driven_by(record, model, frame.factor_values, centred=model.is_linear)
+            for record in records
+        ]
         late = [frame.delay_s * record.sampling_rate_hz for record in records]
         steps = [
             usable_steps(method.inputs(drive.signals[0], drive.valid, frame.terms, delay), record)
@@ -93,9 +100,13 @@ class TimeProblem(NetworkProblem):
         lanes, pieces = cut(records, steps, rate, frame.fewest, CHUNK)
         if not pieces:
             raise frame.too_short(records)
-        nodes, rounds = (0, (0, 0)) if model.is_linear else accuracy(frame.fastest * float(np.max(intervals)))
+        nodes, rounds = (
+            (0, (0, 0)) if model.is_linear else accuracy(frame.fastest * float(np.max(intervals)))
+        )
         segments = bucket(len(pieces) + 1)
-        layout = Layout(model, method, frame.quantity, frame.terms, frame.order, segments, nodes, rounds)
+        layout = Layout(
+            model, method, frame.quantity, frame.terms, frame.order, segments, nodes, rounds
+        )
         return cls(records, frame, layout, lanes, intervals, fractions, tuple(pieces))
 
     @functools.cached_property
@@ -123,7 +134,9 @@ class TimeProblem(NetworkProblem):
 
     def weights(self, values: Mapping[str, Any]) -> Weights:
         """Network weights of the sensor's linear part, one set a sampling interval (leading axis R)."""
-        return _compiled_weights(dict(values), self.layout, self.intervals_s, self.fractions, self.frame.delay_s)
+        return _compiled_weights(
+            dict(values), self.layout, self.intervals_s, self.fractions, self.frame.delay_s
+        )
 
     def normal(self, z: FloatArray, coordinates: Coordinates, noise: FloatArray) -> Normal:
         """Normal equations at coordinates ``z``; ``noise``: standard deviation of each record, shape (records,)."""
@@ -132,7 +145,9 @@ class TimeProblem(NetworkProblem):
 
     def squares(self, normal: Normal, noise: FloatArray) -> FloatArray:
         """Sum of squares of each record's residual, shape (records,); those of the segments are not weighted."""
-        squares = np.asarray(normal.squares)[: len(self.record_of_segment)]  # segments beyond are padding
+        squares = np.asarray(normal.squares)[
+            : len(self.record_of_segment)
+        ]  # segments beyond are padding
         return np.bincount(self.record_of_segment, squares, len(self.records)).astype(float)
 
     def record_noise(self, normal: Any, noise: FloatArray) -> FloatArray:
@@ -151,9 +166,15 @@ class TimeProblem(NetworkProblem):
         found = []
         for index, (record, predicted) in enumerate(zip(self.records, responses, strict=True)):
             used = record.mask & np.isfinite(predicted)
-            signals = [(record.response - predicted) / noise[index], *(column[index] for column in columns)]
+            signals = [
+                (record.response - predicted) / noise[index],
+                *(column[index] for column in columns),
+            ]
             lines = np.fft.rfft(np.where(used, signals, 0.0), axis=1)
-            counts, floor = line_counts(record.samples), float((self.noise_floor[index] / noise[index]) ** 2)
+            counts, floor = (
+                line_counts(record.samples),
+                float((self.noise_floor[index] / noise[index]) ** 2),
+            )
             found.append(RecordBins(lines[0], lines[1:], used, counts, floor))
         return found
 
@@ -171,20 +192,28 @@ class TimeProblem(NetworkProblem):
         return ordered
 
 
-def _forced(parameters: dict[str, Any], layout: Layout, intervals: Any, fractions: Any, delay: Any) -> ForcedWeights:
+def _forced(
+    parameters: dict[str, Any], layout: Layout, intervals: Any, fractions: Any, delay: Any
+) -> ForcedWeights:
     blocks = layout.model.blocks(parameters, layout.quantity)
     late = layout.model.delay_s(parameters) - delay if layout.model.has_delay else 0.0
 
     def one(ts: Any, fraction: Any) -> ForcedWeights:
-        return forced_weights(layout.method, blocks, ts, fraction - late / ts, layout.terms, layout.nodes)
+        return forced_weights(
+            layout.method, blocks, ts, fraction - late / ts, layout.terms, layout.nodes
+        )
 
     return jax.vmap(one)(jnp.asarray(intervals), jnp.asarray(fractions))
 
 
-def _weights(parameters: dict[str, Any], layout: Layout, intervals: Any, fractions: Any, delay: Any) -> Weights:
+def _weights(
+    parameters: dict[str, Any], layout: Layout, intervals: Any, fractions: Any, delay: Any
+) -> Weights:
     system = realise(layout.model.rational(parameters, layout.quantity))
     if not layout.model.has_delay:
-        return jax.vmap(lambda ts: layout.method.weights(system, ts, 0.0, layout.terms))(jnp.asarray(intervals))
+        return jax.vmap(lambda ts: layout.method.weights(system, ts, 0.0, layout.terms))(
+            jnp.asarray(intervals)
+        )
     late = layout.model.delay_s(parameters) - delay
 
     def one(ts: Any, fraction: Any) -> Weights:
@@ -196,7 +225,9 @@ def _weights(parameters: dict[str, Any], layout: Layout, intervals: Any, fractio
 _compiled_weights = jax.jit(_weights, static_argnames=("layout",))
 
 
-def physical_normal(z: Any, coordinates: Coordinates, layout: Layout, data: tuple[Any, ...], noise: Any) -> Normal:
+def physical_normal(
+    z: Any, coordinates: Coordinates, layout: Layout, data: tuple[Any, ...], noise: Any
+) -> Normal:
     """Accumulated normal equations of the tied network, weights from the physics at coordinates ``z``."""
     lanes, intervals, fractions, delay = data
     if not layout.model.is_linear:
@@ -208,7 +239,9 @@ def physical_normal(z: Any, coordinates: Coordinates, layout: Layout, data: tupl
     return normal_equations(tied(z), jax.jacfwd(tied)(z), lanes, noise, layout.segments)
 
 
-def _nonlinear_normal(z: Any, coordinates: Coordinates, layout: Layout, data: tuple[Any, ...], noise: Any) -> Normal:
+def _nonlinear_normal(
+    z: Any, coordinates: Coordinates, layout: Layout, data: tuple[Any, ...], noise: Any
+) -> Normal:
     lanes, *where = data
     # In the padding behind a record the reference jumps to zero, and a step of Newton's may go too far: what a spring
     # would do to a response ten times the largest seen must not drown the rest.
@@ -221,7 +254,9 @@ def _nonlinear_normal(z: Any, coordinates: Coordinates, layout: Layout, data: tu
         def force(response: Any) -> Any:
             return layout.model.force(parameters, jnp.clip(response, -largest, largest))
 
-        return forced_response(_forced(parameters, layout, *where), force, lanes, starts, layout.rounds)
+        return forced_response(
+            _forced(parameters, layout, *where), force, lanes, starts, layout.rounds
+        )
 
     linear = _forced(coordinates.physical(z), layout, *where).linear
     return forced_normal(simulate, z, linear, lanes, noise, layout.segments)

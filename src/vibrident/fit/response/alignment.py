@@ -48,8 +48,12 @@ def whitened(record: Record) -> Record | None:
     if known.sum() < FEWEST_FOR_EACH * ORDER:
         return None
     kept = slice(0, fast_below(known.size, MOST_CUT))
-    reference, response = (np.convolve(v, coefficients, mode="valid")[kept] for v in (reference, response))
-    return replace(record, reference=reference, response=response, valid=known[kept], reference_valid=None)
+    reference, response = (
+        np.convolve(v, coefficients, mode="valid")[kept] for v in (reference, response)
+    )
+    return replace(
+        record, reference=reference, response=response, valid=known[kept], reference_valid=None
+    )
 
 
 def prediction_error(values: FloatArray) -> FloatArray:
@@ -66,7 +70,9 @@ def prediction_error(values: FloatArray) -> FloatArray:
         first, end = values[ORDER - 1 :: -1], values[: n - ORDER - 1 : -1]
         moments[lag + 1, 1:] = moments[lag, :-1] + first[lag] * first - end[lag] * end
     least = LEAST_DEVIATION**2 * max(float(moments[0, 0]), TINY)
-    return np.concatenate([[1.0], -np.linalg.solve(moments[1:, 1:] + least * np.eye(ORDER), moments[1:, 0])])
+    return np.concatenate(
+        [[1.0], -np.linalg.solve(moments[1:, 1:] + least * np.eye(ORDER), moments[1:, 0])]
+    )
 
 
 def bulk_delay(records: Iterable[Record | None], samples: int) -> int:

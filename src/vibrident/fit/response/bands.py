@@ -44,7 +44,9 @@ FEWEST_BANDS = 6
 DIFFERENCES: dict[Quantity, int] = {"velocity": 1, "displacement": 2}
 
 
-def measure_bands(records: Sequence[Record], quantity: Quantity = "acceleration") -> MeasuredResponse | None:
+def measure_bands(
+    records: Sequence[Record], quantity: Quantity = "acceleration"
+) -> MeasuredResponse | None:
     """Banded response of records with a reference of this quantity; None if no band holds excitation."""
     level = [
         (index, _differenced(r, DIFFERENCES.get(quantity, 0)))
@@ -53,7 +55,9 @@ def measure_bands(records: Sequence[Record], quantity: Quantity = "acceleration"
     ]
     rates = {record.sampling_rate_hz for _, record in level}
     found = [
-        part for rate in rates for part in _at_one_delay([one for one in level if one[1].sampling_rate_hz == rate])
+        part
+        for rate in rates
+        for part in _at_one_delay([one for one in level if one[1].sampling_rate_hz == rate])
     ]
     parts = [part for _, part in sorted(found, key=lambda one: (one[0], one[1].frequency_hz[0]))]
     return MeasuredResponse.join(parts) if parts else None
@@ -71,7 +75,9 @@ def _at_one_delay(records: Sequence[tuple[int, Record]]) -> list[tuple[int, Meas
     looks = []
     for late in sorted(delays, key=abs):
         plain = _coherent([_Look.at(record, late) for _, record in records])
-        white = _coherent([None if record is None else _Look.at(record, late) for record in filtered])
+        white = _coherent(
+            [None if record is None else _Look.at(record, late) for record in filtered]
+        )
         own = zip(records, plain, white, strict=True)
         found = [(index, look) for (index, _), *both in own for look in _clearer(both)]
         looks.append((sum(look.whole for _, look in found), late, found))
@@ -86,14 +92,23 @@ def _coherent(looks: Sequence[_Look | None]) -> list[_Look | None]:
     by all records that have it: without motion the evidence of each is exponential.
     """
     found = list(looks)
-    for samples, edges in {look.record.samples: len(look.edges) for look in looks if look is not None}.items():
-        some = {k: look for k, look in enumerate(looks) if look is not None and look.record.samples == samples}
+    for samples, edges in {
+        look.record.samples: len(look.edges) for look in looks if look is not None
+    }.items():
+        some = {
+            k: look
+            for k, look in enumerate(looks)
+            if look is not None and look.record.samples == samples
+        }
         evidence, records = np.zeros((2, edges - 1))
         for look in some.values():
             evidence[look.keep] += look.evidence
             records[look.keep] += 1.0
         tested, shown = np.flatnonzero(records), np.zeros(len(records), dtype=bool)
-        chance = [gamma_tail(*pair) for pair in zip(records[tested].tolist(), evidence[tested].tolist(), strict=True)]
+        chance = [
+            gamma_tail(*pair)
+            for pair in zip(records[tested].tolist(), evidence[tested].tolist(), strict=True)
+        ]
         shown[tested] = _significant(np.array(chance))
         for k, look in some.items():
             own = shown[look.keep]
@@ -147,7 +162,9 @@ def uncorrelated_records(bands: MeasuredResponse) -> list[int]:
     found = []
     for record in distinct(bands.record).tolist():
         own = bands.record == record
-        statistic = float(np.sum(_evidence_of_motion(share[own], np.sum(bands.line_weight[own], axis=1))))
+        statistic = float(
+            np.sum(_evidence_of_motion(share[own], np.sum(bands.line_weight[own], axis=1)))
+        )
         if gamma_tail(float(own.sum()), statistic) > BY_CHANCE:
             found.append(int(record))
     return found
@@ -200,7 +217,9 @@ class _Look:
     @property
     def edges_hz(self) -> FloatArray:
         """Of all bands, shape (all + 1,)."""
-        return np.asarray(self.edges * (self.record.sampling_rate_hz / self.record.samples), dtype=float)
+        return np.asarray(
+            self.edges * (self.record.sampling_rate_hz / self.record.samples), dtype=float
+        )
 
     @property
     def middle_hz(self) -> FloatArray:
@@ -209,7 +228,12 @@ class _Look:
 
     def only(self, some: BoolArray) -> _Look:
         """With some of the bands that count, shape (bands,)."""
-        keep, total, cross, evidence = self.keep[some], self.total[some], self.cross[some], self.evidence[some]
+        keep, total, cross, evidence = (
+            self.keep[some],
+            self.total[some],
+            self.cross[some],
+            self.evidence[some],
+        )
         return replace(self, keep=keep, total=total, cross=cross, evidence=evidence)
 
     @classmethod
@@ -226,7 +250,9 @@ class _Look:
             return None
         for band in keep[counts[keep] > MOST_LINES].tolist():  # by the lines that are kept
             some = response[edges[band] : edges[band + 1] : _stride(counts[band])]
-            coherence[band] = power_of(cross[band]) / max(float(np.sum(power_of(some))) * total[band], TINY)
+            coherence[band] = power_of(cross[band]) / max(
+                float(np.sum(power_of(some))) * total[band], TINY
+            )
         lines = -(-counts[keep] // _stride(counts[keep]))
         evidence = _evidence_of_motion(coherence[keep], lines)
         kept = (reference, response) if record.samples <= MOST_KEPT else None
@@ -234,16 +260,24 @@ class _Look:
 
     def bands(self, index: int, late: int) -> MeasuredResponse:
         """The response over the bands, turned back by so many samples."""
-        n, rate, counts = self.record.samples, self.record.sampling_rate_hz, np.diff(self.edges)[self.keep]
+        n, rate, counts = (
+            self.record.samples,
+            self.record.sampling_rate_hz,
+            np.diff(self.edges)[self.keep],
+        )
         reference, response = self.spectrum or _spectra(self.record)
         first, end = self.edges[self.keep], self.edges[self.keep + 1]
         moments = power_of(reference[: self.edges[-1]])
         moments *= np.arange(moments.size)
         frequency = np.add.reduceat(moments, self.edges[:-1])[self.keep] / self.total * rate / n
-        place = first[:, None] + np.arange(min(np.max(counts), MOST_LINES)) * _stride(counts)[:, None]
+        place = (
+            first[:, None] + np.arange(min(np.max(counts), MOST_LINES)) * _stride(counts)[:, None]
+        )
         there = place < end[:, None]
         place = np.where(there, place, 0)
-        back = np.exp(-2j * np.pi * frequency * (late / rate))  # lines turn as if all had the phase of their centre
+        back = np.exp(
+            -2j * np.pi * frequency * (late / rate)
+        )  # lines turn as if all had the phase of their centre
         return MeasuredResponse(
             frequency,
             np.sqrt(self.total).astype(complex),
@@ -280,11 +314,15 @@ def _differenced(record: Record, times: int) -> Record:
     used = record.mask & record.reference_mask
     for _ in range(times):
         used = used[1:] & used[:-1]
-    reference, response = (np.diff(values, n=times) for values in (record.reference, record.response))
+    reference, response = (
+        np.diff(values, n=times) for values in (record.reference, record.response)
+    )
     return replace(record, reference=reference, response=response, valid=used, reference_valid=None)
 
 
-def windowed_spectra(channels: Sequence[FloatArray], mask: BoolArray, window: FloatArray) -> ComplexArray:
+def windowed_spectra(
+    channels: Sequence[FloatArray], mask: BoolArray, window: FloatArray
+) -> ComplexArray:
     """Amplitudes of windowed channels without their means, shape (channels, samples // 2 + 1)."""
     series = [about_mean(values, mask) for values in channels]
     for values in series:

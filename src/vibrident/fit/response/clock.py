@@ -24,7 +24,11 @@ MOST_OTHER = 0.3
 
 def judge_clocks(records: Sequence[Record]) -> tuple[tuple[Record, ...], tuple[Finding, ...]]:
     """Say where the sampling rate is contradicted; a start value that the tones contradict is no longer used."""
-    stated = [r for r in records if r.excitation == "sine" and r.frequency_hz is not None and r.reference is not None]
+    stated = [
+        r
+        for r in records
+        if r.excitation == "sine" and r.frequency_hz is not None and r.reference is not None
+    ]
     ratio = _common_ratio(stated)
     if ratio is None:
         return tuple(records), ()
@@ -32,7 +36,9 @@ def judge_clocks(records: Sequence[Record]) -> tuple[tuple[Record, ...], tuple[F
         f"In {_named(stated)} the tone lies at {ratio:.6g} times the stated frequency_hz: the sampling rate, or "
         "frequency_hz, is wrong by that factor."
     )
-    kept = tuple(dataclasses.replace(r, frequency_hz=None) if r.excitation == "sine" else r for r in records)
+    kept = tuple(
+        dataclasses.replace(r, frequency_hz=None) if r.excitation == "sine" else r for r in records
+    )
     return kept, (Finding("clock_suspect", text),)
 
 
@@ -50,7 +56,9 @@ def _common_ratio(records: Sequence[Record]) -> float | None:
         return None
     ratio, doubt = float(median(np.array(ratios))), max(allowed)
     off = abs(ratio - 1.0)
-    if off < max(LEAST_RATIO if len({r.frequency_hz for r in records}) > 1 else LEAST_OF_ONE, 3 * doubt):
+    if off < max(
+        LEAST_RATIO if len({r.frequency_hz for r in records}) > 1 else LEAST_OF_ONE, 3 * doubt
+    ):
         return None
     # They are the same where they differ by less than a tenth of their distance from one.
     return ratio if float(np.max(np.abs(np.array(ratios) - ratio))) <= 0.1 * off + doubt else None
@@ -85,7 +93,9 @@ def _without_trend(values: FloatArray, mask: BoolArray) -> FloatArray:
     return np.where(mask, values - level - slope * place, 0.0)
 
 
-def _without_tone(motion: FloatArray, mask: BoolArray, rate_hz: float, frequency_hz: float) -> tuple[float, FloatArray]:
+def _without_tone(
+    motion: FloatArray, mask: BoolArray, rate_hz: float, frequency_hz: float
+) -> tuple[float, FloatArray]:
     """Amplitude of a tone, and what is left without it, shape (samples,)."""
     wave = turning(motion.size, 2 * np.pi * frequency_hz / rate_hz) * mask
     waves = np.stack([wave.real, wave.imag])

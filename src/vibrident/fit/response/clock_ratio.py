@@ -282,7 +282,9 @@ class _Search:
         sizes = [np.sqrt(each.total) for each in answers]
         every = [each.motion(samples).reference for each in self.driven]
         motion = np.concatenate([each / size for each, size in zip(every, sizes, strict=True)])
-        response = np.concatenate([each.response / size for each, size in zip(answers, sizes, strict=True)])
+        response = np.concatenate(
+            [each.response / size for each, size in zip(answers, sizes, strict=True)]
+        )
         response = response * np.exp(2j * np.pi * late_s * basis.hz)
         residual = response - _rational(basis, motion, response) * motion
         explained = float(np.sum(power_of(response)) - np.sum(power_of(residual)))

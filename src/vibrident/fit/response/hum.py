@@ -45,7 +45,9 @@ SHORTEST = 256
 Tones = tuple[tuple[float, ...], ...]
 
 
-def hum_tones(records: Sequence[Record], predicted: Sequence[FloatArray], known: Tones = ()) -> Tones:
+def hum_tones(
+    records: Sequence[Record], predicted: Sequence[FloatArray], known: Tones = ()
+) -> Tones:
     """Frequencies of hum in each record's response, Hz.
 
     Args:
@@ -60,7 +62,9 @@ def hum_tones(records: Sequence[Record], predicted: Sequence[FloatArray], known:
     ]
     together, alone = _together(seen, records)
     common = _as_harmonics(together)
-    common += _fundamentals(common, [*(tone.hz for tone in alone), *(hz for own in known for hz in own)], records)
+    common += _fundamentals(
+        common, [*(tone.hz for tone in alone), *(hz for own in known for hz in own)], records
+    )
     found = []
     for index, record in enumerate(records):
         line = record.sampling_rate_hz / record.samples
@@ -110,7 +114,9 @@ def _seen(index: int, record: Record, predicted: FloatArray) -> list[_Tone]:
     return [_Tone(index, place / span, strength * span**2) for place, strength in tones]
 
 
-def _together(seen: Sequence[_Tone], records: Sequence[Record]) -> tuple[list[tuple[float, float]], list[_Tone]]:
+def _together(
+    seen: Sequence[_Tone], records: Sequence[Record]
+) -> tuple[list[tuple[float, float]], list[_Tone]]:
     """Frequencies of tones that two records have, and how far these are from each other, Hz; and the other tones."""
     left, alone = sorted(seen, key=lambda tone: -tone.weight), list[_Tone]()
     span = [record.duration_s for record in records]
@@ -144,7 +150,9 @@ def _as_harmonics(tones: Sequence[tuple[float, float]]) -> list[float]:
     return found
 
 
-def _fundamentals(common: Sequence[float], single: Sequence[float], records: Sequence[Record]) -> list[float]:
+def _fundamentals(
+    common: Sequence[float], single: Sequence[float], records: Sequence[Record]
+) -> list[float]:
     """Fundamentals of common tones that no two records agree on, as a resonance hides them, by their harmonic."""
     line = 1.0 / max(record.duration_s for record in records)
     found: list[float] = []
@@ -161,7 +169,11 @@ def _power(signal: FloatArray) -> FloatArray:
 
 
 def _tones(
-    residual: FloatArray, power_of_motion: Callable[[], FloatArray], used: BoolArray, *, harmonics: bool
+    residual: FloatArray,
+    power_of_motion: Callable[[], FloatArray],
+    used: BoolArray,
+    *,
+    harmonics: bool,
 ) -> list[tuple[float, float]]:
     """Places of the tones, in lines and parts of one, and how far each stands out.
 
@@ -178,18 +190,28 @@ def _tones(
         if place is None:
             return list(zip(places.tolist(), strengths, strict=True))
         size, near = float(power[round(place)]), np.abs(places - place) < NEAREST
-        if places.size == MOST_TONES or any(size > REMAINS * s for s, n in zip(sizes, near, strict=True) if n):
+        if places.size == MOST_TONES or any(
+            size > REMAINS * s for s, n in zip(sizes, near, strict=True) if n
+        ):
             return []
         if near.any():
             return list(zip(places.tolist(), strengths, strict=True))
-        places, strengths, sizes = np.append(places, place), [*strengths, _above(power, round(place))], [*sizes, size]
+        places, strengths, sizes = (
+            np.append(places, place),
+            [*strengths, _above(power, round(place))],
+            [*sizes, size],
+        )
         for _ in range(3):
             cosine, sine, late_cosine, late_sine = np.split(_amounts(places, used, residual, 4), 4)
             # a cos φ + b sin φ of a tone whose place is off by d lines changes with time as 2π d (b cos φ − a sin φ).
             squares = np.maximum(cosine**2 + sine**2, np.finfo(float).tiny)
-            places = places + np.clip((late_cosine * sine - late_sine * cosine) / squares / (2.0 * np.pi), -0.5, 0.5)
+            places = places + np.clip(
+                (late_cosine * sine - late_sine * cosine) / squares / (2.0 * np.pi), -0.5, 0.5
+            )
         left = residual.copy()
-        left[used] -= (_amounts(places, used, residual, 2) @ waves(places, used.size)[: 2 * places.size])[used]
+        left[used] -= (
+            _amounts(places, used, residual, 2) @ waves(places, used.size)[: 2 * places.size]
+        )[used]
 
 
 def _amounts(places: FloatArray, used: BoolArray, residual: FloatArray, columns: int) -> FloatArray:
@@ -203,10 +225,16 @@ def _peaks(power: FloatArray) -> list[int]:
     inner, most = power[2:-2], 4 * MOST_TONES
     largest = np.argpartition(-inner, most)[:most] if inner.size > most else np.arange(inner.size)
     largest = (largest[np.argsort(-inner[largest])] + 2).tolist()
-    return [m for m in largest if power[m] >= max(power[m - 1], power[m + 1]) and _above(power, m) > STANDS_OUT]
+    return [
+        m
+        for m in largest
+        if power[m] >= max(power[m - 1], power[m + 1]) and _above(power, m) > STANDS_OUT
+    ]
 
 
-def _strongest(peaks: Sequence[int], power: FloatArray, moving: FloatArray, *, harmonics: bool) -> float | None:
+def _strongest(
+    peaks: Sequence[int], power: FloatArray, moving: FloatArray, *, harmonics: bool
+) -> float | None:
     """Place of the first peak that is not of the motion."""
     own = _summit(moving, int(np.argmax(moving[2:-2])) + 2) if harmonics else 0.0
     over = power / np.maximum(moving, np.finfo(float).tiny)
@@ -215,7 +243,9 @@ def _strongest(peaks: Sequence[int], power: FloatArray, moving: FloatArray, *, h
         if harmonics and _harmonic(place, own, power.size - 1):
             continue
         tops = [m for m in (peak - 1, peak, peak + 1) if 1 < m < power.size - 2]
-        misfit = _above(over, peak) < MORE_THAN_MOVES  # of a multisine's lines close together none stands out
+        misfit = (
+            _above(over, peak) < MORE_THAN_MOVES
+        )  # of a multisine's lines close together none stands out
         tops = [m for m in tops if moving[m] >= max(moving[m - 1], moving[m + 1])]
         tops = [m for m in tops if misfit or _above(moving, m) > STANDS_OUT]
         if all(abs(_summit(moving, m) - place) > APART for m in tops):
@@ -233,13 +263,24 @@ def _harmonic(place: float, own: float, half: int) -> bool:
 def _above(power: FloatArray, peak: int) -> float:
     """How many times a line is above the median of those around."""
     around = np.concatenate(
-        [power[max(peak - AROUND, 1) : max(peak - NEAREST, 1)], power[peak + NEAREST + 1 : peak + AROUND]]
+        [
+            power[max(peak - AROUND, 1) : max(peak - NEAREST, 1)],
+            power[peak + NEAREST + 1 : peak + AROUND],
+        ]
     )
-    return float(power[peak] / max(float(median(around)), np.finfo(float).tiny)) if around.size else 0.0
+    return (
+        float(power[peak] / max(float(median(around)), np.finfo(float).tiny))
+        if around.size
+        else 0.0
+    )
 
 
 def _summit(power: FloatArray, peak: int) -> float:
     """Place of a peak between its lines."""
     low, middle, high = np.log(np.maximum(power[peak - 1 : peak + 2], np.finfo(float).tiny))
     curved = low - 2.0 * middle + high
-    return peak + float(np.clip(0.5 * (low - high) / curved, -0.5, 0.5)) if curved < 0.0 else float(peak)
+    return (
+        peak + float(np.clip(0.5 * (low - high) / curved, -0.5, 0.5))
+        if curved < 0.0
+        else float(peak)
+    )

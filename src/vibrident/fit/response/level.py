@@ -62,7 +62,9 @@ def level_at_tone(
         through_tone: |H|² at the tones, shape (n,).
     """
     near = weight * np.exp(-0.5 * (np.log(np.maximum(ratio, 1e-6)) / NEAR) ** 2)
-    scale = np.maximum(np.sum(weight * power, axis=1) / np.sum(weight, axis=1), np.finfo(float).tiny)
+    scale = np.maximum(
+        np.sum(weight * power, axis=1) / np.sum(weight, axis=1), np.finfo(float).tiny
+    )
     power = power / scale[:, None]  # near one: the floors below must not depend on the unit
     mean = np.sum(weight * power, axis=1) / np.sum(weight, axis=1)
     law, slope, sloped = _power_law(power, ratio, weight, near * (power > 0))
@@ -73,7 +75,9 @@ def level_at_tone(
     own, passed = _two_levels(power, shape, weight, mean)
     two = own[:, None] + passed[:, None] * shape
     even = np.broadcast_to(mean[:, None], power.shape)
-    steep = np.where(weight > 0.0, slope[:, None] * np.log(np.maximum(ratio, 1e-6)), 0.0)  # of a few lines, any slope
+    steep = np.where(
+        weight > 0.0, slope[:, None] * np.log(np.maximum(ratio, 1e-6)), 0.0
+    )  # of a few lines, any slope
     along = law[:, None] * np.exp(np.clip(steep, -MOST_STEEP, MOST_STEEP))
     shaped = _gain(power, two, even, weight) > ENOUGH_FOR_SHAPE
     level = np.where(shaped, own + passed * through_tone / size, mean)
@@ -100,7 +104,11 @@ def levels_apart(
     own, flat = [], np.ones(len(weight), dtype=bool)
     for line in lines:
         power = np.abs(line) ** 2
-        own.append(np.maximum(np.sum(weight * power, axis=1) / np.sum(weight, axis=1), np.finfo(float).tiny))
+        own.append(
+            np.maximum(
+                np.sum(weight * power, axis=1) / np.sum(weight, axis=1), np.finfo(float).tiny
+            )
+        )
         near = weight * np.exp(-0.5 * (np.log(np.maximum(ratio, 1e-6)) / NEAR) ** 2)
         flat &= ~_power_law(power / own[-1][:, None], ratio, weight, near * (power > 0))[2]
     passed, felt = own
@@ -135,7 +143,11 @@ def _power_law(
     # A tone below or above all its lines gets the law at the nearest of them.
     inside = np.where(weight > 0, x, np.nan)
     nearest = np.clip(0.0, np.nanmin(inside, axis=1), np.nanmax(inside, axis=1))
-    return np.exp(p_mean + slope * (nearest - x_mean) + LOG_BIAS), slope, np.abs(slope) > SIGNIFICANT * doubt
+    return (
+        np.exp(p_mean + slope * (nearest - x_mean) + LOG_BIAS),
+        slope,
+        np.abs(slope) > SIGNIFICANT * doubt,
+    )
 
 
 def _two_levels(
@@ -161,10 +173,15 @@ def _two_levels(
     return a, b
 
 
-def _gain(power: FloatArray, better: FloatArray, than: FloatArray, weight: FloatArray) -> FloatArray:
+def _gain(
+    power: FloatArray, better: FloatArray, than: FloatArray, weight: FloatArray
+) -> FloatArray:
     """Log-likelihood ratio of two descriptions of exponentially distributed powers, shape (n,).
 
     Neighbouring lines of a windowed spectrum are not independent: their likelihood counts for less.
     """
     first, second = np.maximum(better, 1e-300), np.maximum(than, 1e-300)
-    return np.sum(weight * (np.log(second / first) + power / second - power / first), axis=1) / CORRELATED**2
+    return (
+        np.sum(weight * (np.log(second / first) + power / second - power / first), axis=1)
+        / CORRELATED**2
+    )

@@ -71,16 +71,26 @@ class MeasuredResponse:
         """Measured complex sensitivity Y/X, shape (n,)."""
         return self.response / self.reference
 
-    def error_deviation(self, model: Callable[[FloatArray], ComplexArray] | None = None) -> FloatArray:
+    def error_deviation(
+        self, model: Callable[[FloatArray], ComplexArray] | None = None
+    ) -> FloatArray:
         """Standard deviation of the real part of Y − H X, shape (n,).
 
         Args:
             model: complex sensitivity H at frequencies; None takes the measured ratio at each point, which is right
                 where H hardly changes between a tone and its noise lines.
         """
-        h = self.ratio[:, None] if model is None else model(self.line_hz.ravel()).reshape(self.line_hz.shape)
+        h = (
+            self.ratio[:, None]
+            if model is None
+            else model(self.line_hz.ravel()).reshape(self.line_hz.shape)
+        )
         error = np.abs(self.line_response - h * self.line_reference) ** 2
-        through = (None, None) if model is None else (np.abs(h) ** 2, np.abs(model(self.frequency_hz)) ** 2)
+        through = (
+            (None, None)
+            if model is None
+            else (np.abs(h) ** 2, np.abs(model(self.frequency_hz)) ** 2)
+        )
         ratio = self.line_hz / self.frequency_hz[:, None]
         variance = level_at_tone(error, ratio, self.line_weight, *through)
         if model is not None:
@@ -112,5 +122,7 @@ class MeasuredResponse:
             np.concatenate([p.degrees_of_freedom for p in parts]),
             np.concatenate([p.record for p in parts]),
             np.concatenate([p.distortion for p in parts]),
-            np.concatenate([np.zeros((p.points, 2)) if p.rounding is None else p.rounding for p in parts]),
+            np.concatenate(
+                [np.zeros((p.points, 2)) if p.rounding is None else p.rounding for p in parts]
+            ),
         )

@@ -60,7 +60,9 @@ def repeated_errors(values: FloatArray, used: BoolArray, turns: float) -> tuple[
     if whole > FEW:
         return number, step
     levels = distinct(np.rint(np.abs(seen - np.mean(seen)) / (0.5 * step)))
-    return min(1 + int(np.sum(np.diff(levels) > 1.5)), number), step  # noise may reach the neighbouring code
+    return min(
+        1 + int(np.sum(np.diff(levels) > 1.5)), number
+    ), step  # noise may reach the neighbouring code
 
 
 def undithered(step: float, residual_variance: float) -> float:
@@ -74,7 +76,9 @@ def undithered(step: float, residual_variance: float) -> float:
     return float(np.exp(-((2.0 * np.pi) ** 2) * noise / step**2))
 
 
-def returning_error(values: FloatArray, used: BoolArray, turns: float, residual: FloatArray) -> float:
+def returning_error(
+    values: FloatArray, used: BoolArray, turns: float, residual: FloatArray
+) -> float:
     """Variance of the real part of a sine's amplitude by rounding errors that return each period.
 
     Args:
@@ -98,7 +102,9 @@ def rounding_variance(record: Record, gain_squares: Callable[[], FloatArray]) ->
         Shape (lines,), squares of the response unit.
     """
     own = converter_step(record.response, record.mask)
-    other = 0.0 if record.reference is None else converter_step(record.reference, record.reference_mask)
+    other = (
+        0.0 if record.reference is None else converter_step(record.reference, record.reference_mask)
+    )
     return None if own == other == 0.0 else (own**2 + other**2 * gain_squares()) / 12.0
 
 

@@ -90,7 +90,11 @@ class Exponentials:
 
     @classmethod
     def of(
-        cls, exponents: NDArray[np.complex128], first: int, trend: FloatArray, order: NDArray[np.int_]
+        cls,
+        exponents: NDArray[np.complex128],
+        first: int,
+        trend: FloatArray,
+        order: NDArray[np.int_],
     ) -> Exponentials:
         """Over the samples from ``first`` on for which there is a trend."""
         steps, begins = _tables(exponents, first, trend.size)
@@ -112,7 +116,9 @@ class Exponentials:
         count = self.begins.shape[1]
         every = np.zeros(2 * count + 2)
         every[self.order] = amounts
-        found = _swung(every[:count] - 1j * every[count:-2], self.steps, self.begins)[: self.trend.size]
+        found = _swung(every[:count] - 1j * every[count:-2], self.steps, self.begins)[
+            : self.trend.size
+        ]
         found += every[-2]
         found += every[-1] * self.trend
         return found
@@ -123,25 +129,35 @@ class Exponentials:
         return Exponentials(self.steps, self.begins, self.trend, self.order[which], gram)
 
 
-def products(values: FloatArray, exponents: NDArray[np.complex128], first: int = 0) -> NDArray[np.complex128]:
+def products(
+    values: FloatArray, exponents: NDArray[np.complex128], first: int = 0
+) -> NDArray[np.complex128]:
     """Σ values e^{pk} over the samples k from ``first`` on, for each of K exponents, shape (K,)."""
     return _summed(values, *_tables(exponents, first, values.size))
 
 
-def _swung(amounts: NDArray[np.complex128], steps: FloatArray, begins: NDArray[np.complex128]) -> FloatArray:
+def _swung(
+    amounts: NDArray[np.complex128], steps: FloatArray, begins: NDArray[np.complex128]
+) -> FloatArray:
     own = begins * amounts
     return (np.concatenate([own.real, -own.imag], axis=1) @ steps).ravel()
 
 
-def _tables(exponents: NDArray[np.complex128], first: int, samples: int) -> tuple[FloatArray, NDArray[np.complex128]]:
+def _tables(
+    exponents: NDArray[np.complex128], first: int, samples: int
+) -> tuple[FloatArray, NDArray[np.complex128]]:
     """Steps and begins of so many samples, as :class:`Exponentials` has them."""
     width = max(int(np.sqrt(samples)), 1)
-    steps: NDArray[np.complex128] = np.asarray(np.exp(exponents[:, None] * np.arange(width)), dtype=complex)
+    steps: NDArray[np.complex128] = np.asarray(
+        np.exp(exponents[:, None] * np.arange(width)), dtype=complex
+    )
     begins = np.exp((first + width * np.arange(-(-samples // width)))[:, None] * exponents)
     return np.concatenate([steps.real, steps.imag]), begins
 
 
-def _summed(values: FloatArray, steps: FloatArray, begins: NDArray[np.complex128]) -> NDArray[np.complex128]:
+def _summed(
+    values: FloatArray, steps: FloatArray, begins: NDArray[np.complex128]
+) -> NDArray[np.complex128]:
     (blocks, count), width = begins.shape, steps.shape[1]
     laid = np.zeros(blocks * width)
     laid[: values.size] = values
@@ -149,7 +165,9 @@ def _summed(values: FloatArray, steps: FloatArray, begins: NDArray[np.complex128
     return np.sum((inner[:, :count] + 1j * inner[:, count:]) * begins, axis=0)
 
 
-def _gram(exponents: NDArray[np.complex128], first: int, trend: FloatArray, with_trend: FloatArray) -> FloatArray:
+def _gram(
+    exponents: NDArray[np.complex128], first: int, trend: FloatArray, with_trend: FloatArray
+) -> FloatArray:
     """Products of the terms Re …, Im …, one, trend with each other, given those with the trend."""
     plus = _geometric(exponents[:, None] + exponents, first, trend.size)
     minus = _geometric(exponents[:, None] + np.conj(exponents), first, trend.size)
@@ -168,11 +186,15 @@ def in_parts(plus: NDArray[np.complex128], minus: NDArray[np.complex128]) -> Flo
     return np.block([[0.5 * (plus + minus).real, mixed], [mixed.T, 0.5 * (minus - plus).real]])
 
 
-def _geometric(exponents: NDArray[np.complex128], first: int, samples: int) -> NDArray[np.complex128]:
+def _geometric(
+    exponents: NDArray[np.complex128], first: int, samples: int
+) -> NDArray[np.complex128]:
     """Σ e^{pk} over ``samples`` samples from ``first`` on."""
     one = np.abs(exponents) * samples < 1e-12
     step = np.where(one, 1.0, np.expm1(exponents))
-    return np.exp(exponents * first) * np.where(one, float(samples), np.expm1(exponents * samples) / step)
+    return np.exp(exponents * first) * np.where(
+        one, float(samples), np.expm1(exponents * samples) / step
+    )
 
 
 def fitted(terms: Terms, values: FloatArray) -> tuple[FloatArray, FloatArray]:

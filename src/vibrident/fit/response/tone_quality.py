@@ -38,7 +38,9 @@ def refuse_other_motion(records: Sequence[Record], tones: MeasuredResponse) -> N
         InputError: there is one.
     """
     samples = np.array([record.mask.sum() for record in records])
-    rest = np.abs(tones.line_reference[:, 0]) ** 2 * samples / 2.0  # twice the mean square beside the tone
+    rest = (
+        np.abs(tones.line_reference[:, 0]) ** 2 * samples / 2.0
+    )  # twice the mean square beside the tone
     for index in np.flatnonzero(rest > MOST_STRAY * np.abs(tones.reference) ** 2).tolist():
         record, frequency = records[index], float(tones.frequency_hz[index])
         likely = kind_of_motion(np.asarray(record.reference)[record.mask])
@@ -76,7 +78,10 @@ def nothing_in_common(records: Sequence[Record]) -> list[Finding]:
 def silent_channels(tones: MeasuredResponse) -> list[Finding]:
     """A channel in which no record shows its tone above the noise: the wrong column, or a dead channel."""
     return [
-        Finding("dead_channel", f"The {label} channel shows the tone above its noise in none of the records.")
+        Finding(
+            "dead_channel",
+            f"The {label} channel shows the tone above its noise in none of the records.",
+        )
         for label, heard in zip(("reference", "response"), _heard(tones), strict=True)
         if not heard.any()
     ]
@@ -90,5 +95,10 @@ def silent_records(tones: MeasuredResponse) -> list[int]:
 def _heard(tones: MeasuredResponse) -> BoolArray:
     """Whether reference and response show the tone of each record above their noise, shape (2, tones)."""
     channels = (tones.reference, tones.line_reference), (tones.response, tones.line_response)
-    noise = [np.sqrt(np.sum(np.abs(lines) ** 2, axis=1) / np.sum(tones.line_weight, axis=1)) for _, lines in channels]
-    return np.array([np.abs(tone) > SILENT_SIGMA * own for (tone, _), own in zip(channels, noise, strict=True)])
+    noise = [
+        np.sqrt(np.sum(np.abs(lines) ** 2, axis=1) / np.sum(tones.line_weight, axis=1))
+        for _, lines in channels
+    ]
+    return np.array(
+        [np.abs(tone) > SILENT_SIGMA * own for (tone, _), own in zip(channels, noise, strict=True)]
+    )

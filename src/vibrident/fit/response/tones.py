@@ -59,7 +59,9 @@ def measure_tones(
         poles: poles of the sensor, 1/s; their free response is then fitted along in the response channel.
         measured: the records as they were measured, where something was subtracted from the response.
     """
-    frequencies_hz = [tone_frequency(record) for record in records] if frequencies_hz is None else frequencies_hz
+    frequencies_hz = (
+        [tone_frequency(record) for record in records] if frequencies_hz is None else frequencies_hz
+    )
     every = enumerate(zip(records, frequencies_hz, measured or records, strict=True))
     parts = [_fit(index, record, f, poles, raw) for index, (record, f, raw) in every]
     return MeasuredResponse.join(parts)
@@ -109,7 +111,9 @@ def _sine_fit(record: Record, near: float | None = None) -> _SineFit:
     near = record.frequency_hz if near is None else near
     known = _FITTED.setdefault(record, {})
     if near not in known:
-        start = spectral_peak(np.asarray(record.reference), record.mask, record.sampling_rate_hz, near)
+        start = spectral_peak(
+            np.asarray(record.reference), record.mask, record.sampling_rate_hz, near
+        )
         same = (one for one in known.values() if one[0] == start)
         known[near] = next(same, None) or (start, _sine_fit_from(record, start))
     return known[near][1]
@@ -138,14 +142,18 @@ def _sine_fit_from(record: Record, start: float) -> _SineFit:
         scale = np.sum(residual**2, axis=1) + 1e-26 * power + np.finfo(float).tiny
         slope = (found[1][:, None] * design[0] - found[0][:, None] * design[1]) * t
         inner = design @ slope.T
-        curvature = np.sum(slope**2, axis=1) - np.sum(inner * np.linalg.solve(normal, inner), axis=0)
+        curvature = np.sum(slope**2, axis=1) - np.sum(
+            inner * np.linalg.solve(normal, inner), axis=0
+        )
         drift = np.sum(slope * residual, axis=1)  # the residual is orthogonal to the design
         step = np.sum(drift / scale) / max(float(np.sum(curvature / scale)), np.finfo(float).tiny)
         step = float(np.clip(step, -np.pi / span, np.pi / span))
         omega += step
         if abs(step) * span < FREQUENCY_TOLERANCE:
             break
-    amplitude = (found[0] - 1j * found[1]) * np.exp(-0.5j * omega * span)  # from the record's middle to its start
+    amplitude = (found[0] - 1j * found[1]) * np.exp(
+        -0.5j * omega * span
+    )  # from the record's middle to its start
     count = max(t.shape[0], 6)
     variance = 2.0 * np.sum(residual**2, axis=1) / (count - 5.0) / count
     if omega < 0:
@@ -157,7 +165,9 @@ def own_sine(record: Record) -> FloatArray:
     """The response's sine and mean alone, shape (samples,)."""
     frequency, amplitude, _ = _sine_fit(record)
     wave = turning(record.samples, 2.0 * np.pi * frequency / record.sampling_rate_hz)
-    return np.asarray(np.real(amplitude[1] * wave) + record.response[record.mask].mean(), dtype=float)
+    return np.asarray(
+        np.real(amplitude[1] * wave) + record.response[record.mask].mean(), dtype=float
+    )
 
 
 def spectral_peak(signal: FloatArray, mask: BoolArray, rate: float, near: float | None) -> float:
@@ -167,17 +177,25 @@ def spectral_peak(signal: FloatArray, mask: BoolArray, rate: float, near: float 
     bins = np.arange(power.shape[0]) * rate / size
     inside = bins > 0.25 * rate / n
     if near is not None:
-        close = inside & (bins > min(near / 1.3, near - 2 * rate / n)) & (bins < max(near * 1.3, near + 2 * rate / n))
+        close = (
+            inside
+            & (bins > min(near / 1.3, near - 2 * rate / n))
+            & (bins < max(near * 1.3, near + 2 * rate / n))
+        )
         inside = close if close.any() else inside
     peak, shift = int(np.argmax(np.where(inside, power, -1.0))), 0.0
     if 0 < peak < power.shape[0] - 1 and power[peak] > 0:
-        left, top, right = np.log(np.maximum(power[peak - 1 : peak + 2], 1e-300 + 1e-12 * power[peak]))
+        left, top, right = np.log(
+            np.maximum(power[peak - 1 : peak + 2], 1e-300 + 1e-12 * power[peak])
+        )
         curvature = left - 2 * top + right
         shift = 0.5 * (left - right) / curvature if curvature < 0 else 0.0
     return float((peak + np.clip(shift, -0.5, 0.5)) * rate / size)
 
 
-def _fit(index: int, record: Record, frequency: float, poles: ComplexArray | None, raw: Record) -> MeasuredResponse:
+def _fit(
+    index: int, record: Record, frequency: float, poles: ComplexArray | None, raw: Record
+) -> MeasuredResponse:
     mask, rate = record.mask, record.sampling_rate_hz
     terms, number = _terms(record, frequency, poles)
     if not mask.all():
@@ -191,15 +209,22 @@ def _fit(index: int, record: Record, frequency: float, poles: ComplexArray | Non
     response = _Fit.of(terms, "response", record, raw, frequency, chosen)
     # The reference's fit stays, however often something is subtracted from the response.
     stays = isinstance(own, Exponentials) and record.reference is raw.reference
-    known, key = _REFERENCES.setdefault(raw, {}) if stays else {}, (frequency, place.start, place.stop, number)
+    known, key = (
+        _REFERENCES.setdefault(raw, {}) if stays else {},
+        (frequency, place.start, place.stop, number),
+    )
     if key not in known:
         known[key] = _Fit.of(own, "reference", record, raw, frequency, chosen)
     fits = known[key], response
     # White noise of variance σ²: E|line|² = σ² Σw², and the amplitude's real part has variance 2 σ²/N.
     scale = np.sqrt(2.0 / (np.sum(_window(mask) ** 2) * max(count, 1.0)) * _cost(terms.gram, count))
-    lines = [scale * fit.lines / np.sqrt(part[chosen]) for fit, part in zip(fits, left, strict=True)]
+    lines = [
+        scale * fit.lines / np.sqrt(part[chosen]) for fit, part in zip(fits, left, strict=True)
+    ]
     amplitude = [fit.amplitudes[:harmonics] for fit in fits]
-    overtones = [np.sqrt(np.sum(np.abs(a[1:]) ** 2)) / max(float(np.abs(a[0])), 1e-300) for a in amplitude]
+    overtones = [
+        np.sqrt(np.sum(np.abs(a[1:]) ** 2)) / max(float(np.abs(a[0])), 1e-300) for a in amplitude
+    ]
     free = max(count - len(terms.gram), 1.0)
     return MeasuredResponse(
         np.array([frequency]),
@@ -232,7 +257,13 @@ class _Fit:
 
     @classmethod
     def of(
-        cls, terms: Terms, channel: str, record: Record, raw: Record, frequency: float, chosen: NDArray[np.int_]
+        cls,
+        terms: Terms,
+        channel: str,
+        record: Record,
+        raw: Record,
+        frequency: float,
+        chosen: NDArray[np.int_],
     ) -> _Fit:
         """By these terms, with the lines ``chosen``; ``raw``: the record as it was measured."""
         mask = record.mask
@@ -244,12 +275,16 @@ class _Fit:
         pairs = len(found) // 2
         amplitudes = found[0 : 2 * pairs : 2] - 1j * found[1 : 2 * pairs : 2]
         turns = frequency / record.sampling_rate_hz
-        rounding = returning_error(np.asarray(getattr(raw, channel)), raw.mask, turns, residual[raw.mask])
+        rounding = returning_error(
+            np.asarray(getattr(raw, channel)), raw.mask, turns, residual[raw.mask]
+        )
         return cls(amplitudes, np.asarray(fft.rfft(residual * _window(mask)))[chosen], rounding)
 
 
 #: Fits of the references of records as they were measured, by frequency, span and number of terms.
-_REFERENCES: WeakKeyDictionary[Record, dict[tuple[float, int, int, int], _Fit]] = WeakKeyDictionary()
+_REFERENCES: WeakKeyDictionary[Record, dict[tuple[float, int, int, int], _Fit]] = (
+    WeakKeyDictionary()
+)
 
 
 def _window(mask: BoolArray) -> FloatArray:
@@ -279,7 +314,9 @@ def _terms(record: Record, frequency: float, poles: ComplexArray | None) -> tupl
     trend = np.arange(place.start, place.stop) / last - 0.5
     trend = trend if frequency * last / rate >= 3.0 else np.zeros_like(trend)
     pairs = np.stack([np.arange(count), count + np.arange(count)], axis=1)
-    swings = np.ravel([[True, exponent.imag > 1e-9 * abs(exponent)] for exponent in lasting]).astype(bool)
+    swings = np.ravel(
+        [[True, exponent.imag > 1e-9 * abs(exponent)] for exponent in lasting]
+    ).astype(bool)
     free = pairs[highest:].ravel()[swings]
     order = np.concatenate([pairs[:highest].ravel(), [2 * count, 2 * count + 1], free])
     swift = bool(np.all(np.abs(exponents) * trend.size > 1.0))  # of slower ones the products cancel
@@ -289,7 +326,9 @@ def _terms(record: Record, frequency: float, poles: ComplexArray | None) -> tupl
         [turning(record.samples, e.imag) for e in exponents[:highest]]
         + [np.exp(e * np.arange(record.samples)) for e in lasting]
     )[:, place]
-    rows = np.concatenate([waves_of.real, waves_of.imag, np.ones((1, trend.size)), trend[None]])[order]
+    rows = np.concatenate([waves_of.real, waves_of.imag, np.ones((1, trend.size)), trend[None]])[
+        order
+    ]
     if record.hum_hz:
         rows = np.concatenate([rows, waves(_beside(record, frequency), record.samples)[:, place]])
     return WrittenOut.of(rows * mask[place]), 2 * highest + 2
@@ -301,7 +340,9 @@ def free_exponents(poles: ComplexArray | None, rate_hz: float) -> ComplexArray:
     A pole that is gone by the second sample may be as large as the tone in the first. Those that rounding ends before
     the second sample are left out.
     """
-    found: ComplexArray = np.zeros(0, dtype=complex) if poles is None else np.asarray(poles / rate_hz, dtype=complex)
+    found: ComplexArray = (
+        np.zeros(0, dtype=complex) if poles is None else np.asarray(poles / rate_hz, dtype=complex)
+    )
     lasts = (found.imag >= 0.0) & (found.real < 0.0) & (found.real > np.log(np.finfo(float).eps))
     return np.asarray(found[lasts], dtype=complex)
 
@@ -322,7 +363,9 @@ def _told_apart(number: int, terms: Terms, record: Record, count: float) -> NDAr
             continue
         if (dropped := number - which.size) == 0:
             return rows
-        channels = [np.asarray(c)[place] * record.mask[place] for c in (record.reference, record.response)]
+        channels = [
+            np.asarray(c)[place] * record.mask[place] for c in (record.reference, record.response)
+        ]
         every, kept = (
             np.array([np.sum(fitted(terms.only(some), channel)[1] ** 2) for channel in channels])
             for some in (rows, which)
@@ -341,7 +384,9 @@ def _cost(gram: FloatArray, count: float) -> float:
         count: of these samples.
     """
     own = inverse_where_shown(gram, TOLD_APART)[:2, :2]
-    largest = 0.5 * (own[0, 0] + own[1, 1]) + float(np.hypot(0.5 * (own[0, 0] - own[1, 1]), own[0, 1]))
+    largest = 0.5 * (own[0, 0] + own[1, 1]) + float(
+        np.hypot(0.5 * (own[0, 0] - own[1, 1]), own[0, 1])
+    )
     return max(largest * count / 2.0, 1.0)
 
 
@@ -358,11 +403,15 @@ def _noise_left(terms: Terms, mask: BoolArray) -> FloatArray:
     design[:, span_of(mask)] = terms.rows
     left, size, _ = np.linalg.svd(design.T, full_matrices=False)
     basis = left[:, size > 1e-5 * size[0]].T
-    taken = np.sum(np.abs(np.asarray(fft.rfft(basis * window, axis=1))) ** 2, axis=0) / np.sum(window**2)
+    taken = np.sum(np.abs(np.asarray(fft.rfft(basis * window, axis=1))) ** 2, axis=0) / np.sum(
+        window**2
+    )
     return np.maximum(1.0 - taken, 1e-3)
 
 
-def _noise_lines(n: int, frequency: float, rate: float, harmonics: int, left: Sequence[FloatArray]) -> NDArray[np.int_]:
+def _noise_lines(
+    n: int, frequency: float, rate: float, harmonics: int, left: Sequence[FloatArray]
+) -> NDArray[np.int_]:
     """Numbers of spectral lines of n samples beside the tone that tell its noise, shape (K,).
 
     ``left`` is the part of white noise that the fit left of each, for either channel of shape (n // 2 + 1,).

@@ -23,7 +23,9 @@ AT_ONCE = 1 << 13
 MEDIAN_OF_POWER = float(np.log(2.0))
 
 
-def line_frequencies(samples: int, sampling_rate_hz: float, part: slice = slice(None)) -> FloatArray:
+def line_frequencies(
+    samples: int, sampling_rate_hz: float, part: slice = slice(None)
+) -> FloatArray:
     """Frequency of each line in Hz, shape (samples // 2 + 1,), or of some.
 
     The line at zero is given the next one's: a reference in velocity has no response at zero, and an offset is fitted.
@@ -36,7 +38,9 @@ def reference_colour(record: Record, samples: int) -> FloatArray | float:
     order = record.reference_noise_order
     if order == 0:
         return 1.0
-    return (order + 1.0) * (2.0 * np.maximum(np.arange(samples // 2 + 1), 1) / max(samples, 1)) ** order
+    return (order + 1.0) * (
+        2.0 * np.maximum(np.arange(samples // 2 + 1), 1) / max(samples, 1)
+    ) ** order
 
 
 def transforms(signals: Sequence[FloatArray] | FloatArray) -> NDArray[np.complex128]:

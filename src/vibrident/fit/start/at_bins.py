@@ -75,7 +75,10 @@ def candidates(band: Band, look: Look, most: int) -> list[Candidate]:
     top_hz = min([ABOVE * look.band_hz[1], *(0.5 * rate for rate in rates)])
     places = _places(core, [_axis(spec, look.band_hz[0], top_hz) for spec in core])
     added = [
-        spec for add_on in model.add_ons for spec in add_on.parameters if spec.guesses and spec.name not in model.shares
+        spec
+        for add_on in model.add_ons
+        for spec in add_on.parameters
+        if spec.guesses and spec.name not in model.shares
     ]
     guesses = _places(added, [_guesses(spec, look.band_hz) for spec in added])
     if any(spec.start is not None for spec in core):
@@ -93,7 +96,9 @@ def candidates(band: Band, look: Look, most: int) -> list[Candidate]:
     return front[:most]
 
 
-def _places(specs: Sequence[ParameterSpec], axes: Sequence[Sequence[float]]) -> list[dict[str, float]]:
+def _places(
+    specs: Sequence[ParameterSpec], axes: Sequence[Sequence[float]]
+) -> list[dict[str, float]]:
     """Return every combination of values of parameters, by name."""
     names = [spec.name for spec in specs]
     return [dict(zip(names, values, strict=True)) for values in itertools.product(*axes)]
@@ -123,7 +128,9 @@ def _neutral(model: SensorModel, band_hz: tuple[float, float]) -> dict[str, floa
     at = {"lowest": 1e-3 * low, "highest": 1e3 * high, "period": 1e-3 / high, "band": 3.0 * high}
     values = {}
     for spec in model.parameters:
-        nothing = at.get(spec.guess_at, 0.1) if spec.kind in ("log", "duration", "positive") else 0.0
+        nothing = (
+            at.get(spec.guess_at, 0.1) if spec.kind in ("log", "duration", "positive") else 0.0
+        )
         values[spec.name] = 1.0 if spec.kind == "gain" else nothing
     return values
 
@@ -171,12 +178,16 @@ class _Search:
         for number in np.argsort(scores.cost, kind="stable").tolist():
             if len(chosen) == most or not np.isfinite(scores.cost[number]):
                 break
-            values = self._values(tried[number], scores.amounts[number], float(scores.late_s[number]))
+            values = self._values(
+                tried[number], scores.amounts[number], float(scores.late_s[number])
+            )
             if all(self._differ(values, other.values, places[0]) for other in chosen):
                 chosen.append(Candidate(float(scores.cost[number]), values))
         return chosen
 
-    def _values(self, place: Mapping[str, float], amounts: FloatArray, late_s: float) -> dict[str, float]:
+    def _values(
+        self, place: Mapping[str, float], amounts: FloatArray, late_s: float
+    ) -> dict[str, float]:
         """Return the parameters of a place by name, with its gain, shares and delay."""
         model = self.band.model
         gain, *others = amounts.tolist()
@@ -212,7 +223,9 @@ class _Search:
             return self._local(turned, coordinates, z)
 
         try:
-            trace = levenberg_marquardt(objective, coordinates.first, None, tolerance=ROUGH, most=MAX_EVALUATIONS)
+            trace = levenberg_marquardt(
+                objective, coordinates.first, None, tolerance=ROUGH, most=MAX_EVALUATIONS
+            )
         except (NotConverged, np.linalg.LinAlgError):
             return candidate
         values = coordinates.values(trace.last)
@@ -225,7 +238,9 @@ class _Search:
         delay_s = self.band.problem.frame.delay_s
         model = self.band.model
         trained = self.band.problem.trained
-        trained = replace(trained, factor_values={name: values[name] for name in model.factor_names})
+        trained = replace(
+            trained, factor_values={name: values[name] for name in model.factor_names}
+        )
         matrix = np.zeros((len(z), len(z)))
         gradient = np.zeros(len(z))
         cost = 0.0
@@ -245,7 +260,9 @@ class _Search:
                 cost += float(products(residual, residual)[0, 0])
         return Local(matrix, gradient, cost)
 
-    def _networks(self, places: Sequence[dict[str, float]], step: tuple[float, float]) -> DiscreteTransfer:
+    def _networks(
+        self, places: Sequence[dict[str, float]], step: tuple[float, float]
+    ) -> DiscreteTransfer:
         """Return the networks of G places: without what T − 1 shares multiply, and with each of it.
 
         Returns:
@@ -253,16 +270,26 @@ class _Search:
         """
         model = self.band.model
         problem = self.band.problem
-        trials = [trial for values in places for trial in (values, *({**values, name: 1.0} for name in model.shares))]
+        trials = [
+            trial
+            for values in places
+            for trial in (values, *({**values, name: 1.0} for name in model.shares))
+        ]
         names = list(trials[0])
-        late = {spec.name: problem.frame.delay_s for spec in model.parameters if spec.kind == "time"}
+        late = {
+            spec.name: problem.frame.delay_s for spec in model.parameters if spec.kind == "time"
+        }
         late |= problem.frame.factor_values
         trained = problem.trained
         if trained.method.takes_many:
-            many: dict[str, Any] = {name: np.array([trial[name] for trial in trials]) for name in names}
+            many: dict[str, Any] = {
+                name: np.array([trial[name] for trial in trials]) for name in names
+            }
             both = trained.transfer(many | late, *step, problem.frame.delay_s)
         else:
-            steps = [trained.transfer(trial | late, *step, problem.frame.delay_s) for trial in trials]
+            steps = [
+                trained.transfer(trial | late, *step, problem.frame.delay_s) for trial in trials
+            ]
             both = DiscreteTransfer(*(np.stack(parts) for parts in zip(*steps, strict=True)))
         shape = len(places), 1 + len(model.shares)
         return DiscreteTransfer(*(part.reshape(*shape, *part.shape[1:]) for part in both))
@@ -280,7 +307,9 @@ class _Search:
             return None
         model = self.band.problem.frame.model
         over = 1.0 / model.factors(self.band.problem.frame.factor_values, rows.frequency_hz)
-        return np.stack([over * model.factors(values, rows.frequency_hz) for values in tried], axis=1)
+        return np.stack(
+            [over * model.factors(values, rows.frequency_hz) for values in tried], axis=1
+        )
 
     def _moved_factors(self, rows: CoarseRows, values: Mapping[str, float]) -> list[ComplexArray]:
         """Return factors and their slopes over the factors of the inputs, shape (R, K) each."""
@@ -301,7 +330,9 @@ class _Search:
         inputs = np.concatenate([plain * factor[:, None] for factor in factors], axis=1)
         return replace(rows, bins=replace(rows.bins, inputs=inputs))
 
-    def _differ(self, values: Mapping[str, float], others: Mapping[str, float], names: Mapping[str, float]) -> bool:
+    def _differ(
+        self, values: Mapping[str, float], others: Mapping[str, float], names: Mapping[str, float]
+    ) -> bool:
         specs = {spec.name: spec for spec in self.band.model.parameters}
         for name in names:
             factor = APART_FREQUENCY if specs[name].kind == "log" else APART
@@ -360,7 +391,9 @@ class _Search:
         if not self.band.problem.frame.method.is_exact:
             for place in np.flatnonzero(usable).tolist():
                 each = networks.denominator[place]
-                usable[place] = all(self.band.is_stable(denominator, rows.bins.step) for denominator in each)
+                usable[place] = all(
+                    self.band.is_stable(denominator, rows.bins.step) for denominator in each
+                )
         return usable
 
     def _late(self, freed: Sequence[ComplexArray]) -> FloatArray:
@@ -380,5 +413,7 @@ class _Search:
         agreement = np.abs(sums)
         whole = late + self.band.problem.frame.delay_s
         best = np.argmax(preferred(agreement, whole * high), axis=1)
-        beside = [beside_peak(row, place) for row, place in zip(agreement, best.tolist(), strict=True)]
+        beside = [
+            beside_peak(row, place) for row, place in zip(agreement, best.tolist(), strict=True)
+        ]
         return np.asarray(late[best] + np.array(beside) * (late[1] - late[0]))

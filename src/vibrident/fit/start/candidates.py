@@ -29,18 +29,25 @@ CORES_OF_COARSE_GRID = 24
 LEAST_DEVIATION = 0.01
 
 
-def candidates(sought: TargetFRF, chart: LogCoordinates, band_hz: tuple[float, float]) -> FloatArray:
+def candidates(
+    sought: TargetFRF, chart: LogCoordinates, band_hz: tuple[float, float]
+) -> FloatArray:
     """Coordinates of the grid's best, with what the add-ons guess, the best first; shape (C, P)."""
     cores = _cores(sought, chart, band_hz)
     return likely(with_guesses(cores, chart.model, band_hz), len(cores), sought, chart)
 
 
-def likely(combined: FloatArray, cores: int, sought: TargetFRF, chart: LogCoordinates) -> FloatArray:
+def likely(
+    combined: FloatArray, cores: int, sought: TargetFRF, chart: LogCoordinates
+) -> FloatArray:
     """Those of the combinations of so many cores with guesses that have the best magnitudes, the best first."""
     if len(combined) <= FIRST:
         return combined
     few = sought.few(MOST_SCORED_POINTS)
-    goal, weight = np.log(np.abs(few.response)), 1.0 / np.maximum(few.deviation, LEAST_DEVIATION) ** 2
+    goal, weight = (
+        np.log(np.abs(few.response)),
+        1.0 / np.maximum(few.deviation, LEAST_DEVIATION) ** 2,
+    )
     off = goal - np.log(np.abs(chart.at(few).response(combined, np.ones(len(combined)))))
     mean = off @ weight / np.sum(weight)
     score = (off - mean[:, None]) ** 2 @ weight
@@ -66,7 +73,10 @@ def _cores(sought: TargetFRF, chart: LogCoordinates, band_hz: tuple[float, float
     score = (difference - mean[..., None]) ** 2 @ weight
     # Natural frequencies that differ by a fifth, and others by a factor of e, are apart.
     apart = [0.2 if spec.grid == "band" else 1.0 for spec in specs]
-    own = [chart.coordinate(spec, axis) / far for spec, axis, far in zip(specs, axes, apart, strict=True)]
+    own = [
+        chart.coordinate(spec, axis) / far
+        for spec, axis, far in zip(specs, axes, apart, strict=True)
+    ]
     places = np.reshape(np.meshgrid(*own, indexing="ij"), (len(own), score.size))
     likeliest, chosen = np.argsort(score, axis=None), []
     most = CORES_OF_COARSE_GRID if any(spec.start is not None for spec in specs) else CORES
@@ -74,8 +84,12 @@ def _cores(sought: TargetFRF, chart: LogCoordinates, band_hz: tuple[float, float
         first = int(likeliest[0])
         values = {name: float(grid[name].flat[first]) for name in grid}
         values[model.gain_name] = float(np.exp(mean.flat[first]))
-        chosen.append(chart.place({name: values.get(name, 0.0) for name in model.parameter_names})[0])
-        likeliest = likeliest[np.any(np.abs(places[:, likeliest] - places[:, first, None]) > 1.0, axis=0)]
+        chosen.append(
+            chart.place({name: values.get(name, 0.0) for name in model.parameter_names})[0]
+        )
+        likeliest = likeliest[
+            np.any(np.abs(places[:, likeliest] - places[:, first, None]) > 1.0, axis=0)
+        ]
     return np.array(chosen)
 
 
@@ -90,8 +104,14 @@ def _grid(
     alone, points = SensorModel(core.name, core), np.frombuffer(frequency)
     specs = [spec for spec in core.parameters if spec.grid]
     axes = [np.frombuffer(naturals) if s.grid == "band" else np.array(s.grid) for s in specs]
-    grid = {s.name: values[..., None] for s, values in zip(specs, np.meshgrid(*axes, indexing="ij"), strict=True)}
-    trial = {name: grid.get(name, 1.0 if name == alone.gain_name else 0.0) for name in alone.parameter_names}
+    grid = {
+        s.name: values[..., None]
+        for s, values in zip(specs, np.meshgrid(*axes, indexing="ij"), strict=True)
+    }
+    trial = {
+        name: grid.get(name, 1.0 if name == alone.gain_name else 0.0)
+        for name in alone.parameter_names
+    }
     return specs, axes, grid, np.log(np.abs(alone.frequency_response(trial, points)))
 
 
@@ -108,7 +128,10 @@ def _naturals(frequency_hz: FloatArray, band_hz: tuple[float, float]) -> FloatAr
 
 
 def with_guesses(
-    cores: FloatArray, model: SensorModel, band_hz: tuple[float, float], names: Sequence[str] | None = None
+    cores: FloatArray,
+    model: SensorModel,
+    band_hz: tuple[float, float],
+    names: Sequence[str] | None = None,
 ) -> FloatArray:
     """Every core with every combination of the add-ons' guesses, or those of some parameters; the best core first."""
     low, high = band_hz
@@ -120,7 +143,11 @@ def with_guesses(
     choices = []
     for spec in (model.parameters[i] for i in guessed):
         guesses = np.array(spec.guesses)
-        physical = low * (high / low) ** guesses if spec.guess_at == "band" else guesses * unit[spec.guess_at]
+        physical = (
+            low * (high / low) ** guesses
+            if spec.guess_at == "band"
+            else guesses * unit[spec.guess_at]
+        )
         choices.append((physical if spec.kind == "ratio" else np.log(physical)).tolist())
     combos = np.array(list(itertools.product(*choices)))
     found = np.repeat(cores, len(combos), axis=0)

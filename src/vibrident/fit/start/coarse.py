@@ -45,7 +45,9 @@ class CoarseRows:
     weight: FloatArray
     frequency_hz: FloatArray
 
-    def freed(self, networks: DiscreteTransfer, factors: ComplexArray | None = None) -> ComplexArray:
+    def freed(
+        self, networks: DiscreteTransfer, factors: ComplexArray | None = None
+    ) -> ComplexArray:
         """Return forced responses and response, less what nuisance columns could imitate, times the root weight.
 
         Args:
@@ -67,8 +69,14 @@ class CoarseRows:
         if self.bins.edges:
             nuisances.append(states * over)
         behind = over if factors is None else over * factors[:, :, None]
-        own = [forced.reshape(segments, places, trials, bins) * behind, self.bins.response[:, None, None]]
-        every = [np.broadcast_to(each, (segments, places, *each.shape[2:])) for each in (*nuisances, *own)]
+        own = [
+            forced.reshape(segments, places, trials, bins) * behind,
+            self.bins.response[:, None, None],
+        ]
+        every = [
+            np.broadcast_to(each, (segments, places, *each.shape[2:]))
+            for each in (*nuisances, *own)
+        ]
         rows = np.concatenate(every, axis=2)
         flat = rows.reshape(segments, places * rows.shape[2], bins)
         rows = self.bins.where_used(flat).reshape(rows.shape)
@@ -104,7 +112,8 @@ def coarse_rows(band: Band, look: Look) -> list[CoarseRows]:
         _Row(group, row, response[: group.grid.bins], weight[row], np.arange(0))
         for group, weight in zip(band.groups, weights, strict=True)
         for row, number in enumerate(group.segments)
-        if (response := group.response[row] if group.used is None else look.filled.get(number)) is not None
+        if (response := group.response[row] if group.used is None else look.filled.get(number))
+        is not None
     ]
     if not rows:  # no segment is whole, nor has enough bins to be filled in: all of their bins
         return [

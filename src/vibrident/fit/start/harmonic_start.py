@@ -16,7 +16,9 @@ from vibrident.fit.problem.time_domain import TimeProblem
 from vibrident.physics.network.sensitivity import Normal
 
 
-def with_harmonic_start(problem: TimeProblem, normal: Normal, evidence: Evidence, z: FloatArray) -> FloatArray:
+def with_harmonic_start(
+    problem: TimeProblem, normal: Normal, evidence: Evidence, z: FloatArray
+) -> FloatArray:
     """Coordinates ``z`` with the stiffness that the harmonics say; ``z`` itself without sine records.
 
     Args:
@@ -37,6 +39,8 @@ def with_harmonic_start(problem: TimeProblem, normal: Normal, evidence: Evidence
         used = record.mask & np.isfinite(predicted[owner])
         turn = np.exp(-6j * np.pi * frequency * record.time_s[used]) * np.hanning(int(used.sum()))
         slope = np.sum(slopes[owner][used] * turn)
-        product += float(np.real(np.conj(slope) * np.sum((record.response - predicted[owner])[used] * turn)))
+        product += float(
+            np.real(np.conj(slope) * np.sum((record.response - predicted[owner])[used] * turn))
+        )
         power += float(np.abs(slope) ** 2)
     return z if power == 0.0 else z + np.eye(len(z))[index] * (product / power)

@@ -96,7 +96,9 @@ def look_at(band: Band) -> Look:
         levels |= zip(group.segments, seen.level, strict=True)
         if group.used is not None and group.grid.driven:
             root_share = np.sqrt(np.mean(group.used, axis=1, keepdims=True))
-            every = zip(group.segments, seen.response / root_share, seen.has_enough_bins, strict=True)
+            every = zip(
+                group.segments, seen.response / root_share, seen.has_enough_bins, strict=True
+            )
             filled |= {number: row for number, row, enough in every if enough}
         frequency = group.grid.frequency_hz
         everywhere.append(frequency[[group.grid.first, group.grid.last - 1]])
@@ -154,14 +156,22 @@ def _seen_in(group: Group) -> _Seen:
     motions = [group.inputs[:, 0]] if group.grid.driven else []
     if group.used is None:
         return _seen(group.response, motions, None)
-    inner = slice(0, (group.grid.samples + 1) // 2)  # at half the sampling rate nothing tells a phase
+    inner = slice(
+        0, (group.grid.samples + 1) // 2
+    )  # at half the sampling rate nothing tells a phase
     every = [
-        _seen(group.response[row : row + 1, inner], [motion[row : row + 1, inner] for motion in motions], used[None])
+        _seen(
+            group.response[row : row + 1, inner],
+            [motion[row : row + 1, inner] for motion in motions],
+            used[None],
+        )
         for row, used in enumerate(group.used)
     ]
     response, level, moving, enough = (np.concatenate(rows) for rows in zip(*every, strict=True))
     beyond = ((0, 0), (0, group.grid.bins - response.shape[1]))
-    response, level, moving = (np.pad(rows, beyond, mode="edge") for rows in (response, level, moving))
+    response, level, moving = (
+        np.pad(rows, beyond, mode="edge") for rows in (response, level, moving)
+    )
     return _Seen(response, level, moving, enough)
 
 

@@ -34,7 +34,12 @@ def two_modes(
     """
     series = _series(model, known, sought.frequency_hz)
     goal = TargetFRF(
-        sought.frequency_hz, sought.response / series, sought.deviation, sought.phase_deviation, True, sought.polar
+        sought.frequency_hz,
+        sought.response / series,
+        sought.deviation,
+        sought.phase_deviation,
+        True,
+        sought.polar,
     )
     shape = model.rational(known, quantity)
     zeros = next(k for k, c in enumerate(shape.numerator) if np.any(np.asarray(c) != 0.0))
@@ -44,7 +49,9 @@ def two_modes(
             yield _with_gains(values, sought, model, quantity)
 
 
-def fitted_poles(sought: TargetFRF, order: int, zeros: int, coefficients: int) -> ComplexArray | None:
+def fitted_poles(
+    sought: TargetFRF, order: int, zeros: int, coefficients: int
+) -> ComplexArray | None:
     """Poles of N/D, rad/s, shape (order,); None where the equations have no finite solution.
 
     Args:
@@ -61,9 +68,15 @@ def fitted_poles(sought: TargetFRF, order: int, zeros: int, coefficients: int) -
     last = np.append(np.zeros(order), 1.0)
     for turn in range(12):
         w = weight / np.maximum(np.abs(powers @ last), 1e-300) if turn else weight
-        rows = np.concatenate([numerator, -sought.response[:, None] * powers[:, :-1]], axis=1) * w[:, None]
+        rows = (
+            np.concatenate([numerator, -sought.response[:, None] * powers[:, :-1]], axis=1)
+            * w[:, None]
+        )
         goal = sought.response * powers[:, -1] * w
-        matrix, right = np.concatenate([rows.real, rows.imag]), np.concatenate([goal.real, goal.imag])
+        matrix, right = (
+            np.concatenate([rows.real, rows.imag]),
+            np.concatenate([goal.real, goal.imag]),
+        )
         size = np.maximum(np.sqrt(np.sum(matrix**2, axis=0)), 1e-300)
         found = np.linalg.lstsq(matrix / size, right, rcond=None)[0] / size
         if not np.all(np.isfinite(found)):
@@ -75,14 +88,20 @@ def fitted_poles(sought: TargetFRF, order: int, zeros: int, coefficients: int) -
 def _series(model: SensorModel, known: dict[str, float], frequency_hz: FloatArray) -> ComplexArray:
     """The factors in series with the rational part: delay and average."""
     s = 2j * np.pi * frequency_hz
-    factor = np.exp(-s * float(model.delay_s(known))) if model.has_delay else np.ones(s.shape, dtype=complex)
+    factor = (
+        np.exp(-s * float(model.delay_s(known)))
+        if model.has_delay
+        else np.ones(s.shape, dtype=complex)
+    )
     for addon in model.add_ons:
         if addon.factor is not None:
             factor = factor * addon.factor(known, s)
     return factor
 
 
-def _dealt(poles: ComplexArray, model: SensorModel, known: dict[str, float]) -> Iterator[dict[str, float]]:
+def _dealt(
+    poles: ComplexArray, model: SensorModel, known: dict[str, float]
+) -> Iterator[dict[str, float]]:
     """Poles as natural frequencies, damping ratios and the corner of a high-pass, in every way that pairs allow."""
     stable = -np.abs(poles.real) + 1j * poles.imag
     upper = stable[stable.imag > 0]
@@ -116,13 +135,19 @@ def _with_gains(
 ) -> dict[str, float]:
     """The values with gain and share of the second mode by linear least squares."""
     share = model.shares[0]
-    alone = model.frequency_response(values | {model.gain_name: 1.0, share: 0.0}, sought.frequency_hz, quantity)
-    both = model.frequency_response(values | {model.gain_name: 1.0, share: 1.0}, sought.frequency_hz, quantity)
+    alone = model.frequency_response(
+        values | {model.gain_name: 1.0, share: 0.0}, sought.frequency_hz, quantity
+    )
+    both = model.frequency_response(
+        values | {model.gain_name: 1.0, share: 1.0}, sought.frequency_hz, quantity
+    )
     weight = 1.0 / (np.abs(sought.response) * np.maximum(sought.deviation, LEAST))
     columns = np.stack([alone, both - alone], axis=1) * weight[:, None]
     goal = sought.response * weight
     gain, second = np.linalg.lstsq(
-        np.concatenate([columns.real, columns.imag]), np.concatenate([goal.real, goal.imag]), rcond=None
+        np.concatenate([columns.real, columns.imag]),
+        np.concatenate([goal.real, goal.imag]),
+        rcond=None,
     )[0]
     gain = gain if gain != 0.0 else np.finfo(float).tiny
     return values | {model.gain_name: float(gain), share: float(second / gain)}

@@ -72,7 +72,9 @@ class TargetFRF:
 
     def scaled(self, factor: float) -> TargetFRF:
         """The same points with deviations so many times as large."""
-        return replace(self, deviation=self.deviation * factor, phase_deviation=self.phase_deviation * factor)
+        return replace(
+            self, deviation=self.deviation * factor, phase_deviation=self.phase_deviation * factor
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +124,9 @@ class LogCoordinates:
         """Coordinates of physical values, shape (P,), and the gain's sign."""
         specs = self.model.parameters
         negative = any(spec.kind == "gain" and values[spec.name] < 0.0 for spec in specs)
-        return np.array([float(self.coordinate(spec, values[spec.name])) for spec in specs]), -1.0 if negative else 1.0
+        return np.array(
+            [float(self.coordinate(spec, values[spec.name])) for spec in specs]
+        ), -1.0 if negative else 1.0
 
     def coordinate(self, spec: ParameterSpec, value: float | FloatArray) -> FloatArray:
         """Of values of a parameter, of their shape."""
@@ -139,14 +143,20 @@ class LogCoordinates:
     def response(self, u: FloatArray, sign: FloatArray) -> ComplexArray:
         """Responses of the candidates, shape (C, n)."""
         with np.errstate(all="ignore"):  # a candidate far outside is left behind by its cost
-            found = self.model.frequency_response(self.values(u, sign), self.frequency_hz, self.quantity)
+            found = self.model.frequency_response(
+                self.values(u, sign), self.frequency_hz, self.quantity
+            )
         return np.broadcast_to(found, (u.shape[0], self.frequency_hz.size))
 
-    def response_and_slopes(self, u: FloatArray, sign: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+    def response_and_slopes(
+        self, u: FloatArray, sign: FloatArray
+    ) -> tuple[ComplexArray, ComplexArray]:
         """Responses of the candidates, shape (C, n), and ∂ log H by the coordinates, shape (C, P, n)."""
         values = self.values(u, sign)
         with np.errstate(all="ignore"):
-            response, slopes = response_and_slopes(self.model, values, self.frequency_hz, self.quantity)
+            response, slopes = response_and_slopes(
+                self.model, values, self.frequency_hz, self.quantity
+            )
             logarithmic = np.moveaxis(slopes, 0, 1) / response[:, None]
         for index, spec in enumerate(self.model.parameters):
             value = values[spec.name]
@@ -173,7 +183,9 @@ def magnitudes(sought: TargetFRF, least: float) -> Residual:
 
 def logarithms(sought: TargetFRF, least: float) -> Residual:
     """Complex logarithms, phases within half a turn; deviations are at least ``least``."""
-    radial, turning = (1.0 / np.maximum(d, least) for d in (sought.deviation, sought.phase_deviation))
+    radial, turning = (
+        1.0 / np.maximum(d, least) for d in (sought.deviation, sought.phase_deviation)
+    )
 
     def residual(h: ComplexArray, slopes: ComplexArray) -> tuple[FloatArray, FloatArray]:
         ratio = h / sought.response
@@ -192,7 +204,9 @@ def differences(sought: TargetFRF) -> Residual:
 
     def complex_residual(h: ComplexArray, slopes: ComplexArray) -> tuple[FloatArray, FloatArray]:
         off, turn = (h - sought.response) * scale, slopes * (h * scale)[:, None]
-        return np.concatenate([off.real, off.imag], axis=1), np.concatenate([turn.real, turn.imag], axis=2)
+        return np.concatenate([off.real, off.imag], axis=1), np.concatenate(
+            [turn.real, turn.imag], axis=2
+        )
 
     def polar_residual(h: ComplexArray, slopes: ComplexArray) -> tuple[FloatArray, FloatArray]:
         radial = (np.abs(h) - size) * scale
@@ -200,7 +214,9 @@ def differences(sought: TargetFRF) -> Residual:
         if not sought.has_phase:
             return radial, outward
         turn = np.angle(h / sought.response) * turning
-        return np.concatenate([radial, turn], axis=1), np.concatenate([outward, slopes.imag * turning], axis=2)
+        return np.concatenate([radial, turn], axis=1), np.concatenate(
+            [outward, slopes.imag * turning], axis=2
+        )
 
     return polar_residual if sought.polar else complex_residual
 
@@ -228,7 +244,8 @@ class Population:
             if not np.isfinite(self.cost[row]):
                 break
             near = any(
-                self.sign[row] == self.sign[c] and np.max(np.abs(self.u[row] - self.u[c])) < apart for c in chosen
+                self.sign[row] == self.sign[c] and np.max(np.abs(self.u[row] - self.u[c])) < apart
+                for c in chosen
             )
             if not near:
                 chosen.append(row)
@@ -258,7 +275,10 @@ def descend(
     u, damping = u.copy(), np.full(len(u), DAMPING)
     free = np.ones((len(u), 1, 1)) if held is None else np.where(held, 0.0, 1.0)[:, :, None]
     places, costs = [], []
-    for part in (rounds - rounds // 2, rounds // 2):  # what is out of the common is told better half-way
+    for part in (
+        rounds - rounds // 2,
+        rounds // 2,
+    ):  # what is out of the common is told better half-way
         off, slopes = _evaluated(chart, u, sign, residual)
         limit = _limit(off)
         off, slopes = _bounded(off, slopes, limit)
@@ -271,7 +291,9 @@ def descend(
                 break
             step = _steps(off[moving], slopes[moving] * free[moving], damping[moving])
             trial, before = u[moving] - step, cost[moving]
-            new, new_slopes = _bounded(*_evaluated(chart, trial, sign[moving], residual), limit[moving])
+            new, new_slopes = _bounded(
+                *_evaluated(chart, trial, sign[moving], residual), limit[moving]
+            )
             after, far = np.sum(new**2, axis=1), np.max(np.abs(step), axis=1)
             better = after < before
             gained = np.where(better, before - after, 0.0)
@@ -289,7 +311,9 @@ def descend(
     return Population(u, sign, cost, (np.array(places), np.array(costs)))
 
 
-def information_at(chart: LogCoordinates, u: FloatArray, sign: FloatArray, residual: Residual) -> FloatArray:
+def information_at(
+    chart: LogCoordinates, u: FloatArray, sign: FloatArray, residual: Residual
+) -> FloatArray:
     """JᵀJ of the residual at each candidate, by the coordinates, shape (C, P, P)."""
     _, slopes = _evaluated(chart, u, sign, residual)
     return slopes @ slopes.swapaxes(1, 2)
@@ -301,7 +325,9 @@ def _limit(off: FloatArray) -> FloatArray:
     return 8.0 * np.maximum(1.0, common)[:, None]
 
 
-def _bounded(off: FloatArray, slopes: FloatArray, limit: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _bounded(
+    off: FloatArray, slopes: FloatArray, limit: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Residuals that grow like a root beyond the limit (soft L1), and their slopes: what leaks in draws less."""
     with np.errstate(all="ignore"):
         root = np.sqrt(1.0 + (off / limit) ** 2)
@@ -329,4 +355,6 @@ def _steps(off: FloatArray, slopes: FloatArray, damping: FloatArray) -> FloatArr
     scaled = matrix / (scale[:, :, None] * scale[:, None, :])
     scaled += (damping[:, None, None] + 1e-14) * np.eye(scale.shape[1])
     step = np.linalg.solve(scaled, (gradient / scale)[..., None])[..., 0] / scale
-    return step * np.minimum(1.0, LONGEST / np.maximum(np.max(np.abs(step), axis=1, keepdims=True), 1e-300))
+    return step * np.minimum(
+        1.0, LONGEST / np.maximum(np.max(np.abs(step), axis=1, keepdims=True), 1e-300)
+    )

@@ -83,7 +83,12 @@ def find_start(problem: FrequencyProblem, model: SensorModel, most: float = np.i
     if problem.start is not None:
         u, sign = chart.place(dict(problem.start))
         known = descend(chart, u[None], np.array([sign]), differences(final), 0)
-        return Start(dict(problem.start), (scale * float(known.cost[0]),), problem.equations, (dict(problem.start),))
+        return Start(
+            dict(problem.start),
+            (scale * float(known.cost[0]),),
+            problem.equations,
+            (dict(problem.start),),
+        )
     front = _optima(problem, chart, sought, final, most / problem.points)
     rows = _finite(front, LAST, SAME)
     if chart.model.shares:
@@ -92,7 +97,9 @@ def find_start(problem: FrequencyProblem, model: SensorModel, most: float = np.i
     first, *others = _shortest_delay_first(rows, front, chart.model, 0.0 if alone else np.pi)
 
     def named(u: FloatArray, row: int) -> dict[str, float]:
-        return dict.fromkeys(model.parameter_names, 0.0) | chart.named(u[None], front.sign[row : row + 1], 0)
+        return dict.fromkeys(model.parameter_names, 0.0) | chart.named(
+            u[None], front.sign[row : row + 1], 0
+        )
 
     return Start(
         named(front.u[first], first),
@@ -104,7 +111,9 @@ def find_start(problem: FrequencyProblem, model: SensorModel, most: float = np.i
 
 
 def _chart(problem: FrequencyProblem, model: SensorModel, points: TargetFRF) -> LogCoordinates:
-    return LogCoordinates(model, problem.quantity, points.frequency_hz, 1.0 / (2.0 * np.pi * problem.band_hz[1]))
+    return LogCoordinates(
+        model, problem.quantity, points.frequency_hz, 1.0 / (2.0 * np.pi * problem.band_hz[1])
+    )
 
 
 def _finite(front: Population, count: int, apart: float = 0.0) -> np.ndarray:
@@ -115,7 +124,9 @@ def _finite(front: Population, count: int, apart: float = 0.0) -> np.ndarray:
     return rows
 
 
-def _shortest_delay_first(rows: np.ndarray, front: Population, model: SensorModel, longer: float) -> list[int]:
+def _shortest_delay_first(
+    rows: np.ndarray, front: Population, model: SensorModel, longer: float
+) -> list[int]:
     """Return the rows in order of cost; of those that fit as well as the best, one of a short delay.
 
     ``longer``: than the shortest, in rad at the highest frequency. At one frequency half a period more
@@ -130,7 +141,9 @@ def _shortest_delay_first(rows: np.ndarray, front: Population, model: SensorMode
     return [first, *(row for row in rows.tolist() if row != first)]
 
 
-def _likeliest_first(rows: np.ndarray, front: Population, chart: LogCoordinates, final: TargetFRF) -> np.ndarray:
+def _likeliest_first(
+    rows: np.ndarray, front: Population, chart: LogCoordinates, final: TargetFRF
+) -> np.ndarray:
     """The rows by χ² + log det(1 + JᵀJ): how likely the data are, not how well they fit (Laplace's approximation).
 
     Somewhere in the band a mode of hardly any width or size follows a line of the noise, and fits better than the right
@@ -160,7 +173,11 @@ def sought_response(problem: FrequencyProblem) -> TargetFRF:
 
 
 def _optima(
-    problem: FrequencyProblem, chart: LogCoordinates, sought: TargetFRF, final: TargetFRF, most: float
+    problem: FrequencyProblem,
+    chart: LogCoordinates,
+    sought: TargetFRF,
+    final: TargetFRF,
+    most: float,
 ) -> Population:
     """Where the candidates end, judged by the points ``final``; ``most``: cost for each point, as of `_aligned`."""
     some = sought.few(MOST_POINTS)
@@ -182,7 +199,9 @@ def _require_use(front: Population, most: float) -> None:
         raise NotConverged("No start value gives a fit of use: are the columns and units right?")
 
 
-def extended(problem: FrequencyProblem, model: SensorModel, values: Mapping[str, float], most: float = np.inf) -> Start:
+def extended(
+    problem: FrequencyProblem, model: SensorModel, values: Mapping[str, float], most: float = np.inf
+) -> Start:
     """The best fit of a response by a model that extends one whose values are known.
 
     The search begins at these values and at the guesses of what they lack. ``most``: as of :func:`find_start`.
@@ -204,7 +223,9 @@ def extended(problem: FrequencyProblem, model: SensorModel, values: Mapping[str,
     here = np.array([chart.place(known | other)[0] for other in ended or [{}]])
     lacking = [name for name in model.parameter_names if name not in values]
     kept = likely(with_guesses(here, model, problem.band_hz, lacking), len(here), some, chart)
-    front = _aligned(kept, chart, some, some, problem.longest_delay_s, most / problem.points, last=1)
+    front = _aligned(
+        kept, chart, some, some, problem.longest_delay_s, most / problem.points, last=1
+    )
     row, scale = int(_finite(front, 1)[0]), problem.points / max(some.frequency_hz.size, 1)
     found = chart.named(front.u, front.sign, row)
     return Start(found, (scale * float(front.cost[row]),), problem.equations, (found,))
@@ -234,7 +255,9 @@ def _aligned(
     aligned = descend(near, turned, sign, logarithms(some, LEAST_DEVIATION), STEPS)
     _require_use(aligned, most * some.frequency_hz.size)
     rows = aligned.best(LAST, APART)
-    closer = descend(near, aligned.u[rows], aligned.sign[rows], logarithms(some, LEAST_DEVIATION / 100.0), STEPS)
+    closer = descend(
+        near, aligned.u[rows], aligned.sign[rows], logarithms(some, LEAST_DEVIATION / 100.0), STEPS
+    )
     _require_use(closer, most * some.frequency_hz.size)
     rows = np.argsort(closer.cost, kind="stable")[:last]
     return descend(chart, closer.u[rows], closer.sign[rows], differences(final), LAST_STEPS)
@@ -270,7 +293,9 @@ def _with_sign_and_delay(
     highest = float(np.max(sought.frequency_hz))
     steps = int(min(PERIODS, longest_delay_s * highest) * PER_PERIOD)
     periods = np.arange(-steps, steps + 1) / PER_PERIOD
-    turns = np.tile(np.exp(2j * np.pi / PER_PERIOD * sought.frequency_hz / highest), (len(periods), 1))
+    turns = np.tile(
+        np.exp(2j * np.pi / PER_PERIOD * sought.frequency_hz / highest), (len(periods), 1)
+    )
     turns[0] = np.exp(2j * np.pi * periods[0] * sought.frequency_hz / highest)
     sums = np.real(np.cumprod(turns, axis=0) @ turn.T)  # (delays, C)
     # Of alignments that differ by less than 0.2 % for each doubling, the shorter delay is likelier.

@@ -2,6 +2,19 @@
 
 from vibrident.fit.uncertainty.adequacy import Adequacy, assess
 from vibrident.fit.uncertainty.curve import curve
-from vibrident.fit.uncertainty.parameters import correlation, parameter_table, weakly_determined, with_reference
+from vibrident.fit.uncertainty.parameters import (
+    correlation,
+    parameter_table,
+    weakly_determined,
+    with_reference,
+)
 
-__all__ = ["Adequacy", "assess", "correlation", "curve", "parameter_table", "weakly_determined", "with_reference"]
+__all__ = [
+    "Adequacy",
+    "assess",
+    "correlation",
+    "curve",
+    "parameter_table",
+    "weakly_determined",
+    "with_reference",
+]

@@ -37,7 +37,9 @@ class Adequacy:
     chi2_reduced: float | None  # None where nothing is known of the points' uncertainty
     degrees_of_freedom: int  # 2 n − p (n − p for magnitudes)
     adequate: bool  # the verdict
-    phase_deviation: FloatArray | None = None  # of the measured phase, rad, shape (n,); None: the relative deviation
+    phase_deviation: FloatArray | None = (
+        None  # of the measured phase, rad, shape (n,); None: the relative deviation
+    )
     chance: float = 1.0  # that a right model deviates as much
     decays: float = 0.0  # χ² of the free decays among the records
 
@@ -45,7 +47,12 @@ class Adequacy:
     def as_data(self) -> tuple[Any, ...]:
         """The points as the data of a :class:`FrequencyProblem`, with a reference of one."""
         size = np.abs(self.measured)
-        return self.frequency_hz, np.ones(len(size), complex), self.measured, self.relative_deviation * size
+        return (
+            self.frequency_hz,
+            np.ones(len(size), complex),
+            self.measured,
+            self.relative_deviation * size,
+        )
 
     @property
     def birge(self) -> float:
@@ -63,16 +70,22 @@ class Points:
     record: tuple[str, ...]
     squares: FloatArray
     freedom: FloatArray
-    unweighted: FloatArray | None = None  # variance over that by noise of one level, at most one; None where it is that
+    unweighted: FloatArray | None = (
+        None  # variance over that by noise of one level, at most one; None where it is that
+    )
 
 
 def tone_points(tones: MeasuredResponse, response: Response, names: Sequence[str]) -> Points:
     """Points of sine records with these names; ``response``: the model's complex sensitivity over frequency."""
     deviation = tones.error_deviation(response)
-    error = np.abs(tones.response - response(tones.frequency_hz) * tones.reference) ** 2 / deviation**2
+    error = (
+        np.abs(tones.response - response(tones.frequency_hz) * tones.reference) ** 2 / deviation**2
+    )
     relative = deviation / np.maximum(np.abs(tones.response), np.finfo(float).tiny)
     owners = tuple(names[int(i)] for i in tones.record)
-    return Points(tones.frequency_hz, tones.ratio, relative, owners, error, tones.degrees_of_freedom)
+    return Points(
+        tones.frequency_hz, tones.ratio, relative, owners, error, tones.degrees_of_freedom
+    )
 
 
 def factor_points(factors: Factors, record: Record, samples: int, response: Response) -> Points:
@@ -89,7 +102,9 @@ def factor_points(factors: Factors, record: Record, samples: int, response: Resp
     )
 
 
-def assess(parts: Sequence[Points], parameters: int, decays: Sequence[DecayDeviation] = ()) -> Adequacy:
+def assess(
+    parts: Sequence[Points], parameters: int, decays: Sequence[DecayDeviation] = ()
+) -> Adequacy:
     """Join points and free decays and judge.
 
     Without points, or with no more of them than parameters, the model cannot be tested.

@@ -19,7 +19,14 @@ import numpy as np
 from vibrident.base.amounts import amount
 from vibrident.data.records import Quantity
 from vibrident.fit.information import inverse_normal
-from vibrident.fit.start.search import LogCoordinates, Residual, TargetFRF, descend, differences, information_at
+from vibrident.fit.start.search import (
+    LogCoordinates,
+    Residual,
+    TargetFRF,
+    descend,
+    differences,
+    information_at,
+)
 from vibrident.fit.start.start import Start
 from vibrident.fit.uncertainty.parameters import WEAK
 from vibrident.physics.models import SensorModel
@@ -27,7 +34,9 @@ from vibrident.physics.models.labels import canonical, labels_of, relabellings
 from vibrident.physics.naming import in_words
 from vibrident.result import ResultWarning
 
-ALIKE = 9.0  # another optimum is as good where its χ² is larger by less: the true one in 1 of 370 cases
+ALIKE = (
+    9.0  # another optimum is as good where its χ² is larger by less: the true one in 1 of 370 cases
+)
 STEPS = 30  # on the way down
 
 
@@ -53,14 +62,20 @@ def other_solutions(
     ``solution``: the estimate; ``begin``: the start, with the other optima that were met.
     """
     values, uncertainty = solution.values, solution.uncertainty
-    same = [{name: float(value) for name, value in change(values).items()} for change in relabellings(model, values)]
+    same = [
+        {name: float(value) for name, value in change(values).items()}
+        for change in relabellings(model, values)
+    ]
     labels = labels_of(model)
     if same and labels is not None and labels.undecided(values, uncertainty):
         others = "; or ".join(_listed(other, units) for other in same)
         text = f"The response does not tell {labels.question}. The same response: {others}."
         yield ResultWarning("weakly_determined", text)
     chart = LogCoordinates(
-        model, quantity, sought.frequency_hz, 1.0 / (2.0 * np.pi * float(np.max(sought.frequency_hz)))
+        model,
+        quantity,
+        sought.frequency_hz,
+        1.0 / (2.0 * np.pi * float(np.max(sought.frequency_hz))),
     )
     found = list(_met(chart, differences(sought), solution, begin))
     if model.shares:
@@ -92,7 +107,9 @@ def _along_the_valley(
 ) -> Iterator[tuple[float, dict[str, float]]]:
     """As :func:`_met`, the furthest first: optima with one parameter that is not weak held six of its u away."""
     u, sign = chart.place(dict(solution.values))
-    above, _ = chart.place({name: value + solution.uncertainty[name] for name, value in solution.values.items()})
+    above, _ = chart.place(
+        {name: value + solution.uncertainty[name] for name, value in solution.values.items()}
+    )
     first = descend(chart, u[None], np.array([sign]), goal, 0)
     here = descend(chart, u[None], np.array([sign]), goal, STEPS)
     if not np.isfinite(first.cost[0]):
@@ -115,7 +132,10 @@ def _along_the_valley(
 
 
 def _differ(
-    one: Mapping[str, float], other: Mapping[str, float], uncertainty: Mapping[str, float], chart: LogCoordinates
+    one: Mapping[str, float],
+    other: Mapping[str, float],
+    uncertainty: Mapping[str, float],
+    chart: LogCoordinates,
 ) -> bool:
     """Whether a parameter differs by five u and a hundredth of its value.
 
@@ -132,12 +152,20 @@ def _differ(
     )
 
 
-def _as_good(other: Mapping[str, float], solution: Solution, more: float, units: Mapping[str, str]) -> ResultWarning:
+def _as_good(
+    other: Mapping[str, float], solution: Solution, more: float, units: Mapping[str, str]
+) -> ResultWarning:
     values, uncertainty = solution.values, solution.uncertainty
-    changed = {n: v for n, v in other.items() if abs(v - values[n]) > min(1e-3 * abs(values[n]), 3.0 * uncertainty[n])}
+    changed = {
+        n: v
+        for n, v in other.items()
+        if abs(v - values[n]) > min(1e-3 * abs(values[n]), 3.0 * uncertainty[n])
+    }
     text = f"Another solution explains the data as well (χ² larger by {max(more, 0.0):.2g}): {_listed(changed, units)}."
     return ResultWarning("weakly_determined", f"{text} A wider band of frequencies would tell.")
 
 
 def _listed(values: Mapping[str, float], units: Mapping[str, str]) -> str:
-    return ", ".join(f"{in_words(name)} {amount(value, units[name])}" for name, value in values.items())
+    return ", ".join(
+        f"{in_words(name)} {amount(value, units[name])}" for name, value in values.items()
+    )

@@ -42,7 +42,9 @@ from vibrident.fit.uncertainty.parameters import deviations, reference_direction
 from vibrident.result import MeasuredCurve
 
 DATA = "data"  # kind of a row of type A
-Weighted = Callable[[FloatArray, np.ndarray], FloatArray]  # of z and a change of log H at each point
+Weighted = Callable[
+    [FloatArray, np.ndarray], FloatArray
+]  # of z and a change of log H at each point
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,11 +65,19 @@ def rows_of_effects(effects: Sequence[SystematicEffect], linear: Linearised) -> 
     for effect in effects:
         shift = shift_of_effect(effect, linear)
         row = row_of_effect(effect, np.outer(shift, shift))
-        if rows and effect.pattern and (rows[-1].source, rows[-1].kind) == (effect.source, effect.kind):
+        if (
+            rows
+            and effect.pattern
+            and (rows[-1].source, rows[-1].kind) == (effect.source, effect.kind)
+        ):
             before = rows.pop()  # parts of one source
             sizes = before.standard_uncertainty or 0.0, effect.standard_uncertainty
-            u = float(np.hypot(*sizes) if effect.kind == "rounding" else max(sizes))  # of the bands of a source
-            row = replace(row, standard_uncertainty=u, covariance=before.covariance + row.covariance)
+            u = float(
+                np.hypot(*sizes) if effect.kind == "rounding" else max(sizes)
+            )  # of the bands of a source
+            row = replace(
+                row, standard_uncertainty=u, covariance=before.covariance + row.covariance
+            )
         rows.append(row)
     return rows
 
@@ -75,23 +85,33 @@ def rows_of_effects(effects: Sequence[SystematicEffect], linear: Linearised) -> 
 def row_of_effect(effect: SystematicEffect, covariance: FloatArray) -> BudgetRow:
     """The row of an effect that adds ``covariance``, shape (p, p)."""
     freedom = effect.degrees_of_freedom
-    return BudgetRow(effect.source, effect.kind, effect.standard_uncertainty, effect.unit, freedom, covariance)
+    return BudgetRow(
+        effect.source, effect.kind, effect.standard_uncertainty, effect.unit, freedom, covariance
+    )
 
 
 def shift_of_effect(effect: SystematicEffect, linear: Linearised) -> FloatArray:
     """What one standard uncertainty of the effect does to z, shape (p,)."""
     u = effect.standard_uncertainty
-    if effect.kind == "gain" and not effect.pattern:  # exact, even if the data do not determine the other parameters
+    if (
+        effect.kind == "gain" and not effect.pattern
+    ):  # exact, even if the data do not determine the other parameters
         return reference_direction(linear.z, linear.coordinates.model, u)
-    if not linear.matrix.size:  # free decays: all frequencies scale with the clock, and nothing else reaches them
+    if (
+        not linear.matrix.size
+    ):  # free decays: all frequencies scale with the clock, and nothing else reaches them
         specs = linear.coordinates.model.parameters
-        return np.array([u if effect.kind == "clock" and spec.kind == "log" else 0.0 for spec in specs])
+        return np.array(
+            [u if effect.kind == "clock" and spec.kind == "log" else 0.0 for spec in specs]
+        )
     change = pattern(effect, linear, linear.frequency_hz)
     part = np.where(linear.is_phase, np.imag(change), np.real(change))
     return u * linear.shift(part * linear.weight)
 
 
-def pattern(effect: SystematicEffect, linear: Linearised | Place | None, frequency: FloatArray) -> NDArray[Any]:
+def pattern(
+    effect: SystematicEffect, linear: Linearised | Place | None, frequency: FloatArray
+) -> NDArray[Any]:
     """Change of log H for one unit of the effect, complex, shape (m,); ``linear`` is for a clock alone."""
     if effect.pattern:
         at, real, imaginary = np.array(effect.pattern).T
@@ -122,9 +142,11 @@ def effective_degrees_of_freedom(rows: Sequence[BudgetRow]) -> FloatArray:
 
 
 def effects_of(calibration: Calibration) -> list[SystematicEffect]:
-    """The systematic effects stated, the calibration of the reference and what is known of the channels first."""
+    """Return the stated effects: the reference, known responses of the channels, then the others."""
     relative = calibration.reference_standard_uncertainty
-    reference = [SystematicEffect("calibration of the reference", "gain", relative)] if relative > 0 else []
+    reference = (
+        [SystematicEffect("calibration of the reference", "gain", relative)] if relative > 0 else []
+    )
     known = [effect for one in calibration.known_responses.values() for effect in one.effects]
     return [*reference, *known, *calibration.effects]
 
@@ -135,7 +157,9 @@ def covered_kinds(kinds: set[str]) -> list[str]:
     return [name for name, covering in parts.items() if kinds & covering]
 
 
-def as_settings(rows: Sequence[BudgetRow], names: Sequence[str], slopes: FloatArray) -> list[dict[str, Any]]:
+def as_settings(
+    rows: Sequence[BudgetRow], names: Sequence[str], slopes: FloatArray
+) -> list[dict[str, Any]]:
     """The budget as plain values: the contribution of each row to each parameter's standard uncertainty, in its unit.
 
     ``rows``: the budget; ``slopes``: ∂parameter/∂z, shape (p,).
@@ -147,8 +171,12 @@ def as_settings(rows: Sequence[BudgetRow], names: Sequence[str], slopes: FloatAr
             "kind": row.kind,
             "standard_uncertainty": row.standard_uncertainty,
             "unit": row.unit,
-            "degrees_of_freedom": row.degrees_of_freedom if np.isfinite(row.degrees_of_freedom) else None,
-            "contributions": dict(zip(names, (deviations(row.covariance) * np.abs(slopes)).tolist(), strict=True)),
+            "degrees_of_freedom": row.degrees_of_freedom
+            if np.isfinite(row.degrees_of_freedom)
+            else None,
+            "contributions": dict(
+                zip(names, (deviations(row.covariance) * np.abs(slopes)).tolist(), strict=True)
+            ),
         }
         for row in rows
     ]
@@ -172,7 +200,9 @@ class Place(NamedTuple):
     quantity: Quantity
 
 
-def patterns(effects: Sequence[SystematicEffect], linear: Linearised | Place, frequency_hz: FloatArray) -> np.ndarray:
+def patterns(
+    effects: Sequence[SystematicEffect], linear: Linearised | Place, frequency_hz: FloatArray
+) -> np.ndarray:
     """Change of log H by one standard uncertainty of each effect, complex, shape (n, K)."""
     columns = [e.standard_uncertainty * pattern(e, linear, frequency_hz) for e in effects]
     return np.stack(columns, axis=1) if columns else np.zeros((len(frequency_hz), 0), complex)
@@ -199,7 +229,9 @@ def explain(
         return np.concatenate([weighted(z + x[:p], shape @ x[p:]), x[p:]])
 
     with np.errstate(all="ignore"):
-        found = least_squares(residual, np.zeros(p + shape.shape[1]), jac="3-point", max_nfev=60, xtol=1e-10)
+        found = least_squares(
+            residual, np.zeros(p + shape.shape[1]), jac="3-point", max_nfev=60, xtol=1e-10
+        )
     shift, amounts = found.x[:p], found.x[p:]
     moved = np.stack([shift_of_effect(e, linear) for e in effects], axis=1)
     moved = moved * np.maximum(np.abs(amounts), 1.0)
@@ -208,7 +240,9 @@ def explain(
     if not np.all(np.isfinite(found.x)) or np.any(np.abs(shift) > allowed):
         return None
     jacobian = found.jac[: -shape.shape[1]]
-    stated = np.array([effect.kind != "rounding" for effect in effects])  # of the others the size is no claim
+    stated = np.array(
+        [effect.kind != "rounding" for effect in effects]
+    )  # of the others the size is no claim
     beside = np.concatenate([np.ones(p, dtype=bool), ~stated])
     chance = _chance(amounts[stated], jacobian[:, beside], jacobian[:, ~beside])
     return Explained(amounts, found.fun[: -len(amounts)], float(2.0 * found.cost), chance)
@@ -230,7 +264,9 @@ def _basis(matrix: FloatArray) -> FloatArray:
     return left[:, size > 1e-9 * max(float(size.max(initial=0.0)), 1e-300)]
 
 
-def deviation_uncertainty(linear: Linearised, shape: np.ndarray, scatter: float = 1.0) -> FloatArray:
+def deviation_uncertainty(
+    linear: Linearised, shape: np.ndarray, scatter: float = 1.0
+) -> FloatArray:
     """Standard uncertainty of the deviation between the points and a model that was fitted to them.
 
     The model follows the points: noise by the leverage of each, and of an effect all that its parameters can imitate.

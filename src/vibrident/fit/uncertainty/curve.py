@@ -19,7 +19,9 @@ POINTS = 201
 
 
 def frequencies(
-    band_hz: tuple[float, float], measured_hz: Iterable[float] = (), reference_hz: float | None = None
+    band_hz: tuple[float, float],
+    measured_hz: Iterable[float] = (),
+    reference_hz: float | None = None,
 ) -> FloatArray:
     """Logarithmic grid over the band of the data; one point where the band is one frequency.
 
@@ -58,7 +60,10 @@ def with_resonances(grid_hz: FloatArray, system: Rational) -> FloatArray:
     more = [grid_hz]
     for coefficients in (system.numerator, system.denominator):
         for root in np.roots(np.asarray(coefficients, dtype=float)[::-1]):
-            centre, half_width = abs(root.imag) / (2.0 * np.pi), max(abs(root.real) / (2.0 * np.pi), 1e-9 * abs(root))
+            centre, half_width = (
+                abs(root.imag) / (2.0 * np.pi),
+                max(abs(root.real) / (2.0 * np.pi), 1e-9 * abs(root)),
+            )
             spacing = centre * float(np.log(grid_hz[-1] / grid_hz[0])) / (grid_hz.size - 1)
             if grid_hz[0] < centre < grid_hz[-1] and half_width < 2.0 * spacing:
                 reach = max(8.0 * spacing / half_width, 4.0)
@@ -70,14 +75,21 @@ def with_resonances(grid_hz: FloatArray, system: Rational) -> FloatArray:
 
 
 def curve(
-    coordinates: Coordinates, z: FloatArray, covariance: FloatArray, quantity: Quantity, frequency_hz: FloatArray
+    coordinates: Coordinates,
+    z: FloatArray,
+    covariance: FloatArray,
+    quantity: Quantity,
+    frequency_hz: FloatArray,
 ) -> Curve:
     """Return the model's curve at ``frequency_hz``, shape (points,), with standard uncertainties.
 
     It is per the sensor's own quantity; ``quantity``: of the reference.
     """
     sensor = fitted_sensor(coordinates, z, covariance, coordinates.model.stated_quantity(quantity))
-    response, (relative, u_p) = sensor.frequency_response(frequency_hz), sensor.uncertainty(frequency_hz)
+    response, (relative, u_p) = (
+        sensor.frequency_response(frequency_hz),
+        sensor.uncertainty(frequency_hz),
+    )
     magnitude = np.abs(response)
     u_m = magnitude * relative
     return Curve(

@@ -75,7 +75,9 @@ def shares_of(parts: Sequence[FloatArray]) -> Shares:
         return UNKNOWN_SHARES
     # of exponential powers the sum of squares says how many there are (Satterthwaite 1946)
     freedom = 4.0 * incoherent**2 / max(squares, np.finfo(float).tiny)
-    return Shares(max(1.0 - left / power, 0.0), max(1.0 - incoherent / power, 0.0), max(freedom, 1.0))
+    return Shares(
+        max(1.0 - left / power, 0.0), max(1.0 - incoherent / power, 0.0), max(freedom, 1.0)
+    )
 
 
 def powers(bins: Weighed, reference: FloatArray, delay: float, band: slice) -> FloatArray:
@@ -118,7 +120,9 @@ def _without_drift(lines: ComplexArray, samples: int) -> ComplexArray:
     """Lines less those of a straight drift, which leaks from the ends of the record; no offset."""
     w = shifted_lines(samples, slice(0, lines.size))
     drift = np.divide(1.0 + w, w, out=np.zeros_like(w), where=w != 0.0)
-    share = float(np.vdot(drift, lines).real) / max(float(np.vdot(drift, drift).real), np.finfo(float).tiny)
+    share = float(np.vdot(drift, lines).real) / max(
+        float(np.vdot(drift, drift).real), np.finfo(float).tiny
+    )
     left = lines - share * drift
     left[:1] = 0.0
     return left

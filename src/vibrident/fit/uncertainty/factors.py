@@ -77,7 +77,8 @@ def band_factors(bins: Weighed, *, sine: bool, least: FloatArray | float = 0.0) 
     weight = moves / (bins.samples * bins.spectrum.psd)
     left, gain, score, spent = _scores(bins, motion, weight, edges)
     power, moment, flat = (
-        _sums(each, edges) for each in (power_of(motion), np.arange(last) * power_of(motion), moves * power_of(motion))
+        _sums(each, edges)
+        for each in (power_of(motion), np.arange(last) * power_of(motion), moves * power_of(motion))
     )
     strongest = np.diff(edges) * float(np.max(power / np.diff(edges)))
     # Of two real columns: the information less what the nuisances imitate.
@@ -88,7 +89,9 @@ def band_factors(bins: Weighed, *, sine: bool, least: FloatArray | float = 0.0) 
     if not kept.any():
         return None
     safe = np.where(kept, determinant, 1.0)
-    rho = (second * score.real - both * score.imag + 1j * (first * score.imag - both * score.real)) / safe
+    rho = (
+        second * score.real - both * score.imag + 1j * (first * score.imag - both * score.real)
+    ) / safe
     variance, squares = 0.5 * trace / safe, rho.real * score.real + rho.imag * score.imag
     rest = left - np.where(kept, rho, 0.0)[_band_of(edges, last)] * motion * (weight > 0.0)
     uneven, even = _while_moving(bins, rest * np.sqrt(weight), motion * np.sqrt(weight), edges)
@@ -97,7 +100,10 @@ def band_factors(bins: Weighed, *, sine: bool, least: FloatArray | float = 0.0) 
     lowest = np.maximum(lowest, LEAST_DEVIATION**2 * strongest) / np.maximum(power, 1e-300)
     floor = np.maximum(variance * uneven, lowest)
     squares *= variance / floor
-    place, freedom = moment / np.maximum(power, 1e-300), np.full(len(rho), even * noise_freedom(bins))
+    place, freedom = (
+        moment / np.maximum(power, 1e-300),
+        np.full(len(rho), even * noise_freedom(bins)),
+    )
     every: tuple[Any, ...] = (place, rho, np.sqrt(floor), squares, freedom, own)
     return Factors(*(each[kept] for each in every))
 
@@ -164,7 +170,12 @@ def _while_moving(
     profile = slow_profile(np.asarray(fft.irfft(rest, n)), used)
     level = profile[:: max(n // (STRETCHES + 1), 1)]
     freedom = 2.0 * float(np.count_nonzero(rest)) / len(level)
-    if chi2_tail(len(level) - 1, 0.5 * freedom * float(np.sum((level / np.mean(level) - 1.0) ** 2))) > STEADY_CHANCE:
+    if (
+        chi2_tail(
+            len(level) - 1, 0.5 * freedom * float(np.sum((level / np.mean(level) - 1.0) ** 2))
+        )
+        > STEADY_CHANCE
+    ):
         return 1.0, 1.0
     length = 2 * (n // (STRETCHES + 1))
     begins = np.arange(STRETCHES + 2) * (length // 2)  # from half a stretch before the record on
@@ -178,4 +189,6 @@ def _while_moving(
     shares = moves / np.maximum(np.sum(moves, axis=0), 1e-300)
     mean = float(np.mean(profile))
     # What leaks into a band is of all the record, wherever the band moves: no quieter than the mean.
-    return np.maximum(np.mean(pieces[1], axis=1) @ shares / mean, 1.0), mean**2 / float(np.mean(profile**2))
+    return np.maximum(np.mean(pieces[1], axis=1) @ shares / mean, 1.0), mean**2 / float(
+        np.mean(profile**2)
+    )

@@ -30,7 +30,12 @@ def with_floor(result: Result, capabilities: Sequence[Capability]) -> Result:
     if not capabilities or not result.has_gain:
         return result
     stated = [
-        {"quantity": one.quantity, "U": one.expanded_uncertainty, "from_hz": one.from_hz, "to_hz": one.to_hz}
+        {
+            "quantity": one.quantity,
+            "U": one.expanded_uncertainty,
+            "from_hz": one.from_hz,
+            "to_hz": one.to_hz,
+        }
         for one in capabilities
     ]
 
@@ -59,7 +64,13 @@ def raised(result: Result, magnitude: Floor, phase: Floor, source: str) -> Resul
         own, u = one.standard_uncertainty, relative * abs(one.value)
         if is_gain(name) and own is not None and own < u:
             parameters[name] = _widened(one, own, u)
-            row = {"source": source, "type": "B", "kind": "cmc", "standard_uncertainty": None, "unit": ""}
+            row = {
+                "source": source,
+                "type": "B",
+                "kind": "cmc",
+                "standard_uncertainty": None,
+                "unit": "",
+            }
             added = {name: float(np.sqrt(u**2 - own**2))}
             row |= {"degrees_of_freedom": None, "contributions": none | added}
             settings["uncertainty_budget"] = [*(settings.get("uncertainty_budget") or ()), row]
@@ -67,11 +78,15 @@ def raised(result: Result, magnitude: Floor, phase: Floor, source: str) -> Resul
     return replace(result, response=response, parameters=parameters, settings=settings)
 
 
-def floor(capabilities: Sequence[Capability], quantity: str, frequency_hz: FloatArray) -> FloatArray:
+def floor(
+    capabilities: Sequence[Capability], quantity: str, frequency_hz: FloatArray
+) -> FloatArray:
     """Least standard uncertainty at each frequency, relative or in rad; zero where no capability holds."""
     least = np.zeros(len(frequency_hz))
     for one in capabilities:
-        inside = (frequency_hz >= one.from_hz * (1 - 1e-9)) & (frequency_hz <= one.to_hz * (1 + 1e-9))
+        inside = (frequency_hz >= one.from_hz * (1 - 1e-9)) & (
+            frequency_hz <= one.to_hz * (1 + 1e-9)
+        )
         if one.quantity == quantity:
             least = np.where(inside, np.maximum(least, one.expanded_uncertainty / 2.0), least)
     return least
@@ -80,7 +95,10 @@ def floor(capabilities: Sequence[Capability], quantity: str, frequency_hz: Float
 def _raised(curve: _Curve, magnitude: Floor, phase: Floor) -> _Curve:
     size = magnitude(curve.frequency_hz) * np.abs(curve.magnitude)
     turn = np.rad2deg(phase(curve.frequency_hz))
-    u, u_phase = curve.magnitude_uncertainty, curve.phase_deg_uncertainty  # NaN, not known, stays so
+    u, u_phase = (
+        curve.magnitude_uncertainty,
+        curve.phase_deg_uncertainty,
+    )  # NaN, not known, stays so
     return replace(
         curve,
         magnitude_uncertainty=np.where(u < size, size, u),
@@ -91,7 +109,10 @@ def _raised(curve: _Curve, magnitude: Floor, phase: Floor) -> _Curve:
 def _widened(one: Parameter, own: float, u: float) -> Parameter:
     """The parameter with a larger u than its own, and its interval in proportion."""
     if own:
-        low, high = (None if end is None else one.value + u / own * (end - one.value) for end in one.interval_95)
+        low, high = (
+            None if end is None else one.value + u / own * (end - one.value)
+            for end in one.interval_95
+        )
     else:
         low, high = one.value - 2.0 * u, one.value + 2.0 * u
     return replace(one, standard_uncertainty=u, interval_95=(low, high))

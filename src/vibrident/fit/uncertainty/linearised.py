@@ -27,7 +27,9 @@ class Linearised:
     quantity: Quantity  # of the reference
     frequency_hz: FloatArray  # of each row, shape (m,)
     matrix: FloatArray  # shape (m, p), in standard deviations
-    rest: FloatArray  # what the measurement has beyond the model, in standard deviations, shape (m,)
+    rest: (
+        FloatArray  # what the measurement has beyond the model, in standard deviations, shape (m,)
+    )
     is_phase: BoolArray  # whether a row is of the phase, shape (m,)
     weight: FloatArray  # one over the standard deviation of log H, shape (m,)
 
@@ -61,12 +63,18 @@ class Linearised:
     def of_nothing(cls, coordinates: Coordinates, z: FloatArray, quantity: Quantity) -> Linearised:
         """No rows: free decays have no response in frequency."""
         none = np.zeros(0)
-        return cls(coordinates, z, quantity, none, np.zeros((0, len(z))), none, none.astype(bool), none)
+        return cls(
+            coordinates, z, quantity, none, np.zeros((0, len(z))), none, none.astype(bool), none
+        )
 
     @classmethod
-    def of_table(cls, coordinates: Coordinates, z: FloatArray, problem: FrequencyProblem) -> Linearised:
+    def of_table(
+        cls, coordinates: Coordinates, z: FloatArray, problem: FrequencyProblem
+    ) -> Linearised:
         """Rows of a table's magnitudes, and of its phases where it has them."""
-        frequency, magnitude, phase, magnitude_u, phase_u = (np.asarray(part) for part in problem.data)
+        frequency, magnitude, phase, magnitude_u, phase_u = (
+            np.asarray(part) for part in problem.data
+        )
         response, slopes = log_slopes(coordinates, z, problem.quantity, frequency)
         size = np.abs(response)
         turn = np.angle(np.exp(1j * phase) / (response / size))
@@ -92,7 +100,9 @@ def log_slopes(
     coordinates: Coordinates, z: FloatArray, quantity: Quantity, frequency_hz: FloatArray
 ) -> tuple[ComplexArray, ComplexArray]:
     """Model response, shape (n,), and ∂ log H/∂z, shape (n, p)."""
-    response, slopes = response_and_slopes(coordinates.model, coordinates.values(z), frequency_hz, quantity)
+    response, slopes = response_and_slopes(
+        coordinates.model, coordinates.values(z), frequency_hz, quantity
+    )
     return response, slopes.T * coordinates.slopes(z) / response[:, None]
 
 
@@ -102,4 +112,6 @@ def fitted_sensor(
     """The sensor that a fit found, with the covariance of z carried over to its parameters."""
     slopes = coordinates.slopes(z)
     values = coordinates.values(z)
-    return IdentifiedSensor(coordinates.model, values, covariance * np.outer(slopes, slopes), quantity)
+    return IdentifiedSensor(
+        coordinates.model, values, covariance * np.outer(slopes, slopes), quantity
+    )

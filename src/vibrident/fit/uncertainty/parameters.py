@@ -21,7 +21,9 @@ from vibrident.physics.models.slopes import STEP, response_and_slopes
 from vibrident.physics.naming import in_words
 from vibrident.result import Correlation, Parameter, ResultWarning
 
-WEAK = 0.1  # relative standard uncertainty (delay: rad at the highest frequency) of a weak parameter
+WEAK = (
+    0.1  # relative standard uncertainty (delay: rad at the highest frequency) of a weak parameter
+)
 NOTHING = 1e3  # beyond this relative standard uncertainty (delay: rad) nothing is known
 COVERAGE = 0.95
 
@@ -63,7 +65,9 @@ def weakly_determined(
             )
             if strongest > 0.9:
                 text += f"; it trades against the {in_words(partner)} (correlation {strongest:.3f})"
-            text = f"The data hardly determine the {in_words(spec.name)}: standard uncertainty {text}."
+            text = (
+                f"The data hardly determine the {in_words(spec.name)}: standard uncertainty {text}."
+            )
             warnings.append(ResultWarning("weakly_determined", text))
     warnings += _at_bounds(coordinates, coordinates.values(z), deviation, ended)
     return weak | dict.fromkeys(ended, ""), warnings
@@ -73,23 +77,35 @@ def at_end(coordinates: Coordinates, z: FloatArray) -> set[str]:
     """Names of parameters at the end of the range searched: its value and u are then not determined by the data."""
     low, high = coordinates.edges
     within = (z > low + 1e-3) & (z < high - 1e-3)
-    return {name for name, inside in zip(coordinates.model.parameter_names, within, strict=True) if not inside}
+    return {
+        name
+        for name, inside in zip(coordinates.model.parameter_names, within, strict=True)
+        if not inside
+    }
 
 
 def unstated(coordinates: Coordinates, z: FloatArray, covariance: FloatArray) -> set[str]:
     """Names of parameters of which no standard uncertainty can be stated."""
     open_ended = ~(deviations(covariance) <= NOTHING * sizes_of(coordinates.model, z))
-    return at_end(coordinates, z).union(np.array(coordinates.model.parameter_names)[open_ended].tolist())
+    return at_end(coordinates, z).union(
+        np.array(coordinates.model.parameter_names)[open_ended].tolist()
+    )
 
 
-def sizes_of(model: SensorModel, z: FloatArray, least: float = 1e-300, *, ratios: bool = False) -> FloatArray:
+def sizes_of(
+    model: SensorModel, z: FloatArray, least: float = 1e-300, *, ratios: bool = False
+) -> FloatArray:
     """By which deviations of the coordinates are relative ones, shape (p,); one where they are so themselves.
 
     ``least``: lower limit; ``ratios``: whether those of a ratio count as relative.
     """
-    own = {"gain": np.abs(z), "positive": np.tanh(np.abs(z))} | ({"ratio": np.abs(z)} if ratios else {})
+    own = {"gain": np.abs(z), "positive": np.tanh(np.abs(z))} | (
+        {"ratio": np.abs(z)} if ratios else {}
+    )
     kinds = [spec.kind for spec in model.parameters]
-    return np.array([max(float(own[kind][k]), least) if kind in own else 1.0 for k, kind in enumerate(kinds)])
+    return np.array(
+        [max(float(own[kind][k]), least) if kind in own else 1.0 for k, kind in enumerate(kinds)]
+    )
 
 
 def _at_bounds(
@@ -107,11 +123,15 @@ def _at_bounds(
             warnings.append(ResultWarning("at_bound", text))
         u = deviation[index]
         if spec.kind == "positive" and u < NOTHING and values[spec.name] < 1e-6 + 0.01 * u:
-            warnings.append(ResultWarning("at_bound", f"The {in_words(spec.name)} lies at its bound, zero."))
+            warnings.append(
+                ResultWarning("at_bound", f"The {in_words(spec.name)} lies at its bound, zero.")
+            )
     return warnings
 
 
-def _traded(coordinates: Coordinates, values: dict[str, float], deviation: FloatArray, index: int) -> str:
+def _traded(
+    coordinates: Coordinates, values: dict[str, float], deviation: FloatArray, index: int
+) -> str:
     """The other parameters, in words, that a frequency ten times nearer to the band would move by more than their u."""
     model, (low, high) = coordinates.model, np.asarray(coordinates.band_hz, dtype=float)
     name, points = model.parameter_names[index], np.geomspace(low, high, 50)
@@ -121,10 +141,16 @@ def _traded(coordinates: Coordinates, values: dict[str, float], deviation: Float
     change = np.log(moved / response)
     relative = (slopes * coordinates.slopes(coordinates.place(values))[:, None] / response).T
     relative = np.concatenate([np.real(relative), np.imag(relative)])
-    others = np.flatnonzero((np.linalg.norm(relative, axis=0) > 0.0) & (np.arange(len(deviation)) != index))
-    amounts, *_ = np.linalg.lstsq(relative[:, others], np.concatenate([np.real(change), np.imag(change)]), rcond=1e-12)
+    others = np.flatnonzero(
+        (np.linalg.norm(relative, axis=0) > 0.0) & (np.arange(len(deviation)) != index)
+    )
+    amounts, *_ = np.linalg.lstsq(
+        relative[:, others], np.concatenate([np.real(change), np.imag(change)]), rcond=1e-12
+    )
     names = [
-        in_words(model.parameter_names[k]) for k, by in zip(others, amounts, strict=True) if abs(by) > deviation[k]
+        in_words(model.parameter_names[k])
+        for k, by in zip(others, amounts, strict=True)
+        if abs(by) > deviation[k]
     ]
     return " and the ".join(names)
 
@@ -134,7 +160,9 @@ def coverage_factor(degrees_of_freedom: float) -> float:
     return student_quantile(min(degrees_of_freedom, 1e9), 0.5 + COVERAGE / 2)
 
 
-def with_reference(covariance: FloatArray, z: FloatArray, model: SensorModel, relative: float) -> FloatArray:
+def with_reference(
+    covariance: FloatArray, z: FloatArray, model: SensorModel, relative: float
+) -> FloatArray:
     """Covariance of z with the reference's own calibration in it: a common factor on the gain, type B."""
     if relative == 0.0:
         return covariance
@@ -163,8 +191,16 @@ def parameter_table(
     ``z``: the optimum, shape (p,); ``covariance``: of z, shape (p, p); ``degrees_of_freedom``: of the noise estimate;
     ``units``: fields of the units' templates; ``doubtful``: names of parameters that are not identifiable.
     """
-    model, values, unknown = coordinates.model, coordinates.values(z), unstated(coordinates, z, covariance)
-    deviation, slopes, k = deviations(covariance), np.abs(coordinates.slopes(z)), coverage_factor(degrees_of_freedom)
+    model, values, unknown = (
+        coordinates.model,
+        coordinates.values(z),
+        unstated(coordinates, z, covariance),
+    )
+    deviation, slopes, k = (
+        deviations(covariance),
+        np.abs(coordinates.slopes(z)),
+        coverage_factor(degrees_of_freedom),
+    )
     table = {}
     for index, spec in enumerate(model.parameters):
         low, high = _interval(coordinates, z, index, k * deviation[index])
@@ -198,7 +234,9 @@ def parameter_table(
     return table
 
 
-def _interval(coordinates: Coordinates, z: FloatArray, index: int, half: float) -> tuple[float, float]:
+def _interval(
+    coordinates: Coordinates, z: FloatArray, index: int, half: float
+) -> tuple[float, float]:
     name, kind = coordinates.model.parameters[index].name, coordinates.model.parameters[index].kind
     if kind == "positive":
         centre, half = coordinates.values(z)[name], half * abs(float(coordinates.slopes(z)[index]))
@@ -212,7 +250,9 @@ def _interval(coordinates: Coordinates, z: FloatArray, index: int, half: float) 
     return min(ends), max(ends)
 
 
-def _value_and_slope(coordinates: Coordinates, z: FloatArray, quantity: Derived) -> tuple[float, FloatArray]:
+def _value_and_slope(
+    coordinates: Coordinates, z: FloatArray, quantity: Derived
+) -> tuple[float, FloatArray]:
     """A derived quantity and its slopes in z, shape (p,)."""
     values = coordinates.values(z)
     slopes = [
@@ -225,7 +265,9 @@ def _value_and_slope(coordinates: Coordinates, z: FloatArray, quantity: Derived)
 
 def correlation(model: SensorModel, covariance: FloatArray) -> Correlation:
     """Correlation matrix of the estimated parameters."""
-    return Correlation(model.parameter_names, tuple(tuple(row) for row in _correlations(covariance).tolist()))
+    return Correlation(
+        model.parameter_names, tuple(tuple(row) for row in _correlations(covariance).tolist())
+    )
 
 
 def _correlations(covariance: FloatArray) -> FloatArray:
@@ -251,7 +293,9 @@ def _unit(template: str, fields: Mapping[str, str]) -> str:
 def unit_fields(calibration: Calibration) -> dict[str, str]:
     """What the models' unit templates are filled with."""
     drive = calibration.quantity == "drive"
-    return fields_of_units(calibration.response_unit, calibration.reference_unit if drive else "m/s^2", drive=drive)
+    return fields_of_units(
+        calibration.response_unit, calibration.reference_unit if drive else "m/s^2", drive=drive
+    )
 
 
 def fields_of_units(response: str, reference: str, *, drive: bool) -> dict[str, str]:

@@ -67,7 +67,10 @@ def sampler() -> Any:
     """
     takes_part("emcee")
     return extras.library(
-        "emcee", "bayes", "Sampling the posterior needs a library that is not installed.", "⟦identify.posterior⟧"
+        "emcee",
+        "bayes",
+        "Sampling the posterior needs a library that is not installed.",
+        "⟦identify.posterior⟧",
     )
 
 
@@ -99,7 +102,10 @@ def sample_posterior(
     root = _root(estimate.covariance * scale**2)
     starts = middle + random.standard_normal((sampling.chains, len(middle))) @ root.T
     starts = np.clip(starts, np.maximum(low, middle - 3.0), np.minimum(high, middle + 3.0))
-    moves = [(emcee.moves.DEMove(), DIFFERENTIAL), (emcee.moves.DESnookerMove(), 1.0 - DIFFERENTIAL)]
+    moves = [
+        (emcee.moves.DEMove(), DIFFERENTIAL),
+        (emcee.moves.DESnookerMove(), 1.0 - DIFFERENTIAL),
+    ]
     ensemble = emcee.EnsembleSampler(sampling.chains, len(middle), density, moves=moves)
     state = emcee.State(starts, random_state=random.get_state())
     state = ensemble.run_mcmc(state, sampling.warm_up, skip_initial_state_check=True)
@@ -123,7 +129,9 @@ def sample_posterior(
     }
 
 
-def likelihood(evidence: Evidence, estimate: Estimate, linear: Linearised) -> tuple[Residual, FloatArray | None]:
+def likelihood(
+    evidence: Evidence, estimate: Estimate, linear: Linearised
+) -> tuple[Residual, FloatArray | None]:
     """Return the residual whose squares make the likelihood, and the degrees of freedom behind its tones.
 
     None in place of these where the deviations are known: stated, or as the misfit has them.
@@ -148,7 +156,9 @@ def likelihood(evidence: Evidence, estimate: Estimate, linear: Linearised) -> tu
 
     def response(z: FloatArray) -> FloatArray:
         values = coordinates.values(z)
-        return np.asarray(coordinates.model.frequency_response(values, linear.frequency_hz, linear.quantity))
+        return np.asarray(
+            coordinates.model.frequency_response(values, linear.frequency_hz, linear.quantity)
+        )
 
     back, middle = np.linalg.pinv(linear.matrix), response(linear.z)
     whitened = np.linalg.pinv(_root(estimate.covariance))
@@ -206,7 +216,10 @@ def _physical(coordinates: Coordinates, z: FloatArray) -> dict[str, FloatArray]:
     """Every parameter of every draw, estimated and derived; z of shape (draws, chains, p), values (draws, chains)."""
     moved = np.moveaxis(z, -1, 0)
     values = {name: np.asarray(value) for name, value in coordinates.physical(moved).items()}
-    flat = [dict(zip(values, draw, strict=True)) for draw in zip(*(v.ravel() for v in values.values()), strict=True)]
+    flat = [
+        dict(zip(values, draw, strict=True))
+        for draw in zip(*(v.ravel() for v in values.values()), strict=True)
+    ]
     for quantity in coordinates.model.core.derived:
         if all(quantity.exists(draw) for draw in flat):
             values[quantity.name] = np.asarray(quantity.value(values))

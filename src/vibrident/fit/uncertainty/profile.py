@@ -60,7 +60,11 @@ def needs_profile(coordinates: Coordinates, z: FloatArray, covariance: FloatArra
 
 
 def profile_of(
-    problem: FrequencyProblem, coordinates: Coordinates, z: FloatArray, covariance: FloatArray, rise: float
+    problem: FrequencyProblem,
+    coordinates: Coordinates,
+    z: FloatArray,
+    covariance: FloatArray,
+    rise: float,
 ) -> Profile:
     """Return the ends of all parameters.
 
@@ -90,7 +94,11 @@ def _positive(coordinates: Coordinates) -> BoolArray:
 
 
 def with_profile(
-    table: Mapping[str, Parameter], profile: Profile, coordinates: Coordinates, more: FloatArray, coverage: float
+    table: Mapping[str, Parameter],
+    profile: Profile,
+    coordinates: Coordinates,
+    more: FloatArray,
+    coverage: float,
 ) -> tuple[dict[str, Parameter], dict[str, str]]:
     """Return the parameters with the intervals of the profile where these are wider, and what to say of each.
 
@@ -105,10 +113,15 @@ def with_profile(
     corners = [coordinates.values(point) for point in profile.points]
     for index, spec in enumerate(model.parameters):
         stated = table[spec.name]
-        ends = [coordinates.values(end)[spec.name] if np.all(np.isfinite(end)) else None for end in profile.ends[index]]
+        ends = [
+            coordinates.values(end)[spec.name] if np.all(np.isfinite(end)) else None
+            for end in profile.ends[index]
+        ]
         if ends[0] is not None and ends[1] is not None and ends[0] > ends[1]:  # of a negative gain
             ends.reverse()
-        beside = coverage * float(np.abs(coordinates.slopes(profile.z)[index]) * np.sqrt(max(more[index, index], 0.0)))
+        beside = coverage * float(
+            np.abs(coordinates.slopes(profile.z)[index]) * np.sqrt(max(more[index, index], 0.0))
+        )
         found[spec.name] = wider = _widened(stated, ends, beside, coverage)
         if wider is not stated:
             said[spec.name] = _said(spec.name, wider)
@@ -116,18 +129,26 @@ def with_profile(
         values = [complex(quantity.value(corner)).real for corner in corners]  # no resonance: zero
         ends = [min(values, default=None), max(values, default=None)]
         known = all(found[name].standard_uncertainty is not None for name in quantity.needs)
-        found[quantity.name] = _widened(table[quantity.name], ends if known else [None, None], 0.0, coverage)
+        found[quantity.name] = _widened(
+            table[quantity.name], ends if known else [None, None], 0.0, coverage
+        )
     return found, said
 
 
-def _widened(stated: Parameter, ends: Sequence[float | None], beside: float, coverage: float) -> Parameter:
+def _widened(
+    stated: Parameter, ends: Sequence[float | None], beside: float, coverage: float
+) -> Parameter:
     """Return the parameter with an interval to these ends, itself where it is hardly narrower."""
     value = stated.value
     if ends[0] is None or ends[1] is None:
         if stated.standard_uncertainty is None:
             return stated
-        return replace(stated, standard_uncertainty=None, interval_95=tuple(ends), identifiable=False)
-    below, above = (float(np.hypot(max(far, 0.0), beside)) for far in (value - ends[0], ends[1] - value))
+        return replace(
+            stated, standard_uncertainty=None, interval_95=tuple(ends), identifiable=False
+        )
+    below, above = (
+        float(np.hypot(max(far, 0.0), beside)) for far in (value - ends[0], ends[1] - value)
+    )
     u = max(below, above) / coverage
     if stated.standard_uncertainty is not None and u < WIDER * stated.standard_uncertainty:
         return stated
@@ -137,7 +158,11 @@ def _widened(stated: Parameter, ends: Sequence[float | None], beside: float, cov
 def _said(name: str, parameter: Parameter) -> str:
     """Return what is said of a parameter with an interval of the profile."""
     low, high = (None if end is None else f"{end:.4g}" for end in parameter.interval_95)
-    span = {(True, True): f"{low} to {high}", (False, True): f"below {high}", (True, False): f"above {low}"}
+    span = {
+        (True, True): f"{low} to {high}",
+        (False, True): f"below {high}",
+        (True, False): f"above {low}",
+    }
     within = span.get((low is not None, high is not None), "anything")
     unit = "" if parameter.unit == "1" else f" {parameter.unit}"
     return (

@@ -52,8 +52,14 @@ def effects_of_steps(
     patterns = np.zeros((2 * TRIALS, len(at)), dtype=complex)
     for index, (record, series) in enumerate(zip(records, predicted, strict=True)):
         places = np.flatnonzero(at == index)
-        if record.reference is not None and places.size and not _alone_in_step(record, motion, places, points):
-            patterns[:, places] = _errors(record, series, response, points.frequency_hz[places]) / np.sqrt(TRIALS)
+        if (
+            record.reference is not None
+            and places.size
+            and not _alone_in_step(record, motion, places, points)
+        ):
+            patterns[:, places] = _errors(
+                record, series, response, points.frequency_hz[places]
+            ) / np.sqrt(TRIALS)
     return [
         effect
         for each in distinct(motion[motion >= 0])
@@ -61,7 +67,9 @@ def effects_of_steps(
     ]
 
 
-def _alone_in_step(record: Record, motion: np.ndarray, places: np.ndarray, points: Adequacy) -> bool:
+def _alone_in_step(
+    record: Record, motion: np.ndarray, places: np.ndarray, points: Adequacy
+) -> bool:
     """Whether a sine in step with the sampling is the only one of its motion: its errors are in its own noise."""
     if record.excitation != "sine" or np.sum(motion == motion[places[0]]) > 1:
         return False
@@ -80,8 +88,14 @@ def _motions(records: Sequence[Record], at: np.ndarray, frequency_hz: FloatArray
             continue
         line = record.sampling_rate_hz / record.samples
         step = converter_step(record.response, record.mask)
-        frequency, size = float(frequency_hz[place]), float(np.std(record.response[record.mask])) * np.sqrt(2.0)
-        alike = [abs(hz - frequency) < 0.1 * line and abs(its_size - size) <= 0.5 * step for hz, its_size in known]
+        frequency, size = (
+            float(frequency_hz[place]),
+            float(np.std(record.response[record.mask])) * np.sqrt(2.0),
+        )
+        alike = [
+            abs(hz - frequency) < 0.1 * line and abs(its_size - size) <= 0.5 * step
+            for hz, its_size in known
+        ]
         if not any(alike):
             alike.append(True)
             known.append((frequency, size))
@@ -97,27 +111,41 @@ def _as_effects(patterns: ComplexArray, points: Adequacy) -> list[SystematicEffe
     weighted = patterns / points.relative_deviation
     if not np.any(weighted) or not np.all(np.isfinite(weighted)):
         return []
-    left, size, _ = np.linalg.svd(np.concatenate([weighted.real, weighted.imag], axis=1), full_matrices=False)
+    left, size, _ = np.linalg.svd(
+        np.concatenate([weighted.real, weighted.imag], axis=1), full_matrices=False
+    )
     shapes = left[:, size > 0.3].T @ patterns
     frequency, which = np.unique(points.frequency_hz, return_inverse=True)
     weight = points.relative_deviation**-2.0
     total = np.bincount(which, weight)
     found = []
     for shape in shapes:
-        real, imaginary = (np.bincount(which, weight * part) / total for part in (shape.real, shape.imag))
+        real, imaginary = (
+            np.bincount(which, weight * part) / total for part in (shape.real, shape.imag)
+        )
         pattern = tuple(zip(frequency.tolist(), real.tolist(), imaginary.tolist(), strict=True))
-        found.append(SystematicEffect(SOURCE, "rounding", 1.0, degrees_of_freedom=float(TRIALS), pattern=pattern))
+        found.append(
+            SystematicEffect(
+                SOURCE, "rounding", 1.0, degrees_of_freedom=float(TRIALS), pattern=pattern
+            )
+        )
     return found
 
 
 def _errors(
-    record: Record, series: FloatArray, response: Callable[[FloatArray], ComplexArray], frequency_hz: FloatArray
+    record: Record,
+    series: FloatArray,
+    response: Callable[[FloatArray], ComplexArray],
+    frequency_hz: FloatArray,
 ) -> ComplexArray:
     """Relative error of the response at each frequency, by both channels' steps, shape (2 TRIALS, frequencies)."""
     assert record.reference is not None
     found = np.zeros((2 * TRIALS, frequency_hz.size), dtype=complex)
     used = record.mask & np.isfinite(series)
-    steps = converter_step(record.response, record.mask), converter_step(record.reference, record.reference_mask)
+    steps = (
+        converter_step(record.response, record.mask),
+        converter_step(record.reference, record.reference_mask),
+    )
     if not used.any() or not any(steps):
         return found
     predicted = np.where(used, series, 0.0)
@@ -156,7 +184,10 @@ def rounding_in_residual(
     """
     if record.reference is None:
         return None
-    steps = converter_step(record.response, record.mask), converter_step(record.reference, record.reference_mask)
+    steps = (
+        converter_step(record.response, record.mask),
+        converter_step(record.reference, record.reference_mask),
+    )
     if not any(steps):
         return None
     found = np.zeros((2 * TRIALS, used.size))
@@ -170,8 +201,12 @@ def rounding_in_residual(
     if smooth is not None:
         kept = used & record.reference_mask[span]
         left = np.where(kept, (record.reference - smooth)[span], 0.0)
-        between = float(median(np.abs(np.asarray(fft.rfft(left))) ** 2)) / MEDIAN_OF_POWER / used.size
-        errors = rounding_errors(smooth[span], kept, steps[1], float(record.reference[span][kept][0]))
+        between = (
+            float(median(np.abs(np.asarray(fft.rfft(left))) ** 2)) / MEDIAN_OF_POWER / used.size
+        )
+        errors = rounding_errors(
+            smooth[span], kept, steps[1], float(record.reference[span][kept][0])
+        )
         errors *= np.sqrt(undithered(steps[1], between))
         bins = fft.rfft(errors, axis=1)[:, : transfer.size] * transfer  # of the band alone
         found[TRIALS:] = -np.asarray(fft.irfft(bins, used.size, axis=1))
@@ -194,7 +229,9 @@ def _within_band(record: Record, step: float, frequency_hz: FloatArray) -> Float
     last = int(1.5 * float(np.max(frequency_hz)) * samples / rate)  # the band of a sine
     if record.excitation != "sine":
         power = np.abs(np.asarray(fft.rfft(window * motion))) ** 2
-        loud = np.flatnonzero(power > 30.0 * step**2 / 12.0 * float(window @ window))  # by motion, not by rounding
+        loud = np.flatnonzero(
+            power > 30.0 * step**2 / 12.0 * float(window @ window)
+        )  # by motion, not by rounding
         last = int(loud[-1]) + 3 if loud.size else 0
     beyond = np.abs(lines[last : int(0.45 * samples)]) ** 2 / samples
     # Of noise, one line in ten has this part of its mean power or less; the stronger ones may hold leakage.
@@ -216,7 +253,9 @@ def _coherent(
     motion = np.where(used, predicted - np.mean(predicted[used]), 0.0)
     samples, rate = record.samples, record.sampling_rate_hz
     if record.excitation == "sine":
-        turn = hann(samples) * np.exp(-2j * np.pi / rate * np.outer(frequency_hz, np.arange(samples)))
+        turn = hann(samples) * np.exp(
+            -2j * np.pi / rate * np.outer(frequency_hz, np.arange(samples))
+        )
         gain = 1.0 if through is None else through(frequency_hz)
         return np.asarray(gain * (errors @ turn.T) / (turn @ motion), dtype=complex)
     lines = np.asarray(fft.rfft(errors, axis=1), dtype=complex)
@@ -224,7 +263,13 @@ def _coherent(
         lines *= through(line_frequencies(samples, rate))
     moved = np.asarray(fft.rfft(motion), dtype=complex)
     edges = band_edges(samples, rate).astype(int)
-    common = np.add.reduceat(lines[:, : edges[-1]] * np.conj(moved[: edges[-1]]), edges[:-1], axis=1)
+    common = np.add.reduceat(
+        lines[:, : edges[-1]] * np.conj(moved[: edges[-1]]), edges[:-1], axis=1
+    )
     power = np.add.reduceat(np.abs(moved[: edges[-1]]) ** 2, edges[:-1])
-    band = np.clip(np.searchsorted(edges, frequency_hz * samples / rate, side="right") - 1, 0, len(edges) - 2)
-    return np.asarray(common[:, band] / np.maximum(power[band], np.finfo(float).tiny), dtype=complex)
+    band = np.clip(
+        np.searchsorted(edges, frequency_hz * samples / rate, side="right") - 1, 0, len(edges) - 2
+    )
+    return np.asarray(
+        common[:, band] / np.maximum(power[band], np.finfo(float).tiny), dtype=complex
+    )

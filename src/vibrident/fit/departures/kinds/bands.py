@@ -30,7 +30,10 @@ class Bands(Departure):
     def columns(self, group: WhitenedGroup, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
         """The motion in each band; a sine has one frequency."""
         if group.pull is None:
-            inside = [group.likely * ((group.hz >= low) & (group.hz < high)) for low, high in pairwise(scale.bands_hz)]
+            inside = [
+                group.likely * ((group.hz >= low) & (group.hz < high))
+                for low, high in pairwise(scale.bands_hz)
+            ]
             yield "", np.stack([turn * own for own in inside for turn in (1.0, 1j)], axis=1)
 
     def at_points(self, points: PointsPart) -> list[Point]:
@@ -39,7 +42,9 @@ class Bands(Departure):
         if len(np.unique(points.frequency_hz)) < FEWEST:
             return []
         parts = [np.isin(np.arange(order.size), some) for some in np.array_split(order, OF_POINTS)]
-        return [Point("", np.array([turn * one for one in parts for turn in (1.0, 1j)], dtype=complex))]
+        return [
+            Point("", np.array([turn * one for one in parts for turn in (1.0, 1j)], dtype=complex))
+        ]
 
     def sentence(self, candidate: Candidate, score: Score) -> str:
         """That the model misses a band."""

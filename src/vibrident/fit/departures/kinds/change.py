@@ -47,14 +47,18 @@ class Change(Departure):
         """
         rows, records = _changing(group), len(group.records)
         blocks = (records, -1, BLOCKS, group.length // BLOCKS)
-        signals = group.whitened_in_time(np.concatenate([rows, group.others], axis=1)).reshape(blocks)
+        signals = group.whitened_in_time(np.concatenate([rows, group.others], axis=1)).reshape(
+            blocks
+        )
         signals = np.ascontiguousarray(signals.swapaxes(1, 2))
         size = rows.shape[1]
         products = (signals[:, :, :size] @ signals.mT).reshape(records, BLOCKS, -1)
         once = (FACTORS @ products).reshape(records, BLOCKS, size, -1)[..., size:]
         squared = (FACTORS**2 @ products).reshape(records, BLOCKS, size, -1)[..., :size]
         behind = FACTORS[:-1] @ products[:, :, :1]
-        behind = behind[..., 0] / np.maximum(np.sum(products[:, :, 0], axis=1, keepdims=True), np.finfo(float).tiny)
+        behind = behind[..., 0] / np.maximum(
+            np.sum(products[:, :, 0], axis=1, keepdims=True), np.finfo(float).tiny
+        )
         there = np.ones((records, BLOCKS), dtype=bool)
         there[:, :-1] = (behind > LEAST) & (behind < 1.0 - LEAST)
         sums = group.sums_of_products(once, squared)
@@ -63,7 +67,9 @@ class Change(Departure):
         sets = [GAIN, CHANNEL] if size <= 2 else [GAIN, CHANNEL, SENSOR]
         return [
             Places(
-                tuple(Candidate(words, number, time) for number, time in enumerate([*time_s, None])),
+                tuple(
+                    Candidate(words, number, time) for number, time in enumerate([*time_s, None])
+                ),
                 sums.some(_kept(words, size)),
                 there,
             )
@@ -72,7 +78,9 @@ class Change(Departure):
 
     def columns_of(self, candidate: Candidate, group: WhitenedGroup, scale: Scale) -> ComplexArray:
         """Those of a place."""
-        bins = group.moved if _of_tone(group) else np.concatenate([group.moved, group.slopes], axis=1)
+        bins = (
+            group.moved if _of_tone(group) else np.concatenate([group.moved, group.slopes], axis=1)
+        )
         rows = np.ascontiguousarray(bins[:, _kept(candidate.words, bins.shape[1])]).view(float)
         return self._times_factor(rows, candidate, group).view(complex)
 
@@ -87,7 +95,9 @@ class Change(Departure):
         rows = _changing(group)
         return self._times_factor(rows[:, _kept(candidate.words, rows.shape[1])], candidate, group)
 
-    def _times_factor(self, rows: FloatArray, candidate: Candidate, group: WhitenedGroup) -> FloatArray:
+    def _times_factor(
+        self, rows: FloatArray, candidate: Candidate, group: WhitenedGroup
+    ) -> FloatArray:
         factor = np.repeat(FACTORS[candidate.number], group.length // BLOCKS)
         return group.whitened_at_bins(group.whitened_in_time(rows) * factor)
 
@@ -95,26 +105,41 @@ class Change(Departure):
         """That of the columns, over the part of the record that they fill: noise is in all of it."""
         rows = _changing(group)
         rows = rows[:, _kept(candidate.words, rows.shape[1])]
-        return float(np.mean(FACTORS[candidate.number])) * (rows @ group.errors.effects[:, -1:].mT)[..., 0]
+        return (
+            float(np.mean(FACTORS[candidate.number]))
+            * (rows @ group.errors.effects[:, -1:].mT)[..., 0]
+        )
 
-    def refined(self, candidate: Candidate, group: WhitenedGroup, scale: Scale, sums: Exact) -> tuple[Candidate, Exact]:
+    def refined(
+        self, candidate: Candidate, group: WhitenedGroup, scale: Scale, sums: Exact
+    ) -> tuple[Candidate, Exact]:
         """The place with its time in the record, of which the group may hold a piece."""
         begin = float(group.begin_s[0])
-        return replace(candidate, time_s=None if candidate.time_s is None else candidate.time_s + begin), sums
+        return replace(
+            candidate, time_s=None if candidate.time_s is None else candidate.time_s + begin
+        ), sums
 
     def sentence(self, candidate: Candidate, score: Score) -> str:
         """What changed, and by how much."""
         time_s = candidate.time_s
-        when = "changes evenly over the record" if time_s is None else f"changed at about {plain(time_s, 4)} s"
+        when = (
+            "changes evenly over the record"
+            if time_s is None
+            else f"changed at about {plain(time_s, 4)} s"
+        )
         if candidate.words == SENSOR:
             return f"the sensor {when}"
         than = "at the end than at the begin" if time_s is None else "than before"
         gain, parts = score.known(0), list[str]()
         if gain:
-            parts.append(f"is {plain(abs(100.0 * gain), 2)} % {'larger' if gain > 0.0 else 'smaller'} {than}")
+            parts.append(
+                f"is {plain(abs(100.0 * gain), 2)} % {'larger' if gain > 0.0 else 'smaller'} {than}"
+            )
         if candidate.words == CHANNEL and score.known(1):
             later = -score.known(1)
-            parts.append(f"comes {amount(abs(later), 'samples', 2)} {'later' if later > 0.0 else 'earlier'}")
+            parts.append(
+                f"comes {amount(abs(later), 'samples', 2)} {'later' if later > 0.0 else 'earlier'}"
+            )
         return f"the sensor {when}" + (f": its response {' and '.join(parts)}" if parts else "")
 
 

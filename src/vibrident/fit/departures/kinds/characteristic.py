@@ -21,7 +21,9 @@ class Characteristic(Shape):
     code: ClassVar[WarningCode] = "nonlinear"
     turned: ClassVar[bool] = True
 
-    def shapes(self, signal: FloatArray, scale: Scale, largest: FloatArray) -> Iterable[tuple[str, FloatArray]]:
+    def shapes(
+        self, signal: FloatArray, scale: Scale, largest: FloatArray
+    ) -> Iterable[tuple[str, FloatArray]]:
         """Square, cube and sign of the motion, over their size at the largest."""
         y = signal / scale.motion
         yield "holds a square of the motion", y * y * scale.motion

@@ -22,14 +22,19 @@ class ClippedReference(OfReference):
     name: ClassVar[str] = "clipped-reference"
     code: ClassVar[WarningCode] = "clipped"
 
-    def shapes(self, signal: FloatArray, scale: Scale, largest: FloatArray) -> Iterable[tuple[str, FloatArray]]:
+    def shapes(
+        self, signal: FloatArray, scale: Scale, largest: FloatArray
+    ) -> Iterable[tuple[str, FloatArray]]:
         """What lies beyond each level."""
         said = "the reference departs {}, as where its channel is overdriven"
         for level in LEVELS:
             words = said.format(f"beyond {plain(100.0 * level, 2)} % of its largest")
             yield words, np.sign(signal) * np.maximum(np.abs(signal) - level * largest, 0.0)
         for sign, end in ((1.0, "highest"), (-1.0, "lowest")):
-            yield said.format(f"at its {end}"), np.where(sign * signal > AT_LIMIT * largest, sign * largest, 0.0)
+            yield (
+                said.format(f"at its {end}"),
+                np.where(sign * signal > AT_LIMIT * largest, sign * largest, 0.0),
+            )
 
 
 CLIPPED_REFERENCE = ClippedReference()

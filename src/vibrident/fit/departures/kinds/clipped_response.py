@@ -22,7 +22,9 @@ class ClippedResponse(Shape):
     name: ClassVar[str] = "clipped-response"
     code: ClassVar[WarningCode] = "clipped"
 
-    def shapes(self, signal: FloatArray, scale: Scale, largest: FloatArray) -> Iterable[tuple[str, FloatArray]]:
+    def shapes(
+        self, signal: FloatArray, scale: Scale, largest: FloatArray
+    ) -> Iterable[tuple[str, FloatArray]]:
         """What lies beyond each level."""
         for level in LEVELS:
             beyond = np.maximum(np.abs(signal) - level * scale.motion, 0.0)

@@ -22,7 +22,9 @@ class Friction(Shape):
     name: ClassVar[str] = "friction"
     code: ClassVar[WarningCode] = "nonlinear"
 
-    def shapes(self, signal: FloatArray, scale: Scale, largest: FloatArray) -> Iterable[tuple[str, FloatArray]]:
+    def shapes(
+        self, signal: FloatArray, scale: Scale, largest: FloatArray
+    ) -> Iterable[tuple[str, FloatArray]]:
         """Return the sign of the velocity, per m/s² of deceleration."""
         if scale.mass is not None:
             yield "", -np.sign(signal)

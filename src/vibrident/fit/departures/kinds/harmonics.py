@@ -30,9 +30,9 @@ class Harmonic(Candidate):
 
     def of_light(self, score: Score) -> bool:
         """Whether the response does not show it: the displacement has it, and the motion has not."""
-        return self.moved is not None and float(np.hypot(*(self.moved + score.amounts))) < OWN * float(
-            np.hypot(*score.amounts)
-        )
+        return self.moved is not None and float(
+            np.hypot(*(self.moved + score.amounts))
+        ) < OWN * float(np.hypot(*score.amounts))
 
 
 class Harmonics(WithoutMotion):
@@ -56,7 +56,9 @@ class Harmonics(WithoutMotion):
         every = super().places(group, scale)
         return [replace(one, there=np.any(one.sums.gram != 0.0, axis=(2, 3))) for one in every]
 
-    def refined(self, candidate: Candidate, group: WhitenedGroup, scale: Scale, sums: Exact) -> tuple[Candidate, Exact]:
+    def refined(
+        self, candidate: Candidate, group: WhitenedGroup, scale: Scale, sums: Exact
+    ) -> tuple[Candidate, Exact]:
         """Add what a characteristic that makes it does to the parameters; of light, what the light has of it."""
         order = int(candidate.words)
         if group.pull is not None:
@@ -64,12 +66,18 @@ class Harmonics(WithoutMotion):
         if group.records[0].optical is None:
             return candidate, sums
         waves = group.harmonics[0, order - 2]
-        moved = 4.0 / group.samples**2 / _size(group)[0] * np.real(waves.conj() @ group.predicted[0])
+        moved = (
+            4.0 / group.samples**2 / _size(group)[0] * np.real(waves.conj() @ group.predicted[0])
+        )
         return Harmonic(candidate.words, candidate.number, moved=moved), sums
 
     def code_of(self, candidate: Candidate, score: Score) -> WarningCode:
         """``few_fringes`` for those of an interferometer's light."""
-        return "few_fringes" if isinstance(candidate, Harmonic) and candidate.of_light(score) else self.code
+        return (
+            "few_fringes"
+            if isinstance(candidate, Harmonic) and candidate.of_light(score)
+            else self.code
+        )
 
     def sentence(self, candidate: Candidate, score: Score) -> str:
         """How large."""

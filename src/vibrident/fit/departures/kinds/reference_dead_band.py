@@ -20,14 +20,18 @@ class ReferenceDeadBand(OfReference):
     name: ClassVar[str] = "reference-dead-band"
     code: ClassVar[WarningCode] = "nonlinear"
 
-    def shapes(self, signal: FloatArray, scale: Scale, largest: FloatArray) -> Iterable[tuple[str, FloatArray]]:
+    def shapes(
+        self, signal: FloatArray, scale: Scale, largest: FloatArray
+    ) -> Iterable[tuple[str, FloatArray]]:
         """Return the sign of the motion, per unit of the reference."""
         yield "", np.sign(signal)
 
     def sentence(self, candidate: Candidate, score: Score) -> str:
         """Say how wide it is."""
         size = plain(abs(float(score.amounts[0])), 2)
-        return f"the reference has a dead band, or a step, around its zero, of {size} in its SI unit"
+        return (
+            f"the reference has a dead band, or a step, around its zero, of {size} in its SI unit"
+        )
 
 
 REFERENCE_DEAD_BAND = ReferenceDeadBand()

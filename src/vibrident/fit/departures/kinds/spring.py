@@ -23,10 +23,15 @@ class Spring(Shape):
     name: ClassVar[str] = "spring"
     code: ClassVar[WarningCode] = "nonlinear"
 
-    def shapes(self, signal: FloatArray, scale: Scale, largest: FloatArray) -> Iterable[tuple[str, FloatArray]]:
+    def shapes(
+        self, signal: FloatArray, scale: Scale, largest: FloatArray
+    ) -> Iterable[tuple[str, FloatArray]]:
         """Square and cube of the motion."""
         y = signal / scale.motion
-        yield "is bent as by a spring that is stiffer on one side of its rest point", y * y * scale.motion
+        yield (
+            "is bent as by a spring that is stiffer on one side of its rest point",
+            y * y * scale.motion,
+        )
         yield "is bent as by a spring that is not linear", y * y * y * scale.motion
 
     def answer(self, group: WhitenedGroup, scale: Scale) -> ComplexArray:

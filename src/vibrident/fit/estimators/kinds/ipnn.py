@@ -105,7 +105,9 @@ class Ipnn(Estimator):
             return settled_estimate(train(evidence, self.method, progress))
         return trained_in_time(self, evidence, progress)
 
-    def where_rejected(self, evidence: Evidence, estimate: Estimate, progress: Progress = silent) -> Estimate | None:
+    def where_rejected(
+        self, evidence: Evidence, estimate: Estimate, progress: Progress = silent
+    ) -> Estimate | None:
         """Return the estimate from a start in noise of one level; None of a network in time."""
         if not (self.is_tied and self.in_band(evidence)) or evidence.start is not None:
             return None
@@ -114,7 +116,11 @@ class Ipnn(Estimator):
     @property
     def trainer(self) -> Optimiser:
         """The optimiser that the setting names or is."""
-        return self.optimiser if isinstance(self.optimiser, Optimiser) else _optimiser(self.optimiser, {})
+        return (
+            self.optimiser
+            if isinstance(self.optimiser, Optimiser)
+            else _optimiser(self.optimiser, {})
+        )
 
     def in_band(self, evidence: Evidence) -> bool:
         """Return whether the network is run at bins; Adam runs it in time, as the paper does."""
@@ -185,7 +191,9 @@ def trained_in_time(network: Ipnn, evidence: Evidence, progress: Progress) -> Es
     size = evidence.response_size
     coordinates = Coordinates.at(evidence.model, begin.values, evidence.band_hz, size)
     method = network.method
-    problem = TimeProblem.build(evidence.records, evidence.model, method, evidence.quantity, begin.values)
+    problem = TimeProblem.build(
+        evidence.records, evidence.model, method, evidence.quantity, begin.values
+    )
     z = coordinates.first
     noise = np.ones(len(evidence.records))
     trace = None

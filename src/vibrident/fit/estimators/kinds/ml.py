@@ -47,7 +47,9 @@ class MaximumLikelihood(Estimator):
     def suits(self, evidence: Evidence) -> str:
         """Tables, and sine records of linear models."""
         if evidence.calibration.table is not None:
-            return "a table of responses with their uncertainties: weighted fit in magnitude and phase"
+            return (
+                "a table of responses with their uncertainties: weighted fit in magnitude and phase"
+            )
         if evidence.model.is_linear and evidence.only_sines:
             return "sine records: each tone is estimated in both channels, so noise on the reference does no harm"
         return ""
@@ -76,13 +78,19 @@ class MaximumLikelihood(Estimator):
             # hundredth of it; of two modes, which trade against each other, by a tenth.
             settled = 0.3 if model.shares else 3.0
             for _ in range(4):
-                if not model.has_network:  # its average acts as at the values that the network is made of
+                if (
+                    not model.has_network
+                ):  # its average acts as at the values that the network is made of
                     network = network_problem(evidence, coordinates.values(z))
                 tones = residual_tones(evidence, network, coordinates, z)
                 problem = weighted_problem(tones, coordinates, z, evidence)
                 trace = _descend(coordinates, z, problem, progress)
                 moved, z = np.abs(trace.last - z), trace.last
-                if np.all(moved < settled * np.sqrt(np.maximum(np.diag(_covariance(problem, coordinates, z)), 0.0))):
+                if np.all(
+                    moved
+                    < settled
+                    * np.sqrt(np.maximum(np.diag(_covariance(problem, coordinates, z)), 0.0))
+                ):
                     break
             problem = weighted_problem(tones, coordinates, z, evidence)
         covariance, freedom = _covariance(problem, coordinates, trace.last), np.inf
@@ -104,7 +112,9 @@ class MaximumLikelihood(Estimator):
             criterion="likelihood",
         )
 
-    def where_rejected(self, evidence: Evidence, estimate: Estimate, progress: Progress = silent) -> Estimate | None:
+    def where_rejected(
+        self, evidence: Evidence, estimate: Estimate, progress: Progress = silent
+    ) -> Estimate | None:
         """With a model error beside the noise."""
         return with_random_effect(evidence, estimate, progress) if self.model_error else None
 
@@ -138,7 +148,9 @@ def responses(name: str, evidence: Evidence) -> FrequencyProblem:
     return first
 
 
-def with_random_effect(evidence: Evidence, estimate: Estimate, progress: Progress) -> Estimate | None:
+def with_random_effect(
+    evidence: Evidence, estimate: Estimate, progress: Progress
+) -> Estimate | None:
     """The estimate with a relative model error added to the noise; None if the deviations demand none."""
     tones = estimate.tones
     if tones is None:
@@ -190,7 +202,9 @@ def solved_problem(estimate: Estimate, evidence: Evidence) -> FrequencyProblem:
     return problem if error is None else problem.with_random_effect(error)
 
 
-def _descend(coordinates: Coordinates, z: FloatArray, problem: FrequencyProblem, progress: Progress) -> Trace:
+def _descend(
+    coordinates: Coordinates, z: FloatArray, problem: FrequencyProblem, progress: Progress
+) -> Trace:
     return levenberg_marquardt(problem.normal, z, coordinates, progress=progress)
 
 

@@ -1,0 +1,83 @@
+"""The time at which one regime ends and the next begins, by least squares.
+
+Before it the response is the sensor's of the first regime, after it that of the second, beside
+free motion from wherever the change finds the mass.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy import fft
+
+from vibrident.data.records import FloatArray, Quantity, Record
+from vibrident.use.regimes.pieces import Piece, piece_samples
+
+#: Candidates of a first look; each further one has a finer step.
+CANDIDATES = 48
+
+
+def change_sample(record: Record, quantity: Quantity, before: Piece, behind: Piece) -> int:
+    """Return the first sample of the second of two regimes that follow each other.
+
+    Args:
+        record: the whole record.
+        quantity: of the reference.
+        before: the first regime; a part of its last piece may be of the second.
+        behind: the second, likewise.
+    """
+    reach = piece_samples(record.samples)
+    low = max(before.span.stop - reach, before.span.start)
+    high = min(behind.span.start + reach, behind.span.stop)
+    residuals = [_residual(record, quantity, regime)[low:high] for regime in (before, behind)]
+    free = _free_motion(behind, record.sampling_rate_hz, high - low)
+    places = np.unique(np.linspace(1, high - low - 1, CANDIDATES).astype(int))
+    while True:
+        squares = [_squares(place, residuals, free) for place in places.tolist()]
+        best = int(np.argmin(squares))
+        first = places[max(best - 1, 0)]
+        last = places[min(best + 1, len(places) - 1)]
+        if last - first <= 2:
+            return low + int(places[best])
+        places = np.unique(np.linspace(first, last, CANDIDATES).astype(int))
+
+
+def _squares(place: int, residuals: Sequence[FloatArray], free: FloatArray) -> float:
+    """Return what a change at a sample leaves of the response, squared."""
+    before, behind = residuals
+    rest = behind[place:]
+    columns = free[:, : len(rest)]
+    amounts = np.linalg.lstsq(columns @ columns.T, columns @ rest, rcond=None)[0]
+    left = rest - amounts @ columns
+    start = before[:place]
+    return float(start @ start + left @ left)
+
+
+def _residual(record: Record, quantity: Quantity, regime: Piece) -> FloatArray:
+    """Return the response less that of a regime to a motion that recurs, shape (samples,).
+
+    It is zero where a sample is not used.
+    """
+    assert record.reference is not None
+    used = record.mask
+    reference = np.where(record.reference_mask, record.reference, 0.0)
+    bins = fft.rfft(reference)
+    hz = fft.rfftfreq(record.samples, 1.0 / record.sampling_rate_hz)
+    hz[0] = hz[1]
+    bins[0] = 0.0
+    transfer = regime.model.frequency_response(regime.parameters, hz, quantity)
+    residual = record.response - fft.irfft(bins * transfer, record.samples)
+    return np.asarray(np.where(used, residual - np.median(residual[used]), 0.0))
+
+
+def _free_motion(regime: Piece, rate_hz: float, samples: int) -> FloatArray:
+    """Return columns of free motion from sample 0 on, and a constant, shape (q, samples)."""
+    columns = [np.ones(samples)]
+    turns = np.arange(samples) / rate_hz
+    for pole in regime.model.poles(regime.parameters):
+        if pole.real >= 0.0 or pole.imag < 0.0:
+            continue
+        wave = np.exp(pole * turns)
+        columns += [wave.real, wave.imag] if pole.imag > 0.0 else [wave.real]
+    return np.array(columns)

@@ -1,0 +1,198 @@
+"""The result of a record whose sensor changed: that of its longest regime, beside the others."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from vibrident.base.amounts import amount, plain
+from vibrident.base.errors import VibridentError
+from vibrident.data.records import Calibration
+from vibrident.fit.judge.attempts import Fitted
+from vibrident.fit.judge.document import Uncertainty, document, own_rows
+from vibrident.fit.uncertainty.parameters import parameter_units
+from vibrident.physics.models import model_of
+from vibrident.physics.naming import in_words
+from vibrident.result import Result, ResultWarning
+from vibrident.use.regimes.change_time import change_sample
+from vibrident.use.regimes.pieces import Piece, cut, find_regimes, joined, piece_samples
+from vibrident.use.regimes.shared import share
+
+#: Motion that is alike throughout: each part of it tells what the others do.
+STEADY = ("random", "multisine")
+#: Warnings of a fit that may be of a sensor that changed.
+DOUBTS = {"lack_of_fit", "regimes", "weakly_determined"}
+#: Digits of values in words.
+DIGITS = 6
+
+
+def with_regimes(
+    calibration: Calibration,
+    name: str | None,
+    result: Result,
+    fit: Callable[[Calibration], Fitted],
+    scope: Uncertainty,
+) -> Result:
+    """Return the result of the longest regime, and the others, where a sensor changed in a record.
+
+    Args:
+        calibration: as identified.
+        name: of the model; None: the calibration's.
+        result: of the calibration as a whole; it stands where there are no regimes.
+        fit: estimates and judges a calibration.
+        scope: as ``uncertainty`` of ``identify``.
+    """
+    model = model_of(calibration, name)
+    if not (model.is_linear and _may_have_changed(calibration, result)):
+        return result
+    regimes = find_regimes(calibration, model)
+    shortest = piece_samples(calibration.records[0].samples) // 2
+    while len(regimes) >= 2:
+        edges = _edges(calibration, regimes)
+        lengths = np.diff(edges)
+        if np.min(lengths) < shortest:  # a piece that holds a change may be explained by chance
+            del regimes[int(np.argmin(lengths))]
+            regimes = list(joined(regimes))
+            continue
+        try:
+            found = _Regimes.fitted(calibration, regimes, edges, fit)
+        except VibridentError:
+            return result
+        regimes = list(joined(found.pieces))
+        if len(regimes) == len(found.fits):
+            return _result(found, scope) if found.explain_the_record else result
+    return result
+
+
+def _edges(calibration: Calibration, regimes: Sequence[Piece]) -> list[int]:
+    """Return the first sample of each regime, and the number of samples."""
+    record = calibration.records[0]
+    changes = [
+        change_sample(record, calibration.quantity, *pair) for pair in itertools.pairwise(regimes)
+    ]
+    return [0, *changes, record.samples]
+
+
+@dataclass(frozen=True, eq=False)
+class _Regimes:
+    """Regimes of a record, each fitted by itself.
+
+    Attributes:
+        spans: samples of each, without those next to a change.
+        fits: of each.
+        edges: first sample of each, and the number of samples.
+    """
+
+    spans: Sequence[slice]
+    fits: Sequence[Fitted]
+    edges: Sequence[int]
+
+    @classmethod
+    def fitted(
+        cls,
+        calibration: Calibration,
+        regimes: Sequence[Piece],
+        edges: Sequence[int],
+        fit: Callable[[Calibration], Fitted],
+    ) -> _Regimes:
+        """Fit regimes between their edges, a period away from each change.
+
+        Raises:
+            VibridentError: one of them cannot be fitted.
+        """
+        record = calibration.records[0]
+        period = max(_period(regime, record.sampling_rate_hz) for regime in regimes)
+        spans = [
+            slice(first + period * (first > 0), last - period * (last < record.samples))
+            for first, last in itertools.pairwise(edges)
+        ]
+        return cls(spans, [fit(cut(calibration, span)) for span in spans], edges)
+
+    @property
+    def pieces(self) -> list[Piece]:
+        """Return the parameters of each."""
+        return [Piece.of_fit(*pair) for pair in zip(self.spans, self.fits, strict=True)]
+
+    @property
+    def explain_the_record(self) -> bool:
+        """Return whether the model explains each of them."""
+        return all(each.adequate for each in self.fits)
+
+
+def _period(regime: Piece, rate_hz: float) -> int:
+    """Return the longest period of free motion in samples; one of a sensor that has none."""
+    poles = np.abs(regime.model.poles(regime.parameters))
+    return int(np.ceil(2.0 * np.pi * rate_hz / np.min(poles))) if poles.size else 1
+
+
+def _may_have_changed(calibration: Calibration, result: Result) -> bool:
+    """Return whether a fit is doubtful, and of one record of steady motion."""
+    records = calibration.records
+    if len(records) != 1 or records[0].excitation not in STEADY or result.estimator != "ipnn":
+        return False
+    return bool(DOUBTS & set(result.warning_codes)) and records[0].optical is None
+
+
+def _result(found: _Regimes, scope: Uncertainty) -> Result:
+    """Return the result of the longest regime, and the others beside it."""
+    fits = found.fits
+    edges = found.edges
+    shared = share(found.pieces)
+    longest = int(np.argmax(np.diff(edges)))
+    fitted = fits[longest]
+    names = fitted.evidence.model.parameter_names
+    coordinates = fitted.estimate.coordinates
+    z = coordinates.place(dict(zip(names, shared.values[longest].tolist(), strict=True)))
+    slopes = coordinates.slopes(z)
+    over = np.divide(1.0, slopes, out=np.zeros_like(slopes), where=slopes != 0.0)
+    covariance = shared.covariances[longest] * np.outer(over, over)
+    fitted = fitted.at(replace(fitted.estimate, z=z, covariance=covariance, predicted=None))
+    result = document(fitted, own_rows(fitted, scope))
+    record = fitted.evidence.calibration.records[0]
+    times = (np.array(edges) / record.sampling_rate_hz).tolist()
+    regimes = [
+        {
+            "from_s": times[number],
+            "to_s": times[number + 1],
+            "parameters": {
+                name: {"value": float(value), "standard_uncertainty": float(np.sqrt(variance))}
+                for name, value, variance in zip(
+                    names, shared.values[number], np.diag(shared.covariances[number]), strict=True
+                )
+            },
+        }
+        for number in range(len(fits))
+    ]
+    common = [name for name, is_one in zip(names, shared.is_shared, strict=True) if is_one]
+    text = _words(fitted, regimes, common, longest)
+    return replace(
+        result,
+        settings={**result.settings, "regimes": regimes},
+        warnings=(ResultWarning("regimes", text), *result.warnings),
+    )
+
+
+def _words(
+    fitted: Fitted, regimes: Sequence[dict[str, Any]], common: Sequence[str], longest: int
+) -> str:
+    """Return what changed and when, what did not, and which regime the result is of."""
+    units = parameter_units(fitted.evidence.model, fitted.evidence.calibration)
+    parts = []
+    for regime in regimes:
+        values = ", ".join(
+            f"{in_words(name)} {amount(each['value'], units[name], DIGITS)}"
+            for name, each in regime["parameters"].items()
+            if name not in common
+        )
+        parts.append(f"{plain(regime['from_s'], 5)} to {plain(regime['to_s'], 5)} s: {values}")
+    record = fitted.evidence.calibration.records[0].name
+    chosen = regimes[longest]
+    text = f"{record}: The sensor changed; it has {len(regimes)} regimes. {'; '.join(parts)}. "
+    if common:
+        text += f"The same in all: {', '.join(in_words(name) for name in common)}. "
+    chosen_s = " to ".join(plain(chosen[key], 5) for key in ("from_s", "to_s"))
+    return f"{text}The result is that of {chosen_s} s, the longest."

@@ -1,0 +1,146 @@
+"""Regimes of a record: runs of consecutive pieces whose parameters agree.
+
+A record is cut into pieces of equal length, each fitted by itself. A piece within a regime is
+explained by the model; one that holds a change is not. Consecutive explained pieces are of one
+regime unless their parameters differ by more than noise, told by χ².
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vibrident.base.errors import VibridentError
+from vibrident.base.tails import chi2_tail
+from vibrident.data.records import Calibration, FloatArray, Record
+from vibrident.fit.estimators import choose
+from vibrident.fit.judge.attempts import Fitted
+from vibrident.fit.optimise import silent
+from vibrident.fit.problem import Evidence
+from vibrident.physics.models import SensorModel
+
+#: Pieces of a record: regimes of two of them are found.
+MAX_PIECES = 12
+MIN_PIECES = 4
+#: Fewest samples of a piece.
+MIN_PIECE_SAMPLES = 512
+#: Chance that noise parts two pieces of one regime.
+FALSE_CHANGE = 1e-6
+#: More regimes than these are a sensor that keeps changing, which has none.
+MAX_REGIMES = 6
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """Parameters of a part of a record.
+
+    Attributes:
+        model: of the sensor.
+        span: its samples.
+        values: of the parameters, shape (P,).
+        covariance: of these, by noise, shape (P, P).
+    """
+
+    model: SensorModel
+    span: slice
+    values: FloatArray
+    covariance: FloatArray
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Return the values by name."""
+        return dict(zip(self.model.parameter_names, self.values.tolist(), strict=True))
+
+    @classmethod
+    def of_fit(cls, span: slice, fitted: Fitted) -> Piece:
+        """Return the parameters of a fit."""
+        slopes = fitted.estimate.coordinates.slopes(fitted.estimate.z)
+        covariance = fitted.estimate.covariance * np.outer(slopes, slopes)
+        values = np.array(list(fitted.values.values()))
+        return cls(fitted.evidence.model, span, values, covariance)
+
+    def agrees_with(self, other: Piece) -> bool:
+        """Return whether noise explains how far the parameters of two pieces are apart."""
+        size = np.maximum(np.abs(self.values), np.abs(other.values))
+        scale = np.where(size > 0.0, size, 1.0)
+        difference = (self.values - other.values) / scale
+        covariance = (self.covariance + other.covariance) / np.outer(scale, scale)
+        squares = float(difference @ np.linalg.pinv(covariance, hermitian=True) @ difference)
+        return chi2_tail(float(difference.size), squares) > FALSE_CHANGE
+
+    def joined_with(self, other: Piece) -> Piece:
+        """Return both as one, by their weighted mean."""
+        own = np.linalg.pinv(self.covariance, hermitian=True)
+        others = np.linalg.pinv(other.covariance, hermitian=True)
+        covariance = np.linalg.pinv(own + others, hermitian=True)
+        values = covariance @ (own @ self.values + others @ other.values)
+        span = slice(self.span.start, other.span.stop)
+        return replace(self, span=span, values=values, covariance=covariance)
+
+
+def cut_record(record: Record, span: slice) -> Record:
+    """Return a part of a record as a record."""
+    begin_s = record.start_time_s + span.start / record.sampling_rate_hz
+    return replace(
+        record,
+        reference=None if record.reference is None else record.reference[span],
+        response=record.response[span],
+        valid=record.mask[span],
+        reference_valid=None if record.reference_valid is None else record.reference_valid[span],
+        start_time_s=begin_s,
+        provenance=record.provenance.then(f"samples {span.start} to {span.stop - 1} of it"),
+    )
+
+
+def cut(calibration: Calibration, span: slice) -> Calibration:
+    """Return a calibration of one record with a part of it."""
+    return replace(calibration, records=(cut_record(calibration.records[0], span),))
+
+
+def piece_samples(samples: int) -> int:
+    """Return the samples of a piece of a record."""
+    return samples // max(min(samples // MIN_PIECE_SAMPLES, MAX_PIECES), 1)
+
+
+def find_regimes(calibration: Calibration, model: SensorModel) -> list[Piece]:
+    """Return the regimes of a calibration of one record, by whole pieces."""
+    samples = calibration.records[0].samples
+    count = samples // piece_samples(samples)
+    if count < MIN_PIECES:
+        return []
+    edges = np.linspace(0, samples, count + 1).astype(int).tolist()
+    spans = [slice(*pair) for pair in itertools.pairwise(edges)]
+    regimes = list(joined(_explained_pieces(calibration, model, spans)))
+    return regimes if len(regimes) <= MAX_REGIMES else []
+
+
+def _explained_pieces(
+    calibration: Calibration, model: SensorModel, spans: Sequence[slice]
+) -> Iterator[Piece]:
+    """Yield the pieces that the model explains."""
+    for span in spans:
+        try:
+            evidence = Evidence.gather(cut(calibration, span), model)
+            estimator, _ = choose(evidence)
+            fitted = Fitted.of(evidence, estimator, silent)
+        except VibridentError:
+            continue
+        if fitted.adequate:
+            yield Piece.of_fit(span, fitted)
+
+
+def joined(pieces: Iterable[Piece]) -> Iterator[Piece]:
+    """Yield runs of consecutive pieces that agree."""
+    run: Piece | None = None
+    for piece in pieces:
+        if run is not None and run.agrees_with(piece):
+            run = run.joined_with(piece)
+            continue
+        if run is not None:
+            yield run
+        run = piece
+    if run is not None:
+        yield run
