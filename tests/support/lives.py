@@ -1,79 +1,86 @@
-"""Records of a sensor that changes: exact, by its steady response and free motion from each change."""
+"""Small results of sensors with a name, a date and a stated budget, as a laboratory's calibrations give them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import hashlib
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from vibrident import Calibration
+from vibrident.base.nominal import Nominal
+from vibrident.result import Correlation, Curve, Fit, MeasuredCurve, Parameter, Result
+from vibrident.show.points import sensitivity_at
 
-Real = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Life:
-    """A sensor from one sample on.
-
-    Attributes:
-        first: the sample.
-        natural_hz: natural frequency.
-        damping: damping ratio.
-        gain: sensitivity; it changes at the output, the mass moves on.
-    """
-
-    first: int
-    natural_hz: float
-    damping: float
-    gain: float
-
-    @property
-    def values(self) -> Real:
-        """Sensitivity, natural frequency and damping ratio."""
-        return np.array([self.gain, self.natural_hz, self.damping])
-
-    def steady(self, u: Real, rate_hz: float) -> tuple[Real, Real]:
-        """Place and velocity of the mass for a motion that recurs."""
-        hz = np.fft.rfftfreq(len(u), 1.0 / rate_hz)
-        over = hz / self.natural_hz
-        bins = np.fft.rfft(u) / (1.0 - over**2 + 2j * self.damping * over)
-        return np.fft.irfft(bins, len(u)), np.fft.irfft(2j * np.pi * hz * bins, len(u))
+FREQUENCIES_HZ = tuple(10 ** (n / 10) for n in (13, 16, 19, 22, 25))
+REFERENCE = "calibration of the reference"
 
 
-def noise_in_band(rng: np.random.Generator, samples: int, rate_hz: float, band_hz: tuple[float, float]) -> Real:
-    """Random motion in a band, rms about one, that recurs."""
-    hz = np.fft.rfftfreq(samples, 1.0 / rate_hz)
-    bins = rng.normal(size=(2, hz.size)) * ((hz > band_hz[0]) & (hz < band_hz[1]))
-    motion = np.fft.irfft(bins[0] + 1j * bins[1], samples)
-    return motion / np.std(motion)
+def calibrated(
+    sensitivity: float = 0.1,
+    date: str | None = "2020-01-01",
+    *,
+    serial: str = "4711",
+    noise: float = 0.001,
+    shared: dict[str, float] | None = None,
+    certificate: dict | None = None,
+    sensor: dict | None = None,
+    data: str = "",
+) -> Result:
+    """An accelerometer's calibration: relative ``noise``, and relative gains in common by source (``shared``)."""
+    gains = {REFERENCE: 0.005} if shared is None else shared
+    u = float(np.hypot(noise, np.linalg.norm(list(gains.values()) or [0.0])))
+    f = np.array(FREQUENCIES_HZ)
+    s = sensitivity / (1 - (f / 5000) ** 2)
+    curve = (tuple(f), tuple(s), (0.0,) * 5, tuple(u * s), (0.05,) * 5)
+    rows = [
+        {"source": source, "type": "B", "kind": "gain", "standard_uncertainty": size, "unit": "1",
+         "degrees_of_freedom": None, "contributions": {"sensitivity": size * sensitivity}}
+        for source, size in gains.items()
+    ]  # fmt: skip
+    stated = {"date_of_calibration": date} if date else {}
+    return Result(
+        model="accelerometer",
+        estimator="ml",
+        settings={"uncertainty_budget": rows},
+        provenance={"files": [{"file": "a.csv", "sha256": hashlib.sha256(data.encode()).hexdigest()}] if data else []},
+        parameters={
+            "sensitivity": Parameter(sensitivity, "V/(m/s^2)", u * sensitivity, (None, None)),
+            "natural_frequency": Parameter(5000.0, "Hz", 20.0, (None, None)),
+        },
+        correlation=Correlation(("sensitivity", "natural_frequency"), ((1.0, 0.0), (0.0, 1.0))),
+        fit=Fit(1e-3, 1e-3, 1e-6, 1.0, 1e3, 1e-3, 1.0, 8, True),
+        response=Curve(*curve),
+        measured=MeasuredCurve(*curve, (0.0,) * 5, (0.0,) * 5, ("a",) * 5),
+        sensor={"manufacturer": "maker", "type": "type A", "serial_number": serial} | (sensor or {}),
+        reference={"quantity": "acceleration", "unit": "m/s^2"},
+        certificate=stated | (certificate or {}),
+    )
 
 
-def answered(u: Real, rate_hz: float, lives: Sequence[Life]) -> Real:
-    """Response of a sensor whose mass keeps its place and velocity at each change."""
-    response = np.empty_like(u)
-    edges = [*(life.first for life in lives), len(u)]
-    state: tuple[float, float] | None = None
-    for life, last in zip(lives, edges[1:], strict=True):
-        place, velocity = life.steady(u, rate_hz)
-        time_s = np.arange(last - life.first + 1) / rate_hz
-        span = np.minimum(np.arange(life.first, last + 1), len(u) - 1)
-        pole = 2.0 * np.pi * life.natural_hz * (-life.damping + 1j * np.sqrt(1.0 - life.damping**2))
-        free = np.zeros(len(time_s), dtype=complex)
-        if state is not None:
-            off, slope = state[0] - place[life.first], state[1] - velocity[life.first]
-            free = (off + 1j * (pole.real * off - slope) / pole.imag) * np.exp(pole * time_s)
-        response[life.first : last] = life.gain * (place[span] + free.real)[:-1]
-        state = float(place[span[-1]] + free[-1].real), float(velocity[span[-1]] + (pole * free[-1]).real)
-    return response
+def at_reference(result: Result) -> float:
+    """The sensitivity at the reference frequency."""
+    point = sensitivity_at(result, Nominal(160.0, 10**2.2))
+    assert point is not None
+    return point.magnitude
 
 
-def calibration(
-    rng: np.random.Generator, lives: Sequence[Life], samples: int, noise: float, rate_hz: float = 8000.0
-) -> Calibration:
-    """A record of random motion with white noise of this part of the response's rms."""
-    u = noise_in_band(rng, samples, rate_hz, (10.0, 1500.0))
-    y = answered(u, rate_hz, lives)
-    y = y + noise * np.std(y[: lives[1].first] if len(lives) > 1 else y) * rng.normal(size=samples)
-    return Calibration.from_arrays(u, y, rate_hz, quantity="acceleration", excitation="random")
+#: What a certificate of these must state.
+STATED = {
+    "laboratory": "L",
+    "laboratory_address": "A",
+    "place": "laboratory",
+    "customer": "C",
+    "customer_address": "B",
+    "procedure": "ISO 16063-11",
+    "traceability": "to the SI",
+    "temperature_c": 23.0,
+    "country": "DE",
+}
+
+
+def certifiable(data: str = "one", serial: str = "4711", **more) -> Result:
+    """Return a calibration with all that its certificate states but number, date of issue and approver."""
+    made = calibrated(data=data, serial=serial, certificate={**STATED, **more})
+    damping = {"damping_ratio": Parameter(0.01, "1", 0.001, (None, None))}
+    covers = {"covers": ["noise", "gain", "phase"]}
+    return replace(made, parameters={**made.parameters, **damping}, uncertainty=covers)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.support.lives import Life, calibration
+from tests.support.changed_sensor import Life, calibration
 
 from vibrident import Result, identify
 
