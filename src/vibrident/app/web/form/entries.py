@@ -9,6 +9,7 @@ from typing import Any
 from nicegui import events, ui
 
 from vibrident.app.web import frame
+from vibrident.app.web.language import say, spoken
 from vibrident.data.io.keys import Key
 
 PLAIN = "dense outlined stack-label"  # the style of all entries
@@ -24,16 +25,18 @@ def entry(
 ) -> Any:
     """Return an element to fill a key in; ``label``, ``options`` and ``unit`` go before its own.
 
-    ``value``: what is in it, None for nothing; ``options``: value → words; ``unit``: as
+    ``label`` and the words of ``options`` are in the page's language; those of the key are said in
+    it here. ``value``: what is in it, None for nothing; ``options``: value → words; ``unit``: as
     ``in_form`` of a key.
     """
-    label, kind, usual = label or key.label, key.kind, key.default
-    options = options if options is not None else key.options if kind == "choice" else None
+    label, kind, usual = label or spoken().label(key.label), key.kind, key.default
+    if options is None and kind == "choice":
+        options = {choice: say(words) for choice, words in key.options.items()}
     if options is not None:
         stated = value is not None or None in options or usual not in options
         chosen = value if stated else usual
         if chosen is not None and chosen not in options:
-            options = {**options, chosen: f"{chosen} (not in this file)"}
+            options = {**options, chosen: say("{column} (not in this file)", column=chosen)}
         element = ui.select(dict(options), value=chosen, label=label)
         return element.props(f"{PLAIN} options-dense")
     if kind == "flag":
@@ -46,7 +49,7 @@ def entry(
     text = "\n".join(value) if isinstance(value, list) else "" if value is None else str(value)
     if kind in ("lines", "paragraphs"):
         return ui.textarea(label, value=text).props(f"{PLAIN} autogrow rows=1")
-    hint = "name, or number from 1" if kind == "column" else ""
+    hint = say("name, or number from 1") if kind == "column" else ""
     element = ui.input(label, value=text, placeholder=hint)
     return element.props(f"{PLAIN} type=date" if kind == "date" else PLAIN)
 
@@ -83,12 +86,13 @@ class Rows:
         rare: Collection[str] = (),
         on_change: Callable[[], Any] = lambda: None,
     ) -> None:
-        """Build the rows of ``values``.
+        """Build the rows of ``values``; each is called ``name``, in English, and its number.
 
         ``options``: key → value → words, before its own; ``rare``: keys that are shown where
         somebody has stated one, or wants them all.
         """
         self.name, self.options, self.on_change = name, options or {}, on_change
+        thing = say(name.lower())
         self.keys = {key.name: key for key in keys}
         self.rare = {key for key in rare if key in self.keys}
         self.with_all = any(self.rare & {*value} for value in values)
@@ -97,9 +101,11 @@ class Rows:
         for value in values:
             self.add(value)
         with ui.element("div").classes("actions"):
-            ui.button(f"Add {name.lower()}", on_click=lambda: self.add({})).props("outline")
+            ui.button(say("Add {thing}", thing=thing), on_click=lambda: self.add({})).props(
+                "outline"
+            )
             if self.rare and not self.with_all:
-                ui.checkbox("By temperature", on_change=self._reveal).props("dense")
+                ui.checkbox(say("By temperature"), on_change=self._reveal).props("dense")
 
     def _reveal(self, event: events.ValueChangeEventArguments) -> None:
         """Show or hide the rare keys."""
@@ -112,7 +118,7 @@ class Rows:
         row: dict[str, Any] = {}
         number = len(self.rows) + 1
         usual = {name: key.default for name, key in self.keys.items() if key.default is not ...}
-        with self.place, frame.group(f"{self.name} {number}", 0) as place:
+        with self.place, frame.group(f"{say(self.name)} {number}", 0) as place:
             place.classes(remove="fields", add="entries-row")
             for name, key in self.keys.items():
                 unit = key.asked_in({**usual, **value})
@@ -121,8 +127,9 @@ class Rows:
                 row[name].classes("long" if key.kind == "text" else "")
                 row[name].on_value_change(lambda: self._edited(row))
             button = ui.button(icon="close", on_click=partial(self._remove, row))
-            button.props("flat round size=sm").props["aria-label"] = (
-                f"remove {self.name.lower()} {number}"
+            which = f"{say(self.name.lower())} {number}"
+            button.props("flat round size=sm").props["aria-label"] = say(
+                "remove {thing}", thing=which
             )
         self.rows.append(row)
         self._fit(row)
