@@ -52,6 +52,21 @@ def said() -> set[str]:
     return {text for text in found if re.search("[A-Za-z]{2}", text)}
 
 
+def with_values() -> set[str]:
+    """Return each sentence that a module gives to ``phrase`` with values, to be said when finished."""
+    found = set()
+    for module in _page():
+        names: dict[str, set[str]] = {}
+        for node in ast.walk(tree(module)):
+            for target, value in _assigned(node):
+                names.setdefault(target, set()).update(_constants(value))
+        for node in ast.walk(tree(module)):
+            if isinstance(node, ast.Call) and _name(node) == "phrase" and node.keywords:
+                first = node.args[0]
+                found |= names.get(first.id, set()) if isinstance(first, ast.Name) else {*_constants(first)}
+    return found
+
+
 def _assigned(node: ast.AST) -> Iterator[tuple[str, ast.AST]]:
     if not isinstance(node, ast.Assign):
         return

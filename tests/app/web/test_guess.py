@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from vibrident.app.web.form.description import described
-from vibrident.app.web.looks import likely_excitation
 from vibrident.app.web.language import language
+from vibrident.app.web.looks import likely_excitation
 from vibrident.app.web.preview import preview
 from vibrident.base.errors import InputError
 from vibrident.data.io.guess import guess_columns

@@ -33,7 +33,7 @@ from vibrident.show.language import ENGLISH
 from vibrident.show.report import name_of_sensor
 
 #: What an entry of a list is called.
-_ENTRY_NAMES = {"instruments": phrase("Instrument"), "requirements": phrase("Requirement")}
+ENTRY_NAMES = {"instruments": phrase("Instrument"), "requirements": phrase("Requirement")}
 _MOST_TEXT = 100_000  # most characters of all entries
 _KEYS = keys_of(CertificateSection)
 _SENSOR = [key for name, key in keys_of(SensorSection).items() if name != "model"]
@@ -143,7 +143,7 @@ class CertificateForm:
             known = {name: say(in_words(name)) for name in self.known["parameters"]}
             words = {"sensitivity_deviation": say("deviation of the sensitivity"), **known}
             self.entries[name] = Rows(
-                _ENTRY_NAMES[name],
+                ENTRY_NAMES[name],
                 [*keys_of(section).values()] if section else [],
                 [value if isinstance(value, Mapping) else {"name": value} for value in values],
                 options={"quantity": words},

@@ -14,8 +14,8 @@ from vibrident.app.web.users import User
 from vibrident.base.errors import InputError
 
 _HINT = phrase(
-    "A calibration file can state more than the form asks, such as an [[uncertainty]] by frequency "
-    "(table). To come back to the form, remove the file above."
+    "A calibration file can state more than the form asks. "
+    "To come back to the form, remove the file above."
 )
 _TRIED = ".tried.toml"  # name under which a text is read before it takes the place of a file
 
