@@ -16,7 +16,7 @@ SILENT = (
     *("mkdtemp", "compile", "open_columns", "position_of", "checked_laboratory", "certificate_section"),
     *("check_dates", "_refuse", "certificate_data", "require_finite", "add_body_html", "add_argument"),
 )
-_WORDS = re.compile(r"[A-Za-z]{2,} [A-Za-z]{2,}|^[A-Z][a-z]+[.:]?$")
+_WORDS = re.compile(r"[A-Za-z]{2,} [A-Za-z]{2,}|^[A-Z][a-z]{2,}[.:]?$")
 _SPOKEN = re.compile(r"aria-label=[\"']?[A-Za-z]|placeholder=[\"']?[A-Za-z]")
 
 

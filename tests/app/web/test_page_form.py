@@ -16,7 +16,7 @@ def test_the_form_reaches_every_key_but_those_that_need_a_table_or_come_from_the
     reached = {path for path, key in KEYS.items() if key.level in ("basic", "more")}
     reached |= {f"{section}.{key.name}" for section in ("records", "uncertainty", "cmc") for key in ENTRIES[section]}
     signals = {"interferometer.columns.0", "interferometer.columns.1"}
-    assert stated - reached == {"interferometer.columns", "table.file", "uncertainty.table"}
+    assert stated - reached == {"interferometer.columns", "table.file"}
     assert reached - stated == signals
     assert all(key.level for key in KEYS.values())
 

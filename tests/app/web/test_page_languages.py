@@ -39,7 +39,6 @@ UNSAID = {
     "vibrident.app.web.language": ("English", "Deutsch"),
     "vibrident.app.web.looks": (" characters more", "entered by "),
     "vibrident.app.web.outcome": ("the page",),
-    "vibrident.app.web.task_work": ("Hz",),
     "vibrident.app.web.tools": ("identify first, or", " or above"),
     "vibrident.app.web.words": ("(in Python or", "the ", "ask whoever runs", "` (on the command line)"),
 }
@@ -73,7 +72,7 @@ def elsewhere() -> set[str]:
     found |= {one.title for registry in (ESTIMATORS, EXPORTS) for one in registry.all().values()}
     found |= {option.label for option in OPTIONS.values()} | {in_words(name) for name in parameter_names()}
     things = [*ENTRY_NAMES.values(), *CERTIFICATE_ENTRIES.values()]
-    found |= {"expected", "found", "where", "remedy", STORY} | {name.lower() for name in things}
+    found |= {"expected", "found", "where", "remedy", "band", STORY} | {name.lower() for name in things}
     return {text for text in found if re.search("[A-Za-z]{2}", text)}
 
 

@@ -21,7 +21,7 @@ HERE = "columns and units"  # what messages call the form
 SECTIONS = {n: key for n, key in keys_of(CalibrationFile).items() if n != "certificate"}
 #: Section → its keys that a form can ask for.
 ENTRIES = {
-    name: [key for key in keys_of(section.section).values() if key.kind != "pairs"]
+    name: [*keys_of(section.section).values()]
     for name, section in SECTIONS.items()
     if section.section
 }
@@ -197,6 +197,8 @@ def _require_filled(section: str, number: int, entry: dict[str, Any]) -> None:
     """Refuse an entry that lacks what it must have, in the words of the form."""
     for key in ENTRIES[section]:
         path = f"{section}.{key.name}"
+        if path == "uncertainty.standard_uncertainty" and entry.get("table"):
+            continue
         if entry.get(key.name) is None and (key.default is ... or path in NEEDED):
             row = {other.name: other.default for other in ENTRIES[section]} | entry
             if key.applies(row):

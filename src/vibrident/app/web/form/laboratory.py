@@ -14,6 +14,8 @@ from vibrident.app.web import frame
 from vibrident.app.web.fit import FitStep
 from vibrident.app.web.form.description import ENTRIES, ENTRY_NAMES, SECTIONS
 from vibrident.app.web.form.entries import PLAIN, Rows, entry, filled
+from vibrident.app.web.form.sources import asked as as_asked
+from vibrident.app.web.form.sources import source_keys, written
 from vibrident.app.web.laboratories import MAX_OWN_BYTES, OWN
 from vibrident.app.web.language import phrase, say, spoken
 from vibrident.app.web.users import User
@@ -165,7 +167,11 @@ class LaboratoryStep:
             values = profile[name] if asked is None else asked.get(name) or []
             with ui.element("div").classes("w-full").props(f"id={name}"):
                 ui.html(f"<h3>{html(say(SECTIONS[name].label))}</h3>", sanitize=False)
-                rows = Rows(ENTRY_NAMES[name], ENTRIES[name], values, rare=("from_c", "to_c"))
+                ways: dict[str, Any] = {}
+                if name == "uncertainty":
+                    ways = {"asked": as_asked, "written": written, "rare": ("from_c", "to_c")}
+                keys = source_keys() if name == "uncertainty" else ENTRIES[name]
+                rows = Rows(ENTRY_NAMES[name], keys, values, **ways)
                 rows.on_change = lambda name=name, rows=rows: self._edited(name, rows.value)
             self.lists[name] = rows
 
