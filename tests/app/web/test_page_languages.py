@@ -85,7 +85,7 @@ def written() -> set[str]:
                 parts = (part.value if isinstance(part, ast.Constant) else "{}" for part in node.values)
                 found.add("".join(map(str, parts)))
             elif isinstance(node, ast.Constant) and isinstance(node.value, str):
-                found.add(re.sub(r"\{\w*\}", "{}", node.value))
+                found.add(re.sub(r"\{\w*\}|⟦[^⟧]*⟧", "{}", node.value))
     return found
 
 
