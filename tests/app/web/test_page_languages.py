@@ -59,6 +59,11 @@ MADE_OF_PARTS = {
     "Restored acceleration": ("Restored {}", "acceleration"),
     "Restored velocity": ("Restored {}", "velocity"),
     "Fit ({names} in {unit})": (" (RMSE, MAE in {})",),
+    "The server was stopped during the identification.": (
+        "The server was stopped during {}.",
+        "the identification",
+    ),
+    "The server was stopped during the task.": ("The server was stopped during {}.", "the task"),
 }
 
 

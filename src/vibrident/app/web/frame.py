@@ -39,14 +39,20 @@ def show_error(
     place.clear()
     with place, ui.element("div").classes("error").props("role=alert"):
         if not isinstance(known, InputError):
-            ui.label(say(str(known))).classes("problem")
+            _spoken_as_is(str(known)).classes("problem")
             return
         local = _for_page(known, session, labels)
-        ui.label(say(local.problem)).classes("problem")
+        _spoken_as_is(local.problem).classes("problem")
         for label, text in local.parts:
             with ui.element("p"):
                 ui.label(f"{say(label)}: ").classes("label")
-                ui.label(say(text))
+                _spoken_as_is(text)
+
+
+def _spoken_as_is(text: str) -> ui.label:
+    """Show a text of the engine: in English, and marked so for a screen reader, where no catalogue has it."""
+    known = say(text)
+    return ui.label(known).props("lang=en" if known == text else "")
 
 
 async def looked(user: User, errors: ui.element, function: Callable[..., Any], *args: Any, **limits: Any) -> Any:

@@ -134,7 +134,7 @@ class Language:
         """Return a sentence whose values are inserted already."""
         for pattern, text in self._templates:
             if found := pattern.fullmatch(english):
-                parts = {name: self(part) for name, part in found.groupdict().items()}
+                parts = {name: self.label(part) for name, part in found.groupdict().items()}
                 return text.format(**{name: self._value(part) for name, part in parts.items()})
         return self._value(english)
 

@@ -65,7 +65,8 @@ def filled(key: Key, entered: Any, unit: tuple[str, float] | None = None) -> Any
         return None
     if key.kind == "pairs":
         size = (unit or key.in_form)[1]
-        return [[f, None if u is None else float(f"{u / size:.15g}")] for f, u in value]
+        pairs: Any = value
+        return [[f, None if u is None else float(f"{u / size:.15g}")] for f, u in pairs]
     if key.kind == "paragraphs":
         return [line for line in value.split("\n") if line.strip()]
     if key.kind == "column" and isinstance(value, str) and value.isdecimal() and len(value) < 9:
@@ -186,9 +187,9 @@ class Bands(Rows):
 
     def __init__(self, table: Sequence[Sequence[float]], unit: tuple[str, float]) -> None:
         bands = [{**band, "value": band["value"] * unit[1]} for band in bands_of(table)]
+        self.unit = unit[0]
         with ui.element("div").classes("bands") as self.frame:
             super().__init__(phrase("Band"), BANDS, bands or [{}])
-        _show_unit(self, unit[0])
 
     @property
     def visible(self) -> bool:
@@ -207,7 +208,7 @@ class Bands(Rows):
     def add(self, value: Mapping[str, Any]) -> None:
         """Add a band."""
         super().add(value)
-        _show_unit(self, getattr(self, "unit", ""))
+        _show_unit(self, self.unit)
 
 
 def _show_unit(element: Any, unit: str) -> None:
