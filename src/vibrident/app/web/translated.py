@@ -81,7 +81,7 @@ def _table(language: Language, table: Table) -> Table:
     numeric = [column.kind != "text" for column in table.columns]
     rows = tuple(
         tuple(
-            type(cell)(language.number(cell)) if number else _cell(language, cell)
+            _cell(language, cell) if not number or language.known(cell) else _number(language, cell)
             for cell, number in zip(row, numeric, strict=True)
         )
         for row in table.rows
@@ -95,6 +95,10 @@ def _table(language: Language, table: Table) -> Table:
         title=_said(language, table.title),
         groups={number: _said(language, words) for number, words in table.groups.items()},
     )
+
+
+def _number(language: Language, cell: _T) -> _T:
+    return type(cell)(language.number(cell))
 
 
 def _head(language: Language, column: Column) -> Column:
