@@ -200,7 +200,7 @@ def test_the_page_speaks_the_browsers_language_until_another_is_chosen(browser, 
     context = browser.new_context(locale="de-DE", reduced_motion="reduce")
     page = context.new_page()
     page.goto(server.address)
-    page.get_by_role("heading", name="Daten").wait_for()
+    page.locator("#data-title").get_by_text("Daten").wait_for()
     assert page.locator("html").get_attribute("lang") == LOCALES["de"]
     upload(page, tmp_path / "a.csv", table2().save(tmp_path / "earlier.json"))
     page.locator("#columns .js-plotly-plot").wait_for(timeout=WAIT_MS)
@@ -208,7 +208,7 @@ def test_the_page_speaks_the_browsers_language_until_another_is_chosen(browser, 
     sound(page, "german")
     page.get_by_label("Sprache", exact=True).first.select_option("zh")
     page.locator("html[lang=zh-CN]").wait_for(timeout=WAIT_MS)
-    page.get_by_role("heading", name=language("zh")("Data")).wait_for(timeout=WAIT_MS)
+    page.locator("#data-title").get_by_text(language("zh")("Data")).wait_for(timeout=WAIT_MS)
     page.locator("#result .js-plotly-plot").first.wait_for(timeout=WAIT_MS)  # nothing is lost
     sound(page, "chinese")
     other = context.new_page()
