@@ -75,7 +75,7 @@ class DataStep:
             self.left = ui.element("div").props("aria-live=polite")
             self.listing = ui.label("").classes("hint").props("role=status id=files")
             self.named = ui.element("div").classes("named").props("role=list")
-            self.named.props["aria-label"] = say("Files")
+            self.named.props["aria-label"] = say("Uploaded files")
         words = json.dumps([say("Choose files"), say("Files"), say("Folder")])
         ui.run_javascript(f"vibrident.folders({self.upload.id}, ...{words})")
         self.show()
